@@ -1,0 +1,1 @@
+"""The benchmark: suites, trials, store, metrics, figures, command line."""

@@ -1,0 +1,64 @@
+"""The paper's highway: five vehicles on two lanes, faster ones overtake.
+
+Peters et al. 2021, Sec. 5-Player Highway Overtaking; parameters of the published experiments, in
+their normalised units. The road runs along y.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.scenarios.scenario import Scenario
+from games.dynamics import UNICYCLE
+from games.features import ControlEffort, Proximity, StateDeviation
+from games.game import Game, Player
+
+HORIZON = 20
+DT = 1.0  # [s]
+ROAD_HEADING = np.pi / 2  # [rad]
+
+
+@dataclass(frozen=True)
+class Car:
+    """One car: where it starts, where it wants to be, how much distance it keeps."""
+
+    px: float
+    py: float
+    speed: float
+    lane_x: float
+    target_speed: float
+    proximity: float
+
+
+CARS = (
+    Car(px=1, py=0, speed=0.2, lane_x=0, target_speed=0.3, proximity=0.3),
+    Car(px=0, py=-3, speed=0.4, lane_x=0, target_speed=0.4, proximity=0.3),
+    Car(px=1, py=2, speed=0.1, lane_x=1, target_speed=0.1, proximity=0.05),
+    Car(px=1, py=4, speed=0.1, lane_x=1, target_speed=0.1, proximity=0.05),
+    Car(px=0, py=6, speed=0.3, lane_x=1, target_speed=0.2, proximity=0.3),
+)
+
+
+def make(seed: int = 0) -> Scenario:
+    """The fixed scenario; every seed gives the same."""
+    return Scenario(
+        name="highway_overtaking",
+        game=Game(tuple(_player(car) for car in CARS), UNICYCLE, HORIZON, DT),
+        weights=np.array([[car.proximity, 1, 1, 1] for car in CARS]),
+        initial_state=np.array([[car.px, car.py, ROAD_HEADING, car.speed] for car in CARS]),
+    )
+
+
+def _player(car: Car) -> Player:
+    return Player(
+        preferences=(
+            Proximity(),
+            StateDeviation("speed", target=car.target_speed),
+            ControlEffort("acceleration", scale=10.0),
+            ControlEffort("yaw_rate"),
+        ),
+        task=(
+            StateDeviation("px", target=car.lane_x),
+            StateDeviation("heading", target=ROAD_HEADING, scale=2.0),
+        ),
+    )

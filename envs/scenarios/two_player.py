@@ -1,0 +1,43 @@
+"""The paper's running example: two vehicles cross and avoid each other.
+
+Peters et al. 2021, Sec. Background and Sec. 2-Player Running Example; parameters of the published
+experiments, in their normalised units. Each player starts on the unit circle, ten degrees off the
+direction to its goal on the other side.
+"""
+
+import numpy as np
+
+from envs.scenarios.scenario import Scenario
+from games.dynamics import UNICYCLE
+from games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
+from games.game import Game, Player
+
+HORIZON = 25
+DT = 0.25  # [s]
+DIRECTIONS = (0.0, np.pi / 2)  # [rad] from start to goal
+HEADING_OFFSET = np.deg2rad(10)  # [rad]
+INITIAL_SPEED = 0.1  # [m/s]
+
+
+def make(seed: int = 0) -> Scenario:
+    """The fixed scenario; every seed gives the same."""
+    return Scenario(
+        name="two_player",
+        game=Game(tuple(_player(d) for d in DIRECTIONS), UNICYCLE, HORIZON, DT),
+        weights=np.ones((2, 4)),
+        initial_state=np.array(
+            [[-np.cos(d), -np.sin(d), d + HEADING_OFFSET, INITIAL_SPEED] for d in DIRECTIONS]
+        ),
+    )
+
+
+def _player(direction: float) -> Player:
+    return Player(
+        preferences=(
+            Proximity(),
+            StateDeviation("speed"),
+            ControlEffort("acceleration", scale=10.0),
+            ControlEffort("yaw_rate"),
+        ),
+        task=(FinalGoal((float(np.cos(direction)), float(np.sin(direction)))),),
+    )

@@ -1,0 +1,1 @@
+"""Inverse-game estimators: the protocol, the registry, one file per estimator."""

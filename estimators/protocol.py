@@ -1,0 +1,100 @@
+"""What an estimator receives and returns. This is all that a plugin author needs to read.
+
+The protocol is structural: an estimator is any class with a method ``estimate`` of the signature
+below. It may be a dataclass, whose fields are then its parameters. It may return an ``Estimate``
+or any object with the same attributes, of which only ``weights`` is required. Ground truth never
+reaches it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from games.game import Game
+from games.observation import View
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is known about the game before anything is observed.
+
+    Attributes:
+        game: players' features and tasks, motion model, horizon T and step dt [s]; no weights.
+        view: observation model h, shared by all players.
+        sigma: standard deviation of the isotropic Gaussian noise on each observed component,
+            in the component's unit; 0 for noise-free data.
+        weight_floor: smallest weight allowed, given rows that sum to one.
+    """
+
+    game: Game
+    view: View
+    sigma: float = 0.0
+    weight_floor: float = 1e-5
+
+    @property
+    def weight_names(self) -> tuple[str, ...]:
+        """Names of the K weights of each player, in column order."""
+        return self.game.weight_names
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One recorded sequence.
+
+    Attributes:
+        y: (T, N, d) observations h(x_t^i) + noise; a missing sample is NaN, never zero.
+        extra: (N, d) one more sample, at T+1, or None. The published baseline's pre-filter uses
+            it to make the last speed observable; the joint method does not look at it.
+    """
+
+    y: np.ndarray
+    extra: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an estimator returns.
+
+    Attributes:
+        weights: (N, K), non-negative; scaled to row sums of one by the harness.
+        states: (T, N, n) reconstructed trajectory, or None.
+        covariance: (N*K, N*K) covariance of the weights in C order, or None.
+        converged: whether the method itself considers the result valid.
+        message: one line that explains a failure.
+        extras: further numbers worth keeping; ``objective`` is stored with the trial.
+    """
+
+    weights: np.ndarray
+    states: np.ndarray | None = None
+    covariance: np.ndarray | None = None
+    converged: bool = True
+    message: str = ""
+    extras: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Estimator(Protocol):
+    """An inverse-game estimator.
+
+    Two further methods are used where they exist: ``supports(problem) -> str | None`` returns the
+    reason why the estimator cannot take a problem (the trial is then ``skipped``), or None;
+    ``warm_up(problem)`` builds solvers before the clock of the first trial starts.
+    """
+
+    def estimate(
+        self,
+        problem: Problem,
+        observation: Observation,
+        *,
+        rng: np.random.Generator,
+        budget: float,
+    ) -> Estimate:
+        """Estimate every player's weights from one observation.
+
+        Args:
+            problem: what is known.
+            observation: what was seen; not to be changed.
+            rng: the only source of randomness, seeded per trial.
+            budget: wall-clock seconds until the trial is stopped from outside.
+        """

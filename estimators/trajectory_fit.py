@@ -1,0 +1,123 @@
+"""The pre-solve (eqn. pre_solve): the dynamically feasible trajectory of highest likelihood.
+
+It initialises the joint method and is the pre-filter of the KKT-residual baseline.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from games.game import Game, trajectory_symbols
+from games.ipopt import QUIET
+from games.observation import View, observation_size
+
+
+@dataclass(frozen=True)
+class TrajectoryFit:
+    """States (S, N, n) and controls (S-1, N, m) that explain S observations best."""
+
+    states: np.ndarray
+    controls: np.ndarray
+    converged: bool
+    message: str
+
+
+def fit_trajectory(game: Game, view: View, y: np.ndarray) -> TrajectoryFit:
+    """Least squares under the dynamics; equilibrium conditions play no part.
+
+    Args:
+        game: gives the dynamics; its horizon is not used.
+        view: the observation model.
+        y: (S, N, d) observations, NaN where missing.
+    """
+    steps = len(y)
+    solver = _fit_solver(game, view, steps)
+    states = guess_states(game, view, y)
+    controls = np.zeros((steps - 1, *game.control_shape[1:]))
+    solution = solver(
+        x0=np.concatenate([states.ravel(), controls.ravel()]),
+        p=observation_parameters(y),
+        lbg=0,
+        ubg=0,
+    )
+    point = np.array(solution["x"]).ravel()
+    stats = solver.stats()
+    return TrajectoryFit(
+        states=point[: states.size].reshape(states.shape),
+        controls=point[states.size :].reshape(controls.shape),
+        converged=bool(stats["success"]),
+        message=str(stats["return_status"]),
+    )
+
+
+def warm_up_fit(game: Game, view: View, steps: int) -> None:
+    """Build the solver for sequences of that many steps ahead of its first use."""
+    _fit_solver(game, view, steps)
+
+
+def squared_error(game: Game, view: View, states: ca.SX, y: ca.SX, seen: ca.SX) -> ca.SX:
+    """Sum |y - h(x)|^2 over the samples that were seen, on flat symbols of matching order."""
+    expected = [
+        view.expected(state, game.dynamics)
+        for state in ca.vertsplit(states, game.dynamics.state_size)
+    ]
+    return ca.sumsqr(seen * (y - ca.vertcat(*expected)))
+
+
+def observation_parameters(y: np.ndarray) -> np.ndarray:
+    """Values of the symbols ``(y, seen)`` of ``squared_error``; missing samples weigh nothing."""
+    seen = np.isfinite(y)
+    return np.concatenate([np.where(seen, y, 0.0).ravel(), seen.ravel()])
+
+
+def guess_states(game: Game, view: View, y: np.ndarray) -> np.ndarray:
+    """States (S, N, n) read off the observations, for solvers to start from.
+
+    Observed components are taken as they are, gaps interpolated. An unobserved speed is the
+    displacement per step along the heading; anything else unobserved starts at zero.
+    """
+    names = game.dynamics.state_names
+    observed = getattr(view, "components", names)
+    states = np.zeros((*y.shape[:2], len(names)))
+    for column, name in enumerate(observed):
+        states[..., names.index(name)] = _fill_gaps(y[..., column])
+    if "speed" in names and "speed" not in observed:
+        steps = np.diff(states[..., :2], axis=0) / game.dt
+        heading = states[:-1, :, names.index("heading")]
+        speed = steps[..., 0] * np.cos(heading) + steps[..., 1] * np.sin(heading)
+        states[..., names.index("speed")] = np.concatenate([speed, speed[-1:]])
+    return states
+
+
+def _fill_gaps(samples: np.ndarray) -> np.ndarray:
+    """Linear interpolation over time of (S, N) samples; a player never seen gets zeros."""
+    filled = np.zeros_like(samples)
+    times = np.arange(len(samples))
+    for player, column in enumerate(samples.T):
+        seen = np.isfinite(column)
+        if seen.any():
+            filled[:, player] = np.interp(times, times[seen], column[seen])
+    return filled
+
+
+@lru_cache(maxsize=32)
+def _fit_solver(game: Game, view: View, steps: int) -> ca.Function:
+    states, state_blocks = trajectory_symbols("x", (steps, *game.state_shape[1:]))
+    controls, control_blocks = trajectory_symbols("u", (steps - 1, *game.control_shape[1:]))
+    y = ca.SX.sym("y", steps * game.num_players * observation_size(view, game.dynamics))
+    seen = ca.SX.sym("seen", y.numel())
+    errors = [
+        state_blocks[t + 1][i]
+        - game.dynamics.step(state_blocks[t][i], control_blocks[t][i], game.dt)
+        for t in range(steps - 1)
+        for i in range(game.num_players)
+    ]
+    problem = {
+        "x": ca.vertcat(states, controls),
+        "p": ca.vertcat(y, seen),
+        "f": squared_error(game, view, states, y, seen),
+        "g": ca.vertcat(*errors),
+    }
+    return ca.nlpsol("trajectory_fit", "ipopt", problem, QUIET)

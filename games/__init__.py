@@ -1,0 +1,1 @@
+"""Pure mathematics of dynamic games: dynamics, costs, equilibria, observation models."""

@@ -1,0 +1,101 @@
+"""Discrete-time motion of one player, as data that the game builders read.
+
+A model is a name, the names of its state and control components, and one CasADi expression
+``step(state, control, dt) -> next state``. Every model starts its state with the position
+``px [m], py [m]``, so that features and metrics that look at positions serve all of them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """A motion model shared by all players of a game.
+
+    Attributes:
+        name: short name, used in messages.
+        state_names: names of the n state components; the first two are ``px`` and ``py`` [m].
+        control_names: names of the m control components.
+        step: ``(state (n,), control (m,), dt [s]) -> next state (n,)`` on CasADi symbols.
+    """
+
+    name: str
+    state_names: tuple[str, ...]
+    control_names: tuple[str, ...]
+    step: Callable[[ca.SX, ca.SX, float], ca.SX]
+
+    @property
+    def state_size(self) -> int:
+        """n, the number of state components of one player."""
+        return len(self.state_names)
+
+    @property
+    def control_size(self) -> int:
+        """m, the number of control components of one player."""
+        return len(self.control_names)
+
+
+def _unicycle_step(state: ca.SX, control: ca.SX, dt: float) -> ca.SX:
+    px, py, heading, speed = ca.vertsplit(state)
+    yaw_rate, acceleration = ca.vertsplit(control)
+    return ca.vertcat(
+        px + dt * speed * ca.cos(heading),
+        py + dt * speed * ca.sin(heading),
+        heading + dt * yaw_rate,
+        speed + dt * acceleration,
+    )
+
+
+def _double_integrator_step(state: ca.SX, control: ca.SX, dt: float) -> ca.SX:
+    position, velocity = state[:2], state[2:]
+    return ca.vertcat(position + dt * velocity, velocity + dt * control)
+
+
+#: Unicycle of Peters et al. 2021, eqn. runexp-dynamics.
+#: State px [m], py [m], heading [rad], speed [m/s]; control yaw_rate [rad/s], acceleration [m/s^2].
+UNICYCLE = Dynamics(
+    name="unicycle",
+    state_names=("px", "py", "heading", "speed"),
+    control_names=("yaw_rate", "acceleration"),
+    step=_unicycle_step,
+)
+
+#: Planar double integrator, explicit Euler; linear, for games with an analytic solution.
+#: State px [m], py [m], vx [m/s], vy [m/s]; control ax [m/s^2], ay [m/s^2].
+DOUBLE_INTEGRATOR = Dynamics(
+    name="double_integrator",
+    state_names=("px", "py", "vx", "vy"),
+    control_names=("ax", "ay"),
+    step=_double_integrator_step,
+)
+
+
+def rollout(
+    dynamics: Dynamics, initial_state: np.ndarray, controls: np.ndarray, dt: float
+) -> np.ndarray:
+    """Play open-loop controls from an initial state.
+
+    Args:
+        dynamics: the motion model.
+        initial_state: (N, n).
+        controls: (T-1, N, m).
+        dt: step [s].
+
+    Returns:
+        States (T, N, n), the initial state first.
+    """
+    step = _numeric_step(dynamics, dt)
+    states = [np.asarray(initial_state, dtype=float)]
+    for control in controls:
+        states.append(np.array(step(states[-1].T, np.asarray(control).T)).T)
+    return np.stack(states)
+
+
+def _numeric_step(dynamics: Dynamics, dt: float) -> ca.Function:
+    state = ca.SX.sym("state", dynamics.state_size)
+    control = ca.SX.sym("control", dynamics.control_size)
+    return ca.Function("step", [state, control], [dynamics.step(state, control, dt)])

@@ -1,0 +1,142 @@
+"""Cost features as data.
+
+A feature is one basis function of a player's cost (Peters et al. 2021, eqn. runexp-cost). It is a
+frozen dataclass that holds its parameters and knows how to write itself down, as a CasADi
+expression, for a running stage (t < T) and for the final state (t = T). To add a feature, write a
+dataclass with these two methods; nothing has to be registered.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
+
+from games.dynamics import Dynamics
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a feature of one player may look at in one time step.
+
+    Attributes:
+        player: index of the player whose cost is written.
+        states: one (n,) symbol per player.
+        control: (m,) symbol of this player's control; absent at the final step.
+        dynamics: the motion model, which names the components.
+        dt: step [s].
+    """
+
+    player: int
+    states: tuple[ca.SX, ...]
+    control: ca.SX | None
+    dynamics: Dynamics
+    dt: float
+
+    def own_state(self, component: str) -> ca.SX:
+        """This player's state component of that name."""
+        return self.states[self.player][self.dynamics.state_names.index(component)]
+
+    def own_control(self, component: str) -> ca.SX:
+        """This player's control component of that name (running stages only)."""
+        assert self.control is not None, "the final step has no control"
+        return self.control[self.dynamics.control_names.index(component)]
+
+    def position(self, player: int) -> ca.SX:
+        """Position (2,) [m] of any player."""
+        return self.states[player][:2]
+
+
+class Feature(Protocol):
+    """One basis function of a player's cost."""
+
+    @property
+    def name(self) -> str:
+        """Name of the feature, which names its weight where it is weighted."""
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        """Cost of a step t < T."""
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        """Cost of the last state, t = T."""
+
+
+@dataclass(frozen=True)
+class Proximity:
+    """``scale * sum_j -log(|p_i - p_j|^2 + offset)``: keep away from the other players.
+
+    The paper's eqn. runexp-prox-cost; the offset, which keeps it finite where players meet, is
+    that of the published experiments.
+    """
+
+    scale: float = 0.1
+    offset: float = 0.1
+    name: str = "proximity"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        own = stage.position(stage.player)
+        others = [j for j in range(len(stage.states)) if j != stage.player]
+        return self.scale * sum(
+            -ca.log(ca.sumsqr(own - stage.position(j)) + self.offset) for j in others
+        )
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
+class StateDeviation:
+    """``scale * (state component - target)^2`` at every step.
+
+    With ``speed`` it is eqn. runexp-vel-cost; with ``px`` it keeps a lane, with ``heading`` a
+    direction. Angles are not wrapped: targets are given on the branch that the player drives.
+    """
+
+    component: str
+    target: float = 0.0
+    scale: float = 1.0
+
+    @property
+    def name(self) -> str:
+        return self.component
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * (stage.own_state(self.component) - self.target) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
+class ControlEffort:
+    """``scale * (dt * control component)^2``: eqns. runexp-yawrate-cost and runexp-accel-cost.
+
+    The published experiments penalise the change within one step, hence the factor dt.
+    """
+
+    component: str
+    scale: float = 1.0
+
+    @property
+    def name(self) -> str:
+        return self.component
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * (stage.dt * stage.own_control(self.component)) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return 0.0
+
+
+@dataclass(frozen=True)
+class FinalGoal:
+    """``scale * |p_T - goal|^2`` at the last step only: eqn. runexp-goal-cost."""
+
+    goal: tuple[float, float]
+    scale: float = 100.0
+    name: str = "goal"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return 0.0
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * ca.sumsqr(stage.position(stage.player) - ca.DM(self.goal))

@@ -1,0 +1,144 @@
+"""The stacked first-order conditions of an open-loop Nash equilibrium.
+
+Peters et al. 2021, eqn. forward_kkt_conditions:
+
+    G(x, u, lambda; theta) = [ grad_{x^i} J^i + lambda^i' grad_{x^i} F   (all i, t = 2..T)
+                               grad_{u^i} J^i + lambda^i' grad_{u^i} F   (all i, t = 1..T-1)
+                               F(x, u)                                   (all i, t = 1..T-1) ]
+
+with F_t = x_{t+1} - f(x_t, u_t). The players' motions are decoupled, so player i needs costates
+of its own state only: the costates that the paper writes for the other players' states appear in
+no other row and drop out. Everything is differentiated by CasADi.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+
+from games.game import Game, player_cost, trajectory_symbols
+
+
+@dataclass(frozen=True)
+class KktSystem:
+    """Symbols and expressions of one game's first-order conditions.
+
+    All symbols are flat, in the C order of the arrays they stand for.
+
+    Attributes:
+        game: the game.
+        states: symbol of x (T, N, n), the initial state included.
+        controls: symbol of u (T-1, N, m).
+        costates: symbol of lambda (T-1, N, n); entry t belongs to the step from t to t+1.
+        weights: symbol of theta (N, K).
+        costs: (N,) expression of the players' costs J^i.
+        stationarity_states: grad_x rows, in the order (T-1, N, n).
+        stationarity_controls: grad_u rows, in the order (T-1, N, m).
+        dynamics_error: F rows, in the order (T-1, N, n).
+    """
+
+    game: Game
+    states: ca.SX
+    controls: ca.SX
+    costates: ca.SX
+    weights: ca.SX
+    costs: ca.SX
+    stationarity_states: ca.SX
+    stationarity_controls: ca.SX
+    dynamics_error: ca.SX
+
+    @cached_property
+    def residual(self) -> ca.SX:
+        """G, all rows in one column."""
+        return ca.vertcat(self.stationarity_states, self.stationarity_controls, self.dynamics_error)
+
+    @cached_property
+    def unknowns(self) -> ca.SX:
+        """Z = (x_2..x_T, u, lambda): what a forward game leaves open; as many as rows of G."""
+        initial = self.game.num_players * self.game.dynamics.state_size
+        return ca.vertcat(self.states[initial:], self.controls, self.costates)
+
+    @cached_property
+    def initial_state(self) -> ca.SX:
+        """x_1 (N, n), the head of the states symbol."""
+        return self.states[: self.game.num_players * self.game.dynamics.state_size]
+
+    @cached_property
+    def residual_function(self) -> ca.Function:
+        """G as a function of (states, controls, costates, weights), flat."""
+        return ca.Function("G", self._arguments, [self.residual])
+
+    @cached_property
+    def cost_function(self) -> ca.Function:
+        """The players' costs as a function of (states, controls, weights), flat."""
+        return ca.Function("J", [self.states, self.controls, self.weights], [self.costs])
+
+    @property
+    def _arguments(self) -> list[ca.SX]:
+        return [self.states, self.controls, self.costates, self.weights]
+
+
+@lru_cache(maxsize=64)
+def kkt_system(game: Game) -> KktSystem:
+    """Build (or fetch) the first-order conditions of a game."""
+    states, state_blocks = trajectory_symbols("x", game.state_shape)
+    controls, control_blocks = trajectory_symbols("u", game.control_shape)
+    costates, costate_blocks = trajectory_symbols(
+        "lambda", (game.horizon - 1, game.num_players, game.dynamics.state_size)
+    )
+    weights = ca.SX.sym("theta", game.num_players * game.num_weights)
+    weight_blocks = ca.vertsplit(weights, game.num_weights)
+
+    step = game.dynamics.step
+    errors = [
+        [
+            state_blocks[t + 1][i] - step(state_blocks[t][i], control_blocks[t][i], game.dt)
+            for i in range(game.num_players)
+        ]
+        for t in range(game.horizon - 1)
+    ]
+
+    costs, state_rows, control_rows = [], [], []
+    for i in range(game.num_players):
+        own_controls = [row[i] for row in control_blocks]
+        cost = player_cost(game, i, state_blocks, own_controls, weight_blocks[i])
+        lagrangian = cost + sum(
+            ca.dot(costate_blocks[t][i], errors[t][i]) for t in range(game.horizon - 1)
+        )
+        own_states = [row[i] for row in state_blocks[1:]]
+        gradient = ca.gradient(lagrangian, ca.vertcat(*own_states, *own_controls))
+        split = (game.horizon - 1) * game.dynamics.state_size
+        state_rows.append(ca.vertsplit(gradient[:split], game.dynamics.state_size))
+        control_rows.append(ca.vertsplit(gradient[split:], game.dynamics.control_size))
+        costs.append(cost)
+
+    def by_time(rows: list[list[ca.SX]]) -> ca.SX:
+        return ca.vertcat(
+            *[block for step_blocks in zip(*rows, strict=True) for block in step_blocks]
+        )
+
+    return KktSystem(
+        game=game,
+        states=states,
+        controls=controls,
+        costates=costates,
+        weights=weights,
+        costs=ca.vertcat(*costs),
+        stationarity_states=by_time(state_rows),
+        stationarity_controls=by_time(control_rows),
+        dynamics_error=ca.vertcat(*[block for row in errors for block in row]),
+    )
+
+
+def kkt_residual_norm(
+    game: Game,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+) -> float:
+    """Largest absolute entry of G at a point given as arrays."""
+    function = kkt_system(game).residual_function
+    residual = function(states.ravel(), controls.ravel(), costates.ravel(), weights.ravel())
+    return float(np.abs(np.array(residual)).max())
