@@ -3,21 +3,18 @@
 import time
 import traceback
 import zlib
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from bench.metrics import cosine_error, position_error
 from bench.sensor import sense
-from bench.suite import ScenarioEntry
 from bench.trial import Outcome, Trial
-from envs.recording import NoEquilibriumError, Recording, record
-from envs.scenarios import get_scenario, is_family
+from bench.truth import true_recording, unit_cosine_limit
+from envs.recording import NoEquilibriumError, Recording
 from estimators.protocol import Observation, Problem
 from estimators.registry import load_estimator
-from games.information import cosine_error_limit, weight_covariance
 from games.nearest_root import nearest_root
 from games.observation import VIEWS, FullView, View, observe
 
@@ -43,54 +40,61 @@ def evaluate(trial: Trial) -> Outcome:
     """
     view = VIEWS[trial.view]
     try:
-        recording = _recording(trial.scenario.name, _options(trial.scenario), trial.seed)
+        recording = true_recording(trial.scenario, trial.seed)
     except NoEquilibriumError as error:
         return Outcome("skipped", str(error))
-    scenario = recording.scenario
-    problem = Problem(scenario.game, view, trial.sigma)
+    problem = Problem(recording.scenario.game, view, trial.sigma)
     observation = _read_only(sense(recording, view, trial.sigma, trial.seed))
-    facts = {
-        "observation_error": _observation_error(recording, trial),
-        "truth_objective": _squared_error(recording, view, observation),
-        "cosine_limit": _cosine_limit(trial, recording, view),
-    }
+    limit = unit_cosine_limit(trial.scenario, trial.seed, view)
+    outcome = Outcome(
+        status="ok",
+        observation_error=_observation_error(recording, trial),
+        truth_objective=_squared_error(recording, view, observation),
+        cosine_limit=None if limit is None else trial.sigma**2 * limit,
+    )
 
-    estimator = load_estimator(trial.estimator.name, trial.estimator.parameters)
     try:
+        estimator = load_estimator(trial.estimator.name, trial.estimator.parameters)
         reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
         if reason:
-            return Outcome("skipped", _one_line(str(reason)), **facts)
+            return replace(outcome, status="skipped", message=_one_line(str(reason)))
         if hasattr(estimator, "warm_up"):
             estimator.warm_up(problem)
         rng = np.random.default_rng(zlib.crc32(repr(trial.key).encode()))
         started = time.perf_counter()
         result = estimator.estimate(problem, observation, rng=rng, budget=trial.time_limit)
-        facts["solve_seconds"] = time.perf_counter() - started
+        outcome = replace(outcome, solve_seconds=time.perf_counter() - started)
     except Exception as error:
-        return Outcome("crash", _describe(error), **facts)
+        return replace(outcome, status="crash", message=_describe(error))
 
     try:
         estimate = _check(result, problem)
     except InvalidEstimateError as error:
-        return Outcome("invalid", str(error), **facts)
-    return _judge(estimate, recording, facts)
+        return replace(outcome, status="invalid", message=_one_line(str(error)))
+    return _judge(estimate, recording, outcome)
 
 
-def _judge(estimate: _CheckedEstimate, recording: Recording, facts: dict[str, Any]) -> Outcome:
+def _judge(estimate: _CheckedEstimate, recording: Recording, outcome: Outcome) -> Outcome:
     """Score a well-formed estimate; its success is defined as in the published study."""
     scenario = recording.scenario
-    facts["cosine_error"] = cosine_error(scenario.weights, estimate.weights)
-    facts["weights"] = estimate.weights.tolist()
-    facts["objective"] = estimate.objective
+    outcome = replace(
+        outcome,
+        message=estimate.message,
+        cosine_error=cosine_error(scenario.weights, estimate.weights),
+        weights=estimate.weights.tolist(),
+        objective=estimate.objective,
+    )
     if estimate.states is not None:
-        facts["reconstruction_error"] = position_error(recording.states, estimate.states)
+        error = position_error(recording.states, estimate.states)
+        outcome = replace(outcome, reconstruction_error=error)
     if not estimate.converged:
-        return Outcome("not_converged", estimate.message or "no reason given", **facts)
+        message = estimate.message or "the estimator gives no reason"
+        return replace(outcome, status="not_converged", message=message)
     root = nearest_root(scenario.game, estimate.weights, recording.states, recording.controls)
     if root is None:
-        return Outcome("failed_forward", "no root of the game at the estimated weights", **facts)
-    facts["position_error"] = position_error(recording.states, root.states)
-    return Outcome("ok", estimate.message, **facts)
+        message = "no root of the game found at the estimated weights"
+        return replace(outcome, status="failed_forward", message=message)
+    return replace(outcome, position_error=position_error(recording.states, root.states))
 
 
 def _check(result: Any, problem: Problem) -> _CheckedEstimate:
@@ -132,42 +136,6 @@ def _as_array(what: str, value: Any) -> np.ndarray:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise InvalidEstimateError(f"{what} are not an array of numbers: {error}") from error
-
-
-def _options(scenario: ScenarioEntry) -> tuple[tuple[str, Any], ...]:
-    return tuple(sorted(scenario.options.items()))
-
-
-def _recording(name: str, options: tuple[tuple[str, Any], ...], seed: int) -> Recording:
-    return _cached_recording(name, options, seed if is_family(name) else 0)
-
-
-@lru_cache(maxsize=32)
-def _cached_recording(name: str, options: tuple[tuple[str, Any], ...], seed: int) -> Recording:
-    return record(get_scenario(name, seed, **dict(options)))
-
-
-def _cosine_limit(trial: Trial, recording: Recording, view: View) -> float | None:
-    seed = trial.seed if is_family(trial.scenario.name) else 0
-    unit = _unit_limit(trial.scenario.name, _options(trial.scenario), seed, view)
-    return None if unit is None else trial.sigma**2 * unit
-
-
-@lru_cache(maxsize=64)
-def _unit_limit(
-    name: str, options: tuple[tuple[str, Any], ...], seed: int, view: View
-) -> float | None:
-    recording = _cached_recording(name, options, seed)
-    scenario = recording.scenario
-    covariance = weight_covariance(
-        scenario.game,
-        view,
-        recording.states,
-        recording.controls,
-        recording.costates,
-        scenario.weights,
-    )
-    return None if covariance is None else cosine_error_limit(covariance, scenario.weights)
 
 
 def _observation_error(recording: Recording, trial: Trial) -> float:

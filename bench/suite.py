@@ -191,8 +191,11 @@ def _first_problem(error: ValidationError) -> str:
     problem = error.errors()[0]
     place = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
-        fields = {"scenarios": ScenarioEntry, "estimators": EstimatorEntry}
-        model = fields.get(str(problem["loc"][0]), Suite)
+        entries: dict[str, type[BaseModel]] = {
+            "scenarios": ScenarioEntry,
+            "estimators": EstimatorEntry,
+        }
+        model = entries.get(str(problem["loc"][0]), Suite)
         return f"unknown key {place!r}; known are: {', '.join(model.model_fields)}"
     if problem["type"] == "missing":
         return f"key {place!r} is missing"

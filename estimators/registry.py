@@ -12,6 +12,7 @@ import inspect
 import sys
 import traceback
 from collections.abc import Mapping
+from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -98,6 +99,7 @@ def _installed() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
 
 
+@lru_cache(maxsize=64)  # so that what a plugin caches in its module lasts
 def _class_from_file(path: Path, class_name: str) -> type[Any]:
     if not path.is_file():
         raise EstimatorError(f"no estimator file {str(path)!r}")
@@ -108,7 +110,7 @@ def _class_from_file(path: Path, class_name: str) -> type[Any]:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    _guarded_import(f"file {str(path)!r}", lambda: spec.loader.exec_module(module))  # type: ignore[union-attr]
+    _guarded_import(f"file {str(path)!r}", lambda: spec.loader.exec_module(module))
     found = {c.__name__: c for c in _classes_of(module)}
     if class_name:
         if class_name not in found:
