@@ -1,6 +1,7 @@
 """Errors of the estimates over the error of the observations: the paper's main figure."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,7 +25,7 @@ _PANELS = {
 }
 _ABSCISSA = "Mean absolute position observation error [m]"
 
-#: Errors below are solver noise; they are drawn at the lower edge.
+#: Errors below are solver noise and of no interest; they are drawn at the lower edge.
 _SMALLEST = {"cosine_error": 1e-7, "position_error": 1e-5}
 _TRIANGLE_STEP = 0.03  # of the panel's height, between the rows of two series
 
@@ -45,11 +46,10 @@ def draw(trials: pd.DataFrame) -> Figure | None:
 
 
 def _panel(axes: Axes, series: Sequence[Series], column: str) -> None:
-    bottom = _SMALLEST[column]
+    bottom = _bottom(series, column)
     failing = [s for s in series if np.isinf(s.error(column)).any()]
     top = _top(series, column, bottom, rows=len(failing))
-    axes.set_yscale("log")
-    axes.set_ylim(bottom, top)
+    style.log_axis(axes, bottom, top)
     right = max(s.observation_error.max() for s in series) or 1.0
     axes.set_xlim(-0.02 * right, 1.02 * right)
     for s in series:
@@ -58,6 +58,13 @@ def _panel(axes: Axes, series: Sequence[Series], column: str) -> None:
         _median(axes, s, column, bottom, top)
     for row, s in enumerate(failing):
         _triangles(axes, s, column, row)
+
+
+def _bottom(series: Sequence[Series], column: str) -> float:
+    """Power of ten below the errors under noise; those without noise are about zero."""
+    values = np.concatenate([s.error(column)[s.trials["sigma"] > 0] for s in series])
+    values = values[np.isfinite(values) & (values > _SMALLEST[column])]
+    return float(10 ** np.floor(np.log10(values.min()))) if values.size else _SMALLEST[column]
 
 
 def _top(series: Sequence[Series], column: str, bottom: float, rows: int) -> float:
@@ -104,8 +111,9 @@ def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) 
             np.minimum(upper, top),  # an infinite quartile fills up to the edge
             where=np.isfinite(lower),
             color=series.colour,
-            alpha=0.22,
+            alpha=0.2,
             linewidth=0,
+            rasterized=True,
         )
 
 
@@ -126,7 +134,7 @@ def _triangles(axes: Axes, series: Series, column: str, row: int) -> None:
     )
 
 
-def _line(series: Series) -> dict:
+def _line(series: Series) -> dict[str, Any]:
     if series.is_floor:
         return {"color": series.colour, "linestyle": series.line_style, "linewidth": 0.8}
     return {"color": series.colour, "linestyle": series.line_style}
@@ -134,9 +142,9 @@ def _line(series: Series) -> dict:
 
 def _entries(series: Sequence[Series]) -> list[tuple[Artist, str]]:
     entries: list[tuple[Artist, str]] = [(Line2D([], [], **_line(s)), s.name) for s in series]
-    neutral = {"color": "0.35", "linestyle": "none", "markeredgewidth": 0}
+    neutral: dict[str, Any] = {"color": "0.35", "linestyle": "none", "markeredgewidth": 0}
     return [
         *entries,
-        (Patch(color="0.35", alpha=0.22, linewidth=0), f"IQR (rolling, {WINDOW} trials)"),
+        (Patch(color="0.35", alpha=0.2, linewidth=0), f"IQR (rolling, {WINDOW} trials)"),
         (Line2D([], [], marker="^", markersize=5, **neutral), "failed (counts as infinite)"),
     ]

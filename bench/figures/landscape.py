@@ -1,6 +1,5 @@
 """A slice of one player's cost landscape, at the true and at the estimated weights."""
 
-import math
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -12,14 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bench.figures import style
+from bench.figures.panels import scene_panels
 from bench.figures.scene import Scene, estimated_weights, player_colour, scene_of
 from bench.figures.series import Series, contenders, split, views_in
 from games.features import Stage
 
-_CELLS = 110  # along the longer side of the slice
+_CELLS = 160  # along the longer side of the slice
 _LEVELS = 11
-_PANEL_AREA = 7.0  # [inch^2]
-_WIDEST = 7.2  # [inch]
 
 
 def draw(trials: pd.DataFrame) -> Figure | None:
@@ -146,7 +144,9 @@ def _heat_maps(
     step: int,
     player: int,
 ) -> Figure:
-    figure, panels = _panels(scene, len(names))
+    columns = 1 if scene.is_wide else 3
+    places = [divmod(k, columns) for k in range(len(names))]
+    figure, panels = scene_panels(scene, places, margin=(0.3, 1.5) if scene.is_wide else (1, 0.8))
     levels = np.linspace(0, max(cost.max() for cost in costs) or 1.0, _LEVELS)
     right, up = scene.plane(np.stack(grid, axis=-1))
     for axes, name, cost in zip(panels, names, costs, strict=True):
@@ -159,27 +159,13 @@ def _heat_maps(
         _players(axes, scene, step, player)
         axes.set_title(name)
     place = "bottom" if scene.is_wide else "right"
-    figure.colorbar(image, ax=panels, location=place, label="Cost above the least [-]", shrink=0.8)
+    figure.colorbar(image, ax=panels, location=place, label="Cost above the least [-]", aspect=35)
     entries = [
-        (_marker(i, i == player), f"player {i + 1}")
+        (_marker(i, i == player), f"player {i + 1}{' (whose cost)' * (i == player)}")
         for i in range(scene.recording.scenario.game.num_players)
     ]
     style.legend_below(figure, entries, columns=6)
     return figure
-
-
-def _panels(scene: Scene, count: int) -> tuple[Figure, list[Axes]]:
-    width, height = scene.extents
-    columns = 1 if scene.is_wide else min(count, 3)
-    rows = math.ceil(count / columns)
-    panel_width = _WIDEST if scene.is_wide else math.sqrt(_PANEL_AREA * width / height)
-    panel_height = panel_width * height / width
-    size = columns * (panel_width + 0.2) + 1.0, rows * (panel_height + 0.3) + 1.3
-    figure = Figure(figsize=size)
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for axes in grid[count:]:
-        axes.set_axis_off()
-    return figure, list(grid[:count])
 
 
 def _players(axes: Axes, scene: Scene, step: int, player: int) -> None:
@@ -191,7 +177,6 @@ def _players(axes: Axes, scene: Scene, step: int, player: int) -> None:
         marker.set_data(*([float(v)] for v in scene.plane(states[step, i])))
         axes.add_line(marker)
     axes.grid(visible=False)
-    scene.frame(axes)
 
 
 def _marker(player: int, is_subject: bool) -> Line2D:

@@ -11,7 +11,8 @@ from bench.figures import style
 from envs.recording import NoEquilibriumError, Recording, record
 from envs.scenarios import get_scenario
 
-_MARGIN = 0.12  # of the larger extent, around what must be seen
+_MARGIN = 0.12  # of its own extent, on each side
+_LEAST_MARGIN = 0.05  # of the larger extent
 _ELONGATED = 2.0  # ratio of extents from which a scene is drawn along the page
 
 
@@ -54,7 +55,6 @@ class Scene:
         right, up = self.axes_order
         axes.set(xlim=self.limits[0], ylim=self.limits[1], aspect="equal")
         axes.set(xlabel=f"{names[right]} [m]", ylabel=f"{names[up]} [m]")
-        axes.label_outer()
 
 
 def player_colour(player: int) -> str:
@@ -76,8 +76,9 @@ def scene_of(trials: pd.DataFrame) -> Scene | None:
         return None
     positions = recording.states[..., :2].reshape(-1, 2)
     low, high = positions.min(axis=0), positions.max(axis=0)
-    margin = _MARGIN * (high - low).max()
-    limits = [(float(a - margin), float(b + margin)) for a, b in zip(low, high, strict=True)]
+    extents = high - low
+    margins = np.maximum(_MARGIN * extents, _LEAST_MARGIN * extents.max())
+    limits = [(float(a), float(b)) for a, b in zip(low - margins, high + margins, strict=True)]
     width, height = (b - a for a, b in limits)
     order = (1, 0) if height > _ELONGATED * width else (0, 1)
     rows = trials[trials["seed"].isin(same)]

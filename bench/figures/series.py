@@ -35,6 +35,8 @@ class Series:
     @property
     def name(self) -> str:
         """What the legend says."""
+        if self.is_floor:
+            return f"{self.estimator} (floor)"
         return f"{style.printable(self.estimator)}, {style.printable(self.view)} view"
 
     @property
@@ -79,12 +81,14 @@ def split(trials: pd.DataFrame) -> list[Series]:
     estimators = style.estimator_order(attempts["estimator"].tolist())
     views = views_in(attempts)
     colours = style.estimator_colours(estimators)
-    series = []
+    series: list[Series] = []
     for place, estimator in enumerate(estimators):
         for column, view in enumerate(views):
             rows = attempts[(attempts["estimator"] == estimator) & (attempts["view"] == view)]
             if rows.empty:
                 continue
+            if estimator == style.FLOOR and any(s.is_floor for s in series):
+                continue  # it looks at no observation, so one view tells all
             series.append(
                 Series(
                     estimator,

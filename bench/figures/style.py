@@ -1,5 +1,6 @@
 """Looks that all figures share: colours, text, legends, and how a figure is saved."""
 
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 #: Okabe and Ito's palette, told apart by colour-blind readers: one colour per player.
 PLAYER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -33,8 +35,9 @@ FLOOR_COLOUR = "#8C8C8C"
 LINE_STYLES = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
 MARKERS = ("o", "s", "D", "v", "P", "X")
 
-_DPI = 160
+_DPI = 130
 _LONGEST_NAME = 36  # characters
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _RC = {
     "axes.grid": True,
     "axes.labelsize": 9,
@@ -94,6 +97,20 @@ def estimator_colours(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     return pairs | {
         n: ESTIMATOR_COLOURS[slots[n] % len(ESTIMATOR_COLOURS)] for n in names if n in slots
     }
+
+
+def log_axis(axes: Axes, bottom: float, top: float) -> None:
+    """A logarithmic ordinate whose lowest tick also stands for all that is smaller."""
+    axes.set_yscale("log")
+    axes.set_ylim(bottom, top)
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: _power(y, below=y <= bottom)))
+
+
+def _power(value: float, below: bool) -> str:
+    # Plain characters, as mathematical text is switched off.
+    exponent = str(round(math.log10(value))).translate(_SUPERSCRIPTS)
+    return f"{'≤ ' if below else ''}10{exponent}"
 
 
 def legend_below(figure: Figure, entries: Sequence[tuple[Artist, str]], columns: int) -> Legend:
