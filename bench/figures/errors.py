@@ -28,6 +28,7 @@ _ABSCISSA = "Mean absolute position observation error [m]"
 #: Errors below are solver noise and of no interest; they are drawn at the lower edge.
 _SMALLEST = {"cosine_error": 1e-7, "position_error": 1e-5}
 _TRIANGLE_STEP = 0.03  # of the panel's height, between the rows of two series
+_TRIANGLES_HEIGHT = 0.3  # of the panel's height, at most, for all rows
 
 
 def draw(trials: pd.DataFrame) -> Figure | None:
@@ -35,20 +36,21 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     series = split(trials)
     if not series:
         return None
-    figure = Figure(figsize=(9.2, 4.6))
+    figure = Figure(figsize=(9.2, 4.1))
     panels = figure.subplots(1, len(_PANELS))
     for axes, (column, label) in zip(panels, _PANELS.items(), strict=True):
         _panel(axes, series, column)
         axes.set(xlabel=_ABSCISSA, ylabel=label)
     figure.suptitle(f"{trials['scenario'].iloc[0]}: error of the estimates")
-    style.legend_below(figure, _entries(series), columns=3)
+    style.legend_below(figure, _entries(series))
     return figure
 
 
 def _panel(axes: Axes, series: Sequence[Series], column: str) -> None:
     bottom = _bottom(series, column)
     failing = [s for s in series if np.isinf(s.error(column)).any()]
-    top = _top(series, column, bottom, rows=len(failing))
+    step = min(_TRIANGLE_STEP, _TRIANGLES_HEIGHT / max(len(failing), 1))
+    top = _top(series, column, bottom, reserved=0.03 + step * len(failing))
     style.log_axis(axes, bottom, top)
     right = max(s.observation_error.max() for s in series) or 1.0
     axes.set_xlim(-0.02 * right, 1.02 * right)
@@ -57,7 +59,7 @@ def _panel(axes: Axes, series: Sequence[Series], column: str) -> None:
     for s in series:
         _median(axes, s, column, bottom, top)
     for row, s in enumerate(failing):
-        _triangles(axes, s, column, row)
+        _triangles(axes, s, column, height=0.985 - step * row)
 
 
 def _bottom(series: Sequence[Series], column: str) -> float:
@@ -67,12 +69,12 @@ def _bottom(series: Sequence[Series], column: str) -> float:
     return float(10 ** np.floor(np.log10(values.min()))) if values.size else _SMALLEST[column]
 
 
-def _top(series: Sequence[Series], column: str, bottom: float, rows: int) -> float:
-    """Upper limit that leaves the highest points clear of the rows of triangles."""
+def _top(series: Sequence[Series], column: str, bottom: float, reserved: float) -> float:
+    """Upper limit that leaves a share of the height above the highest point."""
     values = np.concatenate([s.error(column) for s in series])
     largest = max(values[np.isfinite(values)], default=bottom)
     decades = max(np.log10(max(largest, bottom) / bottom), 1.0)
-    return bottom * 10 ** (decades / (0.97 - _TRIANGLE_STEP * rows))
+    return bottom * 10 ** (decades / (1 - reserved))
 
 
 def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
@@ -117,11 +119,11 @@ def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) 
         )
 
 
-def _triangles(axes: Axes, series: Series, column: str, row: int) -> None:
+def _triangles(axes: Axes, series: Series, column: str, height: float) -> None:
     failed = np.isinf(series.error(column))
     axes.plot(
         series.observation_error[failed],
-        np.full(failed.sum(), 0.985 - _TRIANGLE_STEP * row),
+        np.full(failed.sum(), height),
         transform=blended_transform_factory(axes.transData, axes.transAxes),
         linestyle="none",
         marker="^",
@@ -136,7 +138,8 @@ def _triangles(axes: Axes, series: Series, column: str, row: int) -> None:
 
 def _line(series: Series) -> dict[str, Any]:
     if series.is_floor:
-        return {"color": series.colour, "linestyle": series.line_style, "linewidth": 0.8}
+        # Above the axis, on which it lies where the floor happens to be the truth.
+        return {"color": series.colour, "linewidth": 1, "clip_on": False, "zorder": 3}
     return {"color": series.colour, "linestyle": series.line_style}
 
 
@@ -145,6 +148,6 @@ def _entries(series: Sequence[Series]) -> list[tuple[Artist, str]]:
     neutral: dict[str, Any] = {"color": "0.35", "linestyle": "none", "markeredgewidth": 0}
     return [
         *entries,
-        (Patch(color="0.35", alpha=0.2, linewidth=0), f"IQR (rolling, {WINDOW} trials)"),
+        (Patch(color="0.35", alpha=0.2, linewidth=0), f"IQR (rolling, up to {WINDOW} trials)"),
         (Line2D([], [], marker="^", markersize=5, **neutral), "failed (counts as infinite)"),
     ]

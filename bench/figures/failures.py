@@ -22,7 +22,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     series = split(trials)
     if not series:
         return None
-    figure = Figure(figsize=(8.4, 4.6))
+    figure = Figure(figsize=(8.4, 4.1))
     axes = figure.subplots()
     levels = sorted(pd.concat([s.trials["sigma"] for s in series]).unique())
     shares = [failure_shares(s) for s in series]
@@ -36,7 +36,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     axes.set_xlabel("Standard deviation σ of the noise [m, rad, m/s]")
     axes.set_ylabel("Failed trials")
     axes.set_title(f"{trials['scenario'].iloc[0]}: failures (95 % Wilson intervals)")
-    style.legend_below(figure, [_entry(s) for s in series], columns=2)
+    style.legend_below(figure, [_entry(s) for s in series])
     return figure
 
 

@@ -146,7 +146,7 @@ def _heat_maps(
 ) -> Figure:
     columns = 1 if scene.is_wide else 3
     places = [divmod(k, columns) for k in range(len(names))]
-    figure, panels = scene_panels(scene, places, margin=(0.3, 1.5) if scene.is_wide else (1, 0.8))
+    figure, panels = scene_panels(scene, places, margin=(0.3, 1.4) if scene.is_wide else (1, 0.6))
     levels = np.linspace(0, max(cost.max() for cost in costs) or 1.0, _LEVELS)
     right, up = scene.plane(np.stack(grid, axis=-1))
     for axes, name, cost in zip(panels, names, costs, strict=True):
@@ -159,12 +159,12 @@ def _heat_maps(
         _players(axes, scene, step, player)
         axes.set_title(name)
     place = "bottom" if scene.is_wide else "right"
-    figure.colorbar(image, ax=panels, location=place, label="Cost above the least [-]", aspect=35)
+    figure.colorbar(image, ax=panels, location=place, label="Cost above the least [-]", aspect=45)
     entries = [
         (_marker(i, i == player), f"player {i + 1}{' (whose cost)' * (i == player)}")
         for i in range(scene.recording.scenario.game.num_players)
     ]
-    style.legend_below(figure, entries, columns=6)
+    style.legend_below(figure, entries)
     return figure
 
 

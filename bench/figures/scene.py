@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -85,10 +86,10 @@ def scene_of(trials: pd.DataFrame) -> Scene | None:
     return Scene(recording, rows, order, (limits[order[0]], limits[order[1]]))
 
 
-def estimated_weights(value: object, scene: Scene) -> np.ndarray | None:
+def estimated_weights(value: Any, scene: Scene) -> np.ndarray | None:
     """Weights (N, K) of a row, or None where the trial left none that the game can take."""
     try:
-        rows = np.array([list(row) for row in value], dtype=float)  # type: ignore[attr-defined]
+        rows = np.array([list(row) for row in value], dtype=float)
         return scene.recording.scenario.game.check_weights(rows)
     except (TypeError, ValueError):
         return None

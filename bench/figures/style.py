@@ -11,8 +11,8 @@ import matplotlib.style
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.typing import LineStyleType
 
 #: Okabe and Ito's palette, told apart by colour-blind readers: one colour per player.
 PLAYER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -32,11 +32,14 @@ _FIXED_COLOURS = {"kkt_constrained": 0, "kkt_residual": 1}
 FLOOR = "uniform"
 FLOOR_COLOUR = "#8C8C8C"
 
-LINE_STYLES = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
+LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
 MARKERS = ("o", "s", "D", "v", "P", "X")
 
 _DPI = 130
-_LONGEST_NAME = 36  # characters
+_SVG_DPI = 100  # of the rasterised parts: points and ribbons, to keep files small
+_LONGEST_NAME = 32  # characters
+_MOST_COLUMNS = 6  # of a legend
+_ENTRY_WIDTH, _ENTRY_HEIGHT, _CHARACTER_WIDTH = 0.55, 0.19, 0.077  # [inch] in a legend
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _RC = {
     "axes.grid": True,
@@ -53,6 +56,7 @@ _RC = {
     "legend.fontsize": 8.5,
     "legend.frameon": False,
     "lines.linewidth": 1.6,
+    "path.simplify_threshold": 0.4,
     "svg.fonttype": "path",
     "svg.hashsalt": "olne-bench",  # element ids that do not change from run to run
     "text.parse_math": False,  # names come from authors: a dollar is a dollar
@@ -73,7 +77,7 @@ def applied() -> Iterator[None]:
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write ``<stem>.svg`` and ``<stem>.png``, without a date, and return their paths."""
     svg, png = (stem.with_name(f"{stem.name}.{ending}") for ending in ("svg", "png"))
-    figure.savefig(svg, metadata={"Date": None})
+    figure.savefig(svg, metadata={"Date": None}, dpi=_SVG_DPI)
     figure.savefig(png)
     return [svg, png]
 
@@ -113,19 +117,18 @@ def _power(value: float, below: bool) -> str:
     return f"{'≤ ' if below else ''}10{exponent}"
 
 
-def legend_below(figure: Figure, entries: Sequence[tuple[Artist, str]], columns: int) -> Legend:
-    """A legend under all axes, where it covers no data."""
-    return _fill(figure.legend, entries, loc="outside lower center", ncols=columns)
-
-
-def legend_in(axes: Axes, entries: Sequence[tuple[Artist, str]]) -> Legend:
-    """A legend in the middle of an empty panel."""
-    return _fill(axes.legend, entries, loc="center")
-
-
-def _fill(make, entries: Sequence[tuple[Artist, str]], **options) -> Legend:  # type: ignore[no-untyped-def]
+def legend_below(figure: Figure, entries: Sequence[tuple[Artist, str]]) -> None:
+    """A legend under all axes, where it covers no data; the figure grows by its height."""
+    width = _ENTRY_WIDTH + _CHARACTER_WIDTH * max(len(name) for _, name in entries)
+    columns = max(1, min(_MOST_COLUMNS, int(figure.get_figwidth() / width)))
+    rows = math.ceil(len(entries) / columns)
+    figure.set_figheight(figure.get_figheight() + _ENTRY_HEIGHT * rows)
     # Matplotlib drops labels with a leading underscore, so the names come in afterwards.
-    legend = make([a for a, _ in entries], ["name"] * len(entries), **options)
+    legend = figure.legend(
+        [artist for artist, _ in entries],
+        ["name"] * len(entries),
+        loc="outside lower center",
+        ncols=columns,
+    )
     for text, (_, name) in zip(legend.get_texts(), entries, strict=True):
         text.set_text(name)
-    return legend

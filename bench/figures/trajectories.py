@@ -20,6 +20,8 @@ from games.observation import FullView
 #: Most sequences in one panel, as in the paper.
 MOST_SEQUENCES = 40
 
+_TRUTH_STYLE = (0, (3, 1.5))
+
 
 def draw(trials: pd.DataFrame) -> Figure | None:
     """Truth and observations, then one panel per series.
@@ -40,13 +42,13 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     series = contenders(split(scene.trials[shown]))
 
     figure, (first, *panels) = scene_panels(
-        scene, [(0, 0), *_places(scene, series)], margin=(0.3, 0.9)
+        scene, [(0, 0), *_places(scene, series)], margin=(0.3, 0.7)
     )
     _observations(first, scene, sigma, seeds)
     for axes, s in zip(panels, series, strict=True):
         _predictions(axes, scene, s)
     figure.suptitle(f"{trials['scenario'].iloc[0]}: predicted trajectories at σ = {sigma:g}")
-    style.legend_below(figure, _entries(scene), columns=6)
+    style.legend_below(figure, _entries(scene))
     return figure
 
 
@@ -100,13 +102,13 @@ def _bundle(axes: Axes, scene: Scene, states: np.ndarray, **line) -> None:  # ty
 def _truth(axes: Axes, scene: Scene) -> None:
     states = scene.recording.states
     for i in range(states.shape[1]):
-        axes.plot(*scene.plane(states[:, i]), color="black", linewidth=1, linestyle=(0, (3, 1.5)))
+        axes.plot(*scene.plane(states[:, i]), color="black", linewidth=1, linestyle=_TRUTH_STYLE)
         axes.plot(*scene.plane(states[0, i]), color="black", marker="o", markersize=4)
 
 
 def _entries(scene: Scene) -> list[tuple[Artist, str]]:
     truth = Line2D(
-        [], [], color="black", linewidth=1, linestyle=(0, (3, 1.5)), marker="o", markersize=4
+        [], [], color="black", linewidth=1, linestyle=_TRUTH_STYLE, marker="o", markersize=4
     )
     truth.set_markevery([0])
     players: list[tuple[Artist, str]] = [
