@@ -143,8 +143,15 @@ def _line(series: Series) -> dict[str, Any]:
     return {"color": series.colour, "linestyle": series.line_style}
 
 
+def _legend_line(series: Series) -> Line2D:
+    line = Line2D([], [], **_line(series))
+    if not series.is_floor:
+        line.set(marker=series.marker, markersize=3.5)
+    return line
+
+
 def _entries(series: Sequence[Series]) -> list[tuple[Artist, str]]:
-    entries: list[tuple[Artist, str]] = [(Line2D([], [], **_line(s)), s.name) for s in series]
+    entries: list[tuple[Artist, str]] = [(_legend_line(s), s.name) for s in series]
     neutral: dict[str, Any] = {"color": "0.35", "linestyle": "none", "markeredgewidth": 0}
     return [
         *entries,
