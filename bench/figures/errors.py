@@ -92,7 +92,8 @@ def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
         color=series.colour,
         alpha=0.3,
         rasterized=True,
-        clip_on=False,
+        clip_on=False,  # the outermost are drawn whole
+        in_layout=False,  # they lie in the panel, and take no room beside it
     )
 
 
@@ -104,8 +105,8 @@ def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) 
     lower, median, upper = (
         np.maximum(q, bottom) for q in (rolling.lower, rolling.median, rolling.upper)
     )
-    # matplotlib breaks a line at what is not finite, which is what an infinite median asks for.
-    axes.plot(rolling.x, median, **_line(series))
+    # The line breaks where the median is infinite.
+    axes.plot(rolling.x, np.where(np.isfinite(median), median, np.nan), **_line(series))
     if not series.is_floor:
         axes.fill_between(
             rolling.x,
@@ -132,7 +133,8 @@ def _triangles(axes: Axes, series: Series, column: str, height: float) -> None:
         color=series.colour,
         alpha=0.6,
         rasterized=True,
-        clip_on=False,
+        clip_on=False,  # the outermost are drawn whole
+        in_layout=False,  # they lie in the panel, and take no room beside it
     )
 
 

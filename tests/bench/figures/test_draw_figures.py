@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.figures import draw_figures
+from bench.figures import draw_figures, errors, style
 
 KINDS = ("errors", "failures", "trajectories", "landscape")
 
@@ -39,7 +39,7 @@ def test_a_study_gives_every_figure_small_and_not_blank(make_trials, tmp_path):
 
 
 def test_reruns_give_identical_files(make_trials, tmp_path):
-    trials = make_trials(seeds=1)
+    trials = make_trials(seeds=1, sigmas=(0.0, 0.1))
     first, second = (draw_figures(trials, tmp_path / run) for run in ("a", "b"))
     for a, b in zip(first, second, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
@@ -47,7 +47,7 @@ def test_reruns_give_identical_files(make_trials, tmp_path):
 
 
 def test_the_users_own_settings_do_not_matter(make_trials, tmp_path):
-    trials = make_trials(seeds=1, sigmas=(0.1,))
+    trials = make_trials(estimators=("a",), views=("full",), seeds=1, sigmas=(0.1,))
     plain = draw_figures(trials, tmp_path / "a")
     with matplotlib.rc_context({"lines.linewidth": 9, "axes.facecolor": "red", "font.size": 30}):
         changed = draw_figures(trials, tmp_path / "b")
@@ -93,7 +93,7 @@ def test_nothing_attempted_gives_no_figure(make_trials, tmp_path):
 
 
 def test_skipped_trials_change_nothing(make_trials, tmp_path):
-    trials = make_trials(estimators=("kkt_constrained",), seeds=1)
+    trials = make_trials(estimators=("a",), views=("full",), seeds=1, sigmas=(0.1,))
     declined = make_trials(estimators=("picky",), status="skipped")
     alone = draw_figures(trials, tmp_path / "a")
     together = draw_figures(pd.concat([trials, declined], ignore_index=True), tmp_path / "b")
@@ -116,7 +116,7 @@ def test_each_scenario_on_its_own(make_trials, tmp_path):
 
 
 def test_weights_as_read_from_parquet(make_trials, tmp_path):
-    trials = make_trials(seeds=1)
+    trials = make_trials(estimators=("a",), views=("full",), seeds=1, sigmas=(0.1,))
     trials.to_parquet(tmp_path / "trials.parquet")
     stored = pd.read_parquet(tmp_path / "trials.parquet")
     assert isinstance(stored["weights"].iloc[0], np.ndarray)
@@ -125,25 +125,34 @@ def test_weights_as_read_from_parquet(make_trials, tmp_path):
         assert a.read_bytes() == b.read_bytes(), a.name
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        r"$\alpha$",
-        r"$\undefined{",
-        "<script>alert('x')</script> & --> ]]>",
-        "_private",
-        "名前 é 🚗",
-        "two\nlines\tand\x00\x1b[31m",
-        "",
-        "x" * 500,
-        "100% {} %s",
-    ],
+ODD_NAMES = (
+    r"$\alpha$",
+    r"$\undefined{",
+    "<script>alert('x')</script> & --> ]]>",
+    "_private",
+    "名前 é 🚗",
+    "two\nlines\tand\x00\x1b[31m",
+    "",
+    "x" * 500,
+    "100% {} %s",
 )
-def test_names_of_estimators_are_text_and_nothing_else(make_trials, tmp_path, name):
-    files = draw_figures(make_trials(estimators=(name, "uniform"), seeds=1), tmp_path)
+
+
+def test_names_of_estimators_are_text_and_nothing_else(make_trials, tmp_path):
+    files = draw_figures(make_trials("two_player", ODD_NAMES, ("full",), (0.1,), 1), tmp_path)
     assert names(files) == expected("two_player")
     assert_drawn(files)
     for file in files:
         if file.suffix == ".svg":
             tags = {element.tag.rpartition("}")[2] for element in ET.parse(file).iter()}
             assert "script" not in tags
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_names_are_shown_as_they_are(make_trials, name):
+    with style.applied():
+        figure = errors.draw(make_trials(estimators=(name,), views=("full",), seeds=1))
+    (legend,) = figure.legends
+    text = legend.get_texts()[0]
+    assert text.get_text() == f"{style.printable(name)}, full view"
+    assert not text.get_parse_math()
