@@ -19,6 +19,11 @@ from bench.figures.series import Series, split
 #: Points per rolling window, as in the paper.
 WINDOW = 60
 
+# A small study has smaller windows, so that there is a line at all.
+_FEWEST_WINDOWS = 8  # that fit side by side
+_SMALLEST_WINDOW = 5
+_MANY = 150  # points of a series, from which on they are drawn small and faint
+
 _PANELS = {
     "cosine_error": "Cosine error of the weights [-]",
     "position_error": "Mean absolute position prediction error [m]",
@@ -82,15 +87,16 @@ def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
         return
     error = series.error(column)
     finite = np.isfinite(error)
+    size, alpha = (2.6, 0.3) if len(error) > _MANY else (4, 0.6)
     axes.plot(
         series.observation_error[finite],
         np.maximum(error[finite], bottom),
         linestyle="none",
         marker=series.marker,
-        markersize=2.6,
+        markersize=size,
         markeredgewidth=0,
         color=series.colour,
-        alpha=0.3,
+        alpha=alpha,
         rasterized=True,
         clip_on=False,  # the outermost are drawn whole
         in_layout=False,  # they lie in the panel, and take no room beside it
@@ -98,7 +104,7 @@ def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
 
 
 def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) -> None:
-    window = min(WINDOW, max(series.count.sum() // 3, 1))
+    window = int(np.clip(series.count.sum() // _FEWEST_WINDOWS, _SMALLEST_WINDOW, WINDOW))
     rolling = rolling_statistics(
         series.observation_error, series.error(column), series.count, window
     )

@@ -20,6 +20,7 @@ from games.observation import FullView
 #: Most sequences in one panel, as in the paper.
 MOST_SEQUENCES = 40
 
+_COLUMNS = 3
 _TRUTH_STYLE = (0, (3, 1.5))
 
 
@@ -53,11 +54,16 @@ def draw(trials: pd.DataFrame) -> Figure | None:
 
 
 def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
-    """A row per estimator, a column per view; one column where the scene is wide."""
+    """A row per estimator, a column per view; one column where the scene is wide.
+
+    With a single view, the panels follow each other.
+    """
     if scene.is_wide:
         return [(1 + k, 0) for k in range(len(series))]
-    estimators = style.estimator_order([s.estimator for s in series])
     views = views_in(pd.concat([s.trials for s in series]))
+    if len(views) == 1:
+        return [divmod(1 + k, _COLUMNS) for k in range(len(series))]
+    estimators = style.estimator_order([s.estimator for s in series])
     return [(estimators.index(s.estimator), 1 + views.index(s.view)) for s in series]
 
 
