@@ -135,12 +135,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo(error.format_message())
         sys.exit(2)
     except click.ClickException as error:
-        context = getattr(error, "ctx", None)
-        hint = f" (see '{context.command_path} --help')" if context else ""
-        _fail(error.format_message() + hint)
+        _fail(error.format_message().rstrip(".") + _alternatives(error))
     except (KeyboardInterrupt, click.Abort):
         click.echo("\ninterrupted; run the same command again to go on", err=True)
         sys.exit(130)
+
+
+def _alternatives(error: click.ClickException) -> str:
+    """What could have been said in place of an unknown command or option."""
+    context = getattr(error, "ctx", None)
+    if context is None:
+        return ""
+    if isinstance(error, click.NoSuchOption):
+        options = [p.opts[0] for p in context.command.params if isinstance(p, click.Option)]
+        return f"; known are: {', '.join(options)}"
+    if isinstance(context.command, click.Group):
+        return f"; known are: {', '.join(context.command.list_commands(context))}"
+    return f" (see '{context.command_path} --help')"
 
 
 def _fail(message: str) -> None:

@@ -9,6 +9,13 @@ from bench.errors import UserError
 from bench.leaderboard import leaderboard
 from bench.store import read_store
 
+_LEGEND = """
+Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
+cosine error: angle between estimated and true weights; position error [m]: prediction by the
+forward game at the estimated weights. /limit: mean cosine error over its statistical limit (the
+Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one estimate.
+uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
+
 
 def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
     """Write ``trials.csv``, ``trials.parquet``, ``leaderboard.csv`` and ``figures/``.
@@ -51,6 +58,6 @@ def format_leaderboard(table: pd.DataFrame) -> str:
             f"{median:.2g} [{low:.2g}, {high:.2g}]"
             for median, low, high in quartiles.itertuples(index=False)
         ]
-    shown["x limit"] = table["limit_ratio"].map("{:.2f}".format)
+    shown["/limit"] = table["limit_ratio"].map("{:.2f}".format)
     shown["ms"] = (1e3 * table["solve_seconds_median"]).map("{:.1f}".format)
-    return shown.to_string(index=False)
+    return f"{shown.to_string(index=False)}\n{_LEGEND}"

@@ -81,6 +81,8 @@ def open_store(folder: Path) -> Iterator[Store]:
         UserError: if the folder cannot be written, another run uses it, or the file in it is not
             a store of ours.
     """
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"cannot write to {folder}: it is a file, a folder is needed")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / ".lock")
@@ -118,14 +120,15 @@ def _connect(path: Path) -> Iterator[sqlite3.Connection]:
     except sqlite3.Error as error:
         raise UserError(f"cannot open {path}: {error}") from error
     try:
-        try:
-            _prepare(connection, path)
-        except sqlite3.Error as error:
-            raise UserError(
-                f"{path} is not a store of this benchmark, or is damaged ({error}); "
-                "it was left as it is: move it away or use another folder"
-            ) from error
+        _prepare(connection, path)
         yield connection
+    except sqlite3.OperationalError as error:
+        raise UserError(f"cannot use {path}: {error}; nothing stored is lost") from error
+    except sqlite3.DatabaseError as error:
+        raise UserError(
+            f"{path} is not a store of this benchmark, or is damaged ({error}); "
+            "it was left as it is: move it away or use another folder"
+        ) from error
     finally:
         connection.close()
 

@@ -1,0 +1,86 @@
+"""Check a run of the suite ``paper`` against the published study and the statistical limit.
+
+    python scripts/paper_claims.py results/paper
+
+Prints one line per claim with the measured value and its bounds; exit code 1 if one fails.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A measured value that should lie within bounds."""
+
+    text: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def holds(self) -> bool:
+        return self.low <= self.value <= self.high
+
+
+def failures(trials: pd.DataFrame) -> Iterator[Claim]:
+    """Failures by the published definition, next to the published counts."""
+    failed = trials[trials["status"] != "ok"].groupby(["scenario", "estimator", "view"])["count"]
+    counts = failed.sum()
+
+    def count(*key: str) -> int:
+        return int(counts.get(key, 0))
+
+    for view, published, low, high in (("full", 104, 80, 130), ("partial", 218, 165, 245)):
+        text = f"two players, kkt_residual, {view}: failures of 880 (published {published})"
+        yield Claim(text, count("two_player", "kkt_residual", view), low, high)
+    for view in ("full", "partial"):
+        text = f"two players, kkt_constrained, {view}: failures of 880 (published 0)"
+        yield Claim(text, count("two_player", "kkt_constrained", view), 0, 0)
+    both = sum(count("highway_overtaking", "kkt_constrained", v) for v in ("full", "partial"))
+    yield Claim("five players, kkt_constrained: failures of 1760 (published 0)", both, 0, 1)
+    joint = trials[trials["estimator"] == "kkt_constrained"]
+    unconverged = joint[joint["status"] == "not_converged"]["count"].sum()
+    yield Claim("both scenarios, kkt_constrained: solves not converged of 3520", unconverged, 0, 0)
+
+
+def statistical_limit(trials: pd.DataFrame) -> Iterator[Claim]:
+    """Two players: cosine error of the joint method over the Cramer-Rao limit."""
+    joint = trials[trials["estimator"].eq("kkt_constrained") & trials["scenario"].eq("two_player")]
+    for view, unit, largest, high in (("full", 21.9, 0.02, 1.25), ("partial", 62.7, 0.01, 1.4)):
+        rows = joint[joint["view"].eq(view) & joint["sigma"].between(1e-9, largest)]
+        ratio = rows["cosine_error"] / (unit * rows["sigma"] ** 2)
+        text = f"{view}, sigma <= {largest}: mean of cosine error / ({unit} sigma^2)"
+        yield Claim(text, ratio.mean(), 0.8, high)
+        yield Claim(f"{view}, sigma <= {largest}: the largest such ratio", ratio.max(), 0, 20)
+    exact = joint[joint["sigma"] == 0]
+    yield Claim("two players, sigma = 0: cosine error", exact["cosine_error"].max(), 0, 1e-6)
+
+
+def data_fidelity(trials: pd.DataFrame) -> Iterator[Claim]:
+    """The optimum explains the data at least as well as the truth."""
+    joint = trials[trials["estimator"] == "kkt_constrained"]
+    excess = (joint["objective"] - joint["truth_objective"]).max()
+    yield Claim("kkt_constrained: squared error above the truth's", excess, -float("inf"), 1e-6)
+
+
+def main() -> None:
+    """Read a run folder and check all claims."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="run folder with trials.parquet")
+    trials = pd.read_parquet(parser.parse_args().folder / "trials.parquet")
+    claims = [*failures(trials), *statistical_limit(trials), *data_fidelity(trials)]
+    for claim in claims:
+        verdict = "holds" if claim.holds else "FAILS"
+        bounds = f"[{claim.low:g}, {claim.high:g}]"
+        print(f"{verdict}  {claim.text:<75} {claim.value:>10.4g}  {bounds}")
+    sys.exit(not all(claim.holds for claim in claims))
+
+
+if __name__ == "__main__":
+    main()

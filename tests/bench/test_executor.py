@@ -1,0 +1,137 @@
+"""Misbehaving estimators: each gets the row it deserves and harms nobody else."""
+
+import pytest
+
+from bench.evaluate import evaluate
+from bench.executor import run_trials
+from bench.suite import load_suite, select
+from bench.trial import expand
+
+PLUGIN = """
+import os, time
+from types import SimpleNamespace
+import numpy as np
+
+class Good:
+    def estimate(self, problem, observation, *, rng, budget):
+        print("chatty")
+        return SimpleNamespace(weights=np.full((2, 4), 2.0))
+
+class Hangs(Good):
+    def estimate(self, *args, **kwargs):
+        while True:
+            time.sleep(0.1)
+
+class Dies(Good):
+    def estimate(self, *args, **kwargs):
+        os._exit(7)
+
+class Raises(Good):
+    def estimate(self, *args, **kwargs):
+        raise RuntimeError("no\\nidea")
+
+class Mutates(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        observation.y[0] = 0
+
+class Nothing(Good):
+    def estimate(self, *args, **kwargs):
+        return None
+
+class Shape(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.ones((3, 4)))
+
+class NotANumber(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.full((2, 4), np.nan))
+
+class Negative(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.full((2, 4), -1.0))
+
+class Text(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights="heavy")
+
+class States(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.ones((2, 4)), states=np.zeros((1, 2, 4)))
+
+class GivesUp(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.ones((2, 4)), converged=False, message="lost")
+
+class Refuses(Good):
+    def supports(self, problem):
+        return "too many players"
+
+class Random(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        return SimpleNamespace(weights=rng.uniform(0.5, 1, (2, 4)))
+"""
+
+EXPECTED = {
+    "Good": ("ok", ""),
+    "Hangs": ("timeout", "killed after"),
+    "Dies": ("crash", "exit code 7"),
+    "Raises": ("crash", "RuntimeError: no idea"),
+    "Mutates": ("crash", "read-only"),
+    "Nothing": ("invalid", "returned NoneType without 'weights'"),
+    "Shape": ("invalid", "weights have the shape (3, 4), expected (2, 4)"),
+    "NotANumber": ("invalid", "not finite"),
+    "Negative": ("invalid", "negative"),
+    "Text": ("invalid", "not an array of numbers"),
+    "States": ("invalid", "states have the shape (1, 2, 4)"),
+    "GivesUp": ("not_converged", "lost"),
+    "Refuses": ("skipped", "too many players"),
+    "Random": ("ok", ""),
+}
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plugins")
+    plugin = folder / "plugin.py"
+    plugin.write_text(PLUGIN)
+    suite = load_suite("quick", tuple(f"{plugin}:{name}" for name in EXPECTED))
+    part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.05,))
+    trials = [t for t in expand(part, seeds=2) if t.estimator.label in EXPECTED]
+    # Long enough to import everything on a busy machine, short enough to wait for twice.
+    trials = [t.__class__(**{**t.__dict__, "time_limit": 12.0}) for t in trials]
+    results = list(run_trials(trials, jobs=2, log=folder / "log"))
+    assert len(results) == len(trials)
+    by_label = {}
+    for trial, outcome in results:
+        by_label.setdefault(trial.estimator.label, []).append((trial, outcome))
+    return folder, by_label
+
+
+@pytest.mark.parametrize("label", EXPECTED)
+def test_every_misbehaviour_has_its_status(outcomes, label):
+    status, message = EXPECTED[label]
+    for _, outcome in outcomes[1][label]:
+        assert outcome.status == status, outcome
+        assert message in outcome.message
+        assert "\n" not in outcome.message
+
+
+def test_prints_go_to_the_log(outcomes):
+    assert "chatty" in (outcomes[0] / "log").read_text()
+
+
+def test_weights_are_scaled_to_sum_one(outcomes):
+    _, outcome = outcomes[1]["Good"][0]
+    assert outcome.weights == [[0.25] * 4] * 2
+
+
+def test_an_exception_names_its_place(outcomes):
+    _, outcome = outcomes[1]["Raises"][0]
+    assert "plugin.py:" in outcome.message
+
+
+def test_randomness_is_seeded_by_the_trial_alone(outcomes):
+    (first, a), (second, b) = outcomes[1]["Random"]
+    assert a.weights != b.weights
+    assert evaluate(first).weights == a.weights
+    assert evaluate(second).weights == b.weights

@@ -1,0 +1,72 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.leaderboard import leaderboard
+
+
+def trial(**changes):
+    row = {
+        "scenario": "s",
+        "view": "full",
+        "estimator": "e",
+        "sigma": 0.01,
+        "status": "ok",
+        "cosine_error": 0.1,
+        "cosine_limit": 0.05,
+        "position_error": 1.0,
+        "solve_seconds": 0.5,
+        "count": 1,
+    }
+    return row | changes
+
+
+def only_row(*trials):
+    table = leaderboard(pd.DataFrame(trials))
+    assert len(table) == 1
+    return table.iloc[0]
+
+
+def test_failures_rank_worst_and_are_never_dropped():
+    good = [trial(position_error=float(k)) for k in range(2)]
+    failed = [trial(status="failed_forward", position_error=np.nan) for _ in range(3)]
+    row = only_row(*good, *failed)
+    assert (row["trials"], row["failures"]) == (5, 3)
+    assert row["position_error_median"] == np.inf
+    assert row["position_error_q25"] == 1.0
+    assert row["cosine_error_median"] == 0.1  # a failed prediction has a parameter error
+
+
+def test_a_crash_has_no_error_at_all():
+    row = only_row(trial(), trial(status="crash", cosine_error=np.nan, position_error=np.nan))
+    assert row["cosine_error_q75"] == np.inf
+
+
+def test_rows_count_as_often_as_they_say():
+    row = only_row(trial(sigma=0.0, cosine_error=0.0, count=3), trial(cosine_error=1.0))
+    assert row["trials"] == 4
+    assert row["cosine_error_median"] == 0.0
+    assert row["cosine_error_q75"] == pytest.approx(0.25)
+
+
+def test_skipped_trials_are_not_attempts():
+    row = only_row(trial(), trial(status="skipped", cosine_error=np.nan))
+    assert (row["trials"], row["failures"], row["skipped"]) == (1, 0, 1)
+
+
+def test_everything_skipped_is_not_a_number_not_a_crash():
+    row = only_row(trial(status="skipped"))
+    assert row["trials"] == 0
+    assert np.isnan(row["cosine_error_median"])
+
+
+def test_limit_ratio_is_taken_at_small_noise_only():
+    row = only_row(trial(), trial(sigma=0.1, cosine_error=99.0), trial(sigma=0.0, cosine_limit=0.0))
+    assert row["limit_ratio"] == pytest.approx(2.0)
+
+
+def test_quantiles_agree_with_numpy():
+    errors = np.random.default_rng(0).uniform(size=17)
+    row = only_row(*[trial(cosine_error=e) for e in errors])
+    for name, share in (("q25", 0.25), ("median", 0.5), ("q75", 0.75)):
+        assert row[f"cosine_error_{name}"] == pytest.approx(np.quantile(errors, share))

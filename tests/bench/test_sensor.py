@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from bench.sensor import sense
+from envs.recording import record
+from envs.scenarios import get_scenario
+from games.observation import VIEWS
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return record(get_scenario("two_player"))
+
+
+def test_views_share_their_noise(recording):
+    full = sense(recording, VIEWS["full"], 0.1, seed=3)
+    partial = sense(recording, VIEWS["partial"], 0.1, seed=3)
+    np.testing.assert_array_equal(full.y[..., :3], partial.y)
+    np.testing.assert_array_equal(full.extra[..., :3], partial.extra)
+
+
+def test_noise_free_observations_are_the_states(recording):
+    observation = sense(recording, VIEWS["full"], 0.0, seed=0)
+    np.testing.assert_array_equal(observation.y, recording.states)
+    np.testing.assert_array_equal(observation.extra, recording.extra_state)
+
+
+def test_noise_is_reproducible_white_and_of_the_stated_size(recording):
+    draws = [sense(recording, VIEWS["full"], 0.05, s).y - recording.states for s in range(200)]
+    again = sense(recording, VIEWS["full"], 0.05, 7).y - recording.states
+    np.testing.assert_array_equal(draws[7], again)
+    noise = np.array(draws)
+    assert noise.std() == pytest.approx(0.05, rel=0.02)
+    assert abs(noise.mean()) < 1e-3
+    correlation = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
+    assert abs(correlation) < 0.02
+
+
+def test_levels_and_seeds_have_streams_of_their_own(recording):
+    def unit(sigma, seed):
+        return (sense(recording, VIEWS["full"], sigma, seed).y - recording.states) / sigma
+
+    assert not np.allclose(unit(0.1, 0), unit(0.1, 1))
+    assert not np.allclose(unit(0.1, 0), unit(0.2, 0))

@@ -1,0 +1,92 @@
+import pytest
+
+from bench.errors import UserError
+from bench.suite import load_suite, select, suite_names
+from bench.trial import expand
+
+GOOD = """
+name = "tiny"
+scenarios = ["two_player"]
+views = ["full"]
+sigmas = [0.0, 0.1]
+seeds = 3
+estimators = ["uniform"]
+"""
+
+
+def write(tmp_path, text):
+    path = tmp_path / "suite.toml"
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_shipped_suites_are_valid(name):
+    assert load_suite(name).name == name
+
+
+def test_paper_suite_is_the_published_study():
+    suite = load_suite("paper")
+    assert len(suite.sigmas) == 22
+    assert suite.seeds == 40
+    trials = list(expand(suite))
+    for scenario in ("two_player", "highway_overtaking"):
+        for view in ("full", "partial"):
+            for estimator in ("kkt_constrained", "kkt_residual", "uniform"):
+                part = [
+                    t
+                    for t in trials
+                    if (t.scenario.label, t.view, t.estimator.label) == (scenario, view, estimator)
+                ]
+                assert sum(t.count for t in part) == 880
+                assert len(part) == 841
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("seeds = 3", "seeds = 3\nhorizon = 3", "unknown key 'horizon'; known are: name"),
+        ("seeds = 3", "", "key 'seeds' is missing"),
+        ("seeds = 3", "seeds = 0", "seeds: Input should be greater than 0, got 0"),
+        ("0.1]", "-0.1]", "sigmas.1: Input should be greater than or equal to 0, got -0.1"),
+        ("0.1]", "nan]", "sigmas.1"),
+        ("0.1]", "0.0]", "sigma 0.0 is listed twice"),
+        ("two_player", "three_player", "unknown scenario 'three_player'; known are: highway"),
+        ('"two_player"', '{name="random", options={players=3}}', "known are: num_players"),
+        ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
+        ('"full"', '"fulll"', "unknown view 'fulll'; known are: full, partial"),
+        ('"uniform"', '"unifrom"', "unknown estimator 'unifrom'; known are: kkt_constrained"),
+        ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
+        ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),
+        ('["full"]', "[]", "views"),
+        ("name =", "name", "not valid TOML"),
+    ],
+)
+def test_a_malformed_suite_is_refused_in_one_line(tmp_path, old, new, expected):
+    path = write(tmp_path, GOOD.replace(old, new, 1))
+    with pytest.raises(UserError) as caught:
+        load_suite(path)
+    assert expected in str(caught.value)
+    assert path in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_selecting_keeps_the_trials_of_the_whole():
+    suite = load_suite("paper")
+    part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.01,))
+    whole = {trial.key: trial for trial in expand(suite)}
+    chosen = list(expand(part, seeds=5))
+    assert len(chosen) == 3 * 5
+    assert all(whole[trial.key] == trial for trial in chosen)
+
+
+def test_a_family_has_a_trial_per_seed_even_without_noise(tmp_path):
+    path = write(tmp_path, GOOD.replace('"two_player"', '"random"'))
+    noise_free = [trial for trial in expand(load_suite(path)) if trial.sigma == 0]
+    assert [trial.count for trial in noise_free] == [1, 1, 1]
+
+
+def test_two_settings_of_one_estimator_need_labels(tmp_path):
+    entries = '{name="uniform", label="a"}, {name="uniform", label="b"}'
+    suite = load_suite(write(tmp_path, GOOD.replace('"uniform"', entries)))
+    assert [entry.label for entry in suite.estimators] == ["a", "b"]
