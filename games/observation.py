@@ -5,6 +5,7 @@ generates the observations. The noise that sensors add is not part of it.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -13,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 
-class Components(Protocol):
+class Components(Hashable, Protocol):
     """Anything that names the components of a state: a motion model, or a sensor's report."""
 
     @property
