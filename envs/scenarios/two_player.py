@@ -21,8 +21,8 @@ INITIAL_SPEED = 0.1  # [m/s]
 LIMITS = Limits(controls=(1.0, 1.0), states=(20.0, 20.0, 8.0, 7.0))
 
 
-def make(seed: int = 0) -> Scenario:
-    """The fixed scenario; every seed gives the same."""
+def make() -> Scenario:
+    """The fixed scenario."""
     return Scenario(
         name="two_player",
         game=Game(tuple(_player(d) for d in DIRECTIONS), UNICYCLE, HORIZON, DT),
