@@ -99,7 +99,7 @@ def test_solvers_start_near_the_truth(view):
     game = Game((Player((ControlEffort("yaw_rate"),)),), UNICYCLE, horizon=40, dt=0.1)
     heading = 2.9 + 0.05 * np.arange(40)  # across the branch cut of atan2
     position = np.cumsum(0.1 * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
-    position = (*np.vstack([[0, 0], position[:-1]]), 4.0, 3.0)
+    position = np.vstack([[0, 0], position[:-1]]) + np.array([4.0, 3.0])
     states = np.column_stack([position, heading, np.ones(40)])[:, None]
     y = observe(view, UNICYCLE, states)
     y[7] = np.nan
