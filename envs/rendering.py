@@ -15,7 +15,8 @@ MAX_WIDTH, MAX_HEIGHT = 900, 600  # [px] of a frame without its header
 SHARPNESS = 2  # frames are drawn this many times larger and smoothed down
 HEADER = 64  # [px] for the legend
 MARGIN = 0.12  # around everything that is expected to be seen, as a share of the larger side
-CAR_LENGTH = 0.045  # of the larger side of the view
+CAR_LENGTH = 0.045  # of the larger side of the first view
+MIN_CAR_LENGTH = 16  # [px], however far the view has widened
 CAR_ASPECT = 0.48  # width over length
 
 BACKGROUND = (247, 247, 244)
@@ -60,6 +61,7 @@ class Renderer:
         self._low, self._high = _box(np.concatenate(landmarks))
         width, height = self._high - self._low
         self._turned = height > width
+        self._first_car_length = CAR_LENGTH * float(max(width, height))
         self._size = self._frame_size()
 
     def draw(self, history: list[np.ndarray], time: float) -> np.ndarray | None:
@@ -122,21 +124,23 @@ class Renderer:
         centre = np.array([width / 2, (HEADER + height) / 2]) * SHARPNESS
         return (centre + axes * self._scale).tolist()
 
+    @property
     def _car_length(self) -> float:
-        return CAR_LENGTH * float((self._high - self._low).max())
+        """Length of the drawn cars [m]; games know points only."""
+        return max(self._first_car_length, MIN_CAR_LENGTH * SHARPNESS / self._scale)
 
     # -- what is drawn -----------------------------------------------------------------------
 
     def _draw_road(self, canvas: pygame.Surface) -> None:
         if not self._lanes:
             return
-        width = min(np.diff(self._lanes), default=2 * self._car_length())
+        width = min(np.diff(self._lanes), default=2 * self._car_length)
         edges = [self._lanes[0] - width / 2, *(np.array(self._lanes) + width / 2)]
         reach = 2 * (self._high - self._low).max()  # beyond the frame on both sides
         start, end = self._low[1] - reach, self._high[1] + reach
         corners = [(edges[0], start), (edges[0], end), (edges[-1], end), (edges[-1], start)]
         pygame.draw.polygon(canvas, ROAD, self._pixels(corners))
-        dash = self._car_length()
+        dash = self._car_length
         for edge in edges[1:-1]:
             for mark in np.arange(start, end, 2 * dash):
                 first, last = self._pixels([(edge, mark), (edge, mark + dash)])
@@ -157,7 +161,7 @@ class Renderer:
 
     def _draw_car(self, canvas: pygame.Surface, player: int, state: np.ndarray) -> None:
         heading = _heading(state, self._names)
-        length = self._car_length()
+        length = self._car_length
         forward = length * np.array([np.cos(heading), np.sin(heading)])
         left = CAR_ASPECT * length * np.array([-np.sin(heading), np.cos(heading)])
 
