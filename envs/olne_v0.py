@@ -361,7 +361,7 @@ parallel_env = OlneWorld
 
 
 def _draw(scenario: str | Scenario, seed: int, options: dict[str, Any]) -> Scenario:
-    if isinstance(scenario, str):
+    if not isinstance(scenario, Scenario):
         return get_scenario(scenario, seed, **options)
     if options:
         raise ValueError(f"a Scenario object takes no options, got {', '.join(options)}")

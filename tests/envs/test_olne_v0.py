@@ -170,6 +170,18 @@ def test_olne_episode_returns_minus_its_certified_costs(make):
     assert np.array_equal(states, rollout(game.dynamics, states[0], actions, game.dt))
 
 
+def test_turn_based_form_plays_the_same_equilibrium():
+    world = olne_v0.env("two_player")
+    world.reset()
+    returns = dict.fromkeys(world.agents, 0.0)
+    for player in world.agent_iter():
+        _, reward, terminated, truncated, info = world.last()
+        returns[player] += reward
+        world.step(None if terminated or truncated else info["olne_action"])
+    costs = world.unwrapped.certificate.costs
+    assert np.abs(np.array(list(returns.values())) + costs).max() < 1e-9
+
+
 @pytest.mark.parametrize(
     ("name", "options", "seed"),
     [
@@ -356,6 +368,7 @@ def assert_usable(world):
     ("arguments", "message"),
     [
         ({"scenario": "three_player"}, "unknown scenario 'three_player'.*two_player"),
+        ({"scenario": 3}, "unknown scenario 3; known are"),
         ({"scenario": "random", "num_player": 3}, "no option 'num_player'.*num_players"),
         ({"max_cycles": 0}, "max_cycles must be at least 1, got 0"),
         ({"render_mode": "ansi"}, "unknown render_mode 'ansi'.*human, rgb_array"),
