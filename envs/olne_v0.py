@@ -377,7 +377,7 @@ def _equilibrium_within(scenario: Scenario, size: SpaceSize) -> Equilibrium:
         largest = np.abs(controls).max()
         if largest > limit:
             raise NoEquilibriumError(
-                f"the equilibrium of {scenario.name!r} needs a {name} of {largest:.3g}, beyond "
-                f"the scenario's limit of {limit:.3g}"
+                f"the equilibrium of {scenario.name!r} has a {name} of up to {largest:.3g}, "
+                f"beyond the scenario's limit of {limit:.3g}"
             )
     return truth
