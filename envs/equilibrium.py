@@ -1,0 +1,42 @@
+"""The true motion of a scenario: its certified equilibrium, solved once per process."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from envs.scenarios.scenario import Scenario
+from games.game import Game
+from games.olne import Equilibrium, solve_olne
+
+
+class NoEquilibriumError(Exception):
+    """A scenario for which no certified equilibrium was found; it must not serve as truth."""
+
+
+def certified_equilibrium(scenario: Scenario) -> Equilibrium:
+    """The scenario's OLNE. Its arrays are shared and read-only.
+
+    Raises:
+        NoEquilibriumError: where the equilibrium is not certified.
+    """
+    # Arrays cannot be looked up in a cache, their bytes can.
+    truth = _solve(scenario.game, scenario.weights.tobytes(), scenario.initial_state.tobytes())
+    if not truth.certificate.passed:
+        raise NoEquilibriumError(
+            f"no certified equilibrium of {scenario.name!r}: residual {truth.residual:.1e}, "
+            f"gains {truth.certificate.gains.tolist()}"
+        )
+    return truth
+
+
+@lru_cache(maxsize=128)
+def _solve(game: Game, weights: bytes, initial_state: bytes) -> Equilibrium:
+    truth = solve_olne(
+        game,
+        np.frombuffer(weights).reshape(game.num_players, game.num_weights),
+        np.frombuffer(initial_state).reshape(game.state_shape[1:]),
+    )
+    certificate = truth.certificate
+    for array in (truth.states, truth.controls, truth.costates, certificate.costs):
+        array.setflags(write=False)
+    return truth

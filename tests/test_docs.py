@@ -1,0 +1,30 @@
+"""The code blocks of the guide run, one after the other, as a reader would try them."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from envs import wrappers
+
+ROOT = Path(__file__).parent.parent
+
+
+def code_blocks(page):
+    return re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL)
+
+
+def test_environments_guide(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {"np": np, **vars(wrappers)}
+    for block in code_blocks("environments.md"):
+        exec(block, names)
+        if "y" in names:
+            assert names["y"].shape == (20, 5, 3)
+            assert np.isnan(names["y"]).any()
+    assert names["vector"].reset(seed=0)[0].shape == (8, 9)
+
+
+def test_ten_lines_are_the_example():
+    example = (ROOT / "examples" / "play_olne.py").read_text()
+    assert example.endswith(code_blocks("environments.md")[0])
