@@ -17,7 +17,8 @@ fulfils them. Restoration, where the line search fails, is Newton's method on G 
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
@@ -31,6 +32,7 @@ from games.observation import View
 
 _FIRST_BARRIER = 0.1
 _TOLERANCE = 1e-9
+_ACCEPTABLE = 1e-6  # where rounding forbids more
 _BARRIER_FACTORS = (0.2, 1.5)  # kappa_mu, theta_mu of (7)
 _BARRIER_ACCURACY = 10.0  # kappa_epsilon
 _MULTIPLIER_RANGE = 1e10  # kappa_Sigma of (16)
@@ -133,7 +135,6 @@ class _Point:
 class _Direction:
     dz: np.ndarray
     dtheta: np.ndarray
-    dtheta_reduced: np.ndarray  # the same in the coordinates of the tangent, with dx_1
 
 
 class _InteriorPoint:
@@ -165,15 +166,22 @@ class _InteriorPoint:
             if not self.solver.linearise(self.point.z, self.point.theta):
                 return "singular stage of the first-order conditions", iteration
             self.solver.sensitivities()
-            self.reduced_gradient = self._reduce(self.point.gradient)
-            if self._error(0.0) <= _TOLERANCE:
+            self.reduced_gradient = self.solver.reduce(self.point.gradient)
+            stationarity = self._stationarity()
+            if max(stationarity, self._complementarity(0.0)) <= _TOLERANCE:
                 return "", iteration
-            self._lower_barrier()
+            self._lower_barrier(stationarity)
             if time.monotonic() > deadline:
                 return "time limit reached", iteration
             if not self._factorise():
                 return "the Hessian could not be corrected", iteration
-            if not (self._line_search(self._direction(self.point.residual)) or self._restore()):
+            direction = self._direction(self.point.residual)
+            if self._is_rounding(direction):
+                self._take(self._trial(direction, 1.0), direction, 1.0)
+                self._reduce_barrier()
+            elif not (self._line_search(direction) or self._restore()):
+                if max(stationarity, self._complementarity(0.0)) <= _ACCEPTABLE:
+                    return "", iteration
                 return "line search and restoration failed", iteration
         return "iteration limit reached", max_iterations
 
@@ -183,30 +191,42 @@ class _InteriorPoint:
         size = np.abs(residual)
         return _Point(z, theta, residual, loss, gradient, float(size.sum()), float(size.max()))
 
-    def _error(self, barrier: float) -> float:
-        """E_mu of (5); its dual part is the gradient along G = 0, which no multipliers distort."""
-        gap = self.point.theta - self.floor
+    def _stationarity(self) -> float:
+        """The parts of E_mu (5) that do not depend on mu.
+
+        The dual part is the gradient along G = 0, which the multipliers of G do not enter.
+        """
         gradient = self.reduced_gradient.copy()
         gradient[self.nx :] -= self.duals
-        dual_scale = max(1.0, np.abs(self.duals).mean() / 100)
-        complementarity = np.abs(gap * self.duals - barrier).max()
-        stationarity = np.abs(self.tangent.T @ gradient).max(initial=0.0)
-        return max(self.point.infeasibility, stationarity / dual_scale, complementarity / dual_scale)
+        along = np.abs(self.tangent.T @ gradient).max(initial=0.0)
+        return max(self.point.infeasibility, float(along) / self._dual_scale())
 
-    def _lower_barrier(self) -> None:
+    def _complementarity(self, barrier: float) -> float:
+        products = (self.point.theta - self.floor) * self.duals
+        return float(np.abs(products - barrier).max()) / self._dual_scale()
+
+    def _dual_scale(self) -> float:
+        """s_d and s_c of (6)."""
+        return max(1.0, float(self.duals.sum()) / (100 * len(self.duals)))
+
+    def _lower_barrier(self, stationarity: float) -> None:
         """(7), as often as the present point allows."""
-        least = _TOLERANCE / 10
-        while self.barrier > least and self._error(self.barrier) <= (
-            _BARRIER_ACCURACY * self.barrier
-        ):
-            linear, power = _BARRIER_FACTORS
-            self.barrier = max(least, min(linear * self.barrier, self.barrier**power))
-            self.filter.clear()
+        while self.barrier > _TOLERANCE / 10 and max(
+            stationarity, self._complementarity(self.barrier)
+        ) <= (_BARRIER_ACCURACY * self.barrier):
+            self._reduce_barrier()
+
+    def _reduce_barrier(self) -> None:
+        linear, power = _BARRIER_FACTORS
+        self.barrier = max(_TOLERANCE / 10, min(linear * self.barrier, self.barrier**power))
+        self.filter.clear()
+
+    def _is_rounding(self, direction: _Direction) -> bool:
+        """Whether a step would change nothing that floating point can tell."""
+        change = np.abs(direction.dz) / (1 + np.abs(self.point.z))
+        return max(change.max(), np.abs(direction.dtheta).max()) < 10 * np.finfo(float).eps
 
     # ---- the linear system ------------------------------------------------------------------
-
-    def _reduce(self, gradient: np.ndarray) -> np.ndarray:
-        return self.solver.reduce(gradient)
 
     def _factorise(self) -> bool:
         """Cholesky factor of the tangent Hessian, shifted until it is positive definite (IC)."""
@@ -241,11 +261,11 @@ class _InteriorPoint:
         curvature, curvature_theta = solver.hessian_product(normal, np.zeros_like(point.theta))
         if self.shift:
             curvature += self.shift * self.moving * normal
-        gradient = self.reduced_gradient + self._reduce(curvature)
+        gradient = self.reduced_gradient + solver.reduce(curvature)
         gradient[self.nx :] += curvature_theta - self.barrier / (point.theta - self.floor)
         reduced, _ = dpotrs(self.factor, -self.tangent.T @ gradient, lower=1)
         d = self.tangent @ reduced
-        return _Direction(normal + solver.expand(d), d[self.nx :], reduced)
+        return _Direction(normal + solver.expand(d), d[self.nx :])
 
     def _next_multipliers(self, direction: _Direction) -> np.ndarray:
         """Multipliers of G at the full step: the rows of z in (11)."""
@@ -265,9 +285,7 @@ class _InteriorPoint:
         longest = _longest_step(gap, direction.dtheta, boundary)
         length = longest
         while length >= self._shortest_step(slope, longest):
-            trial = self._evaluate(
-                point.z + length * direction.dz, point.theta + length * direction.dtheta
-            )
+            trial = self._trial(direction, length)
             if self._acceptable(trial, slope, length):
                 self._accept(trial, direction, slope, length, length)
                 return True
@@ -297,9 +315,7 @@ class _InteriorPoint:
                 return None
             correction = self._direction(residual)
             step = _longest_step(point.theta - self.floor, correction.dtheta, boundary)
-            trial = self._evaluate(
-                point.z + step * correction.dz, point.theta + step * correction.dtheta
-            )
+            trial = self._trial(correction, step)
             if self._acceptable(trial, slope, length):
                 return trial, step
             if not trial.violation <= 0.99 * violation:
@@ -351,11 +367,21 @@ class _InteriorPoint:
             <= self._barrier_objective(point) + 1e-8 * length * slope
         ):
             self._block(point)
-        gap = point.theta - self.floor
+        self._take(trial, direction, used)
+
+    def _trial(self, direction: _Direction, length: float) -> _Point:
+        point = self.point
+        return self._evaluate(
+            point.z + length * direction.dz, point.theta + length * direction.dtheta
+        )
+
+    def _take(self, trial: _Point, direction: _Direction, length: float) -> None:
+        """Move to a trial point, with the multipliers that belong to its direction (14)."""
+        gap = self.point.theta - self.floor
         dual_step = self.barrier / gap - self.duals - self.duals / gap * direction.dtheta
         boundary = max(0.99, 1 - self.barrier)
         self.duals = self.duals + _longest_step(self.duals, dual_step, boundary) * dual_step
-        self.multipliers += used * (self._next_multipliers(direction) - self.multipliers)
+        self.multipliers += length * (self._next_multipliers(direction) - self.multipliers)
         self._move(trial)
 
     def _block(self, point: _Point) -> None:
@@ -387,6 +413,7 @@ class _InteriorPoint:
         return True
 
 
+@lru_cache(maxsize=32)
 def _tangent(num_states: int, players: int, weights: int) -> np.ndarray:
     """Orthonormal basis of the changes (dx_1, dtheta) that keep every player's sum of weights."""
     sums = null_space(np.ones((1, weights)))

@@ -56,9 +56,7 @@ def newton_root(
     return Root(*unpack(game, points[0]), residual=float(residuals[0]))
 
 
-def pack(
-    game: Game, states: np.ndarray, controls: np.ndarray, costates: np.ndarray
-) -> np.ndarray:
+def pack(game: Game, states: np.ndarray, controls: np.ndarray, costates: np.ndarray) -> np.ndarray:
     """Rows z_t = (x_t, u_t, lambda_t) (..., T, size) of ``games.elimination``."""
     lead, (steps, players, n) = states.shape[:-3], game.state_shape
     inputs = players * n, players * game.dynamics.control_size

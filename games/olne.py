@@ -87,8 +87,9 @@ def solve_olne(
         max_rounds: rounds of best responses per attempt.
 
     Returns:
-        The first certified equilibrium among the attempts (continuation, plain IBR, damped IBR),
-        or the last attempt with ``certificate.passed`` False. Never raises for a game without a solution.
+        The first certified equilibrium among the attempts (continuation, plain IBR, damped
+        IBR), or the last attempt with ``certificate.passed`` False. Never raises for a game
+        without a solution.
 
     Raises:
         ValueError: on arguments of a wrong shape or non-finite values.
