@@ -16,6 +16,8 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import spsolve
 
 from games.game import Game, player_cost, trajectory_symbols
 
@@ -73,6 +75,19 @@ class KktSystem:
     def cost_function(self) -> ca.Function:
         """The players' costs as a function of (states, controls, weights), flat."""
         return ca.Function("J", [self.states, self.controls, self.weights], [self.costs])
+
+    @cached_property
+    def costate_function(self) -> ca.Function:
+        """(B, b) of the grad_x rows B lambda + b as a function of (states, controls, weights)."""
+        zero = ca.SX.zeros(self.costates.numel())
+        return ca.Function(
+            "grad_x",
+            [self.states, self.controls, self.weights],
+            [
+                ca.jacobian(self.stationarity_states, self.costates),
+                ca.substitute(self.stationarity_states, self.costates, zero),
+            ],
+        )
 
     @property
     def _arguments(self) -> list[ca.SX]:
@@ -142,3 +157,18 @@ def kkt_residual_norm(
     function = kkt_system(game).residual_function
     residual = function(states.ravel(), controls.ravel(), costates.ravel(), weights.ravel())
     return float(np.abs(np.array(residual)).max())
+
+
+def consistent_costates(
+    game: Game, states: np.ndarray, controls: np.ndarray, weights: np.ndarray
+) -> np.ndarray:
+    """Costates (T-1, N, n) that make a trajectory stationary in its states.
+
+    The grad_x rows of G are linear in the costates and triangular in time (the adjoint
+    recursion), so every trajectory has exactly one such set; only the grad_u rows are left to
+    tell whether it is an equilibrium.
+    """
+    function = kkt_system(game).costate_function
+    matrix, offset = function(states.ravel(), controls.ravel(), weights.ravel())
+    costates = spsolve(csc_matrix(matrix), -np.array(offset).ravel())
+    return costates.reshape(states[1:].shape)

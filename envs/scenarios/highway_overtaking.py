@@ -39,8 +39,8 @@ CARS = (
 )
 
 
-def make(seed: int = 0) -> Scenario:
-    """The fixed scenario; every seed gives the same."""
+def make() -> Scenario:
+    """The fixed scenario."""
     return Scenario(
         name="highway_overtaking",
         game=Game(tuple(_player(car) for car in CARS), UNICYCLE, HORIZON, DT),

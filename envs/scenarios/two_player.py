@@ -19,8 +19,8 @@ HEADING_OFFSET = np.deg2rad(10)  # [rad]
 INITIAL_SPEED = 0.1  # [m/s]
 
 
-def make(seed: int = 0) -> Scenario:
-    """The fixed scenario; every seed gives the same."""
+def make() -> Scenario:
+    """The fixed scenario."""
     return Scenario(
         name="two_player",
         game=Game(tuple(_player(d) for d in DIRECTIONS), UNICYCLE, HORIZON, DT),

@@ -1,0 +1,47 @@
+"""Rolling median and quartiles that count failures."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+
+@dataclass(frozen=True)
+class RollingStatistics:
+    """Statistics of W windows of consecutive points.
+
+    Attributes:
+        x: (W,) mean abscissa.
+        lower: (W,) first quartile of the ordinate.
+        median: (W,) its median.
+        upper: (W,) its third quartile.
+    """
+
+    x: np.ndarray
+    lower: np.ndarray
+    median: np.ndarray
+    upper: np.ndarray
+
+
+def rolling_statistics(
+    x: np.ndarray, y: np.ndarray, count: np.ndarray, window: int
+) -> RollingStatistics:
+    """Median and quartiles over a window of points ordered by x.
+
+    Quantiles are order statistics, the higher one where two would do: a value that occurred,
+    never a mean of a number and a failure.
+
+    Args:
+        x: (P,) abscissae.
+        y: (P,) ordinates; a failure is infinite, hence worse than all others.
+        count: (P,) how often each point occurs.
+        window: points per window. Fewer points than that give no statistics (W = 0).
+    """
+    order = np.argsort(x, kind="stable")
+    x, y = (np.repeat(values[order], count[order]) for values in (x, y))
+    if len(x) < window:
+        empty = np.empty(0)
+        return RollingStatistics(empty, empty, empty, empty)
+    windows = sliding_window_view(y, window)
+    lower, median, upper = np.quantile(windows, (0.25, 0.5, 0.75), axis=1, method="higher")
+    return RollingStatistics(sliding_window_view(x, window).mean(axis=1), lower, median, upper)

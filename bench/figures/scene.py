@@ -1,0 +1,109 @@
+"""The truth behind trials, and the plane in which it is drawn."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from bench.figures import style
+from envs.recording import NoEquilibriumError, Recording, record
+from envs.scenarios import get_scenario
+
+_MARGIN = 0.12  # of its own extent, on each side
+_LEAST_MARGIN = 0.05  # of the larger extent
+_ELONGATED = 2.0  # ratio of extents from which a scene is drawn along the page
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One recording and the trials that observed it.
+
+    Attributes:
+        recording: the truth.
+        trials: rows of the scenario with this truth: all of them in a fixed scenario, one draw's
+            in a seeded family.
+        axes_order: which position component is drawn to the right and which upwards.
+        limits: ((low, high) to the right, (low, high) upwards) [m].
+    """
+
+    recording: Recording
+    trials: pd.DataFrame
+    axes_order: tuple[int, int]
+    limits: tuple[tuple[float, float], tuple[float, float]]
+
+    @property
+    def extents(self) -> tuple[float, float]:
+        """Width and height [m]."""
+        (left, right), (bottom, top) = self.limits
+        return right - left, top - bottom
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether panels belong below rather than beside each other."""
+        width, height = self.extents
+        return width > _ELONGATED * height
+
+    def plane(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates to the right and upwards of states (..., n)."""
+        return states[..., self.axes_order[0]], states[..., self.axes_order[1]]
+
+    def frame(self, axes: Axes) -> None:
+        """Limits, equal aspect and axis labels."""
+        names = self.recording.scenario.game.dynamics.state_names
+        right, up = self.axes_order
+        axes.set(xlim=self.limits[0], ylim=self.limits[1], aspect="equal")
+        axes.set(xlabel=f"{names[right]} [m]", ylabel=f"{names[up]} [m]")
+
+
+def player_colour(player: int) -> str:
+    """Colour of a player, the same in all figures."""
+    return style.PLAYER_COLOURS[player % len(style.PLAYER_COLOURS)]
+
+
+def scene_of(trials: pd.DataFrame) -> Scene | None:
+    """The scene of one scenario's trials; None if the scenario is unknown or has no equilibrium.
+
+    Of a seeded family it is the lowest seed's draw.
+    """
+    name = trials["scenario"].iloc[0]
+    seed = int(trials["seed"].min())
+    try:
+        recording = _recording(name, seed)
+        same = [s for s in trials["seed"].unique() if _same_truth(name, seed, int(s))]
+    except (ValueError, NoEquilibriumError):
+        return None
+    positions = recording.states[..., :2].reshape(-1, 2)
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    extents = high - low
+    margins = np.maximum(_MARGIN * extents, _LEAST_MARGIN * extents.max())
+    limits = [(float(a), float(b)) for a, b in zip(low - margins, high + margins, strict=True)]
+    width, height = (b - a for a, b in limits)
+    order = (1, 0) if height > _ELONGATED * width else (0, 1)
+    rows = trials[trials["seed"].isin(same)]
+    return Scene(recording, rows, order, (limits[order[0]], limits[order[1]]))
+
+
+def estimated_weights(value: Any, scene: Scene) -> np.ndarray | None:
+    """Weights (N, K) of a row, or None where the trial left none that the game can take."""
+    try:
+        rows = np.array([list(row) for row in value], dtype=float)
+        return scene.recording.scenario.game.check_weights(rows)
+    except (TypeError, ValueError):
+        return None
+
+
+def _same_truth(name: str, seed: int, other: int) -> bool:
+    a, b = get_scenario(name, seed), get_scenario(name, other)
+    return (
+        a.game == b.game
+        and np.array_equal(a.weights, b.weights)
+        and np.array_equal(a.initial_state, b.initial_state)
+    )
+
+
+@lru_cache(maxsize=8)
+def _recording(name: str, seed: int) -> Recording:
+    return record(get_scenario(name, seed))
