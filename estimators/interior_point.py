@@ -24,13 +24,13 @@ import numpy as np
 from scipy.linalg import block_diag, null_space
 from scipy.linalg.lapack import dpotrf, dpotrs
 
+from estimators.joint_problem import JointPoint, JointSolution
 from games.elimination import Elimination
 from games.game import Game
 from games.native import elimination
 from games.newton import pack, unpack
 from games.observation import View
 
-_FIRST_BARRIER = 0.1
 _TOLERANCE = 1e-9
 _ACCEPTABLE = 1e-6  # where rounding forbids more
 _BARRIER_FACTORS = (0.2, 1.5)  # kappa_mu, theta_mu of (7)
@@ -40,42 +40,14 @@ _MAX_CORRECTIONS = 4  # second-order corrections per iteration
 _FIRST_SHIFT, _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e-20, 1e20
 
 
-@dataclass(frozen=True)
-class JointSolution:
-    """A point of the joint problem.
-
-    Attributes:
-        states: (T, N, n).
-        controls: (T-1, N, m).
-        costates: (T-1, N, n).
-        weights: (N, K), rows sum to one.
-        objective: sum of squared observation errors.
-        residual: max |G|.
-        iterations: interior-point iterations.
-        converged: whether the point is a local optimum to the tolerance.
-        message: why not, in one line; empty where converged.
-    """
-
-    states: np.ndarray
-    controls: np.ndarray
-    costates: np.ndarray
-    weights: np.ndarray
-    objective: float
-    residual: float
-    iterations: int
-    converged: bool
-    message: str
-
-
 def solve_joint(
     game: Game,
     view: View,
     y: np.ndarray,
-    states: np.ndarray,
-    controls: np.ndarray,
+    start: JointPoint,
     *,
     weight_floor: float = 1e-5,
-    weights: np.ndarray | None = None,
+    first_barrier: float = 0.1,
     max_iterations: int = 300,
     limit: float = 60.0,
 ) -> JointSolution:
@@ -85,10 +57,9 @@ def solve_joint(
         game: the game.
         view: the observation model.
         y: (T, N, d) observations, NaN where missing.
-        states: (T, N, n) start.
-        controls: (T-1, N, m) start.
+        start: its weights lie above the floor and have row sums of one.
         weight_floor: lower bound of every weight, below 1/K.
-        weights: (N, K) start, above the floor, rows of sum one; uniform where absent.
+        first_barrier: barrier parameter to begin with.
         max_iterations: iterations at most.
         limit: wall-clock seconds at most.
 
@@ -102,21 +73,17 @@ def solve_joint(
         )
     solver = elimination(game, view)
     solver.set_observations(y.reshape(game.horizon, -1))
-    if weights is None:
-        weights = np.full((game.num_players, game.num_weights), 1 / game.num_weights)
-    z = pack(game, states, controls, np.zeros((game.horizon - 1, *states.shape[1:])))
-    method = _InteriorPoint(game, solver, weight_floor)
+    method = _InteriorPoint(game, solver, weight_floor, first_barrier)
+    z = pack(game, start.states, start.controls, start.costates)
     with np.errstate(all="ignore"):  # trial points may overflow; they are then refused
-        outcome, iterations = method.run(z, weights.ravel(), max_iterations, limit)
+        message, iterations = method.run(z, start.weights.ravel(), max_iterations, limit)
     best = method.point
     return JointSolution(
-        *unpack(game, best.z),
-        weights=best.theta.reshape(weights.shape),
-        objective=best.loss,
-        residual=best.infeasibility,
+        point=JointPoint(*unpack(game, best.z), best.theta.reshape(start.weights.shape)),
+        objective=best.objective,
         iterations=iterations,
-        converged=not outcome,
-        message=outcome,
+        converged=not message,
+        message=message,
     )
 
 
@@ -125,7 +92,7 @@ class _Point:
     z: np.ndarray
     theta: np.ndarray
     residual: np.ndarray
-    loss: float
+    objective: float
     gradient: np.ndarray
     violation: float  # |G|_1
     infeasibility: float  # max |G|
@@ -140,12 +107,12 @@ class _Direction:
 class _InteriorPoint:
     """State of one run."""
 
-    def __init__(self, game: Game, solver: Elimination, floor: float) -> None:
+    def __init__(self, game: Game, solver: Elimination, floor: float, first_barrier: float) -> None:
         self.solver, self.floor = solver, floor
         self.nx, nu = solver.stages.num_states, solver.stages.num_controls
         self.moving = np.arange(solver.stages.size) < self.nx + nu  # states and controls
         self.tangent = _tangent(self.nx, game.num_players, game.num_weights)
-        self.barrier = _FIRST_BARRIER
+        self.barrier = first_barrier
         self.shift = self.last_shift = 0.0
         self.filter: list[tuple[float, float]] = []
 
@@ -159,7 +126,7 @@ class _InteriorPoint:
         self.point = self._evaluate(z, theta)
         self.multipliers = np.zeros_like(z)
         self.duals = np.ones_like(theta)  # of the bounds
-        if not np.isfinite(self.point.violation + self.point.loss):
+        if not np.isfinite(self.point.violation + self.point.objective):
             return "the start is not finite", 0
         self.first_violation = max(1.0, self.point.violation)
         for iteration in range(max_iterations):
@@ -189,7 +156,15 @@ class _InteriorPoint:
         residual = self.solver.evaluate(z, theta)
         loss, gradient = self.solver.observation_loss(z)
         size = np.abs(residual)
-        return _Point(z, theta, residual, loss, gradient, float(size.sum()), float(size.max()))
+        return _Point(
+            z=z,
+            theta=theta,
+            residual=residual,
+            objective=loss,
+            gradient=gradient,
+            violation=float(size.sum()),
+            infeasibility=float(size.max()),
+        )
 
     def _stationarity(self) -> float:
         """The parts of E_mu (5) that do not depend on mu.
@@ -325,7 +300,7 @@ class _InteriorPoint:
         return None
 
     def _barrier_objective(self, point: _Point) -> float:
-        return point.loss - self.barrier * float(np.log(point.theta - self.floor).sum())
+        return point.objective - self.barrier * float(np.log(point.theta - self.floor).sum())
 
     def _acceptable(self, trial: _Point, slope: float, length: float) -> bool:
         """To the filter, and either of sufficient decrease (20) or of progress (18)."""
