@@ -313,9 +313,11 @@ class _InteriorPoint:
             return False
         rounding = 10 * np.finfo(float).eps * abs(now)
         if self._decreases(slope, length):
-            return then <= now + 1e-8 * length * slope + rounding
+            return bool(then <= now + 1e-8 * length * slope + rounding)
         enough = (1 - 1e-5) * self.point.violation
-        return trial.violation <= enough or then <= now - 1e-8 * self.point.violation + rounding
+        return bool(
+            trial.violation <= enough or then <= now - 1e-8 * self.point.violation + rounding
+        )
 
     def _decreases(self, slope: float, length: float) -> bool:
         """The switching condition (19), where the point is almost feasible."""

@@ -234,8 +234,8 @@ def _half(hessian: ca.SX) -> ca.SX:
 def _nonzeros(name: str, block: ca.SX) -> tuple[Pattern, ca.SX]:
     block = ca.sparsify(block)
     rows, columns = block.sparsity().get_triplet()
-    values = ca.vertcat(*block.nonzeros()) if rows else ca.SX(0, 1)
-    return Pattern(name, np.array(rows, dtype=np.int32), np.array(columns, dtype=np.int32)), values
+    pattern = Pattern(name, np.array(rows, dtype=np.int32), np.array(columns, dtype=np.int32))
+    return pattern, block.nz[:] if rows else ca.SX(0, 1)
 
 
 def _stack(**blocks: ca.SX) -> tuple[tuple[Pattern, ...], ca.SX]:
