@@ -6,6 +6,7 @@ The results are roots, not certified equilibria: near a certified equilibrium th
 are equilibria as well, and ``games.olne.certify`` tells.
 """
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ import numpy as np
 from games.game import Game
 from games.newton import Root, linearised, pack, unpack
 from games.olne import RESIDUAL_TOLERANCE, Equilibrium
+
+#: Steps from the start's weights to those where one leap of prediction and Newton fails.
+_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -76,18 +80,34 @@ def solve_batch(
         )
     if not np.isfinite(initial_states).all():
         raise ValueError("initial_states must be finite")
-    initial_states = np.broadcast_to(initial_states, (count, *first.shape)).reshape(count, -1)
+    initial_states = np.broadcast_to(initial_states, (count, *first.shape))
+    initial_states = initial_states.reshape(count, first.size)
 
     solver = linearised(game, start.states, start.controls, start.costates, start_weights)
     point = pack(game, start.states, start.controls, start.costates)
     columns = solver.sensitivities().reshape(point.size, -1)
-    flat = weights.reshape(count, -1)
+    flat = weights.reshape(count, start_weights.size)
     change = np.hstack([initial_states - first.ravel(), flat - start_weights.ravel()])
     points = point + (change @ columns.T).reshape(count, *point.shape)
     points[:, 0, : first.size] = initial_states  # to the last digit
+    deadline = time.monotonic() + limit
     residuals, iterations = solver.newton(
         points, flat, tolerance=tolerance, max_iterations=max_iterations, limit=limit
     )
+    (left,) = np.nonzero(~(residuals < tolerance))
+    trial, trial_residuals = np.repeat(point[None], len(left), axis=0), residuals[left]
+    for share in np.arange(1, _STEPS + 1) / _STEPS:
+        trial[:, 0, : first.size] = point[0, : first.size] + share * change[left, : first.size]
+        trial_residuals, more = solver.newton(
+            trial,
+            start_weights.ravel() + share * change[left, first.size :],
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            limit=max(0.0, deadline - time.monotonic()),
+        )
+        iterations[left] += more
+    better = trial_residuals < residuals[left]
+    points[left[better]], residuals[left[better]] = trial[better], trial_residuals[better]
     return Batch(*unpack(game, points), residuals=residuals, iterations=iterations)
 
 

@@ -500,8 +500,9 @@ static void norms(const double *v, int n, double *largest, double *squares)
     *largest = *squares = 0;
     for (int i = 0; i < n; i++) {
         *squares += v[i] * v[i];
-        if (!(fabs(v[i]) <= *largest)) *largest = fabs(v[i]); /* lets NaN through */
+        *largest = fmax(*largest, fabs(v[i]));
     }
+    if (!isfinite(*squares)) *largest = *squares; /* fmax drops NaN */
 }
 
 /* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays: see games/newton.py, which

@@ -74,7 +74,7 @@ def unpack(game: Game, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     own = (*lead, steps - 1, players)
     return (
         z[..., : inputs[0]].reshape(*lead, steps, players, n).copy(),
-        z[..., :-1, inputs[0] : sum(inputs)].reshape(*own, -1).copy(),
+        z[..., :-1, inputs[0] : sum(inputs)].reshape(*own, game.dynamics.control_size).copy(),
         z[..., :-1, sum(inputs) :].reshape(*own, n).copy(),
     )
 
