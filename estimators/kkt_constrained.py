@@ -73,11 +73,15 @@ class KktConstrained:
                 break
         # A start that did not converge never beats one that did.
         best = min(attempts, key=lambda attempt: (not attempt.converged, attempt.objective))
+        unseen = np.flatnonzero(~np.isfinite(observation.y).any(axis=(0, 2)))
+        message = best.message
+        if unseen.size:  # the optimum exists, but says nothing about these players
+            message = f"never seen, hence not identified: player {', '.join(map(str, unseen))}"
         return Estimate(
             weights=best.point.weights,
             states=best.point.states,
-            converged=best.converged,
-            message=best.message,
+            converged=best.converged and not unseen.size,
+            message=message,
             extras={"objective": best.objective, "starts": len(attempts)},
         )
 
