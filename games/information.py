@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag, null_space
 from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 from games.game import Game
 from games.kkt import kkt_system
+from games.newton import linearised
 from games.observation import View
 
 #: Above this condition number of the information matrix some weights are not identifiable.
@@ -38,13 +38,13 @@ def trajectory_sensitivity(
         controls: (T-1, N, m).
         costates: (T-1, N, n).
         weights: (N, K).
+
+    Raises:
+        ValueError: where G_z is singular, so that the equilibrium is no function of them.
     """
-    in_unknowns, in_parameters = _jacobians(game)
-    point = (states.ravel(), controls.ravel(), costates.ravel(), weights.ravel())
-    factor = splu(csc_matrix(in_unknowns(*point)))
-    inner = -factor.solve(np.array(in_parameters(*point)))[: states[1:].size]
-    initial = np.hstack([np.zeros((states[0].size, weights.size)), np.eye(states[0].size)])
-    return np.vstack([initial, inner])
+    solver = linearised(game, states, controls, costates, weights)
+    columns = solver.sensitivities()[:, : states[0].size].reshape(states.size, -1)
+    return np.hstack([columns[:, states[0].size :], columns[:, : states[0].size]])
 
 
 def weight_covariance(
@@ -89,17 +89,6 @@ def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
         projection = np.eye(count) - np.outer(theta, theta) / squared
         errors.append(np.trace(projection @ block) / (2 * squared))
     return float(np.mean(errors))
-
-
-@lru_cache(maxsize=16)
-def _jacobians(game: Game) -> tuple[ca.Function, ca.Function]:
-    system = kkt_system(game)
-    arguments = [system.states, system.controls, system.costates, system.weights]
-    parameters = ca.vertcat(system.weights, system.initial_state)
-    return (
-        ca.Function("G_z", arguments, [ca.jacobian(system.residual, system.unknowns)]),
-        ca.Function("G_p", arguments, [ca.densify(ca.jacobian(system.residual, parameters))]),
-    )
 
 
 @lru_cache(maxsize=16)

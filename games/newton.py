@@ -1,18 +1,12 @@
 """Newton's method on the stacked first-order conditions G(z; theta, x_1) = 0."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
+from games.elimination import Elimination
 from games.game import Game
-from games.kkt import kkt_system
-
-#: Smallest step length tried before the line search gives up.
-_SMALLEST_STEP = 2.0**-12
+from games.native import elimination
 
 
 @dataclass(frozen=True)
@@ -34,6 +28,7 @@ def newton_root(
     *,
     tolerance: float = 1e-12,
     max_iterations: int = 50,
+    limit: float = 60.0,
 ) -> Root:
     """Polish a trajectory into a root of G by Newton steps with backtracking on |G|_2.
 
@@ -45,53 +40,55 @@ def newton_root(
         weights: (N, K).
         tolerance: stop once max |G| falls below.
         max_iterations: stop at the latest after as many steps.
+        limit: stop at the latest after as many wall-clock seconds.
 
     Returns:
         The best point reached; the caller judges its ``residual``.
     """
-    evaluate, jacobian = _newton_functions(game)
-    parameters = (states[0].ravel(), weights.ravel())
-    point = np.concatenate([states[1:].ravel(), controls.ravel(), costates.ravel()])
-    value = _vector(evaluate(point, *parameters))
-    for _ in range(max_iterations):
-        if np.abs(value).max() < tolerance:
-            break
-        try:
-            step = splu(csc_matrix(jacobian(point, *parameters))).solve(-value)
-        except RuntimeError:  # exactly singular
-            break
-        length = 1.0
-        while length >= _SMALLEST_STEP:
-            trial = point + length * step
-            trial_value = _vector(evaluate(trial, *parameters))
-            # NaN compares false, so an undefined trial point is refused as well.
-            if np.linalg.norm(trial_value) < (1 - 1e-4 * length) * np.linalg.norm(value):
-                break
-            length /= 2
-        else:
-            break
-        point, value = trial, trial_value
-
-    head = states[1:].size
-    tail = head + controls.size
-    return Root(
-        states=np.concatenate([states[:1], point[:head].reshape(states[1:].shape)]),
-        controls=point[head:tail].reshape(controls.shape),
-        costates=point[tail:].reshape(costates.shape),
-        residual=float(np.abs(value).max()),
+    points = pack(game, states, controls, costates)[None]
+    residuals, _ = elimination(game).newton(
+        points,
+        np.asarray(weights, dtype=float).reshape(1, -1),
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        limit=limit,
     )
+    return Root(*unpack(game, points[0]), residual=float(residuals[0]))
 
 
-def _vector(value: ca.DM) -> np.ndarray:
-    return np.array(value).ravel()
+def pack(game: Game, states: np.ndarray, controls: np.ndarray, costates: np.ndarray) -> np.ndarray:
+    """Rows z_t = (x_t, u_t, lambda_t) (..., T, size) of ``games.elimination``."""
+    lead, (steps, players, n) = states.shape[:-3], game.state_shape
+    inputs = players * n, players * game.dynamics.control_size
+    z = np.zeros((*lead, steps, 2 * inputs[0] + inputs[1]))
+    z[..., : inputs[0]] = states.reshape(*lead, steps, -1)
+    z[..., :-1, inputs[0] : sum(inputs)] = controls.reshape(*lead, steps - 1, -1)
+    z[..., :-1, sum(inputs) :] = costates.reshape(*lead, steps - 1, -1)
+    return z
 
 
-@lru_cache(maxsize=64)
-def _newton_functions(game: Game) -> tuple[ca.Function, ca.Function]:
-    system = kkt_system(game)
-    arguments = [system.unknowns, system.initial_state, system.weights]
-    jacobian = ca.jacobian(system.residual, system.unknowns)
+def unpack(game: Game, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States (..., T, N, n), controls and costates of rows z_t; the inverse of ``pack``."""
+    lead, (steps, players, n) = z.shape[:-2], game.state_shape
+    inputs = players * n, players * game.dynamics.control_size
+    own = (*lead, steps - 1, players)
     return (
-        ca.Function("G", arguments, [system.residual]),
-        ca.Function("G_z", arguments, [jacobian]),
+        z[..., : inputs[0]].reshape(*lead, steps, players, n).copy(),
+        z[..., :-1, inputs[0] : sum(inputs)].reshape(*own, game.dynamics.control_size).copy(),
+        z[..., :-1, sum(inputs) :].reshape(*own, n).copy(),
     )
+
+
+def linearised(
+    game: Game, states: np.ndarray, controls: np.ndarray, costates: np.ndarray, weights: np.ndarray
+) -> Elimination:
+    """The game's elimination, factorised at a point.
+
+    Raises:
+        ValueError: where the first-order conditions are singular at the point.
+    """
+    solver = elimination(game)
+    z = pack(game, states, controls, costates)
+    if not solver.linearise(z, np.asarray(weights, dtype=float).ravel()):
+        raise ValueError("the first-order conditions are singular at this trajectory")
+    return solver

@@ -1,9 +1,10 @@
 """Forward games: find an open-loop Nash equilibrium and certify it.
 
-The solver is iterated best response (IBR, Wang et al. 2019; the paper's ground truth) followed by
-Newton's method on the stacked first-order conditions. IBR leads into the basin of a true
-equilibrium, where Newton alone often finds a root that is none; Newton brings the residual to
-machine precision.
+Roots of the stacked first-order conditions come from two sources: continuation in the coupling
+between the players, which takes milliseconds but may end in a root that is a saddle of some
+player's cost; and, where the certificate says so, iterated best response (IBR, Wang et al. 2019;
+the paper's ground truth) followed by Newton's method. IBR leads into the basin of a true
+equilibrium; Newton brings the residual to machine precision.
 """
 
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from games.best_response import best_response
+from games.continuation import follow_coupling
 from games.dynamics import rollout
 from games.game import Game
 from games.kkt import kkt_system
@@ -85,8 +87,9 @@ def solve_olne(
         max_rounds: rounds of best responses per attempt.
 
     Returns:
-        The first certified equilibrium among the attempts (plain IBR, then damped), or the last
-        attempt with ``certificate.passed`` False. Never raises for a game without a solution.
+        The first certified equilibrium among the attempts (continuation, plain IBR, damped
+        IBR), or the last attempt with ``certificate.passed`` False. Never raises for a game
+        without a solution.
 
     Raises:
         ValueError: on arguments of a wrong shape or non-finite values.
@@ -158,6 +161,9 @@ def _guesses(
     max_rounds: int,
 ) -> Iterator[Root]:
     """Starting points for Newton's method, cheapest first."""
+    root = follow_coupling(game, weights, initial_state, controls)
+    if root is not None:
+        yield root
     for damping in (1.0, 0.5):
         yield iterated_best_response(
             game, weights, initial_state, controls, max_rounds=max_rounds, damping=damping

@@ -1,0 +1,68 @@
+"""The joint inverse problem through IPOPT: the reference that the fast solver is held to."""
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from estimators.joint_problem import JointPoint, JointSolution
+from estimators.trajectory_fit import observation_parameters, squared_error
+from games.game import Game
+from games.ipopt import QUIET
+from games.kkt import kkt_system
+from games.observation import View, observation_size
+
+
+def solve_joint_ipopt(
+    game: Game,
+    view: View,
+    y: np.ndarray,
+    start: JointPoint,
+    *,
+    weight_floor: float = 1e-5,
+    first_barrier: float = 0.1,
+    max_iterations: int = 300,
+) -> JointSolution:
+    """Solve the joint problem from one start; arguments as in ``solve_joint``."""
+    solver = joint_solver(game, view, max_iterations, first_barrier)
+    parts = (start.states, start.controls, start.costates, start.weights)
+    first = np.concatenate([part.ravel() for part in parts])
+    lower = np.full(first.size, -np.inf)
+    lower[-start.weights.size :] = weight_floor
+    solution = solver(x0=first, lbx=lower, p=observation_parameters(y), lbg=0, ubg=0)
+    stats = solver.stats()
+    pieces = np.split(np.array(solution["x"]).ravel(), np.cumsum([p.size for p in parts])[:-1])
+    shaped = [piece.reshape(part.shape) for piece, part in zip(pieces, parts, strict=True)]
+    # IPOPT may pass a bound by its tolerance.
+    shaped[-1] = np.maximum(shaped[-1], 0)
+    return JointSolution(
+        point=JointPoint(*shaped),
+        objective=float(solution["f"]),
+        iterations=int(stats["iter_count"]),
+        converged=bool(stats["success"]),
+        message="" if stats["success"] else str(stats["return_status"]),
+    )
+
+
+@lru_cache(maxsize=16)
+def joint_solver(
+    game: Game, view: View, max_iterations: int, first_barrier: float = 0.1
+) -> ca.Function:
+    """Build (or fetch) the solver."""
+    system = kkt_system(game)
+    count = game.horizon * game.num_players * observation_size(view, game.dynamics)
+    y = ca.SX.sym("y", count)
+    seen = ca.SX.sym("seen", y.numel())
+    sums = [ca.sum1(row) for row in ca.vertsplit(system.weights, game.num_weights)]
+    problem = {
+        "x": ca.vertcat(system.states, system.controls, system.costates, system.weights),
+        "p": ca.vertcat(y, seen),
+        "f": squared_error(game, view, system.states, y, seen),
+        "g": ca.vertcat(system.residual, ca.vertcat(*sums) - 1),
+    }
+    options = QUIET | {
+        "ipopt.max_iter": max_iterations,
+        "ipopt.tol": 1e-9,
+        "ipopt.mu_init": first_barrier,
+    }
+    return ca.nlpsol("joint", "ipopt", problem, options)

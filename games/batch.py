@@ -1,0 +1,127 @@
+"""Many forward games at once: roots of the first-order conditions near a known equilibrium.
+
+For methods that play one game at thousands of weights or initial states. A first-order prediction
+by the implicit function theorem, then Newton's method, all in native code where there is any.
+The results are roots, not certified equilibria: near a certified equilibrium they nearly always
+are equilibria as well, and ``games.olne.certify`` tells.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from games.game import Game
+from games.newton import Root, linearised, pack, unpack
+from games.olne import RESIDUAL_TOLERANCE, Equilibrium
+
+#: Steps from the start's weights to those where one leap of prediction and Newton fails.
+_STEPS = 8
+
+
+@dataclass(frozen=True)
+class Batch:
+    """B roots.
+
+    Attributes:
+        states: (B, T, N, n).
+        controls: (B, T-1, N, m).
+        costates: (B, T-1, N, n).
+        residuals: (B,) max |G|.
+        iterations: (B,) Newton steps.
+    """
+
+    states: np.ndarray
+    controls: np.ndarray
+    costates: np.ndarray
+    residuals: np.ndarray
+    iterations: np.ndarray
+
+    @property
+    def converged(self) -> np.ndarray:
+        """(B,) booleans; where False, the trajectory solves nothing."""
+        return self.residuals < RESIDUAL_TOLERANCE
+
+
+def solve_batch(
+    game: Game,
+    weights: np.ndarray,
+    start: Root | Equilibrium,
+    start_weights: np.ndarray,
+    *,
+    initial_states: np.ndarray | None = None,
+    tolerance: float = 1e-10,
+    max_iterations: int = 30,
+    limit: float = 60.0,
+) -> Batch:
+    """Solve a game at many weights and initial states, from one known equilibrium.
+
+    Args:
+        game: the game.
+        weights: (B, N, K), non-negative; rows are scaled to sum one.
+        start: the equilibrium to start from.
+        start_weights: (N, K) its weights.
+        initial_states: (B, N, n) or (N, n); those of ``start`` where absent.
+        tolerance: stop once max |G| falls below.
+        max_iterations: Newton steps per game at most.
+        limit: wall-clock seconds for the batch; what is left then has not converged.
+
+    Raises:
+        ValueError: on a wrong shape, non-finite or negative values, or a singular start.
+    """
+    weights = _check_weights(game, weights)
+    start_weights = game.check_weights(start_weights)
+    count, first = len(weights), start.states[0]
+    initial_states = first if initial_states is None else np.asarray(initial_states, dtype=float)
+    if initial_states.shape not in (first.shape, (count, *first.shape)):
+        raise ValueError(
+            f"initial_states have the shape {initial_states.shape}, expected {first.shape} "
+            f"or {(count, *first.shape)}"
+        )
+    if not np.isfinite(initial_states).all():
+        raise ValueError("initial_states must be finite")
+    initial_states = np.broadcast_to(initial_states, (count, *first.shape))
+    initial_states = initial_states.reshape(count, first.size)
+
+    solver = linearised(game, start.states, start.controls, start.costates, start_weights)
+    point = pack(game, start.states, start.controls, start.costates)
+    columns = solver.sensitivities().reshape(point.size, -1)
+    flat = weights.reshape(count, start_weights.size)
+    change = np.hstack([initial_states - first.ravel(), flat - start_weights.ravel()])
+    points = point + (change @ columns.T).reshape(count, *point.shape)
+    points[:, 0, : first.size] = initial_states  # to the last digit
+    deadline = time.monotonic() + limit
+    residuals, iterations = solver.newton(
+        points, flat, tolerance=tolerance, max_iterations=max_iterations, limit=limit
+    )
+    (left,) = np.nonzero(~(residuals < tolerance))
+    trial, trial_residuals = np.repeat(point[None], len(left), axis=0), residuals[left]
+    for share in np.arange(1, _STEPS + 1) / _STEPS:
+        trial[:, 0, : first.size] = point[0, : first.size] + share * change[left, : first.size]
+        trial_residuals, more = solver.newton(
+            trial,
+            start_weights.ravel() + share * change[left, first.size :],
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            limit=max(0.0, deadline - time.monotonic()),
+        )
+        iterations[left] += more
+    better = trial_residuals < residuals[left]
+    points[left[better]], residuals[left[better]] = trial[better], trial_residuals[better]
+    return Batch(*unpack(game, points), residuals=residuals, iterations=iterations)
+
+
+def _check_weights(game: Game, weights: np.ndarray) -> np.ndarray:
+    weights = np.asarray(weights, dtype=float)
+    expected = (game.num_players, game.num_weights)
+    if weights.ndim != 3 or weights.shape[1:] != expected:
+        raise ValueError(f"weights have the shape {weights.shape}, expected (B, *{expected})")
+    totals = weights.sum(axis=2, keepdims=True)
+    # NaN compares false.
+    bad = ~((weights >= 0) & np.isfinite(weights) & (totals > 0)).all(axis=(1, 2))
+    if bad.any():
+        raise ValueError(
+            f"weights must be finite, non-negative and positive for each player; entry "
+            f"{int(np.argmax(bad))} of the batch is not"
+        )
+    return weights / totals

@@ -1,0 +1,102 @@
+"""Continuation from independent players to the game that they play.
+
+Newton's method from a coasting trajectory finds a root in a third to a half of crossing games
+only. Without the features that look at other players every game falls apart into one optimal
+control problem per player, which Newton solves; from there the weights of those features grow to
+their full size while Newton follows the root.
+"""
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from games.dynamics import rollout
+from games.features import Feature, Stage
+from games.game import Game
+from games.native import elimination
+from games.newton import Root, pack, unpack
+
+#: The continuation gives up below this step of the coupling strength, whose range is 0 to 1.
+_SMALLEST_STEP = 1e-3
+_LARGEST_STEP = 0.34
+
+#: Intermediate roots only have to stay in the basin of Newton's method.
+_LOOSE, _TIGHT = 1e-6, 1e-12
+
+
+def follow_coupling(
+    game: Game,
+    weights: np.ndarray,
+    initial_state: np.ndarray,
+    controls: np.ndarray,
+    *,
+    max_factorisations: int = 400,
+    limit: float = 60.0,
+) -> Root | None:
+    """Find a root of G by continuation in the coupling between players.
+
+    Args:
+        game: the game.
+        weights: (N, K).
+        initial_state: (N, n).
+        controls: (T-1, N, m) first plans.
+        max_factorisations: budget of Newton steps.
+        limit: wall-clock seconds for any one strength of the coupling.
+
+    Returns:
+        A root (its residual says how good), or None where the path was lost.
+    """
+    solver = elimination(game)
+    states = rollout(game.dynamics, initial_state, controls, game.dt)
+    point = pack(game, states, controls, np.zeros_like(states[1:]))[None]
+    coupled, used = coupled_features(game), 0
+
+    def root_at(strength: float) -> tuple[np.ndarray, float, int]:
+        trial = point.copy()
+        residuals, iterations = solver.newton(
+            trial,
+            np.where(coupled, strength * weights, weights).reshape(1, -1),
+            tolerance=_TIGHT if strength == 1 else _LOOSE,
+            max_iterations=50 if strength in (0, 1) else 15,
+            limit=limit,
+        )
+        return trial, float(residuals[0]), int(iterations[0])
+
+    strength, step = 0.0, _LARGEST_STEP
+    point, residual, used = root_at(0.0)
+    if not residual < _LOOSE:
+        return None
+    while strength < 1:
+        target = min(1.0, strength + step)
+        trial, residual, iterations = root_at(target)
+        used += iterations
+        if residual < _LOOSE:
+            strength, point = target, trial
+            step = min(_LARGEST_STEP, 2 * step)
+        else:
+            step /= 3
+        if step < _SMALLEST_STEP or used > max_factorisations:
+            return None
+    return Root(*unpack(game, point[0]), residual=residual)
+
+
+@lru_cache(maxsize=64)
+def coupled_features(game: Game) -> np.ndarray:
+    """(N, K) booleans: does this preference of this player look at other players?"""
+    return np.array(
+        [
+            [_is_coupled(game, i, feature) for feature in player.preferences]
+            for i, player in enumerate(game.players)
+        ]
+    )
+
+
+def _is_coupled(game: Game, player: int, feature: Feature) -> bool:
+    states = tuple(ca.SX.sym(f"x{j}", game.dynamics.state_size) for j in range(game.num_players))
+    control = ca.SX.sym("u", game.dynamics.control_size)
+    others = ca.vertcat(*(x for j, x in enumerate(states) if j != player))
+    running = Stage(player, states, control, game.dynamics, game.dt)
+    final = Stage(player, states, None, game.dynamics, game.dt)
+    cost = ca.SX(feature.running_cost(running)) + feature.final_cost(final)
+    return bool(others.numel()) and bool(ca.depends_on(cost, others))

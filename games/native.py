@@ -1,0 +1,326 @@
+"""Compiles ``elimination.c`` for one structure of game and calls it through ``ctypes``.
+
+CasADi writes the stage functions as C. Their numeric constants are moved into run-time tables, so
+that games which differ in goals, targets or dt share one compiled library, for any horizon. The
+library is kept in the user's cache folder under a hash of its source, flags and processor. Where
+there is no compiler, ``games.elimination`` does the same in NumPy.
+
+Environment: ``CC`` names the compiler (default ``cc``); ``OLNE_BENCH_CACHE`` the cache folder
+(default ``~/.cache/olne-bench``); ``OLNE_BENCH_NATIVE=0`` switches native code off.
+"""
+
+import ctypes
+import hashlib
+import logging
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from games.elimination import SMALLEST_STEP, Elimination
+from games.game import Game
+from games.observation import VIEWS, View
+from games.stages import Pattern, StageFunctions, stage_functions
+
+_FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fvisibility=hidden", "-fno-math-errno")
+_LOG = logging.getLogger(__name__)
+_CONSTANT = re.compile(r"^(\s*a\d+=)(-?\d+\.\d*(?:e[+-]?\d+)?);$", re.MULTILINE)
+
+
+@lru_cache(maxsize=64)
+def elimination(game: Game, view: View = VIEWS["full"]) -> Elimination:
+    """The fastest elimination that works here, built or fetched.
+
+    Args:
+        game: the game.
+        view: the observation model, where the inverse problem is meant.
+    """
+    stages = stage_functions(game, view)
+    if os.environ.get("OLNE_BENCH_NATIVE", "1") != "0":
+        source, constants = _source(stages)
+        library = _library(source)
+        if library is not None:
+            return NativeElimination(stages, game.horizon, library, constants)
+    return Elimination(stages, game.horizon)
+
+
+class _Work(ctypes.Structure):
+    """Mirrors ``Work`` of ``elimination.c``."""
+
+    _fields_ = (
+        ("horizon", ctypes.c_int),
+        *[
+            (name, ctypes.c_void_p)
+            for name in (
+                *("constants", "samples", "seen", "blocks", "curvature"),
+                *("V", "M", "K", "S", "L", "pivots", "Z", "scratch"),
+            )
+        ],
+    )
+
+
+class NativeElimination(Elimination):
+    """``Elimination`` with its numerical work in C; same methods, same numbers."""
+
+    def __init__(
+        self,
+        stages: StageFunctions,
+        horizon: int,
+        library: ctypes.CDLL,
+        constants: np.ndarray,
+    ) -> None:
+        self._library = library
+        nx, nu, size = stages.num_states, stages.num_controls, stages.size
+        self._columns = nx + stages.num_weights
+        block_values = sum(pattern.size for pattern in stages.blocks)
+        curvature_values = max(stages.curvature.size, stages.final_curvature.size)
+        self._arrays = {
+            "constants": constants,
+            "blocks": np.zeros((horizon, block_values)),
+            "curvature": np.zeros((horizon, curvature_values)),
+            "V": np.zeros((horizon, nx, nx)),
+            "M": np.zeros((horizon, nu, nu)),
+            "K": np.zeros((horizon, nu, nx)),
+            "S": np.zeros((horizon, nu, nx)),
+            "L": np.zeros((horizon, nx, nu)),
+            "pivots": np.zeros((horizon, nu), dtype=np.int32),
+            "Z": np.zeros((horizon, size, self._columns)),
+            "scratch": np.zeros((4, horizon, size)),
+        }
+        self._work = _Work(
+            horizon,
+            **{name: _address(array) for name, array in self._arrays.items()},
+        )
+        self._pointer = ctypes.addressof(self._work)
+        super().__init__(stages, horizon)
+
+    def set_observations(self, y: np.ndarray) -> None:
+        super().set_observations(y)
+        self._work.samples, self._work.seen = _address(self._samples), _address(self._seen)
+
+    def evaluate(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        z, theta = _dense(z), _dense(theta)
+        residual = np.empty_like(z)
+        self._library.evaluate(self._pointer, _address(z), _address(theta), _address(residual))
+        return residual
+
+    def observation_loss(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        z = _dense(z)
+        gradient = np.empty_like(z)
+        loss = self._library.observation_loss(self._pointer, _address(z), _address(gradient))
+        return loss, gradient
+
+    def linearise(self, z: np.ndarray, theta: np.ndarray) -> bool:
+        z, theta = _dense(z), _dense(theta)
+        return self._library.linearise(self._pointer, _address(z), _address(theta)) == 0
+
+    def solve(self, right: np.ndarray, *, transposed: bool = False) -> np.ndarray:
+        right = _dense(right)
+        out = np.empty_like(right)
+        self._library.solve(self._pointer, int(transposed), _address(right), _address(out))
+        return out
+
+    def sensitivities(self) -> np.ndarray:
+        self._library.sensitivities(self._pointer)
+        return self._arrays["Z"]
+
+    def reduced_hessian(
+        self, z: np.ndarray, theta: np.ndarray, multipliers: np.ndarray
+    ) -> np.ndarray:
+        z, theta, multipliers = _dense(z), _dense(theta), _dense(multipliers)
+        W = np.empty((self._columns, self._columns))
+        self._library.reduced_hessian(
+            self._pointer, _address(z), _address(theta), _address(multipliers), _address(W)
+        )
+        return W
+
+    def trajectory_metric(self) -> np.ndarray:
+        metric = np.empty((self._columns, self._columns))
+        self._library.trajectory_metric(self._pointer, _address(metric))
+        return metric
+
+    def hessian_product(self, d: np.ndarray, d_theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        d, d_theta = _dense(d), _dense(d_theta)
+        out, out_theta = np.empty_like(d), np.empty_like(d_theta)
+        self._library.hessian_product(
+            self._pointer, _address(d), _address(d_theta), _address(out), _address(out_theta)
+        )
+        return out, out_theta
+
+    def reduce(self, g: np.ndarray) -> np.ndarray:
+        g = _dense(g)
+        out = np.empty(self._columns)
+        self._library.reduce(self._pointer, _address(g), _address(out))
+        return out
+
+    def expand(self, d: np.ndarray) -> np.ndarray:
+        d = _dense(d)
+        out = np.zeros((self.horizon, self.stages.size))
+        self._library.expand(self._pointer, _address(d), _address(out))
+        return out
+
+    def newton(
+        self,
+        z: np.ndarray,
+        theta: np.ndarray,
+        *,
+        tolerance: float,
+        max_iterations: int,
+        limit: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        points, theta = _dense(z), _dense(theta)
+        residuals, iterations = np.empty(len(z)), np.empty(len(z), dtype=np.int32)
+        self._library.newton(
+            self._pointer,
+            len(z),
+            _address(points),
+            _address(theta),
+            tolerance,
+            max_iterations,
+            SMALLEST_STEP,
+            limit,
+            _address(residuals),
+            _address(iterations),
+        )
+        if points is not z:
+            z[:] = points
+        return residuals, iterations
+
+
+def _dense(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def _source(stages: StageFunctions) -> tuple[str, np.ndarray]:
+    """The C source of a game's structure, and the table of constants of its stage functions."""
+    functions, constants = _functions_source(stages.functions)
+    definitions, offset = [], 0
+    for pattern in stages.blocks:
+        definitions.append(_pattern_source(f"PATTERN_{pattern.name}", pattern, offset))
+        offset += pattern.size
+    final_offset = 0
+    for pattern in stages.final_blocks:
+        definitions.append(_pattern_source(f"FINAL_{pattern.name}", pattern, final_offset))
+        final_offset += pattern.size
+    definitions.append(_pattern_source("PATTERN_H", stages.curvature, 0))
+    definitions.append(_pattern_source("FINAL_H", stages.final_curvature, 0))
+    sizes = {
+        "NX": stages.num_states,
+        "NU": stages.num_controls,
+        "NT": stages.num_weights,
+        "ND": stages.num_samples,
+        "BLOCKS": offset,
+        "CURVATURE": max(stages.curvature.size, stages.final_curvature.size),
+    }
+    head = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+    body = files("games").joinpath("elimination.c").read_text()
+    body = body.replace("PATTERN_DEFINITIONS", "\n".join(definitions))
+    return head + functions + body, constants
+
+
+def _functions_source(functions: Sequence[ca.Function]) -> tuple[str, np.ndarray]:
+    """CasADi's C code of the stage functions, their constants read from the work argument."""
+    generator = ca.CodeGenerator("stages", {"casadi_int": "int"})
+    for function in functions:
+        generator.add(function)
+    text = generator.dump()
+    # Every argument and result is given, so the checks for absent ones go.
+    text = re.sub(r"(arg\[\d+\])\? (\1\[\d+\]) : 0", r"\2", text)
+    text = re.sub(r"if \(res\[\d+\]!=0\) ", "", text)
+    table: list[float] = []
+
+    def tabulate(match: re.Match[str]) -> str:
+        table.append(float(match[2]))
+        return f"{match[1]}w[{len(table) - 1}];"
+
+    text = _CONSTANT.sub(tabulate, text)
+    return f"#define CASADI_SYMBOL_EXPORT static\n{text}", np.array(table or [0.0])
+
+
+def _pattern_source(name: str, pattern: Pattern, offset: int) -> str:
+    rows = ", ".join(map(str, pattern.rows)) or "0"
+    columns = ", ".join(map(str, pattern.columns)) or "0"
+    return (
+        f"static const Pattern {name} = {{{pattern.size}, {offset}, "
+        f"(const int[]){{{rows}}}, (const int[]){{{columns}}}}};"
+    )
+
+
+@lru_cache(maxsize=64)
+def _library(source: str) -> ctypes.CDLL | None:
+    """Compile, or take from the cache, and load; None where that is not possible."""
+    compiler = shutil.which(os.environ.get("CC", "cc"))
+    if compiler is None:
+        _LOG.info("no C compiler found: equilibria and joint estimates are computed in NumPy")
+        return None
+    try:
+        path = _compile(compiler, source)
+        return _declare(ctypes.CDLL(str(path)))
+    except (OSError, subprocess.SubprocessError) as error:
+        detail = getattr(error, "stderr", "") or str(error)
+        _LOG.warning("native code is off, NumPy is used: %s", detail.strip().splitlines()[0])
+        return None
+
+
+def _compile(compiler: str, source: str) -> Path:
+    key = "\n".join([source, *_FLAGS, _target(compiler)])
+    folder = Path(os.environ.get("OLNE_BENCH_CACHE", Path.home() / ".cache" / "olne-bench"))
+    path = folder / f"elimination-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
+    if path.exists():
+        return path
+    folder.mkdir(parents=True, exist_ok=True)
+    # Compiled aside and moved in one step, so that processes may race.
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        code, library = Path(scratch, "elimination.c"), Path(scratch, "elimination.so")
+        code.write_text(source)
+        command = [compiler, *_FLAGS, str(code), "-o", str(library), "-lm"]
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
+        library.replace(path)
+    return path
+
+
+@lru_cache(maxsize=4)
+def _target(compiler: str) -> str:
+    """What the compiler is and what ``-march=native`` means on this processor."""
+    command = [compiler, "-march=native", "-dM", "-E", "-x", "c", os.devnull]
+    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout
+
+
+def _declare(library: ctypes.CDLL) -> ctypes.CDLL:
+    """Argument types of the functions of ``elimination.c``: all pointers but where stated."""
+    pointer, real, integer = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
+    signatures: dict[str, tuple[object, list[object]]] = {
+        "evaluate": (None, [pointer] * 4),
+        "observation_loss": (real, [pointer] * 3),
+        "linearise": (integer, [pointer] * 3),
+        "solve": (None, [pointer, integer, pointer, pointer]),
+        "sensitivities": (None, [pointer]),
+        "reduced_hessian": (None, [pointer] * 5),
+        "trajectory_metric": (None, [pointer] * 2),
+        "hessian_product": (None, [pointer] * 5),
+        "reduce": (None, [pointer] * 3),
+        "expand": (None, [pointer] * 3),
+        "newton": (
+            None,
+            [
+                *(pointer, integer, pointer, pointer, real),
+                *(integer, real, real, pointer, pointer),
+            ],
+        ),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library

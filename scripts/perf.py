@@ -1,0 +1,325 @@
+"""How fast the solvers are, against the same problems handed to IPOPT as a whole.
+
+    python scripts/perf.py [--out results/perf] [--sequences 2] [--quick]
+
+Everything is timed in one process on one core, ours and the rivals' solves in turn, so that other
+work on the machine slows all of them alike: read the ratios, not the milliseconds. Written are
+``perf.json`` and ``perf.png``.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+from rivals import CompactLayout, Outcome, PublishedLayout, StackedForward
+
+from envs.scenarios import get_scenario
+from envs.scenarios.scenario import Scenario
+from estimators.interior_point import solve_joint
+from estimators.joint_problem import JointPoint
+from estimators.kkt_constrained import KktConstrained
+from estimators.protocol import Observation, Problem
+from estimators.trajectory_fit import fit_trajectory, guess_states
+from games.batch import solve_batch
+from games.game import Game
+from games.native import elimination
+from games.newton import newton_root
+from games.observation import VIEWS, View, observe
+from games.olne import Equilibrium, solve_olne
+
+HORIZONS = (25, 50, 100, 200, 400)
+PLAYERS = (2, 3, 5, 8, 12)
+SIGMAS = (0.005, 0.02, 0.05, 0.1)
+FLOOR = 1e-5
+SAME = 1e-4  # relative difference of objectives that counts as the same optimum
+ROAD_PERIOD = 12.0  # [m] after which the highway's pattern of five cars repeats
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/perf"))
+    parser.add_argument("--sequences", type=int, default=2, help="per noise level and view")
+    parser.add_argument("--quick", action="store_true", help="short horizons, few players")
+    options = parser.parse_args()
+    horizons = HORIZONS[:2] if options.quick else HORIZONS
+    players = PLAYERS[:2] if options.quick else PLAYERS
+    results: dict[str, Any] = {"inverse": {}, "forward": {}}
+    for name in ("two_player", "highway_overtaking"):
+        scenario = get_scenario(name)
+        truth = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
+        results["inverse"][name] = measure_inverse(scenario, truth, options.sequences)
+        results["forward"][name] = measure_forward(scenario, truth)
+    results["horizon"] = {
+        str(count): [measure_iteration(road(count, horizon)) for horizon in horizons]
+        for count in (2, 5)
+    }
+    results["players"] = [measure_iteration(road(count, 25)) for count in players]
+    results["slopes"] = {
+        "horizon, 2 players": slope(results["horizon"]["2"], "horizon"),
+        "horizon, 5 players": slope(results["horizon"]["5"], "horizon"),
+        "players": slope(results["players"], "players"),
+    }
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "perf.json").write_text(json.dumps(results, indent=1) + "\n")
+    print_tables(results)
+    draw(results, options.out / "perf.png")
+
+
+def milliseconds(solve: Callable[[], Any]) -> tuple[float, Any]:
+    """Wall-clock time of one call, and what it returned."""
+    started = time.perf_counter()
+    result = solve()
+    return 1e3 * (time.perf_counter() - started), result
+
+
+def measure_inverse(scenario: Scenario, truth: Equilibrium, sequences: int) -> dict[str, Any]:
+    """One inverse solve: the estimator with all its starts against single solves of IPOPT."""
+    rows = []
+    for view in VIEWS.values():
+        game = scenario.game
+        problem, estimator = Problem(game, view), KktConstrained()
+        estimator.warm_up(problem)
+        published, compact = PublishedLayout(game, view), CompactLayout(game, view)
+        rng = np.random.default_rng(0)
+        for sigma in SIGMAS:
+            for _ in range(sequences):
+                y = observe(view, game.dynamics, truth.states)
+                y = y + sigma * rng.standard_normal(y.shape)
+                rows.append(_race(problem, estimator, published, compact, y, sigma))
+    names = ("published", "published, zero", "compact")
+    ours = np.array([row["ours"] for row in rows])
+    table: dict[str, Any] = {"rows": rows, "ours_ms": float(np.median(ours))}
+    for name in names:
+        times = np.array([row[name] for row in rows])
+        table[name] = {
+            "ms": float(np.median(times)),
+            "ratio of medians": float(np.median(times) / np.median(ours)),
+            "median ratio": float(np.median(times / ours)),
+            "ours same or lower": float(
+                np.mean(
+                    [row["ours objective"] <= row[f"{name} objective"] * (1 + SAME) for row in rows]
+                )
+            ),
+        }
+    return table
+
+
+def _race(
+    problem: Problem,
+    estimator: KktConstrained,
+    published: PublishedLayout,
+    compact: CompactLayout,
+    y: np.ndarray,
+    sigma: float,
+) -> dict[str, Any]:
+    """All on one sequence. The rivals' pre-solve is not on their clock; ours is on ours."""
+    fit = fit_trajectory(problem.game, problem.view, y)
+    start = JointPoint.from_trajectory(problem.game, fit.states, fit.controls)
+    rng = np.random.default_rng(0)
+    own = [
+        milliseconds(lambda: estimator.estimate(problem, Observation(y), rng=rng, budget=60.0))
+        for _ in range(3)
+    ]
+    estimate = own[0][1]
+    row: dict[str, Any] = {
+        "view": problem.view.name,
+        "sigma": sigma,
+        "ours": float(np.median([each for each, _ in own])),
+        "ours objective": _objective(estimate.extras["objective"], estimate.converged),
+        "ours starts": estimate.extras["starts"],
+    }
+    rivals: dict[str, Callable[[], Outcome]] = {
+        "published": lambda: published.solve(y, start, FLOOR),
+        "published, zero": lambda: published.solve(y, start, FLOOR, consistent=False),
+        "compact": lambda: compact.solve(y, start, FLOOR),
+    }
+    for name, solve in rivals.items():
+        row[name], outcome = milliseconds(solve)
+        row[f"{name} objective"] = _objective(outcome.value, outcome.converged)
+    return row
+
+
+def _objective(value: float, converged: bool) -> float:
+    return value if converged else 1e300
+
+
+def measure_forward(scenario: Scenario, truth: Equilibrium) -> dict[str, float]:
+    """A forward game from a solution at nearby weights, and a batch of 1000 weights."""
+    game, rng = scenario.game, np.random.default_rng(0)
+    rival = StackedForward(game)
+    ratios, ours, theirs = [], [], []
+    for _ in range(20):
+        weights = scenario.weights * np.exp(0.1 * rng.standard_normal(scenario.weights.shape))
+        weights = game.check_weights(weights)
+        root_start = (game, truth.states, truth.controls, truth.costates, weights)
+        fast, _ = min(
+            (milliseconds(lambda: newton_root(*root_start, tolerance=1e-10)) for _ in range(3)),
+            key=lambda pair: pair[0],
+        )
+        slow, _ = min(
+            (milliseconds(lambda: rival.solve(truth, weights)) for _ in range(3)),
+            key=lambda pair: pair[0],
+        )
+        ours.append(fast)
+        theirs.append(slow)
+        ratios.append(slow / fast)
+    table = {
+        "warm_ms": float(np.median(ours)),
+        "ipopt_ms": float(np.median(theirs)),
+        "ratio": float(np.median(ratios)),
+        "overhead_us": _overhead(truth, scenario),
+    }
+    shape = (1000, *scenario.weights.shape)
+    wide = rng.dirichlet(np.ones(shape[2]), size=shape[:2])
+    for spread in (0.2, 0.5):
+        weights = scenario.weights * np.exp(spread * rng.standard_normal(shape))
+        table |= _batch(f"spread {spread}", scenario, truth, weights)
+    return table | _batch("whole simplex", scenario, truth, wide)
+
+
+def _batch(
+    name: str, scenario: Scenario, truth: Equilibrium, weights: np.ndarray
+) -> dict[str, float]:
+    runs = [
+        milliseconds(lambda: solve_batch(scenario.game, weights, truth, scenario.weights))
+        for _ in range(3)
+    ]
+    batch = runs[0][1]
+    return {
+        f"batch ms each, {name}": min(each for each, _ in runs) / len(weights),
+        f"batch converged, {name}": float(batch.converged.mean()),
+    }
+
+
+def _overhead(truth: Equilibrium, scenario: Scenario) -> float:
+    """Microseconds of a call that has nothing to solve."""
+    root_start = (scenario.game, truth.states, truth.controls, truth.costates, scenario.weights)
+    calls = [
+        milliseconds(lambda: newton_root(*root_start, max_iterations=0))[0] for _ in range(200)
+    ]
+    return 1e3 * float(np.median(calls))
+
+
+def road(players: int, horizon: int) -> Scenario:
+    """The highway's five cars, again and again along the road."""
+    base = get_scenario("highway_overtaking")
+    count = base.game.num_players
+    cars = [base.game.players[k % count] for k in range(players)]
+    game: Game = replace(base.game, players=tuple(cars), horizon=horizon)
+    initial = base.initial_state[np.arange(players) % count].copy()
+    initial[:, 1] += ROAD_PERIOD * (np.arange(players) // count)
+    return Scenario("road", game, base.weights[np.arange(players) % count], initial)
+
+
+def measure_iteration(scenario: Scenario, view: View = VIEWS["full"]) -> dict[str, Any]:
+    """Time per iteration of an inverse solve, ours and that of IPOPT on the compact layout."""
+    game = scenario.game
+    states = solve_olne(game, scenario.weights, scenario.initial_state, max_rounds=1).states
+    rng = np.random.default_rng(0)
+    y = states + 0.01 * rng.standard_normal(states.shape)
+    start = JointPoint.from_trajectory(game, guess_states(game, view, y))
+    elimination(game, view)
+    runs = [milliseconds(lambda: solve_joint(game, view, y, start)) for _ in range(5)]
+    ours, solution = min(runs, key=lambda pair: pair[0])
+    table: dict[str, Any] = {
+        "horizon": game.horizon,
+        "players": game.num_players,
+        "ours_ms": ours,
+        "iterations": solution.iterations,
+        "converged": solution.converged,
+        "message": solution.message,
+        "ours_ms_per_iteration": ours / max(1, solution.iterations),
+    }
+    if game.horizon * game.num_players <= 500:  # IPOPT would take minutes beyond
+        rival = CompactLayout(game, view)
+        theirs, outcome = milliseconds(lambda: rival.solve(y, start, FLOOR))
+        table["ipopt_ms"] = theirs
+        table["ipopt_ms_per_iteration"] = theirs / max(1, outcome.iterations)
+    return table
+
+
+def slope(rows: list[dict[str, Any]], key: str) -> float:
+    """Exponent of the time per iteration, by least squares in logarithms."""
+    x = np.log([row[key] for row in rows])
+    return float(np.polyfit(x, np.log([row["ours_ms_per_iteration"] for row in rows]), 1)[0])
+
+
+def print_tables(results: dict[str, Any]) -> None:
+    for name, table in results["inverse"].items():
+        print(f"\ninverse, {name}: ours {table['ours_ms']:.2f} ms")
+        for rival in ("published", "published, zero", "compact"):
+            row = table[rival]
+            print(
+                f"  {rival:16s} {row['ms']:10.1f} ms   {row['ratio of medians']:7.1f} x"
+                f"   median ratio {row['median ratio']:7.1f} x"
+                f"   ours same or lower {row['ours same or lower']:.1%}"
+            )
+    for name, table in results["forward"].items():
+        print(f"\nforward, {name}")
+        for key, value in table.items():
+            print(f"  {key:34s} {value:10.4g}")
+    print("\ntime per iteration of an inverse solve")
+    for row in [*results["horizon"]["2"], *results["horizon"]["5"], *results["players"]]:
+        print(
+            f"  T {row['horizon']:4d}  N {row['players']:3d}  {row['ours_ms_per_iteration']:8.3f} ms"
+            f"  x {row['iterations']:4d}  IPOPT {row.get('ipopt_ms_per_iteration', np.nan):8.2f} ms"
+            f"  {'converged' if row['converged'] else row['message']}"
+        )
+    for name, value in results["slopes"].items():
+        print(f"  exponent, {name}: {value:.2f}")
+
+
+def draw(results: dict[str, Any], path: Path) -> None:
+    """Time per iteration over the horizon and over the number of players."""
+    mpl.use("Agg")
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True, layout="constrained")
+    for count, colour in (("2", "tab:blue"), ("5", "tab:orange")):
+        rows, exponent = results["horizon"][count], results["slopes"][f"horizon, {count} players"]
+        _line(axes[0], rows, "horizon", colour, f"N = {count}, ours: T$^{{{exponent:.2f}}}$")
+    exponent = results["slopes"]["players"]
+    _line(axes[1], results["players"], "players", "tab:green", f"ours: N$^{{{exponent:.2f}}}$")
+    for axis, label in zip(axes, ("horizon T", "players N (T = 25)"), strict=True):
+        axis.set(xscale="log", yscale="log", xlabel=label)
+        axis.minorticks_off()
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8)
+    axes[0].set_xticks(HORIZONS, [str(t) for t in HORIZONS])
+    axes[1].set_xticks(PLAYERS, [str(n) for n in PLAYERS])
+    axes[0].set_ylabel("time per iteration [ms]")
+    figure.suptitle("Joint inverse problem: interior-point iterations, one core", fontsize=10)
+    figure.savefig(path, dpi=110)
+
+
+def _line(axis: Any, rows: list[dict[str, Any]], key: str, colour: str, label: str) -> None:
+    axis.plot(
+        [row[key] for row in rows],
+        [row["ours_ms_per_iteration"] for row in rows],
+        "o-",
+        color=colour,
+        label=label,
+    )
+    theirs = [row for row in rows if "ipopt_ms_per_iteration" in row]
+    axis.plot(
+        [row[key] for row in theirs],
+        [row["ipopt_ms_per_iteration"] for row in theirs],
+        "x--",
+        color=colour,
+        alpha=0.6,
+        label="IPOPT, compact layout",
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+"""What the project's solvers are measured against: the same problems, handed to IPOPT as a whole."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from estimators.joint_ipopt import joint_solver
+from estimators.joint_problem import JointPoint
+from estimators.trajectory_fit import observation_parameters, squared_error
+from games.features import Stage
+from games.game import Game, trajectory_symbols
+from games.ipopt import QUIET
+from games.kkt import kkt_system
+from games.newton import Root
+from games.observation import View, observation_size
+
+#: A rival that has not come to an end after so many seconds is stopped.
+TIME_LIMIT = 60.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Objective (residual, for forward games) where a rival ended, and how it went."""
+
+    value: float
+    iterations: int
+    converged: bool
+
+
+class CompactLayout:
+    """The joint inverse problem with costates of own states only, weights started at zero."""
+
+    def __init__(self, game: Game, view: View) -> None:
+        self.solver = joint_solver(game, view, max_iterations=500)
+
+    def solve(self, y: np.ndarray, start: JointPoint, floor: float) -> Outcome:
+        """From a trajectory; costates and weights are started at zero."""
+        count = start.weights.size
+        trajectory = [start.states.ravel(), start.controls.ravel(), start.costates.ravel()]
+        lower = np.full(sum(part.size for part in trajectory) + count, -np.inf)
+        lower[-count:] = floor
+        return _outcome(
+            self.solver,
+            x0=np.concatenate([*trajectory, np.zeros(count)]),
+            lbx=lower,
+            p=observation_parameters(y),
+        )
+
+
+class PublishedLayout:
+    """The joint inverse problem as the published code lays it out.
+
+    Every player has costates of all players' states, and the gradients of the costs and the
+    Jacobians of the motion are auxiliary variables with equations of their own. Costates and
+    weights start at zero; auxiliary variables too, or, kinder than the published code, at the
+    values that belong to the start.
+    """
+
+    def __init__(self, game: Game, view: View) -> None:
+        n, m = game.dynamics.state_size, game.dynamics.control_size
+        steps, players = game.horizon - 1, game.num_players
+        states, x = trajectory_symbols("x", game.state_shape)
+        controls, u = trajectory_symbols("u", game.control_shape)
+        weights = ca.SX.sym("theta", players * game.num_weights)
+        theta = ca.vertsplit(weights, game.num_weights)
+        unknowns: list[ca.SX] = []
+        values: list[ca.SX] = []
+        equations: list[ca.SX] = []
+
+        def variable(value: ca.SX) -> ca.SX:
+            unknowns.append(ca.SX.sym("aux", value.numel()))
+            values.append(ca.vec(value))
+            return unknowns[-1]
+
+        def named(expression: ca.SX) -> ca.SX:
+            """A variable that stands for an expression, where it is not a constant."""
+            if expression.is_constant():
+                return expression
+            name = ca.reshape(variable(expression), *expression.shape)
+            equations.append(ca.vec(name - expression))
+            return name
+
+        in_states, in_controls = [], []
+        for t in range(steps):
+            step = [game.dynamics.step(x[t][j], u[t][j], game.dt) for j in range(players)]
+            equations.append(ca.vertcat(*x[t + 1]) - ca.vertcat(*step))
+            in_states.append(
+                ca.diagcat(
+                    *[_named_entries(named, ca.jacobian(f, x[t][j])) for j, f in enumerate(step)]
+                )
+            )
+            in_controls.append(
+                [_named_entries(named, ca.jacobian(f, u[t][j])) for j, f in enumerate(step)]
+            )
+        for i, player in enumerate(game.players):
+            costates = [variable(ca.SX.zeros(n * players)) for _ in range(steps)]
+            for t in range(game.horizon):
+                final = t == steps
+                stage = Stage(i, tuple(x[t]), None if final else u[t][i], game.dynamics, game.dt)
+                cost = (player.final_cost if final else player.running_cost)(stage, theta[i])
+                if not final:
+                    gradient = named(ca.gradient(cost, u[t][i]))
+                    own = costates[t][i * n : (i + 1) * n]
+                    equations.append(gradient - in_controls[t][i].T @ own)
+                if t > 0:
+                    row = named(ca.gradient(cost, ca.vertcat(*x[t]))) + costates[t - 1]
+                    equations.append(row if final else row - in_states[t].T @ costates[t])
+        equations.extend(ca.sum1(row) - 1 for row in theta)
+
+        y = ca.SX.sym("y", game.horizon * players * observation_size(view, game.dynamics))
+        seen = ca.SX.sym("seen", y.numel())
+        self.auxiliary = ca.Function("start", [states, controls, weights], [ca.vertcat(*values)])
+        problem = {
+            "x": ca.vertcat(states, controls, *unknowns, weights),
+            "p": ca.vertcat(y, seen),
+            "f": squared_error(game, view, states, y, seen),
+            "g": ca.vertcat(*equations),
+        }
+        options = QUIET | {
+            "ipopt.max_iter": 1000,
+            "ipopt.tol": 1e-9,
+            "ipopt.max_wall_time": TIME_LIMIT,
+        }
+        self.solver = ca.nlpsol("published", "ipopt", problem, options)
+
+    def solve(
+        self, y: np.ndarray, start: JointPoint, floor: float, *, consistent: bool = True
+    ) -> Outcome:
+        """From a trajectory; ``consistent`` says where the auxiliary variables start."""
+        states, controls = start.states.ravel(), start.controls.ravel()
+        zero = np.zeros(start.weights.size)
+        auxiliary = np.array(self.auxiliary(states, controls, zero)).ravel() * consistent
+        first = np.concatenate([states, controls, auxiliary, zero])
+        lower = np.full(first.size, -np.inf)
+        lower[-zero.size :] = floor
+        return _outcome(self.solver, x0=first, lbx=lower, p=observation_parameters(y))
+
+
+class StackedForward:
+    """The forward game: IPOPT on G = 0 without an objective."""
+
+    def __init__(self, game: Game) -> None:
+        system = kkt_system(game)
+        problem = {
+            "x": system.unknowns,
+            "p": ca.vertcat(system.initial_state, system.weights),
+            "f": ca.SX(0),
+            "g": system.residual,
+        }
+        self.solver = ca.nlpsol("forward", "ipopt", problem, QUIET | {"ipopt.tol": 1e-10})
+
+    def solve(self, start: Root, weights: np.ndarray) -> Outcome:
+        """From a known trajectory nearby."""
+        parts = (start.states[1:], start.controls, start.costates)
+        return _outcome(
+            self.solver,
+            x0=np.concatenate([part.ravel() for part in parts]),
+            p=np.concatenate([start.states[0].ravel(), weights.ravel()]),
+        )
+
+
+def _named_entries(named: Callable[[ca.SX], ca.SX], matrix: ca.SX) -> ca.SX:
+    """The matrix with a variable in place of each entry that is not a constant."""
+    matrix = ca.SX(matrix)
+    for row in range(matrix.rows()):
+        for column in range(matrix.columns()):
+            if matrix.has_nz(row, column):
+                matrix[row, column] = named(matrix[row, column])
+    return matrix
+
+
+def _outcome(solver: ca.Function, **arguments: np.ndarray) -> Outcome:
+    solution = solver(**arguments, lbg=0, ubg=0)
+    stats = solver.stats()
+    return Outcome(float(solution["f"]), int(stats["iter_count"]), bool(stats["success"]))

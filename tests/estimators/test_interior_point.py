@@ -1,0 +1,195 @@
+"""The structured interior-point method against IPOPT, and what it does with bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from envs.scenarios import get_scenario
+from estimators import interior_point
+from estimators.interior_point import solve_joint
+from estimators.joint_ipopt import solve_joint_ipopt
+from estimators.joint_problem import JointPoint, JointSolution
+from estimators.trajectory_fit import guess_states
+from games.dynamics import DOUBLE_INTEGRATOR
+from games.elimination import Elimination
+from games.features import ControlEffort, FinalGoal, Proximity
+from games.game import Game, Player
+from games.kkt import kkt_residual_norm
+from games.observation import VIEWS, ComponentView, View, observe
+from games.olne import solve_olne
+from games.stages import stage_functions
+
+
+def sequence(
+    name: str, view: View, sigma: float, seed: int, **options: int
+) -> tuple[Game, np.ndarray, JointPoint]:
+    """A game, a noisy observation of its equilibrium, and the start that reads it off."""
+    scenario = get_scenario(name, 1, **options)
+    game = scenario.game
+    states = solve_olne(game, scenario.weights, scenario.initial_state).states
+    rng = np.random.default_rng(seed)
+    y = observe(view, game.dynamics, states)
+    y = y + sigma * rng.standard_normal(y.shape)
+    return game, y, JointPoint.from_trajectory(game, guess_states(game, view, y))
+
+
+def is_solution(game: Game, solution: JointSolution, floor: float = 1e-5) -> bool:
+    """Whether the constraints hold."""
+    point = solution.point
+    residual = kkt_residual_norm(game, point.states, point.controls, point.costates, point.weights)
+    on_simplex = np.allclose(point.weights.sum(axis=1), 1, atol=1e-9)
+    return residual < 1e-8 and on_simplex and bool((point.weights >= floor).all())
+
+
+@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
+@pytest.mark.parametrize(
+    ("name", "options", "sigma"),
+    [
+        ("two_player", {}, 0.0),
+        ("two_player", {}, 0.02),
+        ("random", {"num_players": 1}, 0.01),
+        ("random", {"num_players": 3}, 0.005),
+        ("highway_overtaking", {}, 0.01),
+    ],
+)
+def test_both_back_ends_reach_the_same_optimum(
+    name: str, options: dict[str, int], sigma: float, view: View
+) -> None:
+    game, y, start = sequence(name, view, sigma, seed=4, **options)
+    ours, reference = solve_joint(game, view, y, start), solve_joint_ipopt(game, view, y, start)
+    assert ours.converged, ours.message
+    assert reference.converged
+    assert is_solution(game, ours)
+    # IPOPT relaxes bounds by 1e-8, which lowers its objective by as much.
+    assert ours.objective == pytest.approx(reference.objective, rel=1e-5, abs=1e-9)
+    np.testing.assert_allclose(ours.point.weights, reference.point.weights, atol=1e-4)
+
+
+def test_numpy_and_native_code_take_the_same_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    view = VIEWS["partial"]
+    game, y, start = sequence("two_player", view, 0.03, seed=2)
+    ours = solve_joint(game, view, y, start)
+    plain = Elimination(stage_functions(game, view), game.horizon)
+    monkeypatch.setattr(interior_point, "elimination", lambda *_: plain)
+    in_numpy = solve_joint(game, view, y, start)
+    assert in_numpy.converged
+    assert in_numpy.iterations == ours.iterations
+    np.testing.assert_allclose(in_numpy.point.weights, ours.point.weights, atol=1e-7)
+
+
+def test_weights_at_the_bound() -> None:
+    """A player that does not mind others, in data good enough to tell."""
+    scenario = get_scenario("two_player")
+    game, view = scenario.game, VIEWS["full"]
+    weights = np.array([[0.0, 1, 1, 1], [1, 1, 1, 0.0]])
+    states = solve_olne(game, weights, scenario.initial_state).states
+    rng = np.random.default_rng(0)
+    y = states + 0.002 * rng.standard_normal(states.shape)
+    solution = solve_joint(game, view, y, JointPoint.from_trajectory(game, y))
+    assert solution.converged
+    assert is_solution(game, solution)
+    assert solution.point.weights.min() < 1e-3
+
+
+def test_missing_samples_weigh_nothing() -> None:
+    view = VIEWS["full"]
+    game, y, _ = sequence("two_player", view, 0.0, seed=0)
+    y[4:9, 0] = np.nan
+    y[:, 1, 2] = np.nan
+    start = JointPoint.from_trajectory(game, guess_states(game, view, y))
+    solution = solve_joint(game, view, y, start)
+    assert solution.converged
+    assert solution.objective < 1e-12
+    np.testing.assert_allclose(solution.point.weights, 0.25, atol=1e-4)
+
+
+@pytest.mark.parametrize("horizon", [2, 3])
+def test_the_shortest_horizons(horizon: int) -> None:
+    scenario = get_scenario("two_player")
+    game = replace(scenario.game, horizon=horizon)
+    states = solve_olne(game, scenario.weights, scenario.initial_state).states
+    y = states + 0.01 * np.random.default_rng(1).standard_normal(states.shape)
+    solution = solve_joint(game, VIEWS["full"], y, JointPoint.from_trajectory(game, y))
+    assert solution.converged
+    assert is_solution(game, solution)
+
+
+def test_players_in_the_same_place() -> None:
+    """Two players with one start and one goal: whatever it says, it says it honestly."""
+    scenario = get_scenario("two_player")
+    game = replace(scenario.game, players=scenario.game.players[:1] * 2)
+    states = solve_olne(scenario.game, scenario.weights, scenario.initial_state).states
+    y = states[:, [0, 0]] + 0.01 * np.random.default_rng(1).standard_normal(states.shape)
+    solution = solve_joint(game, VIEWS["full"], y, JointPoint.from_trajectory(game, y))
+    assert solution.message or is_solution(game, solution)
+    assert solution.converged == (not solution.message)
+
+
+def test_another_motion_model_and_sensor() -> None:
+    """Linear motion, one weight per player, positions only."""
+    players = tuple(
+        Player(
+            preferences=(Proximity(), ControlEffort("ax"), ControlEffort("ay")),
+            task=(FinalGoal(goal, scale=1.0),),
+        )
+        for goal in ((1.0, 0.1), (0.0, 1.0))
+    )
+    game = Game(players, DOUBLE_INTEGRATOR, horizon=15, dt=0.25)
+    weights = np.array([[0.2, 0.3, 0.5], [0.4, 0.4, 0.2]])
+    initial = np.array([[-1.0, 0.0, 0.3, 0.0], [0.0, -1.0, 0.0, 0.3]])
+    truth = solve_olne(game, weights, initial)
+    assert truth.certificate.passed
+    view = ComponentView("positions", ("px", "py"))
+    y = observe(view, game.dynamics, truth.states)
+    start = JointPoint.from_trajectory(game, guess_states(game, view, y))
+    solution = solve_joint(game, view, y, start)
+    assert solution.converged
+    assert solution.objective < 1e-12
+    np.testing.assert_allclose(solution.point.weights, weights, atol=1e-4)
+
+
+def test_limits_hold_and_are_told() -> None:
+    view = VIEWS["partial"]
+    game, y, start = sequence("two_player", view, 0.03, seed=2)
+    for limits, message in (
+        ({"max_iterations": 2}, "iteration limit reached"),
+        ({"limit": 0.0}, "time limit reached"),
+    ):
+        solution = solve_joint(game, view, y, start, **limits)
+        assert not solution.converged
+        assert solution.message == message
+
+
+def test_a_start_that_is_no_number_is_refused() -> None:
+    view = VIEWS["full"]
+    game, y, start = sequence("two_player", view, 0.0, seed=0)
+    broken = replace(start, states=np.full_like(start.states, np.nan))
+    solution = solve_joint(game, view, y, broken)
+    assert not solution.converged
+    assert solution.message == "the start is not finite"
+
+
+def test_conditions_without_pivots_are_told() -> None:
+    """Nothing penalises the acceleration, so the stage matrices are singular."""
+    player = Player(preferences=(ControlEffort("yaw_rate"),))
+    scenario = get_scenario("two_player")
+    game = replace(scenario.game, players=(player,))
+    y = np.zeros((game.horizon, 1, 4))
+    solution = solve_joint(game, VIEWS["full"], y, JointPoint.from_trajectory(game, y))
+    assert not solution.converged
+    assert "singular" in solution.message
+
+
+def test_a_floor_that_no_weights_fulfil_is_refused() -> None:
+    view = VIEWS["full"]
+    game, y, start = sequence("two_player", view, 0.0, seed=0)
+    with pytest.raises(ValueError, match=r"weight_floor must be in \[0, 0.25\)"):
+        solve_joint(game, view, y, start, weight_floor=0.25)
+
+
+def test_iterations_are_those_of_a_second_order_method() -> None:
+    """IPOPT needs the same; a wrong derivative would show here first."""
+    view = VIEWS["full"]
+    game, y, start = sequence("two_player", view, 0.01, seed=3)
+    assert solve_joint(game, view, y, start).iterations <= 12

@@ -1,0 +1,74 @@
+"""The joint method as an estimator."""
+
+import numpy as np
+import pytest
+
+from envs.scenarios import get_scenario
+from estimators.kkt_constrained import KktConstrained
+from estimators.protocol import Observation, Problem
+from games.observation import VIEWS, observe
+from games.olne import solve_olne
+
+RNG = np.random.default_rng(0)
+
+
+def observed(view_name: str, sigma: float, seed: int = 0) -> tuple[Problem, np.ndarray]:
+    scenario = get_scenario("two_player")
+    truth = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
+    view = VIEWS[view_name]
+    y = observe(view, scenario.game.dynamics, truth.states)
+    y = y + sigma * np.random.default_rng(seed).standard_normal(y.shape)
+    return Problem(scenario.game, view, sigma), y
+
+
+@pytest.mark.parametrize("solver", ["structured", "ipopt"])
+@pytest.mark.parametrize("view", ["full", "partial"])
+def test_noise_free_data_give_the_true_weights(solver: str, view: str) -> None:
+    problem, y = observed(view, 0.0)
+    estimator = KktConstrained(solver=solver)
+    estimator.warm_up(problem)
+    estimate = estimator.estimate(problem, Observation(y), rng=RNG, budget=60)
+    assert estimate.converged
+    np.testing.assert_allclose(estimate.weights, 0.25, atol=1e-5)
+    assert estimate.extras["objective"] < 1e-12
+
+
+def test_both_solvers_estimate_the_same_from_noisy_data() -> None:
+    problem, y = observed("partial", 0.03)
+    results = [
+        KktConstrained(solver=solver).estimate(problem, Observation(y), rng=RNG, budget=60)
+        for solver in ("structured", "ipopt")
+    ]
+    assert all(result.converged for result in results)
+    np.testing.assert_allclose(results[0].weights, results[1].weights, atol=1e-4)
+
+
+def test_further_starts_are_taken_after_a_long_solve_only() -> None:
+    problem, y = observed("full", 0.01)
+    easy = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
+    assert easy.extras["starts"] == 1
+    limited = KktConstrained(max_iterations=2)
+    hard = limited.estimate(problem, Observation(y), rng=RNG, budget=60)
+    assert hard.extras["starts"] == 3
+    assert not hard.converged
+    assert hard.message == "iteration limit reached"
+
+
+def test_a_player_never_seen_is_not_identified() -> None:
+    problem, y = observed("full", 0.01)
+    y[:, 1] = np.nan
+    estimate = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
+    assert not estimate.converged
+    assert estimate.message == "never seen, hence not identified: player 1"
+
+
+def test_time_is_kept() -> None:
+    problem, y = observed("full", 0.1)
+    estimate = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=0.0)
+    assert not estimate.converged
+    assert estimate.message == "time limit reached"
+
+
+def test_an_unknown_solver_is_refused() -> None:
+    with pytest.raises(ValueError, match="unknown solver 'fast'; known are: structured, ipopt"):
+        KktConstrained(solver="fast")

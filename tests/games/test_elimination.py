@@ -1,0 +1,150 @@
+"""The block elimination against the stacked system, and native code against NumPy."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from envs.scenarios import get_scenario
+from games.elimination import Elimination
+from games.kkt import kkt_system
+from games.native import NativeElimination, elimination
+from games.newton import unpack
+from games.observation import VIEWS
+from games.stages import stage_functions
+
+SCENARIOS = {
+    "two players": lambda: get_scenario("two_player"),
+    "three players": lambda: get_scenario("random", 1, num_players=3),
+    "highway": lambda: get_scenario("highway_overtaking"),
+    "one player": lambda: get_scenario("random", 1, num_players=1),
+}
+
+
+class Case:
+    """A random point of a game, a NumPy elimination there, and random multipliers."""
+
+    def __init__(self, name: str) -> None:
+        scenario = SCENARIOS[name]()
+        self.game, self.theta = scenario.game, scenario.weights.ravel()
+        self.view = VIEWS["partial"]
+        self.numpy = Elimination(stage_functions(self.game, self.view), self.game.horizon)
+        stages = self.numpy.stages
+        self.nx, self.inner = stages.num_states, stages.num_states + stages.num_controls
+        rng = np.random.default_rng(3)
+        shape = (self.game.horizon, stages.size)
+        self.z, self.right = 0.3 * rng.standard_normal(shape), rng.standard_normal(shape)
+        self.z[-1, self.nx :] = 0
+        self.right[0, : self.nx] = self.right[-1, self.nx :] = 0
+        self.y = rng.standard_normal((self.game.horizon, stages.num_samples))
+        self.y[2, 1] = np.nan
+        self.numpy.set_observations(self.y)
+
+    def stacked(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (T, size) in the order of ``games.kkt``."""
+        parts = rows[1:, : self.nx], rows[:-1, self.nx : self.inner], rows[:-1, self.inner :]
+        return np.concatenate([part.ravel() for part in parts])
+
+    def jacobians(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """G, G_z and G_(x_1, theta) from the stacked system."""
+        system = kkt_system(self.game)
+        arguments = [system.states, system.controls, system.costates, system.weights]
+        parameters = ca.vertcat(system.initial_state, system.weights)
+        outputs = [
+            system.residual,
+            ca.jacobian(system.residual, system.unknowns),
+            ca.jacobian(system.residual, parameters),
+        ]
+        trajectory = [part.ravel() for part in unpack(self.game, self.z)]
+        values = ca.Function("G", arguments, outputs)(*trajectory, self.theta)
+        return tuple(np.array(value) for value in values)
+
+
+@pytest.fixture(scope="module", params=SCENARIOS)
+def case(request: pytest.FixtureRequest) -> Case:
+    return Case(request.param)
+
+
+def test_rows_and_solutions_are_those_of_the_stacked_system(case: Case) -> None:
+    residual, in_unknowns, in_parameters = case.jacobians()
+    solver = case.numpy
+    np.testing.assert_allclose(
+        case.stacked(solver.evaluate(case.z, case.theta)), residual.ravel(), atol=1e-12
+    )
+    assert solver.linearise(case.z, case.theta)
+    right = case.stacked(case.right)
+    for transposed, matrix in ((False, in_unknowns), (True, in_unknowns.T)):
+        found = case.stacked(solver.solve(case.right, transposed=transposed))
+        wanted = np.linalg.solve(matrix, right)
+        np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
+    columns = np.moveaxis(solver.sensitivities(), 2, 0)
+    found = np.stack([case.stacked(column) for column in columns], axis=1)
+    wanted = -np.linalg.solve(in_unknowns, in_parameters)
+    np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
+
+
+def test_second_derivatives_are_those_of_the_lagrangian(case: Case) -> None:
+    """H in a random direction by second differences of loss + multipliers' G; then W = Z' H Z."""
+    solver, multipliers = case.numpy, case.right
+    solver.linearise(case.z, case.theta)
+    Z = solver.sensitivities()
+    W = solver.reduced_hessian(case.z, case.theta, multipliers)
+    rng = np.random.default_rng(5)
+    d, d_theta = rng.standard_normal(case.z.shape), rng.standard_normal(case.theta.shape)
+    d[-1, case.nx :] = 0
+
+    def lagrangian(step: float) -> float:
+        z, theta = case.z + step * d, case.theta + step * d_theta
+        return solver.observation_loss(z)[0] + np.vdot(multipliers, solver.evaluate(z, theta))
+
+    step = 1e-4
+    curvature = (lagrangian(step) - 2 * lagrangian(0) + lagrangian(-step)) / step**2
+    product, product_theta = solver.hessian_product(d, d_theta)
+    wanted = np.vdot(product, d) + product_theta @ d_theta
+    assert curvature == pytest.approx(wanted, rel=1e-4)
+
+    for k in (0, Z.shape[2] - 1):
+        unit = np.eye(case.theta.size, Z.shape[2], case.nx)[:, k]
+        product, product_theta = solver.hessian_product(Z[:, :, k], unit)
+        column = solver.reduce(product)
+        column[case.nx :] += product_theta
+        np.testing.assert_allclose(column, W[:, k], atol=1e-9 * np.abs(W).max())
+
+
+@pytest.mark.usefixtures("compiler")
+def test_native_code_and_numpy_give_the_same_numbers(case: Case) -> None:
+    compiled, plain = elimination(case.game, case.view), case.numpy
+    assert isinstance(compiled, NativeElimination)
+    compiled.set_observations(case.y)
+    z, theta, right = case.z, case.theta, case.right
+
+    def same(a: object, b: object) -> None:
+        a, b = np.asarray(a), np.asarray(b)
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max(initial=1e-300))
+
+    same(compiled.evaluate(z, theta), plain.evaluate(z, theta))
+    for a, b in zip(compiled.observation_loss(z), plain.observation_loss(z), strict=True):
+        same(a, b)
+    assert compiled.linearise(z, theta) and plain.linearise(z, theta)
+    same(compiled.solve(right), plain.solve(right))
+    same(compiled.solve(right, transposed=True), plain.solve(right, transposed=True))
+    same(compiled.sensitivities(), plain.sensitivities())
+    same(compiled.reduced_hessian(z, theta, right), plain.reduced_hessian(z, theta, right))
+    same(compiled.trajectory_metric(), plain.trajectory_metric())
+    for a, b in zip(
+        compiled.hessian_product(z, theta), plain.hessian_product(z, theta), strict=True
+    ):
+        same(a, b)
+    same(compiled.reduce(z), plain.reduce(z))
+    d = np.linspace(-1, 1, compiled.reduce(z).size)
+    same(compiled.expand(d), plain.expand(d))
+
+
+def test_a_singular_stage_is_reported() -> None:
+    """Without any cost on motion nothing determines the controls."""
+    scenario = get_scenario("two_player")
+    theta = np.zeros(scenario.weights.size)
+    z = np.zeros((scenario.game.horizon, 20))
+    stages = stage_functions(scenario.game, VIEWS["full"])
+    assert not Elimination(stages, scenario.game.horizon).linearise(z, theta)
+    assert not elimination(scenario.game).linearise(z, theta)
+    assert not elimination(scenario.game).linearise(np.full_like(z, np.nan), theta + 0.25)
