@@ -48,6 +48,7 @@ def solve_joint(
     *,
     weight_floor: float = 1e-5,
     first_barrier: float = 0.1,
+    tie: float = 0.0,
     max_iterations: int = 300,
     limit: float = 60.0,
 ) -> JointSolution:
@@ -60,6 +61,8 @@ def solve_joint(
         start: its weights lie above the floor and have row sums of one.
         weight_floor: lower bound of every weight, below 1/K.
         first_barrier: barrier parameter to begin with.
+        tie: factor of a further term |theta - 1/K|^2 of the objective, which holds the weights
+            near uniform.
         max_iterations: iterations at most.
         limit: wall-clock seconds at most.
 
@@ -73,7 +76,7 @@ def solve_joint(
         )
     solver = elimination(game, view)
     solver.set_observations(y.reshape(game.horizon, -1))
-    method = _InteriorPoint(game, solver, weight_floor, first_barrier)
+    method = _InteriorPoint(game, solver, weight_floor, first_barrier, tie)
     z = pack(game, start.states, start.controls, start.costates)
     with np.errstate(all="ignore"):  # trial points may overflow; they are then refused
         message, iterations = method.run(z, start.weights.ravel(), max_iterations, limit)
@@ -107,8 +110,11 @@ class _Direction:
 class _InteriorPoint:
     """State of one run."""
 
-    def __init__(self, game: Game, solver: Elimination, floor: float, first_barrier: float) -> None:
-        self.solver, self.floor = solver, floor
+    def __init__(
+        self, game: Game, solver: Elimination, floor: float, first_barrier: float, tie: float
+    ) -> None:
+        self.solver, self.floor, self.tie = solver, floor, tie
+        self.uniform = 1 / game.num_weights
         self.nx, nu = solver.stages.num_states, solver.stages.num_controls
         self.moving = np.arange(solver.stages.size) < self.nx + nu  # states and controls
         self.tangent = _tangent(self.nx, game.num_players, game.num_weights)
@@ -134,6 +140,7 @@ class _InteriorPoint:
                 return "singular stage of the first-order conditions", iteration
             self.solver.sensitivities()
             self.reduced_gradient = self.solver.reduce(self.point.gradient)
+            self.reduced_gradient[self.nx :] += self._tie_gradient()
             stationarity = self._stationarity()
             if max(stationarity, self._complementarity(0.0)) <= _TOLERANCE:
                 return "", iteration
@@ -160,11 +167,14 @@ class _InteriorPoint:
             z=z,
             theta=theta,
             residual=residual,
-            objective=loss,
+            objective=loss + self.tie * float(np.sum((theta - self.uniform) ** 2)),
             gradient=gradient,
             violation=float(size.sum()),
             infeasibility=float(size.max()),
         )
+
+    def _tie_gradient(self) -> np.ndarray:
+        return 2 * self.tie * (self.point.theta - self.uniform)
 
     def _stationarity(self) -> float:
         """The parts of E_mu (5) that do not depend on mu.
@@ -208,7 +218,7 @@ class _InteriorPoint:
         point = self.point
         hessian = self.solver.reduced_hessian(point.z, point.theta, self.multipliers)
         diagonal = np.arange(self.nx, len(hessian))
-        hessian[diagonal, diagonal] += self.duals / (point.theta - self.floor)
+        hessian[diagonal, diagonal] += self.duals / (point.theta - self.floor) + 2 * self.tie
         tangent_hessian = self.tangent.T @ hessian @ self.tangent
         self.factor, failed = dpotrf(tangent_hessian, lower=1)
         self.shift = 0.0
@@ -256,7 +266,7 @@ class _InteriorPoint:
         point, boundary = self.point, max(0.99, 1 - self.barrier)
         gap = point.theta - self.floor
         slope = float(np.vdot(point.gradient, direction.dz))
-        slope -= self.barrier * float((direction.dtheta / gap).sum())
+        slope += float((self._tie_gradient() - self.barrier / gap) @ direction.dtheta)
         longest = _longest_step(gap, direction.dtheta, boundary)
         length = longest
         while length >= self._shortest_step(slope, longest):

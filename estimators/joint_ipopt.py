@@ -20,16 +20,17 @@ def solve_joint_ipopt(
     start: JointPoint,
     *,
     weight_floor: float = 1e-5,
-    first_barrier: float = 0.1,
+    tie: float = 0.0,
     max_iterations: int = 300,
 ) -> JointSolution:
     """Solve the joint problem from one start; arguments as in ``solve_joint``."""
-    solver = joint_solver(game, view, max_iterations, first_barrier)
+    solver = joint_solver(game, view, max_iterations)
     parts = (start.states, start.controls, start.costates, start.weights)
     first = np.concatenate([part.ravel() for part in parts])
     lower = np.full(first.size, -np.inf)
     lower[-start.weights.size :] = weight_floor
-    solution = solver(x0=first, lbx=lower, p=observation_parameters(y), lbg=0, ubg=0)
+    parameters = np.concatenate([observation_parameters(y), [tie]])
+    solution = solver(x0=first, lbx=lower, p=parameters, lbg=0, ubg=0)
     stats = solver.stats()
     pieces = np.split(np.array(solution["x"]).ravel(), np.cumsum([p.size for p in parts])[:-1])
     shaped = [piece.reshape(part.shape) for piece, part in zip(pieces, parts, strict=True)]
@@ -45,24 +46,20 @@ def solve_joint_ipopt(
 
 
 @lru_cache(maxsize=16)
-def joint_solver(
-    game: Game, view: View, max_iterations: int, first_barrier: float = 0.1
-) -> ca.Function:
+def joint_solver(game: Game, view: View, max_iterations: int) -> ca.Function:
     """Build (or fetch) the solver."""
     system = kkt_system(game)
     count = game.horizon * game.num_players * observation_size(view, game.dynamics)
     y = ca.SX.sym("y", count)
     seen = ca.SX.sym("seen", y.numel())
+    tie = ca.SX.sym("tie")
+    untied = system.weights - 1 / game.num_weights
     sums = [ca.sum1(row) for row in ca.vertsplit(system.weights, game.num_weights)]
     problem = {
         "x": ca.vertcat(system.states, system.controls, system.costates, system.weights),
-        "p": ca.vertcat(y, seen),
-        "f": squared_error(game, view, system.states, y, seen),
+        "p": ca.vertcat(y, seen, tie),
+        "f": squared_error(game, view, system.states, y, seen) + tie * ca.sumsqr(untied),
         "g": ca.vertcat(system.residual, ca.vertcat(*sums) - 1),
     }
-    options = QUIET | {
-        "ipopt.max_iter": max_iterations,
-        "ipopt.tol": 1e-9,
-        "ipopt.mu_init": first_barrier,
-    }
+    options = QUIET | {"ipopt.max_iter": max_iterations, "ipopt.tol": 1e-9}
     return ca.nlpsol("joint", "ipopt", problem, options)
