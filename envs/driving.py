@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.equilibrium import NoEquilibriumError, equilibrium_of
+from envs.equilibrium import NoEquilibriumError, certified_equilibrium
 from envs.highway_roads import CAR, DT, replay
 from envs.scenarios.scenario import Scenario
 from games.features import CarProximity, ControlEffort, StateDeviation
@@ -44,7 +44,7 @@ class Manner:
 
 
 #: Fast roads: gaps of car lengths, small steering angles.
-FAST = Manner(6.0, 2.0, 1.0, speed=3.0, acceleration=2.0, steering=0.03, lane=1.0, heading=0.1)
+FAST = Manner(6.0, 2.0, 1.0, speed=3.0, acceleration=2.0, steering=0.03, lane=1.5, heading=0.1)
 #: Town: curves of 10 to 25 m radius.
 TOWN = Manner(4.0, 3.0, 1.0, speed=2.0, acceleration=2.0, steering=0.3, lane=0.7, heading=0.3)
 
@@ -102,7 +102,7 @@ def draw_playable(
 def rejection(scenario: Scenario) -> str | None:
     """Why a draw must not be used: ``"no equilibrium"``, ``"collision"``, or None."""
     try:
-        plan = equilibrium_of(scenario)
+        plan = certified_equilibrium(scenario)
     except NoEquilibriumError:
         return "no equilibrium"
     played = replay(scenario.name, plan.states[0], plan.controls)

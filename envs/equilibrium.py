@@ -1,4 +1,4 @@
-"""The true motion of a scenario, solved once."""
+"""The true motion of a scenario: its certified equilibrium, solved once per process."""
 
 from functools import lru_cache
 
@@ -13,14 +13,14 @@ class NoEquilibriumError(Exception):
     """A scenario for which no certified equilibrium was found; it must not serve as truth."""
 
 
-def equilibrium_of(scenario: Scenario) -> Equilibrium:
-    """The certified equilibrium of a scenario.
+def certified_equilibrium(scenario: Scenario) -> Equilibrium:
+    """The scenario's OLNE. Its arrays are shared and read-only.
 
     Raises:
-        NoEquilibriumError: where none is certified.
+        NoEquilibriumError: where the equilibrium is not certified.
     """
-    weights, initial_state = scenario.weights, scenario.initial_state
-    truth = _solve(scenario.game, weights.tobytes(), initial_state.tobytes())
+    # Arrays cannot be looked up in a cache, their bytes can.
+    truth = _solve(scenario.game, scenario.weights.tobytes(), scenario.initial_state.tobytes())
     if not truth.certificate.passed:
         raise NoEquilibriumError(
             f"no certified equilibrium of {scenario.name!r}: residual {truth.residual:.1e}, "
@@ -31,8 +31,12 @@ def equilibrium_of(scenario: Scenario) -> Equilibrium:
 
 @lru_cache(maxsize=128)
 def _solve(game: Game, weights: bytes, initial_state: bytes) -> Equilibrium:
-    return solve_olne(
+    truth = solve_olne(
         game,
         np.frombuffer(weights).reshape(game.num_players, game.num_weights),
         np.frombuffer(initial_state).reshape(game.state_shape[1:]),
     )
+    certificate = truth.certificate
+    for array in (truth.states, truth.controls, truth.costates, certificate.costs):
+        array.setflags(write=False)
+    return truth

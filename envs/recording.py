@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from envs.equilibrium import NoEquilibriumError, certified_equilibrium
 from envs.scenarios.scenario import Scenario
 from games.dynamics import rollout
-from games.olne import Certificate, solve_olne
+from games.olne import Certificate
 
-
-class NoEquilibriumError(Exception):
-    """A scenario for which no certified equilibrium was found; it must not serve as truth."""
+__all__ = ["NoEquilibriumError", "Recording", "record"]
 
 
 @dataclass(frozen=True)
@@ -39,12 +38,7 @@ def record(scenario: Scenario) -> Recording:
         NoEquilibriumError: where the equilibrium is not certified.
     """
     game = scenario.game
-    truth = solve_olne(game, scenario.weights, scenario.initial_state)
-    if not truth.certificate.passed:
-        raise NoEquilibriumError(
-            f"no certified equilibrium of {scenario.name!r}: residual {truth.residual:.1e}, "
-            f"gains {truth.certificate.gains.tolist()}"
-        )
+    truth = certified_equilibrium(scenario)
     coast = np.zeros((1, *game.control_shape[1:]))
     extra_state = rollout(game.dynamics, truth.states[-1], coast, game.dt)[-1]
     return Recording(scenario, truth.states, truth.controls, extra_state, truth.certificate)

@@ -138,14 +138,20 @@ def rollout(
     Returns:
         States (T, N, n), the initial state first.
     """
-    step = _numeric_step(dynamics, dt)
+    step = numeric_step(dynamics, dt)
     states = [np.asarray(initial_state, dtype=float)]
     for control in controls:
         states.append(np.array(step(states[-1].T, np.asarray(control).T)).T)
     return np.stack(states)
 
 
-def _numeric_step(dynamics: Dynamics, dt: float) -> ca.Function:
+@lru_cache(maxsize=16)
+def numeric_step(dynamics: Dynamics, dt: float) -> ca.Function:
+    """The map of one step, ``(state (n, N), control (m, N)) -> next state (n, N)``.
+
+    Players are columns, any number of them. Everything that plays a game numerically uses this
+    one function, so that replays agree to the last bit.
+    """
     state = ca.SX.sym("state", dynamics.state_size)
     control = ca.SX.sym("control", dynamics.control_size)
     return ca.Function("step", [state, control], [dynamics.step(state, control, dt)])
