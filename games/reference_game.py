@@ -8,17 +8,17 @@ after elimination of states and costates.
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from games.buffered import BufferedFunction
-from games.dynamics import Dynamics
+from games.dynamics import Dynamics, bicycle
 from games.features import CarProximity, ControlEffort, Stage
 
 #: Columns of ``weights``.
-WEIGHT_NAMES = ("proximity", "speed", "acceleration", "steering", "lane")
+WEIGHT_NAMES = ("proximity", "speed", "acceleration", "turning", "lane")
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ class Units:
         width: unit of distance to the sides [m].
         speed: deviation from the reference speed [m/s] that costs 1.
         acceleration: acceleration [m/s^2] that costs 1.
-        steering: steering angle [rad] that costs 1.
+        turning: lateral acceleration [m/s^2] that costs 1.
+        steering: steering angle [rad] that costs 1, on top; it counts at low speed.
         lane: lateral deviation [m] that costs 1.
         heading: heading error [rad] that costs 1.
     """
@@ -39,7 +40,8 @@ class Units:
     width: float = 2.2
     speed: float = 3.0
     acceleration: float = 2.0
-    steering: float = 0.05
+    turning: float = 3.0
+    steering: float = 1.0
     lane: float = 0.8
     heading: float = 0.15
 
@@ -87,7 +89,8 @@ class ReferenceGame:
     """The compiled game.
 
     Attributes:
-        dynamics: a bicycle.
+        rear_axle: of the bicycle [m].
+        sub_steps: Euler steps of the bicycle per step.
         steps: T-1.
         dt: step [s].
         max_players: most players that one solve takes.
@@ -95,12 +98,18 @@ class ReferenceGame:
         units: of the costs.
     """
 
-    dynamics: Dynamics
     steps: int
     dt: float
     max_players: int
     num_others: int
+    rear_axle: float = 2.5
+    sub_steps: int = 2
     units: Units = field(default_factory=Units)
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The bicycle."""
+        return bicycle(self.rear_axle, self.sub_steps)
 
     def solve(
         self,
@@ -319,20 +328,15 @@ def _step_cost(
         CarProximity(units.length, units.width).running_cost(stage),
         ((state[3] - speed) / units.speed) ** 2,
         ControlEffort("acceleration", (game.dt * units.acceleration) ** -2).running_cost(stage),
-        ControlEffort("steering", (game.dt * units.steering) ** -2).running_cost(stage),
+        _turning(game, state, control),
         (beside / units.lane) ** 2 + 2 * (1 - ca.cos(state[2] - direction)) / units.heading**2,
     )
     return ca.dot(weights, ca.vertcat(*terms))
 
 
-@lru_cache(maxsize=8)
-def reference_game(
-    dynamics: Dynamics,
-    steps: int,
-    dt: float,
-    max_players: int,
-    num_others: int,
-    units: Units | None = None,
-) -> ReferenceGame:
-    """Fetch a game, compiled once per process; arguments as for ``ReferenceGame``."""
-    return ReferenceGame(dynamics, steps, dt, max_players, num_others, units or Units())
+def _turning(game: ReferenceGame, state: ca.SX, control: ca.SX) -> ca.SX:
+    """Lateral acceleration, speed times yaw rate; the steering angle keeps it convex at rest."""
+    steering = control[0]
+    yaw_rate = state[3] * ca.sin(ca.atan(ca.tan(steering) / 2)) / game.rear_axle
+    effort = (steering / game.units.steering) ** 2
+    return (state[3] * yaw_rate / game.units.turning) ** 2 + effort
