@@ -29,6 +29,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from highway_env.road.road import LaneIndex, Road, RoadNetwork
+from highway_env.utils import wrap_to_pi
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
@@ -43,6 +44,9 @@ MAX_PLAYERS = 5  # in one game
 NEIGHBOURHOOD = 50.0  # [m] around a vehicle in which others plan with it
 NUM_OTHERS = 3  # predicted vehicles and obstacles that each player avoids besides the players
 SIGHT = 80.0  # [m] up to which these are looked for
+PURSUIT_TIME = 1.2  # [s] in which a start without a plan goes back to the lane
+CURVE_ACCELERATION = 5.0  # [m/s^2] across, for which drivers slow down in curves
+MAX_CURVATURE = 0.1  # [1/m]
 MAX_SHIFTS = 3  # plan steps for which an old plan may serve
 
 
@@ -250,11 +254,14 @@ def _plan_together(vehicle: NashVehicle) -> None:
         member._choose_lane()
     starts = [member._previous() for member in group]
     situation = _situation(group, starts)
-    controls = np.stack([_start_controls(s) for s in starts], axis=1)
+    pursuit = [_pursuit(*pair) for pair in zip(situation.initial_state, situation.references, strict=True)]
+    warm = [p if s is None else s.controls for s, p in zip(starts, pursuit, strict=True)]
     begin = perf_counter()
     # BLAS on several threads is a hundred times slower on matrices this small.
     with _blas().limit(limits=1, user_api="blas"):
-        plan = _game().solve(situation, controls)
+        plan = _game().solve(situation, np.stack(warm, axis=1))
+        if not plan.converged and any(start is not None for start in starts):
+            plan = _game().solve(situation, np.stack(pursuit, axis=1))
     report = traffic_report(vehicle.road)
     times = report.seconds.setdefault(len(group), deque(maxlen=10_000))
     times.append(perf_counter() - begin)
@@ -315,7 +322,18 @@ def _references(vehicle: NashVehicle, start: _VehiclePlan | None) -> np.ndarray:
         lateral=0.0,
     )
     target = np.minimum(vehicle.target_speed * vehicle.temperament.haste, limits)
+    target = np.minimum(target, _curve_speeds(points))
     return np.column_stack([points, target])
+
+
+def _curve_speeds(points: np.ndarray) -> np.ndarray:
+    """(T-1,) speeds [m/s] at which the curve through the points is comfortable."""
+    step = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    turn = np.abs(np.diff(np.unwrap(points[:, 2])))
+    # A vehicle that hardly moves sees no curve; lanes that do not touch make none either.
+    curvature = np.clip(turn / np.maximum(step, 1.0), 1e-6, MAX_CURVATURE)
+    speeds = np.sqrt(CURVE_ACCELERATION / curvature)
+    return np.append(speeds, speeds[-1])
 
 
 def _predict(other: RoadObject) -> np.ndarray:
@@ -383,8 +401,24 @@ def _along_lanes(
     return np.array(points), np.array(limits)
 
 
-def _start_controls(start: _VehiclePlan | None) -> np.ndarray:
-    return np.zeros((STEPS, 2)) if start is None else start.controls
+def _pursuit(state: np.ndarray, references: np.ndarray) -> np.ndarray:
+    """(T-1, 2) controls that lead to the references at constant speed: a start without a plan.
+
+    The law is that of HighwayEnv's ``ControlledVehicle``, with gains for steps this long.
+    """
+    rear_axle, controls = Vehicle.LENGTH / 2, np.zeros((STEPS, 2))
+    px, py, heading, speed = state
+    moving = max(speed, 1.0)
+    for t, (rx, ry, direction, _) in enumerate(references):
+        beside = (py - ry) * np.cos(direction) - (px - rx) * np.sin(direction)
+        towards = np.arcsin(np.clip(-beside / (PURSUIT_TIME * moving), -0.5, 0.5))
+        error = wrap_to_pi(direction + towards - heading)
+        slip = np.arcsin(np.clip(error / (2 * PLAN_STEP) * rear_axle / moving, -0.4, 0.4))
+        controls[t, 0] = np.arctan(2 * np.tan(slip))
+        px += speed * np.cos(heading + slip) * PLAN_STEP
+        py += speed * np.sin(heading + slip) * PLAN_STEP
+        heading += speed * np.sin(slip) / rear_axle * PLAN_STEP
+    return controls
 
 
 @lru_cache(maxsize=1)
