@@ -20,6 +20,7 @@ class Recording:
         scenario: the scenario that was played, ground truth included.
         states: (T, N, n).
         controls: (T-1, N, m).
+        costates: (T-1, N, n).
         extra_state: (N, n) at T+1, one step beyond the horizon with zero controls.
         certificate: evidence that the motion is an equilibrium.
     """
@@ -27,6 +28,7 @@ class Recording:
     scenario: Scenario
     states: np.ndarray
     controls: np.ndarray
+    costates: np.ndarray
     extra_state: np.ndarray
     certificate: Certificate
 
@@ -41,4 +43,6 @@ def record(scenario: Scenario) -> Recording:
     truth = certified_equilibrium(scenario)
     coast = np.zeros((1, *game.control_shape[1:]))
     extra_state = rollout(game.dynamics, truth.states[-1], coast, game.dt)[-1]
-    return Recording(scenario, truth.states, truth.controls, extra_state, truth.certificate)
+    return Recording(
+        scenario, truth.states, truth.controls, truth.costates, extra_state, truth.certificate
+    )

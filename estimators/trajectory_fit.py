@@ -75,14 +75,19 @@ def observation_parameters(y: np.ndarray) -> np.ndarray:
 def guess_states(game: Game, view: View, y: np.ndarray) -> np.ndarray:
     """States (S, N, n) read off the observations, for solvers to start from.
 
-    Observed components are taken as they are, gaps interpolated. An unobserved speed is the
-    displacement per step along the heading; anything else unobserved starts at zero.
+    Observed components are taken as they are, gaps interpolated. Where only positions are seen,
+    a player heads to where it goes next. An unobserved speed is the displacement per step along
+    the heading; anything else unobserved starts at zero.
     """
     names = game.dynamics.state_names
-    observed = getattr(view, "components", names)
+    observed = view.read_off(y, game.dynamics)
     states = np.zeros((*y.shape[:2], len(names)))
-    for column, name in enumerate(observed):
-        states[..., names.index(name)] = _fill_gaps(y[..., column])
+    for name, samples in observed.items():
+        states[..., names.index(name)] = _fill_gaps(samples)
+    if "heading" in names and "heading" not in observed:
+        steps = np.diff(states[..., :2], axis=0)
+        heading = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=0)
+        states[..., names.index("heading")] = np.concatenate([heading, heading[-1:]])
     if "speed" in names and "speed" not in observed:
         steps = np.diff(states[..., :2], axis=0) / game.dt
         heading = states[:-1, :, names.index("heading")]

@@ -4,6 +4,8 @@ A plain call of a small function takes about 100 microseconds, nearly all of it 
 memory that is bound once it takes one. Worlds, which step one state at a time, need that.
 """
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -13,16 +15,23 @@ class BufferedFunction:
 
     CasADi stores columns one after the other and NumPy rows, so a CasADi argument (n, N) is a
     NumPy array (N, n) here. An instance must not be used by two threads at once.
+
+    Raises:
+        ValueError: if an argument or the result has structural zeros, which have no memory.
     """
 
     def __init__(self, function: ca.Function) -> None:
+        patterns = [function.sparsity_in(i) for i in range(function.n_in())]
+        if not all(pattern.is_dense() for pattern in [*patterns, function.sparsity_out(0)]):
+            raise ValueError(f"{function} is not dense")
         self._arguments = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
         self._result = np.zeros(function.size_out(0)[::-1])
         # The bound buffer must outlive the call, hence the attribute that nothing reads.
+        self._buffer: Any
         self._buffer, self._evaluate = function.buffer()
         for i, argument in enumerate(self._arguments):
-            self._buffer.set_arg(i, memoryview(argument))
-        self._buffer.set_res(0, memoryview(self._result))
+            self._buffer.set_arg(i, argument.data)
+        self._buffer.set_res(0, self._result.data)
 
     def __call__(self, *arguments: np.ndarray) -> np.ndarray:
         """The function's first result, transposed like the arguments, as a fresh array."""

@@ -5,13 +5,25 @@ generates the observations. The noise that sensors add is not part of it.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
-from games.dynamics import Dynamics
+
+class Components(Hashable, Protocol):
+    """Anything that names the components of a state: a motion model, or a sensor's report."""
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the n components."""
+
+    @property
+    def state_size(self) -> int:
+        """N."""
 
 
 class View(ABC):
@@ -26,8 +38,26 @@ class View(ABC):
     name: str
 
     @abstractmethod
-    def expected(self, state: ca.SX, dynamics: Dynamics) -> ca.SX:
+    def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
         """h(x): expected observation (d,) of one player's state (n,)."""
+
+    def component_names(self, dynamics: Components) -> tuple[str, ...]:
+        """Names of the d observed components."""
+        return tuple(f"{self.name}_{k}" for k in range(observation_size(self, dynamics)))
+
+    def bounds(
+        self, low: np.ndarray, high: np.ndarray, dynamics: Components
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (d,) of the observations of states within bounds (n,); infinite if unknown."""
+        limit = np.full(observation_size(self, dynamics), np.inf)
+        return -limit, limit
+
+    def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
+        """State components (...) that observations (..., d) determine, by name.
+
+        Solvers start from them; a view that determines none is a view all the same.
+        """
+        return {}
 
 
 @dataclass(frozen=True)
@@ -36,19 +66,100 @@ class FullView(View):
 
     name: str = "full"
 
-    def expected(self, state: ca.SX, dynamics: Dynamics) -> ca.SX:
+    def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
         return state
+
+    def component_names(self, dynamics: Components) -> tuple[str, ...]:
+        return dynamics.state_names
+
+    def bounds(
+        self, low: np.ndarray, high: np.ndarray, dynamics: Components
+    ) -> tuple[np.ndarray, np.ndarray]:
+        return low, high
+
+    def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
+        return {name: y[..., k] for k, name in enumerate(dynamics.state_names)}
 
 
 @dataclass(frozen=True)
 class ComponentView(View):
-    """The named state components, in that order."""
+    """The named state components, in that order.
+
+    Raises:
+        ValueError: at its first use, on a component that the state does not have.
+    """
 
     name: str
     components: tuple[str, ...]
 
-    def expected(self, state: ca.SX, dynamics: Dynamics) -> ca.SX:
-        return ca.vertcat(*[state[dynamics.state_names.index(c)] for c in self.components])
+    def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
+        return ca.vertcat(*[state[k] for k in self._columns(dynamics)])
+
+    def component_names(self, dynamics: Components) -> tuple[str, ...]:
+        return self.components
+
+    def bounds(
+        self, low: np.ndarray, high: np.ndarray, dynamics: Components
+    ) -> tuple[np.ndarray, np.ndarray]:
+        columns = self._columns(dynamics)
+        return low[columns], high[columns]
+
+    def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
+        return {name: y[..., k] for k, name in enumerate(self.components)}
+
+    def _columns(self, dynamics: Components) -> list[int]:
+        for component in self.components:
+            if component not in dynamics.state_names:
+                raise ValueError(
+                    f"view {self.name!r}: no component {component!r} here; "
+                    f"there are: {', '.join(dynamics.state_names)}"
+                )
+        return [dynamics.state_names.index(component) for component in self.components]
+
+
+@dataclass(frozen=True)
+class RangeBearingView(View):
+    """Range [m] and bearing [rad] from a sensor at a fixed place, as a roadside LiDAR reports.
+
+    The bearing is counter-clockwise from the direction that the sensor faces and within
+    [-pi, pi]: it jumps where a player passes behind the sensor, so let it face the scene. A
+    player at the very place of the sensor has no bearing that could be differentiated.
+
+    Attributes:
+        position: of the sensor, px and py [m].
+        facing: direction of bearing zero [rad], counter-clockwise from the x axis.
+    """
+
+    position: tuple[float, float] = (0.0, 0.0)
+    facing: float = 0.0
+    name: str = "range_bearing"
+
+    def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
+        px, py = (state[dynamics.state_names.index(c)] for c in ("px", "py"))
+        ahead, left = self._turn(px - self.position[0], py - self.position[1], -self.facing)
+        return ca.vertcat(ca.sqrt(ahead**2 + left**2), ca.atan2(left, ahead))
+
+    def component_names(self, dynamics: Components) -> tuple[str, ...]:
+        return ("range", "bearing")
+
+    def bounds(
+        self, low: np.ndarray, high: np.ndarray, dynamics: Components
+    ) -> tuple[np.ndarray, np.ndarray]:
+        columns = [dynamics.state_names.index(c) for c in ("px", "py")]
+        farthest = np.abs(np.stack([low[columns], high[columns]]) - self.position).max(axis=0)
+        return np.array([0.0, -np.pi]), np.array([np.linalg.norm(farthest), np.pi])
+
+    def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
+        distance, direction = y[..., 0], y[..., 1] + self.facing
+        return {
+            "px": self.position[0] + distance * np.cos(direction),
+            "py": self.position[1] + distance * np.sin(direction),
+        }
+
+    @staticmethod
+    def _turn(x: ca.SX, y: ca.SX, angle: float) -> tuple[ca.SX, ca.SX]:
+        cos, sin = float(np.cos(angle)), float(np.sin(angle))
+        return cos * x - sin * y, sin * x + cos * y
 
 
 #: The paper's two views, by name.
@@ -57,20 +168,21 @@ VIEWS: dict[str, View] = {
 }
 
 
-def observation_size(view: View, dynamics: Dynamics) -> int:
+def observation_size(view: View, dynamics: Components) -> int:
     """d, the number of observed components per player."""
     return view.expected(ca.SX.sym("state", dynamics.state_size), dynamics).numel()
 
 
-def observe(view: View, dynamics: Dynamics, states: np.ndarray) -> np.ndarray:
+def observe(view: View, dynamics: Components, states: np.ndarray) -> np.ndarray:
     """Noise-free observations (..., d) of states (..., n)."""
     states = np.asarray(states, dtype=float)
     flat = states.reshape(-1, dynamics.state_size)
-    observed = np.array(_observe_function(view, dynamics)(flat.T)).T
+    observed = np.array(observation_function(view, dynamics)(flat.T)).T
     return observed.reshape(*states.shape[:-1], -1)
 
 
 @lru_cache(maxsize=64)
-def _observe_function(view: View, dynamics: Dynamics) -> ca.Function:
+def observation_function(view: View, dynamics: Components) -> ca.Function:
+    """H as a function of states (n, S) in columns, any number of them."""
     state = ca.SX.sym("state", dynamics.state_size)
-    return ca.Function("h", [state], [view.expected(state, dynamics)])
+    return ca.Function("h", [state], [ca.densify(view.expected(state, dynamics))])

@@ -41,6 +41,8 @@ def stage_costs(game: Game) -> StageCosts:
         running.append(player.running_cost(moving, weights[:, i]))
         final.append(player.final_cost(resting, weights[:, i]))
     return StageCosts(
-        running=ca.Function("running", [states, controls, weights], [ca.vertcat(*running)]),
-        final=ca.Function("final", [states, weights], [ca.vertcat(*final)]),
+        running=ca.Function(
+            "running", [states, controls, weights], [ca.densify(ca.vertcat(*running))]
+        ),
+        final=ca.Function("final", [states, weights], [ca.densify(ca.vertcat(*final))]),
     )

@@ -1,16 +1,18 @@
 """Scenarios: games with ground truth. One file each; the file's name is the scenario's name.
 
-A scenario module defines ``make(seed, **options) -> Scenario``. Put a new file into this folder
-and ``get_scenario`` knows it.
+A scenario module defines ``make(**options) -> Scenario``. A family of scenarios, of which every
+seed draws another member, takes ``seed`` as its first argument; a fixed scenario does not. Put a
+new file into this folder and ``get_scenario`` knows it.
 """
 
 import inspect
 from importlib import import_module
 from pkgutil import iter_modules
+from types import ModuleType
 
 from envs.scenarios.scenario import Scenario
 
-__all__ = ["Scenario", "get_scenario", "scenario_names"]
+__all__ = ["Scenario", "get_scenario", "is_family", "scenario_names", "scenario_options"]
 
 _NOT_SCENARIOS = {"scenario"}
 
@@ -20,24 +22,49 @@ def scenario_names() -> list[str]:
     return sorted(m.name for m in iter_modules(__path__) if m.name not in _NOT_SCENARIOS)
 
 
+def is_family(name: str) -> bool:
+    """Whether another seed gives another member; a fixed scenario is the same for all.
+
+    Raises:
+        ValueError: on an unknown name.
+    """
+    return "seed" in _parameters(name)
+
+
+def scenario_options(name: str) -> list[str]:
+    """Names of a scenario's own options.
+
+    Raises:
+        ValueError: on an unknown name.
+    """
+    return [parameter for parameter in _parameters(name) if parameter != "seed"]
+
+
 def get_scenario(name: str, seed: int | None = None, **options: object) -> Scenario:
     """Draw a scenario.
 
     Args:
         name: one of ``scenario_names()``.
-        seed: which member of a family; a fixed scenario is the same for every seed. None
-            stands for 0.
+        seed: which member of a family, 0 where absent; a fixed scenario ignores it.
         **options: the scenario's own options, such as ``num_players`` of ``random``.
 
     Raises:
         ValueError: on an unknown name or option; the message names the alternatives.
     """
-    if name not in scenario_names():
-        raise ValueError(f"unknown scenario {name!r}; known are: {', '.join(scenario_names())}")
-    make = import_module(f"{__name__}.{name}").make
-    known = [p for p in inspect.signature(make).parameters if p != "seed"]
+    known = scenario_options(name)
     for option in options:
         if option not in known:
             choice = ", ".join(known) or "none"
             raise ValueError(f"scenario {name!r} has no option {option!r}; known are: {choice}")
-    return make(seed or 0, **options)
+    draw = {"seed": seed or 0} if is_family(name) else {}
+    return _module(name).make(**draw, **options)
+
+
+def _parameters(name: str) -> list[str]:
+    return list(inspect.signature(_module(name).make).parameters)
+
+
+def _module(name: str) -> ModuleType:
+    if name not in scenario_names():
+        raise ValueError(f"unknown scenario {name!r}; known are: {', '.join(scenario_names())}")
+    return import_module(f"{__name__}.{name}")

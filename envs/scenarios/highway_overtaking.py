@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.scenarios.scenario import Scenario
+from envs.scenarios.scenario import Limits, Scenario
 from games.dynamics import UNICYCLE
 from games.features import ControlEffort, Proximity, StateDeviation
 from games.game import Game, Player
@@ -16,6 +16,8 @@ from games.game import Game, Player
 HORIZON = 20
 DT = 1.0  # [s]
 ROAD_HEADING = np.pi / 2  # [rad]
+#: Controls well beyond what equilibria use; states that these can reach.
+LIMITS = Limits(controls=(1.0, 0.5), states=(100.0, 100.0, 21.0, 10.0))
 
 
 @dataclass(frozen=True)
@@ -39,13 +41,14 @@ CARS = (
 )
 
 
-def make(seed: int = 0) -> Scenario:
-    """The fixed scenario; every seed gives the same."""
+def make() -> Scenario:
+    """The fixed scenario."""
     return Scenario(
         name="highway_overtaking",
         game=Game(tuple(_player(car) for car in CARS), UNICYCLE, HORIZON, DT),
         weights=np.array([[car.proximity, 1, 1, 1] for car in CARS]),
         initial_state=np.array([[car.px, car.py, ROAD_HEADING, car.speed] for car in CARS]),
+        limits=LIMITS,
     )
 
 

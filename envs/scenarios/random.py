@@ -6,7 +6,7 @@ middle. Same cost features and units as ``two_player``.
 
 import numpy as np
 
-from envs.scenarios.scenario import Scenario
+from envs.scenarios.scenario import Limits, Scenario
 from games.dynamics import UNICYCLE
 from games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
 from games.game import Game, Player
@@ -19,6 +19,8 @@ SPEED_RANGE = (0.05, 0.3)  # [m/s]
 RADIUS_RANGE = (0.9, 1.3)  # [m] of starts and goals
 GOAL_SPREAD = np.deg2rad(35)  # [rad] around the opposite side
 HEADING_SPREAD = np.deg2rad(15)  # [rad] around the direction to the goal
+#: Controls well beyond what equilibria use; states that these can reach.
+LIMITS = Limits(controls=(2 * np.pi, 2.0), states=(38.0, 38.0, 42.0, 13.0))
 
 
 def make(seed: int = 0, num_players: int | None = None) -> Scenario:
@@ -47,6 +49,7 @@ def make(seed: int = 0, num_players: int | None = None) -> Scenario:
         game=Game(tuple(_player(goal) for goal in goals), UNICYCLE, HORIZON, DT),
         weights=rng.uniform(*WEIGHT_RANGE, (count, 4)),
         initial_state=np.column_stack([starts, headings, speeds]),
+        limits=LIMITS,
     )
 
 

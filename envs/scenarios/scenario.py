@@ -8,6 +8,21 @@ from games.game import Game
 
 
 @dataclass(frozen=True)
+class Limits:
+    """How far controls and states can go, the same for every draw of a family.
+
+    Worlds build their spaces from it, which have to be finite and must not change with the seed.
+
+    Attributes:
+        controls: (m,) largest magnitude of each control that a world accepts.
+        states: (n,) magnitude that no state component exceeds, whatever the controls.
+    """
+
+    controls: tuple[float, ...]
+    states: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Scenario:
     """A game with its ground truth.
 
@@ -18,12 +33,14 @@ class Scenario:
         game: the game without its truth.
         weights: (N, K) true weights, rows sum to one.
         initial_state: (N, n) true x_1.
+        limits: sizes of a world's spaces; only ``envs.olne_v0`` needs them.
     """
 
     name: str
     game: Game
     weights: np.ndarray
     initial_state: np.ndarray
+    limits: Limits | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", self.game.check_weights(self.weights))

@@ -7,7 +7,7 @@ direction to its goal on the other side.
 
 import numpy as np
 
-from envs.scenarios.scenario import Scenario
+from envs.scenarios.scenario import Limits, Scenario
 from games.dynamics import UNICYCLE
 from games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
 from games.game import Game, Player
@@ -17,10 +17,12 @@ DT = 0.25  # [s]
 DIRECTIONS = (0.0, np.pi / 2)  # [rad] from start to goal
 HEADING_OFFSET = np.deg2rad(10)  # [rad]
 INITIAL_SPEED = 0.1  # [m/s]
+#: Controls well beyond what equilibria use; states that these can reach.
+LIMITS = Limits(controls=(1.0, 1.0), states=(20.0, 20.0, 8.0, 7.0))
 
 
-def make(seed: int = 0) -> Scenario:
-    """The fixed scenario; every seed gives the same."""
+def make() -> Scenario:
+    """The fixed scenario."""
     return Scenario(
         name="two_player",
         game=Game(tuple(_player(d) for d in DIRECTIONS), UNICYCLE, HORIZON, DT),
@@ -28,6 +30,7 @@ def make(seed: int = 0) -> Scenario:
         initial_state=np.array(
             [[-np.cos(d), -np.sin(d), d + HEADING_OFFSET, INITIAL_SPEED] for d in DIRECTIONS]
         ),
+        limits=LIMITS,
     )
 
 

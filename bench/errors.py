@@ -1,0 +1,5 @@
+"""The one exception that the command line turns into a line and exit code 2."""
+
+
+class UserError(Exception):
+    """Bad input: the message names the value, the place and the alternatives, on one line."""

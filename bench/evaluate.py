@@ -1,0 +1,165 @@
+"""Run one trial: play the scenario, observe it, estimate, judge the estimate."""
+
+import time
+import traceback
+import zlib
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bench.metrics import cosine_error, position_error
+from bench.sensor import sense
+from bench.trial import Outcome, Trial
+from bench.truth import true_recording, unit_cosine_limit
+from envs.recording import NoEquilibriumError, Recording
+from estimators.protocol import Observation, Problem
+from estimators.registry import load_estimator
+from games.nearest_root import nearest_root
+from games.observation import VIEWS, FullView, View, observe
+
+
+class InvalidEstimateError(Exception):
+    """An estimator returned something that is not an estimate."""
+
+
+@dataclass(frozen=True)
+class _CheckedEstimate:
+    weights: np.ndarray
+    states: np.ndarray | None
+    converged: bool
+    message: str
+    objective: float | None
+
+
+def evaluate(trial: Trial) -> Outcome:
+    """Run a trial in this process.
+
+    An estimator's exceptions become an outcome. Its hanging or dying does not: that is for the
+    executor to see to.
+    """
+    view = VIEWS[trial.view]
+    try:
+        recording = true_recording(trial.scenario, trial.seed)
+    except NoEquilibriumError as error:
+        return Outcome("skipped", str(error))
+    problem = Problem(recording.scenario.game, view, trial.sigma)
+    observation = _read_only(sense(recording, view, trial.sigma, trial.seed))
+    limit = unit_cosine_limit(trial.scenario, trial.seed, view)
+    outcome = Outcome(
+        status="ok",
+        observation_error=_observation_error(recording, trial),
+        truth_objective=_squared_error(recording, view, observation),
+        cosine_limit=None if limit is None else trial.sigma**2 * limit,
+    )
+
+    try:
+        estimator = load_estimator(trial.estimator.name, trial.estimator.parameters)
+        reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
+        if reason:
+            return replace(outcome, status="skipped", message=_one_line(str(reason)))
+        if hasattr(estimator, "warm_up"):
+            estimator.warm_up(problem)
+        rng = np.random.default_rng(zlib.crc32(repr(trial.key).encode()))
+        started = time.perf_counter()
+        result = estimator.estimate(problem, observation, rng=rng, budget=trial.time_limit)
+        outcome = replace(outcome, solve_seconds=time.perf_counter() - started)
+    except Exception as error:
+        return replace(outcome, status="crash", message=_describe(error))
+
+    try:
+        estimate = _check(result, problem)
+    except InvalidEstimateError as error:
+        return replace(outcome, status="invalid", message=_one_line(str(error)))
+    return _judge(estimate, recording, outcome)
+
+
+def _judge(estimate: _CheckedEstimate, recording: Recording, outcome: Outcome) -> Outcome:
+    """Score a well-formed estimate; its success is defined as in the published study."""
+    scenario = recording.scenario
+    outcome = replace(
+        outcome,
+        message=estimate.message,
+        cosine_error=cosine_error(scenario.weights, estimate.weights),
+        weights=estimate.weights.tolist(),
+        objective=estimate.objective,
+    )
+    if estimate.states is not None:
+        error = position_error(recording.states, estimate.states)
+        outcome = replace(outcome, reconstruction_error=error)
+    if not estimate.converged:
+        message = estimate.message or "the estimator gives no reason"
+        return replace(outcome, status="not_converged", message=message)
+    root = nearest_root(scenario.game, estimate.weights, recording.states, recording.controls)
+    if root is None:
+        message = "no root of the game found at the estimated weights"
+        return replace(outcome, status="failed_forward", message=message)
+    return replace(outcome, position_error=position_error(recording.states, root.states))
+
+
+def _check(result: Any, problem: Problem) -> _CheckedEstimate:
+    """Read an estimate attribute by attribute, as plugins need not use our class."""
+    if not hasattr(result, "weights"):
+        raise InvalidEstimateError(f"returned {type(result).__name__} without 'weights'")
+    weights = _as_array("weights", result.weights)
+    expected = (problem.game.num_players, problem.game.num_weights)
+    if weights.shape != expected:
+        raise InvalidEstimateError(f"weights have the shape {weights.shape}, expected {expected}")
+    if not np.isfinite(weights).all():
+        raise InvalidEstimateError("weights are not finite")
+    if (weights < 0).any():
+        raise InvalidEstimateError(f"weights are negative: the least is {weights.min():g}")
+    if (weights.sum(axis=1) <= 0).any():
+        raise InvalidEstimateError("a player's weights are all zero")
+
+    states = getattr(result, "states", None)
+    if states is not None:
+        states = _as_array("states", states)
+        if states.shape != problem.game.state_shape:
+            raise InvalidEstimateError(
+                f"states have the shape {states.shape}, expected {problem.game.state_shape}"
+            )
+        if not np.isfinite(states).all():
+            raise InvalidEstimateError("states are not finite")
+    objective = (getattr(result, "extras", None) or {}).get("objective")
+    return _CheckedEstimate(
+        weights=weights / weights.sum(axis=1, keepdims=True),
+        states=states,
+        converged=bool(getattr(result, "converged", True)),
+        message=_one_line(str(getattr(result, "message", ""))),
+        objective=None if objective is None else float(objective),
+    )
+
+
+def _as_array(what: str, value: Any) -> np.ndarray:
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InvalidEstimateError(f"{what} are not an array of numbers: {error}") from error
+
+
+def _observation_error(recording: Recording, trial: Trial) -> float:
+    seen = sense(recording, FullView(), trial.sigma, trial.seed)
+    return position_error(recording.states, seen.y)
+
+
+def _squared_error(recording: Recording, view: View, observation: Observation) -> float:
+    expected = observe(view, recording.scenario.game.dynamics, recording.states)
+    return float(np.nansum((expected - observation.y) ** 2))
+
+
+def _read_only(observation: Observation) -> Observation:
+    """An estimator that writes into its input gets an exception and so a row of its own."""
+    for array in (observation.y, observation.extra):
+        if array is not None:
+            array.setflags(write=False)
+    return observation
+
+
+def _describe(error: Exception) -> str:
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return _one_line(f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})")
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,56 @@
+"""What a run leaves to take home: tables and figures, made from the store alone."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+
+from bench.errors import UserError
+from bench.leaderboard import leaderboard
+from bench.store import read_store
+
+
+def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
+    """Write ``trials.csv``, ``trials.parquet``, ``leaderboard.csv`` and ``figures/``.
+
+    Args:
+        folder: a run folder.
+        figures: whether to draw the figures as well.
+
+    Returns:
+        The leaderboard.
+
+    Raises:
+        UserError: if the folder holds no run, or cannot be written.
+    """
+    with read_store(folder) as store:
+        trials = store.frame()
+    if trials.empty:
+        raise UserError(f"the run in {folder} has no finished trial yet")
+    table = leaderboard(trials)
+    try:
+        flat = trials.assign(weights=trials["weights"].map(json.dumps, na_action="ignore"))
+        flat.to_csv(folder / "trials.csv", index=False)
+        trials.to_parquet(folder / "trials.parquet", index=False, compression="zstd")
+        table.to_csv(folder / "leaderboard.csv", index=False)
+        if figures:
+            from bench.figures import draw_figures  # matplotlib is slow to import
+
+            draw_figures(trials, folder / "figures")
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
+    return table
+
+
+def format_leaderboard(table: pd.DataFrame) -> str:
+    """The leaderboard as text for a terminal."""
+    shown = table[["scenario", "view", "estimator", "trials", "failures"]].copy()
+    for error in ("cosine_error", "position_error"):
+        quartiles = table[[f"{error}_median", f"{error}_q25", f"{error}_q75"]]
+        shown[f"{error.replace('_', ' ')} [IQR]"] = [
+            f"{median:.2g} [{low:.2g}, {high:.2g}]"
+            for median, low, high in quartiles.itertuples(index=False)
+        ]
+    shown["x limit"] = table["limit_ratio"].map("{:.2f}".format)
+    shown["ms"] = (1e3 * table["solve_seconds_median"]).map("{:.1f}".format)
+    return shown.to_string(index=False)

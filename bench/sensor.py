@@ -1,0 +1,29 @@
+"""Sensors: from a recording to what an estimator is allowed to see."""
+
+import zlib
+
+import numpy as np
+
+from envs.recording import Recording
+from estimators.protocol import Observation
+from games.observation import View, observe
+
+
+def sense(recording: Recording, view: View, sigma: float, seed: int) -> Observation:
+    """Observe a recording through a view, with additive white Gaussian noise.
+
+    The noise is drawn for the full state and then masked by the view, from a stream that depends
+    on (scenario, sigma, seed) alone. Every view and estimator so sees the same draw, and
+    comparisons between them are paired.
+
+    Args:
+        recording: what happened.
+        view: the observation model.
+        sigma: standard deviation of the noise on every component of the state.
+        seed: of the noise.
+    """
+    states = np.concatenate([recording.states, recording.extra_state[None]])
+    stream = [zlib.crc32(recording.scenario.name.encode()), round(sigma * 1e9), seed]
+    noise = sigma * np.random.default_rng(stream).standard_normal(states.shape)
+    y = observe(view, recording.scenario.game.dynamics, states + noise)
+    return Observation(y=y[:-1], extra=y[-1])

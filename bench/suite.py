@@ -1,0 +1,205 @@
+"""Suites: what to run, as TOML checked against a schema."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from bench.errors import UserError
+from envs.scenarios import get_scenario
+from estimators.registry import EstimatorError, estimator_label, load_estimator
+from games.observation import VIEWS
+
+SUITE_FOLDER = Path(__file__).parent / "suites"
+
+Sigma = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ScenarioEntry(_Strict):
+    """A scenario with its options, such as ``num_players`` of ``random``."""
+
+    name: str
+    options: dict[str, Any] = {}
+
+    @property
+    def label(self) -> str:
+        """Name in tables: options follow in parentheses."""
+        options = ",".join(f"{key}={value}" for key, value in sorted(self.options.items()))
+        return f"{self.name}({options})" if options else self.name
+
+
+class EstimatorEntry(_Strict):
+    """An estimator with its parameters; ``label`` tells apart two settings of the same one."""
+
+    name: str
+    parameters: dict[str, Any] = {}
+    label: str = ""
+
+
+class Suite(_Strict):
+    """A study: every combination of scenario, view, noise level, seed and estimator.
+
+    Attributes:
+        name: short name.
+        description: one line for ``olne-bench list``.
+        scenarios: names or tables with options.
+        views: names of observation models.
+        sigmas: noise levels, standard deviation of each component of the state.
+        seeds: noise draws per level; at sigma 0 a fixed scenario has only one, which counts as
+            that many.
+        time_limit: wall-clock seconds after which a trial is killed.
+        estimators: names or tables with parameters.
+    """
+
+    name: str
+    description: str = ""
+    scenarios: tuple[ScenarioEntry, ...] = Field(min_length=1)
+    views: tuple[str, ...] = Field(min_length=1)
+    sigmas: tuple[Sigma, ...] = Field(min_length=1)
+    seeds: int = Field(gt=0)
+    time_limit: float = Field(default=60.0, gt=0, allow_inf_nan=False)
+    estimators: tuple[EstimatorEntry, ...] = Field(min_length=1)
+
+    @field_validator("scenarios", "estimators", mode="before")
+    @classmethod
+    def _names_are_entries(cls, value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [{"name": item} if isinstance(item, str) else item for item in value]
+        return value
+
+    @field_validator("scenarios")
+    @classmethod
+    def _scenarios_exist(cls, value: tuple[ScenarioEntry, ...]) -> tuple[ScenarioEntry, ...]:
+        for entry in value:
+            try:
+                get_scenario(entry.name, **entry.options)
+            except TypeError as error:
+                raise ValueError(f"scenario {entry.name!r} refuses its options: {error}") from error
+        return _distinct(value, "scenario", [entry.label for entry in value])
+
+    @field_validator("views")
+    @classmethod
+    def _views_exist(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for name in value:
+            if name not in VIEWS:
+                raise ValueError(f"unknown view {name!r}; known are: {', '.join(VIEWS)}")
+        return _distinct(value, "view", value)
+
+    @field_validator("sigmas")
+    @classmethod
+    def _sigmas_differ(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        return _distinct(value, "sigma", value)
+
+    @field_validator("estimators")
+    @classmethod
+    def _estimators_exist(cls, value: tuple[EstimatorEntry, ...]) -> tuple[EstimatorEntry, ...]:
+        labelled = []
+        for entry in value:
+            load_estimator(entry.name, entry.parameters)
+            label = entry.label or estimator_label(entry.name)
+            labelled.append(entry.model_copy(update={"label": label}))
+        return _distinct(tuple(labelled), "estimator label", [entry.label for entry in labelled])
+
+
+def suite_names() -> list[str]:
+    """Names of the suites that come with the package."""
+    return sorted(path.stem for path in SUITE_FOLDER.glob("*.toml"))
+
+
+def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
+    """Read a suite.
+
+    Args:
+        reference: a name from ``suite_names()`` or the path of a TOML file.
+        plugins: estimator references to add to the suite's own.
+
+    Raises:
+        UserError: on an unknown suite, unreadable TOML or a value that the schema refuses.
+    """
+    path = Path(reference) if reference.endswith(".toml") else SUITE_FOLDER / f"{reference}.toml"
+    if not path.is_file():
+        raise UserError(
+            f"unknown suite {reference!r}; known are: {', '.join(suite_names())}, "
+            "or the path of a .toml file"
+        )
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"suite {path}: not valid TOML: {error}") from error
+    if plugins and isinstance(data.get("estimators"), list):
+        data["estimators"] += plugins
+    try:
+        return Suite.model_validate(data)
+    except ValidationError as error:
+        raise UserError(f"suite {path}: {_first_problem(error)}") from error
+    except EstimatorError as error:
+        raise UserError(f"suite {path}: {error}") from error
+
+
+def select(
+    suite: Suite,
+    *,
+    scenarios: tuple[str, ...] = (),
+    views: tuple[str, ...] = (),
+    sigmas: tuple[float, ...] = (),
+    estimators: tuple[str, ...] = (),
+) -> Suite:
+    """A part of a suite; an empty selection keeps everything.
+
+    Raises:
+        UserError: on a value that the suite does not have; the message names what it has.
+    """
+    labels = [entry.label for entry in suite.scenarios]
+    estimator_labels = [entry.label for entry in suite.estimators]
+    _require(suite, "scenario", scenarios, labels)
+    _require(suite, "view", views, suite.views)
+    _require(suite, "sigma", sigmas, suite.sigmas)
+    _require(suite, "estimator", estimators, estimator_labels)
+    return suite.model_copy(
+        update={
+            "scenarios": tuple(e for e in suite.scenarios if e.label in (scenarios or labels)),
+            "views": tuple(v for v in suite.views if v in (views or suite.views)),
+            "sigmas": tuple(s for s in suite.sigmas if s in (sigmas or suite.sigmas)),
+            "estimators": tuple(
+                e for e in suite.estimators if e.label in (estimators or estimator_labels)
+            ),
+        }
+    )
+
+
+def _require(suite: Suite, what: str, wanted: Any, available: Any) -> None:
+    for value in wanted:
+        if value not in available:
+            choice = ", ".join(str(item) for item in available)
+            raise UserError(f"suite {suite.name!r} has no {what} {value!r}; it has: {choice}")
+
+
+def _distinct(value: Any, what: str, keys: Any) -> Any:
+    for key in keys:
+        if list(keys).count(key) > 1:
+            raise ValueError(f"{what} {key!r} is listed twice")
+    return value
+
+
+def _first_problem(error: ValidationError) -> str:
+    """One line for the first problem of a validation error."""
+    problem = error.errors()[0]
+    place = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        entries: dict[str, type[BaseModel]] = {
+            "scenarios": ScenarioEntry,
+            "estimators": EstimatorEntry,
+        }
+        model = entries.get(str(problem["loc"][0]), Suite)
+        return f"unknown key {place!r}; known are: {', '.join(model.model_fields)}"
+    if problem["type"] == "missing":
+        return f"key {place!r} is missing"
+    cause = problem.get("ctx", {}).get("error")
+    if cause is not None:
+        return f"{place}: {cause}"
+    return f"{place}: {problem['msg']}, got {problem['input']!r}"

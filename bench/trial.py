@@ -1,0 +1,128 @@
+"""Trials: the unit of work of a study, and the row that it leaves behind."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from bench.suite import EstimatorEntry, ScenarioEntry, Suite
+from envs.scenarios import is_family
+
+#: What can become of a trial. Everything but ``ok`` and ``skipped`` is a failure.
+STATUSES = (
+    "ok",
+    "not_converged",  # the estimator says that its result is not valid
+    "failed_forward",  # the game at the estimated weights has no root to be found
+    "timeout",  # killed at the time limit
+    "crash",  # raised an exception or took its process down
+    "invalid",  # returned something that is not an estimate
+    "skipped",  # says that it does not support the problem
+)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One estimator on one observation.
+
+    Attributes:
+        suite: name of the suite.
+        scenario: scenario with options.
+        view: name of the observation model.
+        sigma: noise level.
+        seed: of the noise, and of the draw where the scenario is a family.
+        estimator: estimator with parameters and label.
+        count: how many trials of the study this one stands for.
+        time_limit: wall-clock seconds.
+    """
+
+    suite: str
+    scenario: ScenarioEntry
+    view: str
+    sigma: float
+    seed: int
+    estimator: EstimatorEntry
+    count: int
+    time_limit: float
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What identifies the trial in a store."""
+        return tuple(str(self.labels[column]) for column in KEY_COLUMNS)
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """The columns of the trial's row that are known beforehand."""
+        return {
+            "suite": self.suite,
+            "scenario": self.scenario.label,
+            "view": self.view,
+            "sigma": self.sigma,
+            "seed": self.seed,
+            "estimator": self.estimator.label,
+            "parameters": json.dumps(self.estimator.parameters, sort_keys=True),
+            "count": self.count,
+        }
+
+
+KEY_COLUMNS = ("scenario", "view", "sigma", "seed", "estimator", "parameters")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a trial found.
+
+    Attributes:
+        status: one of ``STATUSES``.
+        message: one line; empty where all is well.
+        cosine_error: eqn. cosine_metric, mean over players.
+        cosine_limit: its expectation for an efficient estimator (Cramer-Rao bound).
+        position_error: mean absolute position difference [m] of the forward game at the estimated
+            weights to the truth.
+        reconstruction_error: the same of the estimator's own trajectory.
+        observation_error: mean absolute position noise [m] of the observation.
+        objective: what the estimator minimised.
+        truth_objective: sum of squared observation errors of the true trajectory.
+        solve_seconds: wall-clock time of the estimate, solver construction excluded.
+        weights: (N, K) nested list of estimated weights.
+    """
+
+    status: str
+    message: str = ""
+    cosine_error: float | None = None
+    cosine_limit: float | None = None
+    position_error: float | None = None
+    reconstruction_error: float | None = None
+    observation_error: float | None = None
+    objective: float | None = None
+    truth_objective: float | None = None
+    solve_seconds: float | None = None
+    weights: list[list[float]] | None = None
+
+
+def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
+    """All trials of a suite.
+
+    The estimator changes slowest within a scenario and view, so that a worker builds its solvers
+    once and keeps using them.
+
+    Args:
+        suite: what to run.
+        seeds: the first so many noise draws only; all where absent.
+    """
+    for scenario in suite.scenarios:
+        fixed = not is_family(scenario.name)
+        for view in suite.views:
+            for estimator in suite.estimators:
+                for sigma in suite.sigmas:
+                    alike = fixed and sigma == 0
+                    for seed in range(1 if alike else min(seeds or suite.seeds, suite.seeds)):
+                        yield Trial(
+                            suite=suite.name,
+                            scenario=scenario,
+                            view=view,
+                            sigma=sigma,
+                            seed=seed,
+                            estimator=estimator,
+                            count=suite.seeds if alike else 1,
+                            time_limit=suite.time_limit,
+                        )

@@ -1,0 +1,56 @@
+"""Ground truth of scenarios, worked out once per process."""
+
+from functools import lru_cache
+from typing import Any
+
+from bench.suite import ScenarioEntry
+from envs.recording import Recording, record
+from envs.scenarios import get_scenario, is_family
+from games.information import cosine_error_limit, weight_covariance
+from games.observation import View
+
+_Key = tuple[str, tuple[tuple[str, Any], ...], int]
+
+
+def true_recording(scenario: ScenarioEntry, seed: int) -> Recording:
+    """The recording of a scenario's draw.
+
+    Raises:
+        NoEquilibriumError: where no certified equilibrium was found.
+    """
+    return _recording(_key(scenario, seed))
+
+
+def unit_cosine_limit(scenario: ScenarioEntry, seed: int, view: View) -> float | None:
+    """Expected cosine error of an efficient estimator at sigma = 1; None if not identifiable.
+
+    To be multiplied by sigma^2 (``games.information.cosine_error_limit``).
+    """
+    return _unit_limit(_key(scenario, seed), view)
+
+
+def _key(scenario: ScenarioEntry, seed: int) -> _Key:
+    options = tuple(sorted(scenario.options.items()))
+    return scenario.name, options, seed if is_family(scenario.name) else 0
+
+
+@lru_cache(maxsize=64)
+def _recording(key: _Key) -> Recording:
+    name, options, seed = key
+    return record(get_scenario(name, seed, **dict(options)))
+
+
+@lru_cache(maxsize=128)
+def _unit_limit(key: _Key, view: View) -> float | None:
+    recording = _recording(key)
+    covariance = weight_covariance(
+        recording.scenario.game,
+        view,
+        recording.states,
+        recording.controls,
+        recording.costates,
+        recording.scenario.weights,
+    )
+    if covariance is None:
+        return None
+    return cosine_error_limit(covariance, recording.scenario.weights)

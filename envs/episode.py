@@ -1,0 +1,58 @@
+"""One run through a game, step by step, on the game's own dynamics."""
+
+import numpy as np
+
+from envs.scenarios.scenario import Scenario
+from games.buffered import BufferedFunction
+from games.dynamics import numeric_step
+from games.olne import Equilibrium
+from games.stage_costs import stage_costs
+
+
+class Episode:
+    """One run through a game.
+
+    Attributes:
+        scenario: what is played.
+        truth: its equilibrium, or None where the truth is hidden.
+        states: (N, n) at present.
+        history: states (N, n) of all steps so far.
+        steps: number of steps so far.
+    """
+
+    def __init__(self, scenario: Scenario, truth: Equilibrium | None) -> None:
+        self.scenario = scenario
+        self.truth = truth
+        self.states = scenario.initial_state
+        self.history = [self.states]
+        self.steps = 0
+        game = scenario.game
+        costs = stage_costs(game)
+        self._step = BufferedFunction(numeric_step(game.dynamics, game.dt).map(game.num_players))
+        self._running_costs = BufferedFunction(costs.running)
+        self._final_costs = BufferedFunction(costs.final)
+
+    @property
+    def over(self) -> bool:
+        """Whether the horizon is reached."""
+        return self.steps == self.scenario.game.horizon - 1
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self.steps * self.scenario.game.dt
+
+    def advance(self, controls: np.ndarray) -> np.ndarray:
+        """Play controls (N, m) for one step; what it costs each player (N,)."""
+        weights = self.scenario.weights
+        costs = self._running_costs(self.states, controls, weights)[0]
+        self.states = self._step(self.states, controls)
+        self.history.append(self.states)
+        self.steps += 1
+        if self.over:
+            costs += self._final_costs(self.states, weights)[0]
+        return costs
+
+    def vector(self) -> np.ndarray:
+        """States and time in one vector (N*n + 1,)."""
+        return np.append(self.states, self.time)

@@ -1,0 +1,380 @@
+"""PettingZoo world of a dynamic game whose open-loop Nash equilibrium (OLNE) is known.
+
+``parallel_env`` is the world; ``raw_env`` and ``env`` are its turn-based (AEC) forms.
+"""
+
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+from gymnasium.utils import EzPickle
+from pettingzoo import ParallelEnv
+from pettingzoo.utils.conversions import parallel_to_aec_wrapper
+from pettingzoo.utils.wrappers import OrderEnforcingWrapper
+
+from envs.episode import Episode
+from envs.equilibrium import NoEquilibriumError, certified_equilibrium
+from envs.layout import ObservationLayout
+from envs.rendering import Renderer
+from envs.scenarios import Scenario, get_scenario
+from envs.spaces import Spaces, SpaceSize
+from games.olne import Certificate, Equilibrium
+
+__all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
+
+#: ``pettingzoo.test.parallel_api_test`` passes this meaningless option to ``reset``.
+_IGNORED_OPTION = "options"
+
+
+class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
+    """N vehicles play a dynamic game; the game's equilibrium is solved, certified and at hand.
+
+    The world moves by the game's own dynamics, so a plan replays exactly. Rewards are negative
+    stage costs under the true weights, so a player's return over a whole episode is ``-J^i`` and
+    no small unilateral deviation from the OLNE increases it (Peters et al. 2021, eqn. nash).
+
+    ======================  =====================================================================
+    Import                  ``from envs import olne_v0``
+    Actions                 continuous
+    Parallel API            yes
+    Manual control          no
+    Players                 ``['player_0', ..., 'player_{N-1}']``, N given by the scenario
+    Action shape            ``(m,)`` float64
+    Action values           ``[-limit, limit]`` per control, from the scenario's ``limits``
+    Observation shape       ``(N*n + 1,)`` float64
+    State shape             ``(N*n + 1,)`` float64
+    Episode length          ``T - 1`` steps, T the game's horizon
+    ======================  =====================================================================
+
+    **Observation** of a player, for the unicycle (n = 4; other models have other components):
+
+    ==================  ==========================  ============================================
+    Index               Content                     Unit
+    ==================  ==========================  ============================================
+    0 to 3              own px, py, heading, speed  m, m, rad, m/s
+    4 to 4N - 1         the same of each other      m, m, rad, m/s
+                        player, by index
+    4N                  time since the start        s
+    ==================  ==========================  ============================================
+
+    ``observation_layout`` takes it apart. ``state()`` is the same with all players in the order
+    of their indices. Both are exact; see ``envs.wrappers`` for noise and partial views.
+
+    **Action** of a player, for the unicycle (m = 2), held for one step of ``dt`` seconds:
+
+    =====  ==============  =======
+    Index  Content         Unit
+    =====  ==============  =======
+    0      yaw_rate        rad/s
+    1      acceleration    m/s^2
+    =====  ==============  =======
+
+    An action outside the action space is an error, never clipped: a clipped plan is another plan.
+
+    **Reward** of player i in the step from t to t+1: minus its running cost at (x_t, u_t). The
+    last step of the game also takes off the final cost at x_T. Nothing is discounted.
+
+    **Info** of a player: ``olne_action`` (m,), its next control in the OLNE (open loop: it does
+    not react to what anybody did; absent once the game is over), and ``weights`` (K,), its true
+    weights in the order of ``scenario.game.weight_names``. With ``reveal_truth=False`` both are
+    absent and no equilibrium is solved.
+
+    **End**: all players terminate together after T - 1 steps, the end of the game. A smaller
+    ``max_cycles`` truncates before that; the final cost is then never charged.
+
+    **Reset**: ``seed`` picks the member of a scenario family, ``get_scenario(name, seed)``;
+    without a seed a family draws a new member. ``options={"scenario": name, **its_options}`` plays
+    another scenario for one episode, ``options={"num_players": 3}`` the same with other options.
+    Players and spaces are those of the latest scenario. They stay the same objects unless it
+    differs in size; learners and third-party wrappers, which read them once, should therefore
+    stay with one scenario and give ``num_players`` to ``random``.
+
+    Args:
+        scenario: name of a scenario (``envs.scenarios.scenario_names()``) or a ``Scenario``.
+        max_cycles: steps after which an episode is truncated; None plays the whole game.
+        render_mode: ``"human"`` (a window), ``"rgb_array"`` or None.
+        reveal_truth: whether infos carry ``olne_action`` and ``weights``.
+        **scenario_options: the scenario's own options, such as ``num_players`` of ``random``.
+
+    Attributes:
+        possible_agents: all players of the latest scenario.
+        agents: the same during an episode, empty before and after.
+
+    Raises:
+        ValueError: on an unknown scenario, option or render mode, a ``max_cycles`` below 1, or a
+            scenario without ``limits``.
+
+    Version history:
+        * v0: first version.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "olne_v0",
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 5,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "highway_overtaking",
+        *,
+        max_cycles: int | None = None,
+        render_mode: str | None = None,
+        reveal_truth: bool = True,
+        **scenario_options: Any,
+    ) -> None:
+        EzPickle.__init__(
+            self,
+            scenario,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+            reveal_truth=reveal_truth,
+            **scenario_options,
+        )
+        if max_cycles is not None and max_cycles < 1:
+            raise ValueError(f"max_cycles must be at least 1, got {max_cycles}")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(
+                f"unknown render_mode {render_mode!r}; known are: "
+                f"{', '.join(self.metadata['render_modes'])}"
+            )
+        self.max_cycles = max_cycles
+        self.render_mode = render_mode
+        self.reveal_truth = reveal_truth
+        self.agents: list[str] = []
+        self._default = (scenario, scenario_options)
+        self._rng = np.random.default_rng()
+        self._episode: Episode | None = None
+        self._renderer: Renderer | None = None
+        self._spaces = Spaces(SpaceSize.of(_draw(scenario, 0, scenario_options)))
+
+    # -- what is played ----------------------------------------------------------------------
+
+    @property
+    def possible_agents(self) -> list[str]:
+        """All players of the latest scenario."""
+        return list(self._spaces.actions)
+
+    @property
+    def observation_layout(self) -> ObservationLayout:
+        """Make-up of the observations."""
+        return self._spaces.layout
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario of this episode, its truth included.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        return self._latest_episode().scenario
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """Evidence that the OLNE of this episode is one; None with ``reveal_truth=False``."""
+        truth = self._latest_episode().truth
+        return truth.certificate if truth else None
+
+    def observation_space(self, agent: str) -> Box:
+        return self._spaces.of_player(agent, self._spaces.observations)
+
+    def action_space(self, agent: str) -> Box:
+        return self._spaces.of_player(agent, self._spaces.actions)
+
+    @property
+    def state_space(self) -> Box:
+        """Space of ``state()``."""
+        return self._spaces.state
+
+    # -- playing -----------------------------------------------------------------------------
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        """Start an episode.
+
+        Args:
+            seed: member of the scenario family, a non-negative integer.
+            options: ``scenario`` and the scenario's own options, for this episode.
+
+        Raises:
+            ValueError: on an unknown scenario or option.
+            NoEquilibriumError: if the scenario has no certified equilibrium within its limits
+                (never with ``reveal_truth=False``). The next ``reset`` works as usual.
+        """
+        self.agents, self._episode = [], None  # whatever fails below, no old episode goes on
+        if seed is not None:
+            self._rng = np.random.default_rng(seed)
+        member = int(self._rng.integers(2**31)) if seed is None else seed
+        name, scenario_options = self._choice(options)
+        scenario = _draw(name, member, scenario_options)
+        size = SpaceSize.of(scenario)
+        truth = _equilibrium_within(scenario, size) if self.reveal_truth else None
+
+        if size != self._spaces.size:
+            self._spaces = Spaces(size)
+        self._episode = self._new_episode(scenario, truth)
+        self.agents = self.possible_agents
+        self._renderer = None if self.render_mode is None else self._new_renderer()
+        if self.render_mode == "human":
+            self.render()
+        return self._observations(), self._infos()
+
+    def step(
+        self, actions: dict[str, np.ndarray]
+    ) -> tuple[
+        dict[str, np.ndarray],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Play one step of all players.
+
+        Args:
+            actions: one (m,) control per player.
+
+        Raises:
+            ResetNeeded: before the first reset and after the end of an episode.
+            ValueError: on a missing or unknown player or an action outside its space. Nothing
+                has moved then; the step may be repeated with other actions.
+        """
+        if not self.agents or self._episode is None:
+            raise ResetNeeded("no episode is running: call reset() before step()")
+        costs = self._episode.advance(self._spaces.controls(actions))
+        terminated = self._episode.over
+        truncated = (
+            not terminated
+            and self.max_cycles is not None
+            and self._episode.steps >= self.max_cycles
+        )
+        players = self.agents
+        observations, infos = self._observations(), self._infos()
+        if terminated or truncated:
+            self.agents = []
+        if self.render_mode == "human":
+            self.render()
+        return (
+            observations,
+            dict(zip(players, (-costs).tolist(), strict=True)),
+            dict.fromkeys(players, terminated),
+            dict.fromkeys(players, truncated),
+            infos,
+        )
+
+    def state(self) -> np.ndarray:
+        """All players' states in the order of their indices, then the time [s]: (N*n + 1,).
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        return self._latest_episode().vector()
+
+    def render(self) -> np.ndarray | None:
+        """Draw the present state, as a (height, width, 3) uint8 array or into a window.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        episode = self._latest_episode()
+        if self._renderer is None:
+            gymnasium.logger.warn(
+                'render() draws nothing without a render_mode: make the world with "human" or '
+                '"rgb_array"'
+            )
+            return None
+        return self._renderer.draw(episode.history, episode.time)
+
+    def close(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+
+    # -- details -----------------------------------------------------------------------------
+
+    def _choice(self, options: dict[str, Any] | None) -> tuple[str | Scenario, dict[str, Any]]:
+        """Scenario and scenario options of the next episode."""
+        given = {key: v for key, v in (options or {}).items() if key != _IGNORED_OPTION}
+        scenario, default_options = self._default
+        if "scenario" in given:
+            return given.pop("scenario"), given
+        return scenario, default_options | given
+
+    def _latest_episode(self) -> Episode:
+        if self._episode is None:
+            raise ResetNeeded("no episode has been started: call reset() first")
+        return self._episode
+
+    def _observations(self) -> dict[str, np.ndarray]:
+        vector = self._latest_episode().vector()
+        return {player: vector[order] for player, order in self._spaces.observation_order.items()}
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        episode = self._latest_episode()
+        if episode.truth is None:
+            return {player: {} for player in self.agents}
+        infos = {
+            player: {"weights": weights.copy()}
+            for player, weights in zip(self.agents, episode.scenario.weights, strict=True)
+        }
+        if not episode.over:
+            for info, action in zip(
+                infos.values(), episode.truth.controls[episode.steps], strict=True
+            ):
+                info["olne_action"] = action.copy()
+        return infos
+
+    def _new_renderer(self) -> Renderer:
+        episode = self._latest_episode()
+        human = self.render_mode == "human"
+        expected = episode.truth.states if episode.truth else episode.states[None]
+        return Renderer(
+            episode.scenario, expected, fps=self.metadata["render_fps"] if human else None
+        )
+
+
+class _AecWorld(parallel_to_aec_wrapper):
+    """PettingZoo's converter, which reads players and spaces once, kept up to date at resets."""
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        super().reset(seed=seed, options=options)
+        self.possible_agents = self.env.possible_agents
+        self.state_space = self.env.state_space
+
+
+def raw_env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> _AecWorld:
+    """The world with the turn-based (AEC) interface; arguments as for ``parallel_env``."""
+    return _AecWorld(OlneWorld(scenario, **arguments))
+
+
+def env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> OrderEnforcingWrapper:
+    """``raw_env`` with PettingZoo's checks of the order of calls."""
+    return OrderEnforcingWrapper(raw_env(scenario, **arguments))
+
+
+parallel_env = OlneWorld
+
+
+def _draw(scenario: str | Scenario, seed: int, options: dict[str, Any]) -> Scenario:
+    if isinstance(scenario, str):
+        return get_scenario(scenario, seed, **options)
+    if options:
+        raise ValueError(f"a Scenario object takes no options, got {', '.join(options)}")
+    return scenario
+
+
+def _equilibrium_within(scenario: Scenario, size: SpaceSize) -> Equilibrium:
+    """The certified equilibrium, if the world accepts its controls."""
+    truth = certified_equilibrium(scenario)
+    for name, limit, controls in zip(
+        size.control_names, size.control_limits, np.moveaxis(truth.controls, -1, 0), strict=True
+    ):
+        largest = np.abs(controls).max()
+        if largest > limit:
+            raise NoEquilibriumError(
+                f"the equilibrium of {scenario.name!r} needs a {name} of {largest:.3g}, beyond "
+                f"the scenario's limit of {limit:.3g}"
+            )
+    return truth

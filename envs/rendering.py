@@ -1,0 +1,248 @@
+"""Frames of a world: vehicles as seen from above, with their trails."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from envs.scenarios.scenario import Scenario
+from games.features import FinalGoal, StateDeviation
+
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it greets on import otherwise
+import pygame
+
+MAX_WIDTH, MAX_HEIGHT = 900, 600  # [px] of a frame without its header
+SHARPNESS = 2  # frames are drawn this many times larger and smoothed down
+HEADER = 64  # [px] for the legend
+MARGIN = 0.12  # around everything that is expected to be seen, as a share of the larger side
+CAR_LENGTH = 0.055  # of the larger side of the view
+CAR_ASPECT = 0.48  # width over length
+
+BACKGROUND = (247, 247, 244)
+ROAD = (222, 223, 226)
+LANE_MARK = (255, 255, 255)
+INK = (60, 62, 68)
+#: Okabe and Ito's colours, which colour-blind readers can tell apart.
+COLOURS = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+    (120, 94, 60),
+    (90, 90, 90),
+)
+
+
+class Renderer:
+    """Draws the states of one episode.
+
+    The view holds everything that is expected and widens if a player leaves it. A scene that is
+    taller than wide is turned, so that roads run from left to right.
+
+    Args:
+        scenario: what is played; goals and lanes are drawn from its players' task features.
+        expected: (S, N, n) states that the view should hold.
+        fps: pace of a window; None draws into arrays.
+    """
+
+    def __init__(self, scenario: Scenario, expected: np.ndarray, fps: int | None) -> None:
+        pygame.font.init()
+        self._names = scenario.game.dynamics.state_names
+        self._title = scenario.name
+        self._players = scenario.game.num_players
+        self._goals = _goals(scenario)
+        self._lanes = _lanes(scenario)
+        self._fps = fps
+        self._window: pygame.Surface | None = None
+        landmarks = [expected[..., :2].reshape(-1, 2), *[g[None] for g in self._goals.values()]]
+        self._low, self._high = _box(np.concatenate(landmarks))
+        width, height = self._high - self._low
+        self._turned = height > width
+        self._size = self._frame_size()
+
+    def draw(self, history: list[np.ndarray], time: float) -> np.ndarray | None:
+        """One frame.
+
+        Args:
+            history: states (N, n) up to now, the latest last.
+            time: since the start [s].
+
+        Returns:
+            (height, width, 3) uint8, or None where the frame went into the window.
+        """
+        positions = np.stack(history)[..., :2]
+        self._widen(positions.reshape(-1, 2))
+        canvas = pygame.Surface((self._size[0] * SHARPNESS, self._size[1] * SHARPNESS))
+        canvas.fill(BACKGROUND)
+        self._draw_road(canvas)
+        self._draw_goals(canvas)
+        for player in range(self._players):
+            self._draw_trail(canvas, player, positions[:, player])
+        for player, state in enumerate(history[-1]):
+            self._draw_car(canvas, player, state)
+        self._draw_header(canvas, time)
+        frame = pygame.transform.smoothscale(canvas, self._size)
+        if self._fps is None:
+            return np.ascontiguousarray(pygame.surfarray.array3d(frame).swapaxes(0, 1))
+        self._show(frame)
+        return None
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._window is not None:
+            pygame.display.quit()
+            self._window = None
+
+    # -- from the world to the frame ---------------------------------------------------------
+
+    def _frame_size(self) -> tuple[int, int]:
+        height, width = sorted(self._high - self._low)
+        scale = min(MAX_WIDTH / width, MAX_HEIGHT / height)
+        return round(scale * width), HEADER + round(scale * height)
+
+    def _widen(self, positions: np.ndarray) -> None:
+        inside = (positions >= self._low) & (positions <= self._high)
+        if not inside.all():
+            self._low, self._high = _box(np.vstack([positions, [self._low, self._high]]), 0.02)
+
+    @property
+    def _scale(self) -> float:
+        """Canvas pixels per metre."""
+        extent = (self._high - self._low)[::-1] if self._turned else self._high - self._low
+        available = np.array(self._size) - (0, HEADER)
+        return float(SHARPNESS * (available / extent).min())
+
+    def _pixels(self, positions: Any) -> list[Any]:
+        """World positions (..., 2) as canvas pixels, in lists as pygame takes them."""
+        relative = np.asarray(positions) - (self._low + self._high) / 2
+        axes = relative[..., ::-1] if self._turned else relative * (1, -1)
+        width, height = self._size
+        centre = np.array([width / 2, (HEADER + height) / 2]) * SHARPNESS
+        return (centre + axes * self._scale).tolist()
+
+    def _car_length(self) -> float:
+        return CAR_LENGTH * float((self._high - self._low).max())
+
+    # -- what is drawn -----------------------------------------------------------------------
+
+    def _draw_road(self, canvas: pygame.Surface) -> None:
+        if not self._lanes:
+            return
+        width = min(np.diff(self._lanes), default=2 * self._car_length())
+        edges = [self._lanes[0] - width / 2, *(np.array(self._lanes) + width / 2)]
+        reach = 2 * (self._high - self._low).max()  # beyond the frame on both sides
+        start, end = self._low[1] - reach, self._high[1] + reach
+        corners = [(edges[0], start), (edges[0], end), (edges[-1], end), (edges[-1], start)]
+        pygame.draw.polygon(canvas, ROAD, self._pixels(corners))
+        dash = self._car_length()
+        for edge in edges[1:-1]:
+            for mark in np.arange(start, end, 2 * dash):
+                first, last = self._pixels([(edge, mark), (edge, mark + dash)])
+                pygame.draw.line(canvas, LANE_MARK, first, last, width=2 * SHARPNESS)
+
+    def _draw_goals(self, canvas: pygame.Surface) -> None:
+        for player, goal in self._goals.items():
+            centre = self._pixels(goal)
+            pygame.draw.circle(canvas, _colour(player), centre, 9 * SHARPNESS, 2 * SHARPNESS)
+            pygame.draw.circle(canvas, _colour(player), centre, 3 * SHARPNESS)
+
+    def _draw_trail(self, canvas: pygame.Surface, player: int, positions: np.ndarray) -> None:
+        points = self._pixels(positions)
+        for age, (start, end) in enumerate(zip(points[-2::-1], points[:0:-1], strict=False)):
+            colour = _mix(_colour(player), BACKGROUND, max(0.25, 0.9 * 0.93**age))
+            pygame.draw.line(canvas, colour, start, end, width=3 * SHARPNESS)
+            pygame.draw.circle(canvas, colour, start, 2.5 * SHARPNESS)
+
+    def _draw_car(self, canvas: pygame.Surface, player: int, state: np.ndarray) -> None:
+        heading = _heading(state, self._names)
+        length = self._car_length()
+        forward = length * np.array([np.cos(heading), np.sin(heading)])
+        left = CAR_ASPECT * length * np.array([-np.sin(heading), np.cos(heading)])
+
+        def outline(back: float, front: float, width: float) -> list[Any]:
+            corners = ((back, -width), (front, -width), (front, width), (back, width))
+            return self._pixels([state[:2] + x * forward + y * left for x, y in corners])
+
+        colour = _colour(player)
+        pygame.draw.polygon(canvas, colour, outline(-0.5, 0.5, 0.5))
+        pygame.draw.polygon(canvas, _mix(colour, (255, 255, 255), 0.35), outline(0.1, 0.3, 0.4))
+        dark = _mix(colour, (0, 0, 0), 0.6)
+        pygame.draw.polygon(canvas, dark, outline(-0.5, 0.5, 0.5), width=SHARPNESS)
+
+    def _draw_header(self, canvas: pygame.Surface, time: float) -> None:
+        canvas.fill(BACKGROUND, (0, 0, canvas.get_width(), HEADER * SHARPNESS))
+        font = pygame.font.Font(None, 24 * SHARPNESS)
+        title = font.render(f"{self._title}   t = {time:.2f} s", True, INK)
+        canvas.blit(title, (16 * SHARPNESS, 10 * SHARPNESS))
+        x = 16 * SHARPNESS
+        for player in range(self._players):
+            text = font.render(f"player_{player}", True, _colour(player))
+            canvas.blit(text, (x, 36 * SHARPNESS))
+            x += text.get_width() + 18 * SHARPNESS
+
+    def _show(self, frame: pygame.Surface) -> None:
+        if self._window is None:
+            pygame.display.init()
+            self._window = pygame.display.set_mode(self._size)
+            pygame.display.set_caption(self._title)
+            self._clock = pygame.time.Clock()
+        pygame.event.pump()  # keeps the window answering
+        self._window.blit(frame, (0, 0))
+        pygame.display.flip()
+        self._clock.tick(self._fps or 0)
+
+
+def _box(positions: np.ndarray, margin: float = MARGIN) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of a box around positions (S, 2), its sides no more different than 4 to 1."""
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    size = max(float((high - low).max()), 1e-3) * (1 + 2 * margin)
+    half = np.maximum((high - low) / 2 + margin * size, size / 8)
+    middle = (low + high) / 2
+    return middle - half, middle + half
+
+
+def _goals(scenario: Scenario) -> dict[int, np.ndarray]:
+    """Goal position (2,) of each player that has one."""
+    return {
+        i: np.array(feature.goal)
+        for i, player in enumerate(scenario.game.players)
+        for feature in player.task
+        if isinstance(feature, FinalGoal)
+    }
+
+
+def _lanes(scenario: Scenario) -> list[float]:
+    """Where lanes along y are that players keep to, from left to right."""
+    return sorted(
+        {
+            float(feature.target)
+            for player in scenario.game.players
+            for feature in player.task
+            if isinstance(feature, StateDeviation) and feature.component == "px"
+        }
+    )
+
+
+def _heading(state: np.ndarray, names: tuple[str, ...]) -> float:
+    """Where a vehicle points [rad]: its heading, or along its velocity."""
+    if "heading" in names:
+        return float(state[names.index("heading")])
+    if "vx" in names:
+        return float(np.arctan2(state[names.index("vy")], state[names.index("vx")]))
+    return 0.0
+
+
+def _colour(player: int) -> tuple[int, int, int]:
+    return COLOURS[player % len(COLOURS)]
+
+
+def _mix(
+    colour: tuple[int, int, int], other: tuple[int, int, int], share: float
+) -> tuple[int, int, int]:
+    """That share of a colour, the rest of another."""
+    red, green, blue = (
+        round(share * a + (1 - share) * b) for a, b in zip(colour, other, strict=True)
+    )
+    return red, green, blue

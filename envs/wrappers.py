@@ -1,0 +1,397 @@
+"""Sensors: PettingZoo wrappers that add noise, partial views and gaps to observations.
+
+They change observations alone; traffic, rewards and ``state()`` stay what they are. Each wrapper
+that draws at random has a stream of its own per player, seeded from the seed of ``reset`` and a
+key of its class, so that neither the traffic nor another sensor depends on it.
+
+The wrappers stack in any order in which each finds the components it needs, over any world with
+an ``observation_layout`` (see ``envs.layout``), and with wrappers of other libraries as long as
+those below keep the shape of the observations::
+
+    world = AWGN(PartialObservation(olne_v0.parallel_env(), ("px", "py", "heading")), sigma=0.02)
+"""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+from gymnasium.spaces import Box
+from pettingzoo import ParallelEnv
+from pettingzoo.utils import BaseParallelWrapper
+
+from envs.layout import ObservationLayout, player_index
+from games.buffered import BufferedFunction
+from games.observation import ComponentView, RangeBearingView, View, observation_function
+
+World: TypeAlias = ParallelEnv[str, np.ndarray, np.ndarray]
+
+#: Spaces of noisy observations are widened by this many standard deviations: a Gaussian has no
+#: bounds, but a draw beyond these has a probability of 1.5e-23.
+_NOISE_REACH = 10.0
+
+
+class BoxWithGaps(Box):
+    """A box that also contains vectors with missing entries (NaN)."""
+
+    def contains(self, x: Any) -> bool:
+        if isinstance(x, np.ndarray) and x.shape == self.shape:
+            x = np.where(np.isnan(x), self.low, x)
+        return super().contains(x)
+
+
+class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
+    """Changes the blocks of observations; the time at their end passes through."""
+
+    def __init__(self, env: World) -> None:
+        super().__init__(env)
+        self._known_spaces: dict[str, tuple[Box, Box]] = {}
+        self._check_layout()
+        for player in env.possible_agents:  # a sensor that does not fit says so at once
+            self.observation_space(player)
+
+    @property
+    def observation_layout(self) -> ObservationLayout:
+        """Make-up of the observations above this wrapper."""
+        return self._layout_below
+
+    def observation_space(self, agent: str) -> Box:
+        below = self.env.observation_space(agent)
+        known = self._known_spaces.get(agent)
+        if known is None or known[0] is not below:
+            known = self._known_spaces[agent] = (below, self._space(below))
+        return known[1]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        observations, infos = self.env.reset(seed=seed, options=options)
+        self._check_layout()
+        return self._observe_all(observations), infos
+
+    def step(
+        self, actions: dict[str, np.ndarray]
+    ) -> tuple[
+        dict[str, np.ndarray],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        observations, *rest = self.env.step(actions)
+        return self._observe_all(observations), *rest
+
+    @abstractmethod
+    def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (N, d') above from bounds (N, d) below."""
+
+    @abstractmethod
+    def _observe(self, player: str, blocks: np.ndarray) -> np.ndarray:
+        """Blocks (N, d') above from blocks (N, d) below."""
+
+    def _space(self, below: Box) -> Box:
+        layout = self._layout_below
+        low, high = self._bounds(layout.blocks(below.low), layout.blocks(below.high))
+        return type(below)(
+            np.append(low, below.low[-1]).astype(below.dtype),
+            np.append(high, below.high[-1]).astype(below.dtype),
+            dtype=below.dtype,
+        )
+
+    def _observe_all(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        layout = self._layout_below
+        return {
+            player: np.append(self._observe(player, layout.blocks(below)), below[-1]).astype(
+                below.dtype, copy=False
+            )
+            for player, below in observations.items()
+        }
+
+    def _check_layout(self) -> None:
+        """Find the layout below, which a reset may change."""
+        self._layout_below = _layout_of(self.env)
+        for player in self.env.possible_agents:
+            shape = self.env.observation_space(player).shape
+            if shape != (self._layout_below.size,):
+                raise ValueError(
+                    f"{type(self).__name__} needs observations of the shape "
+                    f"{(self._layout_below.size,)}, the wrappers below give {shape}: put "
+                    "wrappers that change the shape above it"
+                )
+
+
+class ObservationView(_Sensor):
+    """Every player sees the others, and itself, through an observation model.
+
+    The model is the very one that estimators differentiate (``games.observation``).
+
+    Args:
+        env: the world.
+        view: the observation model h.
+
+    Raises:
+        ValueError: if the observations below lack a component that the view needs.
+    """
+
+    def __init__(self, env: World, view: View) -> None:
+        self._view = view
+        super().__init__(env)
+
+    @property
+    def observation_layout(self) -> ObservationLayout:
+        names = self._view.component_names(self._layout_below)
+        return replace(self._layout_below, state_names=names)
+
+    def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rows = [
+            self._view.bounds(*bounds, self._layout_below) for bounds in zip(low, high, strict=True)
+        ]
+        return np.stack([row[0] for row in rows]), np.stack([row[1] for row in rows])
+
+    def _observe(self, player: str, blocks: np.ndarray) -> np.ndarray:
+        return self._function(blocks)
+
+    def _check_layout(self) -> None:
+        super()._check_layout()
+        function = observation_function(self._view, self._layout_below)
+        self._function = BufferedFunction(function.map(self._layout_below.num_players))
+
+
+class PartialObservation(ObservationView):
+    """Every player sees the named components only.
+
+    Args:
+        env: the world.
+        features: component names, in the order in which they are to appear, such as
+            ``("px", "py", "heading")``, the paper's partial view.
+
+    Raises:
+        ValueError: on no component, or one that the observations below do not have.
+    """
+
+    def __init__(self, env: World, features: Sequence[str]) -> None:
+        if isinstance(features, str) or not features:
+            raise ValueError(f"features must be a list of component names, got {features!r}")
+        super().__init__(env, ComponentView("+".join(features), tuple(features)))
+
+
+class RangeBearing(ObservationView):
+    """A LiDAR-like sensor beside the road: range and bearing of every vehicle.
+
+    Args:
+        env: the world.
+        position: of the sensor, px and py [m].
+        facing: direction of bearing zero [rad].
+
+    Raises:
+        ValueError: if the observations below have no positions.
+    """
+
+    def __init__(
+        self, env: World, position: tuple[float, float] = (0.0, 0.0), facing: float = 0.0
+    ) -> None:
+        px, py = position
+        super().__init__(env, RangeBearingView((float(px), float(py)), float(facing)))
+
+
+class _RandomSensor(_Sensor):
+    """A sensor with a random stream of its own for each player that observes."""
+
+    #: Tells the streams of the classes apart.
+    key: ClassVar[int]
+
+    def __init__(self, env: World) -> None:
+        super().__init__(env)
+        # Two sensors of one class must not draw the same numbers.
+        self._depth = sum(isinstance(below, type(self)) for below in _chain(env))
+        self._seed_streams(int(np.random.SeedSequence().generate_state(1)[0]))
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        if seed is not None:
+            self._seed_streams(seed)
+        return super().reset(seed=seed, options=options)
+
+    def _seed_streams(self, seed: int) -> None:
+        self._seed = seed
+        self._streams: dict[str, np.random.Generator] = {}
+
+    def _stream(self, player: str) -> np.random.Generator:
+        if player not in self._streams:
+            self._streams[player] = np.random.default_rng(
+                [self._seed, self.key, self._depth, player_index(player)]
+            )
+        return self._streams[player]
+
+
+class AWGN(_RandomSensor):
+    """Additive white Gaussian noise on every observed component (eqn. awgn_observation).
+
+    Args:
+        env: the world.
+        sigma: standard deviation, one number for all d components or one (d,) for each, in the
+            components' units.
+        covariance: (d, d) covariance of one player's observed components, instead of ``sigma``.
+
+    Raises:
+        ValueError: unless exactly one of the two is given, on a wrong shape, or on values that
+            are no standard deviation or covariance.
+    """
+
+    key = 1
+
+    def __init__(
+        self,
+        env: World,
+        sigma: float | Sequence[float] | np.ndarray | None = None,
+        covariance: np.ndarray | None = None,
+    ) -> None:
+        if (sigma is None) == (covariance is None):
+            raise ValueError("AWGN needs either sigma or covariance")
+        self._sigma = sigma
+        self._covariance = covariance
+        super().__init__(env)
+
+    def _check_layout(self) -> None:
+        super()._check_layout()
+        size = self._layout_below.state_size
+        if self._covariance is None:
+            self._root = np.diag(_standard_deviations(self._sigma, size))
+        else:
+            self._root = _covariance_root(self._covariance, size)
+
+    def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        reach = _NOISE_REACH * np.linalg.norm(self._root, axis=1)
+        return low - reach, high + reach
+
+    def _observe(self, player: str, blocks: np.ndarray) -> np.ndarray:
+        return blocks + self._stream(player).standard_normal(blocks.shape) @ self._root.T
+
+
+class DropSamples(_RandomSensor):
+    """Occlusion: with probability p a player is not seen in a step, and its block is NaN.
+
+    Each observer misses each player, itself included, independently of the others and of what
+    happened before. The observation spaces are ``BoxWithGaps``, which contain such observations.
+
+    Args:
+        env: the world.
+        p: probability, 0 to 1.
+
+    Raises:
+        ValueError: if p is no probability.
+    """
+
+    key = 2
+
+    def __init__(self, env: World, p: float) -> None:
+        if not 0 <= p <= 1:
+            raise ValueError(f"p must be a probability between 0 and 1, got {p}")
+        self._p = p
+        super().__init__(env)
+
+    def _space(self, below: Box) -> Box:
+        return BoxWithGaps(below.low, below.high, dtype=below.dtype)
+
+    def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return low, high
+
+    def _observe(self, player: str, blocks: np.ndarray) -> np.ndarray:
+        missed = self._stream(player).random(len(blocks)) < self._p
+        return np.where(missed[:, None], np.nan, blocks)
+
+
+class Float32(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
+    """Observation and action spaces in single precision, for learners that compute in it.
+
+    Actions reach the world as they are: an ``olne_action``, which is float64, keeps its digits.
+
+    Args:
+        env: the world.
+    """
+
+    def __init__(self, env: World) -> None:
+        super().__init__(env)
+        self._known_spaces: dict[tuple[str, str], tuple[Box, Box]] = {}
+
+    def observation_space(self, agent: str) -> Box:
+        return self._known("observation", agent, self.env.observation_space(agent))
+
+    def action_space(self, agent: str) -> Box:
+        return self._known("action", agent, self.env.action_space(agent))
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        observations, infos = self.env.reset(seed=seed, options=options)
+        return _single(observations), infos
+
+    def step(
+        self, actions: dict[str, np.ndarray]
+    ) -> tuple[
+        dict[str, np.ndarray],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        observations, *rest = self.env.step(actions)
+        return _single(observations), *rest
+
+    def _known(self, kind: str, agent: str, below: Box) -> Box:
+        known = self._known_spaces.get((kind, agent))
+        if known is None or known[0] is not below:
+            low, high = below.low.astype(np.float32), below.high.astype(np.float32)
+            if kind == "action":
+                # The nearest single may lie outside the world's bounds; take the next one inside.
+                low = np.where(low < below.low, np.nextafter(low, np.float32(np.inf)), low)
+                high = np.where(high > below.high, np.nextafter(high, np.float32(-np.inf)), high)
+            known = (below, type(below)(low, high, dtype=np.float32))
+            self._known_spaces[kind, agent] = known
+        return known[1]
+
+
+def _single(observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {player: below.astype(np.float32) for player, below in observations.items()}
+
+
+def _chain(env: Any) -> Iterator[Any]:
+    """The env and everything below it, through the converters of other libraries as well."""
+    while env is not None:
+        yield env
+        env = vars(env).get("env", vars(env).get("aec_env"))
+
+
+def _layout_of(env: World) -> ObservationLayout:
+    """Layout of the nearest world or sensor below."""
+    for below in _chain(env):
+        # Asked of the class, as wrappers hand every question down and would hide what is above.
+        if hasattr(type(below), "observation_layout"):
+            return below.observation_layout
+    raise ValueError(f"{env} has no observation_layout: sensors go around a world of envs")
+
+
+def _standard_deviations(sigma: Any, size: int) -> np.ndarray:
+    deviations = np.asarray(sigma, dtype=float)
+    if deviations.shape not in ((), (size,)):
+        raise ValueError(
+            f"sigma has the shape {deviations.shape}, expected one number or {size} of them"
+        )
+    if not (np.isfinite(deviations).all() and (deviations >= 0).all()):
+        raise ValueError(f"sigma must be finite and non-negative, got {sigma}")
+    return np.broadcast_to(deviations, size)
+
+
+def _covariance_root(covariance: np.ndarray, size: int) -> np.ndarray:
+    """A matrix R with R R' = covariance, which may be singular."""
+    covariance = np.asarray(covariance, dtype=float)
+    if covariance.shape != (size, size):
+        raise ValueError(f"covariance has the shape {covariance.shape}, expected {(size, size)}")
+    if not np.isfinite(covariance).all() or not np.allclose(covariance, covariance.T):
+        raise ValueError(f"covariance must be finite and symmetric, got {covariance.tolist()}")
+    values, vectors = np.linalg.eigh(covariance)
+    if values[0] < -1e-12 * max(values[-1], 0):
+        raise ValueError(f"covariance has the negative eigenvalue {values[0]:.3g}")
+    return vectors * np.sqrt(np.maximum(values, 0))

@@ -1,0 +1,113 @@
+"""How well the weights of a game can be known at all: Fisher information and Cramer-Rao bound.
+
+The equilibrium trajectory is a function of (theta, x_1) through G(z; theta, x_1) = 0, so by the
+implicit function theorem dz/d(theta, x_1) = -G_z^{-1} G_(theta, x_1). With white Gaussian noise of
+standard deviation sigma on h(x), the Fisher information of (theta, x_1) is J'J / sigma^2, where J
+is the sensitivity of all expected observations. Weights are known on the simplex only (each row
+sums to one), so the bound is taken on its tangent space, with x_1 as a nuisance parameter.
+"""
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import block_diag, null_space
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+from games.game import Game
+from games.kkt import kkt_system
+from games.observation import View
+
+#: Above this condition number of the information matrix some weights are not identifiable.
+_LARGEST_CONDITION = 1e14
+
+
+def trajectory_sensitivity(
+    game: Game,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+) -> np.ndarray:
+    """d(states)/d(theta, x_1) at an equilibrium, (T*N*n, N*K + N*n), all in C order.
+
+    Args:
+        game: the game.
+        states: (T, N, n) of the equilibrium.
+        controls: (T-1, N, m).
+        costates: (T-1, N, n).
+        weights: (N, K).
+    """
+    in_unknowns, in_parameters = _jacobians(game)
+    point = (states.ravel(), controls.ravel(), costates.ravel(), weights.ravel())
+    factor = splu(csc_matrix(in_unknowns(*point)))
+    inner = -factor.solve(np.array(in_parameters(*point)))[: states[1:].size]
+    initial = np.hstack([np.zeros((states[0].size, weights.size)), np.eye(states[0].size)])
+    return np.vstack([initial, inner])
+
+
+def weight_covariance(
+    game: Game,
+    view: View,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+) -> np.ndarray | None:
+    """Cramer-Rao bound of the weights (N*K, N*K) for unit noise; None if not identifiable.
+
+    Multiply by sigma^2. The arguments are those of ``trajectory_sensitivity``.
+    """
+    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
+    expected = _view_jacobian(game, view)(states.ravel())
+    tangent = block_diag(*[null_space(np.ones((1, game.num_weights)))] * game.num_players)
+    basis = block_diag(tangent, np.eye(states[0].size))
+    observed = csc_matrix(expected) @ (sensitivity @ basis)
+    information = observed.T @ observed
+    if not np.linalg.cond(information) < _LARGEST_CONDITION:
+        return None
+    free = tangent.shape[1]
+    return tangent @ np.linalg.inv(information)[:free, :free] @ tangent.T
+
+
+def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
+    """Expected cosine error (eqn. cosine_metric) of an efficient estimator.
+
+    To second order ``E[1 - cos] = mean_i tr(P_i C_i) / (2 |theta_i|^2)`` with P_i the projection
+    orthogonal to theta_i.
+
+    Args:
+        covariance: (N*K, N*K) of the weights.
+        weights: (N, K) true weights.
+    """
+    count = weights.shape[1]
+    errors = []
+    for i, theta in enumerate(weights):
+        block = covariance[i * count : (i + 1) * count, i * count : (i + 1) * count]
+        squared = theta @ theta
+        projection = np.eye(count) - np.outer(theta, theta) / squared
+        errors.append(np.trace(projection @ block) / (2 * squared))
+    return float(np.mean(errors))
+
+
+@lru_cache(maxsize=16)
+def _jacobians(game: Game) -> tuple[ca.Function, ca.Function]:
+    system = kkt_system(game)
+    arguments = [system.states, system.controls, system.costates, system.weights]
+    parameters = ca.vertcat(system.weights, system.initial_state)
+    return (
+        ca.Function("G_z", arguments, [ca.jacobian(system.residual, system.unknowns)]),
+        ca.Function("G_p", arguments, [ca.densify(ca.jacobian(system.residual, parameters))]),
+    )
+
+
+@lru_cache(maxsize=16)
+def _view_jacobian(game: Game, view: View) -> ca.Function:
+    system = kkt_system(game)
+    expected = [
+        view.expected(state, game.dynamics)
+        for state in ca.vertsplit(system.states, game.dynamics.state_size)
+    ]
+    jacobian = ca.jacobian(ca.vertcat(*expected), system.states)
+    return ca.Function("h_x", [system.states], [jacobian])

@@ -1,0 +1,103 @@
+"""Frames show the scene: never blank, every player in its colour, and in view."""
+
+import numpy as np
+import pygame
+import pytest
+
+from envs import olne_v0, rendering
+from envs.scenarios.scenario import Limits, Scenario
+from games.dynamics import DOUBLE_INTEGRATOR
+from games.features import ControlEffort, StateDeviation
+from games.game import Game, Player
+
+
+def frames(world, actions=None):
+    _, infos = world.reset(seed=1)
+    shown = [world.render()]
+    while world.agents:
+        played = actions or {p: infos[p]["olne_action"] for p in world.agents}
+        *_, infos = world.step(played)
+        shown.append(world.render())
+    return shown
+
+
+def shows(frame, player):
+    """Number of pixels in exactly that player's colour, the legend apart."""
+    scene = frame[rendering.HEADER :]
+    return int((scene == rendering.COLOURS[player]).all(axis=-1).sum())
+
+
+@pytest.mark.parametrize("name", ["two_player", "highway_overtaking", "random"])
+def test_every_frame_shows_every_player(name):
+    world = olne_v0.parallel_env(name, render_mode="rgb_array")
+    shown = frames(world)
+    assert len({frame.shape for frame in shown}) == 1
+    for frame in shown:
+        assert frame.dtype == np.uint8
+        assert frame.std() > 5
+        for player in range(world.max_num_agents):
+            assert shows(frame, player) > 30
+    for before, after in zip(shown, shown[1:], strict=False):
+        assert (before != after).any()
+
+
+def test_cars_move_to_the_right_along_the_road():
+    """The road runs along y; a scene that is taller than wide is turned."""
+    world = olne_v0.parallel_env("highway_overtaking", render_mode="rgb_array")
+    shown = frames(world)
+    height, width, _ = shown[0].shape
+    assert width > height
+    columns = [
+        np.argwhere((frame[rendering.HEADER :] == rendering.COLOURS[1]).all(axis=-1))[:, 1].mean()
+        for frame in (shown[0], shown[-1])
+    ]
+    assert columns[1] > columns[0] + 100
+
+
+def test_view_widens_for_players_who_leave():
+    world = olne_v0.parallel_env("two_player", render_mode="rgb_array")
+    straight_on = {player: np.array([0.0, 1.0]) for player in world.possible_agents}
+    last = frames(world, straight_on)[-1]
+    assert np.abs(world.state()[:2]).max() > 10  # far from the unit circle of the goals
+    assert shows(last, 0) > 30
+    assert shows(last, 1) > 30
+
+
+def test_models_without_a_heading_point_along_their_velocity():
+    player = Player((StateDeviation("vx"), ControlEffort("ax")))
+    scenario = Scenario(
+        name="drift",
+        game=Game((player,), DOUBLE_INTEGRATOR, horizon=3, dt=1.0),
+        weights=np.ones((1, 2)),
+        initial_state=np.array([[0.0, 0.0, 0.0, 1.0]]),
+        limits=Limits(controls=(1.0, 1.0), states=(10.0, 10.0, 10.0, 10.0)),
+    )
+    world = olne_v0.parallel_env(scenario, render_mode="rgb_array", reveal_truth=False)
+    world.reset()
+    world.step({"player_0": np.zeros(2)})
+    assert shows(world.render(), 0) > 30
+    assert rendering._heading(np.array([0, 0, 0, 1.0]), DOUBLE_INTEGRATOR.state_names) == np.pi / 2
+
+
+def test_window_shows_the_frame(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setitem(olne_v0.OlneWorld.metadata, "render_fps", 1000)
+    world = olne_v0.parallel_env("two_player", render_mode="human", max_cycles=2)
+    world.reset()
+    idle = {player: np.zeros(2) for player in world.agents}
+    world.step(idle)
+    window = pygame.surfarray.array3d(pygame.display.get_surface())
+    assert window.std() > 5
+    assert world.render() is None
+    world.reset()  # the same window goes on
+    assert pygame.display.get_surface() is not None
+    world.close()
+    assert pygame.display.get_surface() is None
+    world.close()
+
+
+def test_without_a_render_mode_render_says_so():
+    world = olne_v0.parallel_env("two_player")
+    world.reset()
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert world.render() is None
