@@ -18,6 +18,8 @@ class Episode:
         states: (N, n) at present.
         history: states (N, n) of all steps so far.
         steps: number of steps so far.
+        left: indices of players whose part ended before the horizon; nobody's does on the game's
+            own dynamics, but simulators know crashes.
     """
 
     def __init__(self, scenario: Scenario, truth: Equilibrium | None) -> None:
@@ -26,6 +28,7 @@ class Episode:
         self.states = scenario.initial_state
         self.history = [self.states]
         self.steps = 0
+        self.left: frozenset[int] = frozenset()
         game = scenario.game
         costs = stage_costs(game)
         self._step = BufferedFunction(numeric_step(game.dynamics, game.dt).map(game.num_players))

@@ -16,7 +16,7 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from envs.episode import Episode
 from envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from envs.layout import ObservationLayout
+from envs.layout import ObservationLayout, player_index
 from envs.rendering import Renderer
 from envs.scenarios import Scenario, get_scenario
 from envs.spaces import Spaces, SpaceSize
@@ -309,22 +309,23 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
 
     def _observations(self) -> dict[str, np.ndarray]:
         vector = self._latest_episode().vector()
-        return {player: vector[order] for player, order in self._spaces.observation_order.items()}
+        order = self._spaces.observation_order
+        return {player: vector[order[player]] for player in self.agents}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         episode = self._latest_episode()
         if episode.truth is None:
             return {player: {} for player in self.agents}
-        infos = {
-            player: {"weights": weights.copy()}
-            for player, weights in zip(self.agents, episode.scenario.weights, strict=True)
-        }
-        if not episode.over:
-            for info, action in zip(
-                infos.values(), episode.truth.controls[episode.steps], strict=True
-            ):
-                info["olne_action"] = action.copy()
+        infos: dict[str, dict[str, Any]] = {}
+        for player in self.agents:
+            index = player_index(player)
+            infos[player] = {"weights": episode.scenario.weights[index].copy()}
+            if not (episode.over or index in episode.left):
+                infos[player]["olne_action"] = episode.truth.controls[episode.steps, index].copy()
         return infos
+
+    def _new_episode(self, scenario: Scenario, truth: Equilibrium | None) -> Episode:
+        return Episode(scenario, truth)
 
     def _new_renderer(self) -> Renderer:
         episode = self._latest_episode()
