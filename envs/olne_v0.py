@@ -101,6 +101,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
     Attributes:
         possible_agents: all players of the latest scenario.
         agents: the same during an episode, empty before and after.
+        np_random: draws the members of a family for resets without a seed.
 
     Raises:
         ValueError: on an unknown scenario, option or render mode, a ``max_cycles`` below 1, or a
@@ -146,7 +147,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         self.reveal_truth = reveal_truth
         self.agents: list[str] = []
         self._default = (scenario, scenario_options)
-        self._rng = np.random.default_rng()
+        self.np_random = np.random.default_rng()
         self._episode: Episode | None = None
         self._renderer: Renderer | None = None
         self._spaces = Spaces(SpaceSize.of(_draw(scenario, 0, scenario_options)))
@@ -207,8 +208,8 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         """
         self.agents, self._episode = [], None  # whatever fails below, no old episode goes on
         if seed is not None:
-            self._rng = np.random.default_rng(seed)
-        member = int(self._rng.integers(2**31)) if seed is None else seed
+            self.np_random = np.random.default_rng(seed)
+        member = int(self.np_random.integers(2**31)) if seed is None else seed
         name, scenario_options = self._choice(options)
         scenario = _draw(name, member, scenario_options)
         size = SpaceSize.of(scenario)
@@ -235,21 +236,23 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         """Play one step of all players.
 
         Args:
-            actions: one (m,) control per player.
+            actions: one (m,) control per player. After the end of an episode there are no
+                players, and no actions give no results; third-party wrappers rely on that.
 
         Raises:
-            ResetNeeded: before the first reset and after the end of an episode.
+            ResetNeeded: before the first reset, and on any action after the end of an episode.
             ValueError: on a missing or unknown player or an action outside its space. Nothing
                 has moved then; the step may be repeated with other actions.
         """
-        if not self.agents or self._episode is None:
-            raise ResetNeeded("no episode is running: call reset() before step()")
-        costs = self._episode.advance(self._spaces.controls(actions))
-        terminated = self._episode.over
+        episode = self._latest_episode()
+        if not self.agents:
+            if actions:
+                raise ResetNeeded("the episode is over: call reset() before the next step()")
+            return {}, {}, {}, {}, {}
+        costs = episode.advance(self._spaces.controls(actions))
+        terminated = episode.over
         truncated = (
-            not terminated
-            and self.max_cycles is not None
-            and self._episode.steps >= self.max_cycles
+            not terminated and self.max_cycles is not None and episode.steps >= self.max_cycles
         )
         players = self.agents
         observations, infos = self._observations(), self._infos()

@@ -15,7 +15,7 @@ MAX_WIDTH, MAX_HEIGHT = 900, 600  # [px] of a frame without its header
 SHARPNESS = 2  # frames are drawn this many times larger and smoothed down
 HEADER = 64  # [px] for the legend
 MARGIN = 0.12  # around everything that is expected to be seen, as a share of the larger side
-CAR_LENGTH = 0.055  # of the larger side of the view
+CAR_LENGTH = 0.045  # of the larger side of the view
 CAR_ASPECT = 0.48  # width over length
 
 BACKGROUND = (247, 247, 244)

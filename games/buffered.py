@@ -24,6 +24,7 @@ class BufferedFunction:
         patterns = [function.sparsity_in(i) for i in range(function.n_in())]
         if not all(pattern.is_dense() for pattern in [*patterns, function.sparsity_out(0)]):
             raise ValueError(f"{function} is not dense")
+        self._function = function
         self._arguments = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
         self._result = np.zeros(function.size_out(0)[::-1])
         # The bound buffer must outlive the call, hence the attribute that nothing reads.
@@ -32,6 +33,10 @@ class BufferedFunction:
         for i, argument in enumerate(self._arguments):
             self._buffer.set_arg(i, argument.data)
         self._buffer.set_res(0, self._result.data)
+
+    def __reduce__(self) -> tuple[type["BufferedFunction"], tuple[ca.Function]]:
+        """Copies and pickles bind memory of their own."""
+        return BufferedFunction, (self._function,)
 
     def __call__(self, *arguments: np.ndarray) -> np.ndarray:
         """The function's first result, transposed like the arguments, as a fresh array."""

@@ -93,7 +93,7 @@ class ComponentView(View):
     components: tuple[str, ...]
 
     def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
-        return ca.vertcat(*[state[k] for k in self._columns(dynamics)])
+        return ca.vertcat(*[state[k] for k in _columns(self, self.components, dynamics)])
 
     def component_names(self, dynamics: Components) -> tuple[str, ...]:
         return self.components
@@ -101,20 +101,11 @@ class ComponentView(View):
     def bounds(
         self, low: np.ndarray, high: np.ndarray, dynamics: Components
     ) -> tuple[np.ndarray, np.ndarray]:
-        columns = self._columns(dynamics)
+        columns = _columns(self, self.components, dynamics)
         return low[columns], high[columns]
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
         return {name: y[..., k] for k, name in enumerate(self.components)}
-
-    def _columns(self, dynamics: Components) -> list[int]:
-        for component in self.components:
-            if component not in dynamics.state_names:
-                raise ValueError(
-                    f"view {self.name!r}: no component {component!r} here; "
-                    f"there are: {', '.join(dynamics.state_names)}"
-                )
-        return [dynamics.state_names.index(component) for component in self.components]
 
 
 @dataclass(frozen=True)
@@ -135,7 +126,7 @@ class RangeBearingView(View):
     name: str = "range_bearing"
 
     def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
-        px, py = (state[dynamics.state_names.index(c)] for c in ("px", "py"))
+        px, py = (state[k] for k in _columns(self, ("px", "py"), dynamics))
         ahead, left = self._turn(px - self.position[0], py - self.position[1], -self.facing)
         return ca.vertcat(ca.sqrt(ahead**2 + left**2), ca.atan2(left, ahead))
 
@@ -145,7 +136,7 @@ class RangeBearingView(View):
     def bounds(
         self, low: np.ndarray, high: np.ndarray, dynamics: Components
     ) -> tuple[np.ndarray, np.ndarray]:
-        columns = [dynamics.state_names.index(c) for c in ("px", "py")]
+        columns = _columns(self, ("px", "py"), dynamics)
         farthest = np.abs(np.stack([low[columns], high[columns]]) - self.position).max(axis=0)
         return np.array([0.0, -np.pi]), np.array([np.linalg.norm(farthest), np.pi])
 
@@ -160,6 +151,21 @@ class RangeBearingView(View):
     def _turn(x: ca.SX, y: ca.SX, angle: float) -> tuple[ca.SX, ca.SX]:
         cos, sin = float(np.cos(angle)), float(np.sin(angle))
         return cos * x - sin * y, sin * x + cos * y
+
+
+def _columns(view: View, components: tuple[str, ...], dynamics: Components) -> list[int]:
+    """Where a state has these components.
+
+    Raises:
+        ValueError: if it lacks one.
+    """
+    for component in components:
+        if component not in dynamics.state_names:
+            raise ValueError(
+                f"view {view.name!r}: no component {component!r} here; "
+                f"there are: {', '.join(dynamics.state_names)}"
+            )
+    return [dynamics.state_names.index(component) for component in components]
 
 
 #: The paper's two views, by name.

@@ -1,5 +1,7 @@
 """Frames show the scene: never blank, every player in its colour, and in view."""
 
+import itertools
+
 import numpy as np
 import pygame
 import pytest
@@ -37,7 +39,7 @@ def test_every_frame_shows_every_player(name):
         assert frame.std() > 5
         for player in range(world.max_num_agents):
             assert shows(frame, player) > 30
-    for before, after in zip(shown, shown[1:], strict=False):
+    for before, after in itertools.pairwise(shown):
         assert (before != after).any()
 
 

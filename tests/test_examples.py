@@ -1,0 +1,25 @@
+"""The examples run as they stand."""
+
+import itertools
+import runpy
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageSequence
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def test_play_olne_saves_an_episode_in_which_cars_overtake(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    played = runpy.run_path(str(EXAMPLES / "play_olne.py"))
+    with Image.open(tmp_path / "olne.gif") as gif:
+        frames = [np.array(frame.convert("RGB")) for frame in ImageSequence.Iterator(gif)]
+    assert len(frames) == 20
+    assert all(frame.std() > 5 for frame in frames)
+    assert all((a != b).any() for a, b in itertools.pairwise(frames))
+    world = played["world"]
+    start = world.scenario.initial_state[:, 1]
+    end = world.state()[:-1].reshape(5, 4)[:, 1]
+    overtaken = (start[:, None] < start) & (end[:, None] > end)
+    assert overtaken.any()
