@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from envs.highway_roads import CAR, DT, replay
-from envs.scenarios.scenario import Scenario
+from envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
+from envs.scenarios.scenario import Limits, Scenario
 from games.features import CarProximity, ControlEffort, StateDeviation
 from games.game import Game, Player
 from games.lanes import Lane, LaneKeeping
@@ -16,6 +16,9 @@ HORIZON = 20  # states, hence 7.6 s
 WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
 REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
 MAX_DRAWS = 20
+#: Positions [m] and headings [rad] far beyond the roads; the simulator keeps to 40 m/s, plus what
+#: one action adds.
+LIMITS = Limits(controls=(MAX_STEERING, MAX_ACCELERATION), states=(2000.0, 2000.0, 200.0, 50.0))
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class Manner:
 #: Fast roads: gaps of car lengths, small steering angles.
 FAST = Manner(6.0, 2.0, 1.0, speed=3.0, acceleration=2.0, steering=0.03, lane=1.5, heading=0.1)
 #: Town: curves of 10 to 25 m radius.
-TOWN = Manner(4.0, 3.0, 1.0, speed=2.0, acceleration=2.0, steering=0.3, lane=0.7, heading=0.3)
+TOWN = Manner(4.0, 3.0, 2.5, speed=2.0, acceleration=2.0, steering=0.3, lane=0.7, heading=0.3)
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,7 @@ def driving_scenario(
         game=Game(players, CAR, HORIZON, DT),
         weights=weights,
         initial_state=np.array([driver.state for driver in drivers]),
+        limits=LIMITS,
     )
 
 
@@ -100,11 +104,13 @@ def draw_playable(
 
 
 def rejection(scenario: Scenario) -> str | None:
-    """Why a draw must not be used: ``"no equilibrium"``, ``"collision"``, or None."""
+    """Why a draw must not be used: no equilibrium, out of limits, collision; or None."""
     try:
         plan = certified_equilibrium(scenario)
     except NoEquilibriumError:
         return "no equilibrium"
+    if (np.abs(plan.controls) > LIMITS.controls).any() or np.abs(plan.states[..., 3]).max() > 40:
+        return "out of limits"
     played = replay(scenario.name, plan.states[0], plan.controls)
     exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE
     return None if exact else "collision"

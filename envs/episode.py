@@ -49,12 +49,16 @@ class Episode:
         """Play controls (N, m) for one step; what it costs each player (N,)."""
         weights = self.scenario.weights
         costs = self._running_costs(self.states, controls, weights)[0]
-        self.states = self._step(self.states, controls)
+        self.states = self._move(controls)
         self.history.append(self.states)
         self.steps += 1
         if self.over:
             costs += self._final_costs(self.states, weights)[0]
         return costs
+
+    def _move(self, controls: np.ndarray) -> np.ndarray:
+        """The states after controls (N, m)."""
+        return self._step(self.states, controls)
 
     def vector(self) -> np.ndarray:
         """States and time in one vector (N*n + 1,)."""

@@ -8,10 +8,12 @@ geometry is read off the lane objects.
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, reduce
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.envs.common.graphics import EnvViewer
 from highway_env.envs.highway_env import HighwayEnv
 from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.envs.merge_env import MergeEnv
@@ -40,9 +42,11 @@ _PALETTE = ((228, 87, 70), (70, 130, 220), (240, 190, 60), (120, 190, 90))
 _PALETTE += ((170, 110, 200), (90, 200, 200), (240, 140, 60), (200, 200, 200))
 
 
-class _PlayersOnly(AbstractEnv):
+class PlayersOnly(AbstractEnv):
     """Put before one of HighwayEnv's environments: the players instead of random traffic."""
 
+    #: Where pictures are centred [m]; None follows the cars.
+    camera: tuple[float, float] | None = (0.0, 0.0)
     initial_state = np.empty((0, 4))
 
     @classmethod
@@ -58,7 +62,22 @@ class _PlayersOnly(AbstractEnv):
             "simulation_frequency": SIMULATION_FREQUENCY,
             "policy_frequency": POLICY_FREQUENCY,
             "spawn_probability": 0.0,
+            "centering_position": [0.5, 0.5],
         }
+
+    def render(self) -> np.ndarray | None:
+        if self.viewer is None:
+            self.viewer = EnvViewer(self)
+            # HighwayEnv draws black frames where SDL's dummy driver is set; arrays need no driver.
+            self.viewer.enabled = True
+        where = self.states()[:, :2].mean(axis=0) if self.camera is None else self.camera
+        self.viewer.observer_vehicle = SimpleNamespace(position=np.array(where))
+        return super().render()
+
+    def close(self) -> None:
+        if self.render_mode == "human":
+            super().close()
+        self.viewer = None  # HighwayEnv would shut pygame down for everybody else
 
     def place(self, states: np.ndarray) -> None:
         """Reset with one vehicle for each row (px, py, heading, speed) of states (N, 4)."""
@@ -89,6 +108,10 @@ class _PlayersOnly(AbstractEnv):
     def _create_vehicles(self) -> None:  # HighwayEnv's name for the same
         self._make_vehicles()
 
+    def _automatic_rendering(self) -> None:
+        if self.render_mode == "human":  # frames between two actions that nobody asked for
+            super()._automatic_rendering()
+
     def _info(self, obs: object, action: object = None) -> dict[str, Any]:
         return {}
 
@@ -102,27 +125,39 @@ class _PlayersOnly(AbstractEnv):
         return False
 
 
-class _Highway(_PlayersOnly, HighwayEnv):
+class _Highway(PlayersOnly, HighwayEnv):
+    camera = None
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        return super().default_config() | {"screen_width": 1200, "scaling": 4.5}
+
+
+class _Merge(PlayersOnly, MergeEnv):
+    camera = None
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        return super().default_config() | {"screen_width": 1200}
+
+
+class _TwoWay(PlayersOnly, TwoWayEnv):
+    camera = None
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        return super().default_config() | {"screen_width": 1200, "scaling": 3.4}
+
+
+class _Roundabout(PlayersOnly, RoundaboutEnv):
     pass
 
 
-class _Merge(_PlayersOnly, MergeEnv):
+class _Intersection(PlayersOnly, IntersectionEnv):
     pass
 
 
-class _TwoWay(_PlayersOnly, TwoWayEnv):
-    pass
-
-
-class _Roundabout(_PlayersOnly, RoundaboutEnv):
-    pass
-
-
-class _Intersection(_PlayersOnly, IntersectionEnv):
-    pass
-
-
-_ROADS: dict[str, type[_PlayersOnly]] = {
+_ROADS: dict[str, type[PlayersOnly]] = {
     "highway": _Highway,
     "intersection": _Intersection,
     "merge": _Merge,
@@ -134,7 +169,7 @@ _ROADS: dict[str, type[_PlayersOnly]] = {
 ROAD_NAMES = tuple(_ROADS)
 
 
-def make_road(name: str, render_mode: str | None = None, **config: object) -> _PlayersOnly:
+def make_road(name: str, render_mode: str | None = None, **config: object) -> PlayersOnly:
     """HighwayEnv's environment of that name, without vehicles.
 
     Args:
@@ -202,7 +237,7 @@ def replay(name: str, initial_state: np.ndarray, controls: np.ndarray) -> np.nda
 
 
 @lru_cache(maxsize=len(_ROADS))
-def _replay_road(name: str) -> _PlayersOnly:
+def _replay_road(name: str) -> PlayersOnly:
     return make_road(name)
 
 

@@ -249,22 +249,19 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
             if actions:
                 raise ResetNeeded("the episode is over: call reset() before the next step()")
             return {}, {}, {}, {}, {}
-        costs = episode.advance(self._spaces.controls(actions))
-        terminated = episode.over
-        truncated = (
-            not terminated and self.max_cycles is not None and episode.steps >= self.max_cycles
-        )
+        costs = episode.advance(self._spaces.controls(actions, self.agents))
         players = self.agents
+        terminated = {p: episode.over or player_index(p) in episode.left for p in players}
+        cut = not episode.over and self.max_cycles is not None and episode.steps >= self.max_cycles
         observations, infos = self._observations(), self._infos()
-        if terminated or truncated:
-            self.agents = []
+        self.agents = [] if cut else [p for p in players if not terminated[p]]
         if self.render_mode == "human":
             self.render()
         return (
             observations,
-            dict(zip(players, (-costs).tolist(), strict=True)),
-            dict.fromkeys(players, terminated),
-            dict.fromkeys(players, truncated),
+            {player: -float(costs[player_index(player)]) for player in players},
+            terminated,
+            {player: cut and not terminated[player] for player in players},
             infos,
         )
 
@@ -339,7 +336,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         )
 
 
-class _AecWorld(parallel_to_aec_wrapper):
+class AecWorld(parallel_to_aec_wrapper):
     """PettingZoo's converter, which reads players and spaces once, kept up to date at resets."""
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
@@ -348,9 +345,9 @@ class _AecWorld(parallel_to_aec_wrapper):
         self.state_space = self.env.state_space
 
 
-def raw_env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> _AecWorld:
+def raw_env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> AecWorld:
     """The world with the turn-based (AEC) interface; arguments as for ``parallel_env``."""
-    return _AecWorld(OlneWorld(scenario, **arguments))
+    return AecWorld(OlneWorld(scenario, **arguments))
 
 
 def env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> OrderEnforcingWrapper:

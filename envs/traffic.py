@@ -63,7 +63,7 @@ class Temperament:
         haste: factor on the target speed.
     """
 
-    proximity: float = 1.0
+    proximity: float = 2.5
     speed: float = 1.0
     acceleration: float = 0.5
     turning: float = 0.5
@@ -78,9 +78,9 @@ class Temperament:
 
 #: Presets by name.
 TEMPERAMENTS: dict[str, Temperament] = {
-    "aggressive": Temperament(proximity=0.5, speed=2.0, acceleration=0.2, turning=0.3, haste=1.1),
+    "aggressive": Temperament(proximity=1.0, speed=2.0, acceleration=0.2, turning=0.3, haste=1.1),
     "normal": Temperament(),
-    "cautious": Temperament(proximity=2.0, speed=0.7, acceleration=0.7, turning=0.8, haste=0.9),
+    "cautious": Temperament(proximity=4.0, speed=0.7, acceleration=0.7, turning=0.8, haste=0.9),
 }
 
 

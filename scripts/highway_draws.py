@@ -36,7 +36,8 @@ def main(draws: int, families: list[str]) -> None:
         certified = draws - reasons["no equilibrium"]
         print(
             f"{name}: {certified} of {draws} certified, {reasons['playable']} playable, "
-            f"{reasons['collision']} predicted collisions; median {np.median(seconds):.1f} s, "
+            f"{reasons['collision']} predicted collisions, {reasons['out of limits']} out of limits; "
+            f"median {np.median(seconds):.1f} s, "
             f"longest {max(seconds):.1f} s",
             flush=True,
         )
