@@ -15,6 +15,7 @@ from games.lanes import Lane, LaneKeeping
 HORIZON = 20  # states, hence 7.6 s
 WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
 REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
+MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no collision either
 MAX_DRAWS = 20
 #: Positions [m] and headings [rad] far beyond the roads; the simulator keeps to 40 m/s, plus what
 #: one action adds.
@@ -49,7 +50,7 @@ class Manner:
 #: Fast roads: gaps of car lengths, small steering angles.
 FAST = Manner(6.0, 2.0, 1.0, speed=3.0, acceleration=2.0, steering=0.03, lane=1.5, heading=0.1)
 #: Town: curves of 10 to 25 m radius.
-TOWN = Manner(4.0, 3.0, 2.5, speed=2.0, acceleration=2.0, steering=0.3, lane=0.7, heading=0.3)
+TOWN = Manner(4.0, 3.0, 1.5, speed=2.0, acceleration=2.0, steering=0.2, lane=0.7, heading=0.3)
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,9 @@ def draw_playable(
     """The first draw that is a certified equilibrium and that the simulator plays exactly.
 
     HighwayEnv looks one frame ahead for collisions and pushes cars apart. A plan that it would
-    interfere with is no open-loop truth there, so the draw is rejected and the next one taken
-    from a seed derived from ``seed``, the number of players and the number of the draw.
+    interfere with, were the cars a little wider, is no open-loop truth there, so the draw is
+    rejected and the next one taken from a seed derived from ``seed``, the number of players and
+    the number of the draw.
 
     Raises:
         NoEquilibriumError: where ``MAX_DRAWS`` draws are rejected.
@@ -111,7 +113,7 @@ def rejection(scenario: Scenario) -> str | None:
         return "no equilibrium"
     if (np.abs(plan.controls) > LIMITS.controls).any() or np.abs(plan.states[..., 3]).max() > 40:
         return "out of limits"
-    played = replay(scenario.name, plan.states[0], plan.controls)
+    played = replay(scenario.name, plan.states[0], plan.controls, MARGIN)
     exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE
     return None if exact else "collision"
 

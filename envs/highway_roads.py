@@ -42,12 +42,28 @@ _PALETTE = ((228, 87, 70), (70, 130, 220), (240, 190, 60), (120, 190, 90))
 _PALETTE += ((170, 110, 200), (90, 200, 200), (240, 140, 60), (200, 200, 200))
 
 
+class _CushionedVehicle(Vehicle):
+    """A vehicle that collides before it touches; its motion is that of its class."""
+
+    def __init__(self, *args: Any, margin: float, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._margin = margin  # [m] on each side
+        self.diagonal += 2 * np.sqrt(2) * margin
+
+    def polygon(self) -> np.ndarray:
+        cos, sin = self.direction
+        rotation = np.array([[cos, -sin], [sin, cos]])
+        corners = (super().polygon() - self.position) @ rotation
+        return (corners + self._margin * np.sign(corners)) @ rotation.T + self.position
+
+
 class PlayersOnly(AbstractEnv):
     """Put before one of HighwayEnv's environments: the players instead of random traffic."""
 
     #: Where pictures are centred [m]; None follows the cars.
     camera: tuple[float, float] | None = (0.0, 0.0)
     initial_state = np.empty((0, 4))
+    margin = 0.0
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
@@ -79,9 +95,15 @@ class PlayersOnly(AbstractEnv):
             super().close()
         self.viewer = None  # HighwayEnv would shut pygame down for everybody else
 
-    def place(self, states: np.ndarray) -> None:
-        """Reset with one vehicle for each row (px, py, heading, speed) of states (N, 4)."""
+    def place(self, states: np.ndarray, margin: float = 0.0) -> None:
+        """Reset with one vehicle for each row (px, py, heading, speed) of states (N, 4).
+
+        Args:
+            states: (N, 4).
+            margin: distance [m] by which vehicles are wider on each side in collisions.
+        """
         self.initial_state = np.asarray(states, dtype=float)
+        self.margin = margin
         self.reset()
 
     def apply(self, controls: np.ndarray) -> None:
@@ -100,7 +122,8 @@ class PlayersOnly(AbstractEnv):
     def _make_vehicles(self, *_: object) -> None:
         self.controlled_vehicles = []
         for index, (px, py, heading, speed) in enumerate(self.initial_state):
-            vehicle = Vehicle(self.road, [px, py], float(heading), float(speed))
+            where = (self.road, [px, py], float(heading), float(speed))
+            vehicle = _CushionedVehicle(*where, margin=self.margin) if self.margin else Vehicle(*where)
             vehicle.color = _PALETTE[index % len(_PALETTE)]
             self.controlled_vehicles.append(vehicle)
         self.road.vehicles = list(self.controlled_vehicles)
@@ -216,19 +239,22 @@ def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
     )
 
 
-def replay(name: str, initial_state: np.ndarray, controls: np.ndarray) -> np.ndarray:
+def replay(
+    name: str, initial_state: np.ndarray, controls: np.ndarray, margin: float = 0.0
+) -> np.ndarray:
     """Play open-loop controls (T-1, N, 2) on the simulator.
 
     Args:
         name: one of ``ROAD_NAMES``.
         initial_state: (N, 4).
         controls: (T-1, N, 2).
+        margin: distance [m] by which vehicles are wider on each side in collisions.
 
     Returns:
         States (T, N, 4).
     """
     road = _replay_road(name)
-    road.place(initial_state)
+    road.place(initial_state, margin)
     states = [road.states()]
     for control in controls:
         road.apply(control)
