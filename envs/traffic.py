@@ -15,8 +15,8 @@ drive into an ego that does not cooperate. Nash vehicles of another group are pr
 their latest plans.
 
 Where a plan cannot be found the vehicle goes on with the rest of its previous one, and where
-that is used up it drives by the Intelligent Driver Model until the next try. ``traffic_report``
-counts all three.
+that is used up, or where its equilibrium runs into something (costs are finite, so some do), it
+drives by the Intelligent Driver Model until the next try. ``traffic_report`` counts all three.
 """
 
 from collections import deque
@@ -104,7 +104,8 @@ class TrafficReport:
     Attributes:
         solved: vehicle plans that are equilibria.
         shifted: times a vehicle went on with its previous plan.
-        braked: times a vehicle fell back on the Intelligent Driver Model.
+        braked: times a vehicle fell back on the Intelligent Driver Model, for want of a plan or
+            of one that keeps clear of the others.
         seconds: the latest solving times [s], by number of players.
     """
 
@@ -267,7 +268,10 @@ def _plan_together(vehicle: NashVehicle) -> None:
     times.append(perf_counter() - begin)
 
     for index, (member, start) in enumerate(zip(group, starts, strict=True)):
-        if plan.converged:
+        if plan.converged and _runs_into_something(plan.states, situation.others[index], index):
+            report.braked += 1
+            member._adopt(None)
+        elif plan.converged:
             report.solved += 1
             member._adopt(_VehiclePlan(plan.states[:, index], plan.controls[:, index]))
         elif start is not None and start.shifts <= MAX_SHIFTS:
@@ -276,6 +280,24 @@ def _plan_together(vehicle: NashVehicle) -> None:
         else:
             report.braked += 1
             member._adopt(None)
+
+
+def _runs_into_something(states: np.ndarray, others: np.ndarray, index: int) -> bool:
+    """Whether planned states (T, N, 4) bring that player into contact ahead of it.
+
+    Args:
+        states: of all players.
+        others: (M, T-1, 2) predicted positions of what else the player avoids.
+        index: of the player.
+    """
+    own = states[1:, index]
+    players = np.delete(states[1:, :, :2], index, axis=1).swapaxes(0, 1)
+    offsets = np.concatenate([players, others]) - own[:, :2]  # (N-1+M, T-1, 2)
+    cos, sin = np.cos(own[:, 2]), np.sin(own[:, 2])
+    ahead = offsets[..., 0] * cos + offsets[..., 1] * sin
+    beside = offsets[..., 1] * cos - offsets[..., 0] * sin
+    contact = (ahead > 0) & (ahead < Vehicle.LENGTH) & (np.abs(beside) < 0.9 * Vehicle.WIDTH)
+    return bool(contact.any())
 
 
 def _group(vehicle: NashVehicle) -> list[NashVehicle]:

@@ -134,7 +134,10 @@ class ReferenceGame:
         current = self._evaluate(situation, unknowns)
         iterations = 0
         while iterations < max_iterations and not current.residual < tolerance:
-            change = self._newton_step(current).reshape(unknowns.shape)
+            try:
+                change = self._newton_step(current).reshape(unknowns.shape)
+            except np.linalg.LinAlgError:  # singular, or an undefined point
+                break
             change *= min(1.0, 1 / np.abs(change / limit).max())
             length = 1.0
             trial = self._evaluate(situation, unknowns + change)

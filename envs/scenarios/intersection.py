@@ -19,7 +19,8 @@ PLAYERS = (2, 4)
 ARMS = 4
 TURNS = (1, 2, 3)  # arms further on: left, straight, right
 SPEED = (7.0, 10.0)  # [m/s], target
-DISTANCE = (8.0, 30.0)  # [m] from the stop line
+DISTANCE = (8.0, 13.0)  # [m] of the first car from the stop line
+SPACING = 8.0  # [m] that each further car is farther away
 
 
 def make(seed: int = 0, num_players: int = 3) -> Scenario:
@@ -35,16 +36,17 @@ def make(seed: int = 0, num_players: int = 3) -> Scenario:
 
 def draw(rng: np.random.Generator, count: int) -> Scenario:
     """One draw, which may be unplayable."""
-    drivers = [_driver(rng, int(arm)) for arm in rng.permutation(ARMS)[:count]]
+    arms = rng.permutation(ARMS)[:count]
+    drivers = [_driver(rng, int(arm), SPACING * rank) for rank, arm in enumerate(arms)]
     return driving_scenario("intersection", drivers, TOWN, draw_weights(rng, count))
 
 
-def _driver(rng: np.random.Generator, arm: int) -> Driver:
+def _driver(rng: np.random.Generator, arm: int, farther: float) -> Driver:
     network = road_network("intersection")
     out = (arm + int(rng.choice(TURNS))) % ARMS
     lanes = [(f"o{arm}", f"ir{arm}", 0), (f"ir{arm}", f"il{out}", 0), (f"il{out}", f"o{out}", 0)]
     access = network.get_lane(lanes[0])
-    along = access.length - rng.uniform(*DISTANCE)
+    along = access.length - rng.uniform(*DISTANCE) - farther
     px, py = access.position(along, 0)
     speed = rng.uniform(*SPEED)
     state = (float(px), float(py), float(access.heading_at(along)), speed)
