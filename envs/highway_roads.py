@@ -123,7 +123,9 @@ class PlayersOnly(AbstractEnv):
         self.controlled_vehicles = []
         for index, (px, py, heading, speed) in enumerate(self.initial_state):
             where = (self.road, [px, py], float(heading), float(speed))
-            vehicle = _CushionedVehicle(*where, margin=self.margin) if self.margin else Vehicle(*where)
+            vehicle = (
+                _CushionedVehicle(*where, margin=self.margin) if self.margin else Vehicle(*where)
+            )
             vehicle.color = _PALETTE[index % len(_PALETTE)]
             self.controlled_vehicles.append(vehicle)
         self.road.vehicles = list(self.controlled_vehicles)

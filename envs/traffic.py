@@ -255,7 +255,9 @@ def _plan_together(vehicle: NashVehicle) -> None:
         member._choose_lane()
     starts = [member._previous() for member in group]
     situation = _situation(group, starts)
-    pursuit = [_pursuit(*pair) for pair in zip(situation.initial_state, situation.references, strict=True)]
+    pursuit = [
+        _pursuit(*pair) for pair in zip(situation.initial_state, situation.references, strict=True)
+    ]
     warm = [p if s is None else s.controls for s, p in zip(starts, pursuit, strict=True)]
     begin = perf_counter()
     # BLAS on several threads is a hundred times slower on matrices this small.

@@ -16,9 +16,7 @@ from envs.scenarios import get_scenario
 UNITS = np.array([0.01, 1.0])
 
 
-def play(
-    world: highway_v0.HighwayWorld, player: str, offsets: np.ndarray
-) -> tuple[float, bool]:
+def play(world: highway_v0.HighwayWorld, player: str, offsets: np.ndarray) -> tuple[float, bool]:
     """That player's return when it deviates by offsets (T-1, 2), and whether it came through."""
     _, infos = world.reset()
     total = 0.0

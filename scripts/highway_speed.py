@@ -33,7 +33,7 @@ def raw_environment(observation: dict) -> gymnasium.Env:
         "observation": observation,
         "duration": 1000,
     }
-    return gymnasium.make("highway-v0", config=config).unwrapped
+    return gymnasium.make("highway-v0", config=config, disable_env_checker=True).unwrapped
 
 
 def main(rounds: int) -> None:

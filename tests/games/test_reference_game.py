@@ -59,10 +59,13 @@ def test_no_player_gains_by_a_small_deviation(game):
         offset[player] = 1e-3 * rng.standard_normal((STEPS, 2))
         nodes, weights = np.polynomial.legendre.leggauss(5)
         start = plan.controls.swapaxes(0, 1)
-        change = sum(
-            w / 2 * game._evaluate(here, start + (x + 1) / 2 * offset).gradients[player]
-            for x, w in zip(nodes, weights, strict=True)
-        ) @ offset[player].ravel()
+        change = (
+            sum(
+                w / 2 * game._evaluate(here, start + (x + 1) / 2 * offset).gradients[player]
+                for x, w in zip(nodes, weights, strict=True)
+            )
+            @ offset[player].ravel()
+        )
         assert change > 0
 
 
