@@ -7,7 +7,7 @@ geometry is read off the lane objects.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, reduce
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -38,8 +38,16 @@ CAR = bicycle(rear_axle=Vehicle.LENGTH / 2, sub_steps=SUB_STEPS)
 MAX_STEERING = float(np.pi / 3)
 MAX_ACCELERATION = 12.0
 
-_PALETTE = ((228, 87, 70), (70, 130, 220), (240, 190, 60), (120, 190, 90))
-_PALETTE += ((170, 110, 200), (90, 200, 200), (240, 140, 60), (200, 200, 200))
+_PALETTE: tuple[tuple[int, int, int], ...] = (
+    (228, 87, 70),
+    (70, 130, 220),
+    (240, 190, 60),
+    (120, 190, 90),
+    (170, 110, 200),
+    (90, 200, 200),
+    (240, 140, 60),
+    (200, 120, 150),
+)
 
 
 class _CushionedVehicle(Vehicle):
@@ -62,6 +70,7 @@ class PlayersOnly(AbstractEnv):
 
     #: Where pictures are centred [m]; None follows the cars.
     camera: tuple[float, float] | None = (0.0, 0.0)
+    viewer: EnvViewer | None
     initial_state = np.empty((0, 4))
     margin = 0.0
 
@@ -218,7 +227,10 @@ def road_network(name: str) -> RoadNetwork:
 
 def route(network: RoadNetwork, *indices: LaneIndex) -> tuple[Lane, ...]:
     """The lanes of those indices as a route; arcs that continue each other become one."""
-    return tuple(reduce(_join, [lane_curve(network.get_lane(i)) for i in indices], []))
+    lanes: list[Lane] = []
+    for index in indices:
+        lanes = _join(lanes, lane_curve(network.get_lane(index)))
+    return tuple(lanes)
 
 
 def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:

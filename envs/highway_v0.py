@@ -11,6 +11,7 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from envs.episode import Episode
 from envs.highway_roads import ROAD_NAMES, PlayersOnly, make_road
 from envs.olne_v0 import AecWorld, OlneWorld
+from envs.rendering import Renderer
 from envs.scenarios.scenario import Scenario
 from games.olne import Equilibrium
 
@@ -75,8 +76,8 @@ class HighwayWorld(OlneWorld):
             self._roads[name] = make_road(name, self.render_mode)
         return _SimulatedEpisode(scenario, truth, self._roads[name])
 
-    def _new_renderer(self) -> None:
-        """None: HighwayEnv draws itself."""
+    def _new_renderer(self) -> Renderer | None:
+        return None  # HighwayEnv draws itself
 
 
 class _SimulatedEpisode(Episode):

@@ -327,7 +327,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
     def _new_episode(self, scenario: Scenario, truth: Equilibrium | None) -> Episode:
         return Episode(scenario, truth)
 
-    def _new_renderer(self) -> Renderer:
+    def _new_renderer(self) -> Renderer | None:
         episode = self._latest_episode()
         human = self.render_mode == "human"
         expected = episode.truth.states if episode.truth else episode.states[None]

@@ -5,8 +5,9 @@ Usage: python examples/highway_overtaking.py [FILE.gif]
 
 import sys
 
-from envs import highway_v0
 from PIL import Image
+
+from envs import highway_v0
 
 world = highway_v0.parallel_env("highway", render_mode="rgb_array")
 observations, infos = world.reset(seed=0)

@@ -107,7 +107,7 @@ class CarProximity:
         heading = stage.own_state("heading")
         along, across = ca.cos(heading), ca.sin(heading)
         own = stage.position(stage.player)
-        total = 0.0
+        total: ca.SX | float = 0.0
         for j in range(len(stage.states)):
             if j == stage.player:
                 continue

@@ -123,7 +123,7 @@ class LaneKeeping:
             along, beside, direction = lane.locate(position)
             own = self.scale * (beside / self.width) ** 2
             own += self.heading_scale * 2 * (1 - ca.cos(heading - direction))
-            passed = 0.0
+            passed: ca.SX | float = 0.0
             if index + 1 < len(self.route):
                 # 1/(1+exp) overflows far away; tanh does not.
                 passed = (1 + ca.tanh((along - lane.length) / (2 * self.blend))) / 2

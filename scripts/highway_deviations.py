@@ -7,6 +7,7 @@ the bar. Usage: python scripts/highway_deviations.py [TRIALS [FAMILY ...]]
 import sys
 
 import numpy as np
+
 from envs import highway_v0
 from envs.equilibrium import certified_equilibrium
 from envs.highway_roads import ROAD_NAMES

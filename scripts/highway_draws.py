@@ -9,6 +9,7 @@ from collections import Counter
 from importlib import import_module
 
 import numpy as np
+
 from envs.driving import rejection
 from envs.highway_roads import ROAD_NAMES
 
@@ -36,9 +37,9 @@ def main(draws: int, families: list[str]) -> None:
         certified = draws - reasons["no equilibrium"]
         print(
             f"{name}: {certified} of {draws} certified, {reasons['playable']} playable, "
-            f"{reasons['collision']} predicted collisions, {reasons['out of limits']} out of limits; "
-            f"median {np.median(seconds):.1f} s, "
-            f"longest {max(seconds):.1f} s",
+            f"{reasons['collision']} predicted collisions, "
+            f"{reasons['out of limits']} out of limits; "
+            f"median {np.median(seconds):.1f} s, longest {max(seconds):.1f} s",
             flush=True,
         )
 

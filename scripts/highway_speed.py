@@ -12,6 +12,7 @@ from collections.abc import Callable
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
+
 from envs import highway_v0
 from envs.equilibrium import certified_equilibrium
 from envs.highway_roads import MAX_ACCELERATION, POLICY_FREQUENCY, SIMULATION_FREQUENCY

@@ -10,6 +10,7 @@ import time
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
+
 from envs.traffic import traffic_report
 
 VERSIONS = ("highway-v0", "highway-fast-v0", "merge-v1", "roundabout-v1", "intersection-v2")

@@ -9,9 +9,10 @@ import time
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
-from envs.traffic import TrafficReport, traffic_report
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
+
+from envs.traffic import TrafficReport, traffic_report
 
 CONFIGS = {
     "highway-fast-v0": {"vehicles_count": 8},

@@ -1,6 +1,7 @@
 """HighwayEnv's roundabout: cars on the ring meet cars that enter it."""
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,7 +69,7 @@ def _drive(
 ) -> Driver:
     network = road_network("roundabout")
     nodes = [RING[(first + k) % len(RING)] for k in range(segments + 1)]
-    ring = [(a, b, OUTER) for a, b in zip(nodes[:-1], nodes[1:], strict=True)]
+    ring = [(a, b, OUTER) for a, b in pairwise(nodes)]
     leaving = [(nodes[-1], f"{nodes[-1]}s", 0), (f"{nodes[-1]}s", f"{nodes[-1]}r", 0)]
     lane = network.get_lane(access[0] if access else ring[0])
     along = rng.uniform(*place)

@@ -15,6 +15,7 @@ from envs.driving import (
 )
 from envs.highway_roads import road_network, route
 from envs.scenarios.scenario import Scenario
+from games.lanes import StraightLane
 
 PLAYERS = (3, 5)
 OWN, PASSING, ONCOMING = ("a", "b", 1), ("a", "b", 0), ("b", "a", 0)
@@ -65,5 +66,6 @@ def _overtaking(px: float, speed: float, return_px: float) -> Driver:
     network = road_network("two_way")
     (passing,), (own,) = route(network, PASSING), route(network, OWN)
     py = network.get_lane(OWN).start[1]
+    assert isinstance(passing, StraightLane)
     lanes = (replace(passing, length=return_px), own)
     return Driver((px, float(py), 0.0, speed - 3), lanes, speed, blend=8.0)

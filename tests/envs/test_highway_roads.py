@@ -3,11 +3,12 @@
 import casadi as ca
 import numpy as np
 import pytest
+from highway_env.road.lane import PolyLaneFixedWidth
+
 from envs.driving import rejection
 from envs.highway_roads import CAR, DT, ROAD_NAMES, lane_curve, make_road, replay, road_network
 from envs.scenarios import get_scenario
 from games.dynamics import bicycle, rollout
-from highway_env.road.lane import PolyLaneFixedWidth
 
 
 @pytest.mark.parametrize("name", ROAD_NAMES)

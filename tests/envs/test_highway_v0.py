@@ -2,26 +2,27 @@
 
 import itertools
 import pickle
-from functools import lru_cache
+from functools import cache
 
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
+from highway_env.vehicle.kinematics import Vehicle
+from pettingzoo.test import parallel_api_test
+
 from envs import highway_v0
 from envs.equilibrium import certified_equilibrium
 from envs.highway_roads import DT, POLICY_FREQUENCY, ROAD_NAMES, SIMULATION_FREQUENCY
 from envs.scenarios import Scenario, get_scenario
-from gymnasium.error import ResetNeeded
-from highway_env.vehicle.kinematics import Vehicle
-from pettingzoo.test import parallel_api_test
 
 SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
 SEEDS = (0, 1, 2)
 EXACT = 1e-9  # [m], [rad], [m/s]
 
 
-@lru_cache(maxsize=None)
+@cache
 def drawn(name: str, seed: int = 0) -> Scenario:
     return get_scenario(name, seed, num_players=SMALLEST[name])
 

@@ -4,11 +4,12 @@ import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
 import pytest
+from highway_env.road.road import Road, RoadNetwork
+from highway_env.vehicle.kinematics import Vehicle
+
 from envs import traffic
 from envs.traffic import NashVehicle, Temperament, temperament, traffic_report
 from games.reference_game import ReferenceGame
-from highway_env.road.road import Road, RoadNetwork
-from highway_env.vehicle.kinematics import Vehicle
 
 SIZES = {
     "highway-v0": {"vehicles_count": 8},

@@ -1,9 +1,10 @@
-"""The fast game of cars along references solves the first-order conditions of a Nash equilibrium."""
+"""The fast game of cars along references finds local Nash equilibria."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from games.dynamics import rollout
 from games.reference_game import FAR_AWAY, ReferenceGame, Situation
 
@@ -75,7 +76,7 @@ def test_predicted_others_are_avoided(game):
     straight = game.solve(free, start).states[:, 0]
     beside = straight[1:, :2] + [0.0, 2.5]  # somebody who drives along on the right
     aside = game.solve(replace(free, others=beside[None, None]), start).states[:, 0]
-    assert aside[-1, 1] < straight[-1, 1] - 0.3
+    assert aside[-1, 1] < straight[-1, 1] - 0.1
 
 
 def test_unsolvable_situations_are_reported(game):
