@@ -17,9 +17,9 @@ WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
 REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
 MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no collision either
 MAX_DRAWS = 20
-#: Positions [m] and headings [rad] far beyond the roads; the simulator keeps to 40 m/s, plus what
-#: one action adds.
-LIMITS = Limits(controls=(MAX_STEERING, MAX_ACCELERATION), states=(2000.0, 2000.0, 200.0, 50.0))
+#: Controls that the worlds accept, and what these can reach within the horizon on the bare
+#: dynamics, which know no speed limit as the simulator does.
+LIMITS = Limits(controls=(MAX_STEERING, MAX_ACCELERATION), states=(2000.0, 2000.0, 400.0, 130.0))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,17 @@ import numpy as np
 
 from envs.traffic import traffic_report
 
-VERSIONS = ("highway-v0", "highway-fast-v0", "merge-v1", "roundabout-v1", "intersection-v2")
+CASES: dict[str, tuple[str, dict]] = {
+    "highway-v0": ("highway-v0", {}),
+    "highway-v0, 20 vehicles, dense": (
+        "highway-v0",
+        {"vehicles_count": 20, "vehicles_density": 2},
+    ),
+    "highway-fast-v0": ("highway-fast-v0", {}),
+    "merge-v1": ("merge-v1", {}),
+    "roundabout-v1": ("roundabout-v1", {}),
+    "intersection-v2": ("intersection-v2", {}),
+}
 IDM, NASH = "highway_env.vehicle.behavior.IDMVehicle", "envs.traffic.NashVehicle"
 IDLE = 1
 
@@ -21,10 +31,10 @@ IDLE = 1
 def main(steps: int) -> None:
     """Print one line per environment, then the re-planning times of all."""
     times: dict[int, list[float]] = {}
-    for version in VERSIONS:
-        rates = {kind: _steps_per_second(version, kind, steps, times) for kind in (IDM, NASH)}
+    for case in CASES:
+        rates = {kind: _steps_per_second(case, kind, steps, times) for kind in (IDM, NASH)}
         print(
-            f"{version}: {rates[NASH]:.1f} steps/s with Nash traffic, {rates[IDM]:.1f} with IDM",
+            f"{case}: {rates[NASH]:.1f} steps/s with Nash traffic, {rates[IDM]:.1f} with IDM",
             flush=True,
         )
     for players, seconds in sorted(times.items()):
@@ -34,8 +44,9 @@ def main(steps: int) -> None:
         )
 
 
-def _steps_per_second(version: str, kind: str, steps: int, times: dict[int, list[float]]) -> float:
-    world = gymnasium.make(version, config={"other_vehicles_type": kind})
+def _steps_per_second(case: str, kind: str, steps: int, times: dict[int, list[float]]) -> float:
+    version, config = CASES[case]
+    world = gymnasium.make(version, config={"other_vehicles_type": kind, **config})
     world.reset(seed=0)
     spent = 0.0
     for step in range(steps):
