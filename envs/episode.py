@@ -18,6 +18,8 @@ class Episode:
         states: (N, n) at present.
         history: states (N, n) of all steps so far.
         steps: number of steps so far.
+        left: indices of players whose part ended before the horizon; nobody's does on the game's
+            own dynamics, but simulators know crashes.
     """
 
     def __init__(self, scenario: Scenario, truth: Equilibrium | None) -> None:
@@ -26,6 +28,7 @@ class Episode:
         self.states = scenario.initial_state
         self.history = [self.states]
         self.steps = 0
+        self.left: frozenset[int] = frozenset()
         game = scenario.game
         costs = stage_costs(game)
         self._step = BufferedFunction(numeric_step(game.dynamics, game.dt).map(game.num_players))
@@ -46,12 +49,16 @@ class Episode:
         """Play controls (N, m) for one step; what it costs each player (N,)."""
         weights = self.scenario.weights
         costs = self._running_costs(self.states, controls, weights)[0]
-        self.states = self._step(self.states, controls)
+        self.states = self._move(controls)
         self.history.append(self.states)
         self.steps += 1
         if self.over:
             costs += self._final_costs(self.states, weights)[0]
         return costs
+
+    def _move(self, controls: np.ndarray) -> np.ndarray:
+        """The states after controls (N, m)."""
+        return self._step(self.states, controls)
 
     def vector(self) -> np.ndarray:
         """States and time in one vector (N*n + 1,)."""

@@ -16,7 +16,7 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from envs.episode import Episode
 from envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from envs.layout import ObservationLayout
+from envs.layout import ObservationLayout, player_index
 from envs.rendering import Renderer
 from envs.scenarios import Scenario, get_scenario
 from envs.spaces import Spaces, SpaceSize
@@ -217,7 +217,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
 
         if size != self._spaces.size:
             self._spaces = Spaces(size)
-        self._episode = Episode(scenario, truth)
+        self._episode = self._new_episode(scenario, truth)
         self.agents = self.possible_agents
         self._renderer = None if self.render_mode is None else self._new_renderer()
         if self.render_mode == "human":
@@ -249,22 +249,19 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
             if actions:
                 raise ResetNeeded("the episode is over: call reset() before the next step()")
             return {}, {}, {}, {}, {}
-        costs = episode.advance(self._spaces.controls(actions))
-        terminated = episode.over
-        truncated = (
-            not terminated and self.max_cycles is not None and episode.steps >= self.max_cycles
-        )
+        costs = episode.advance(self._spaces.controls(actions, self.agents))
         players = self.agents
+        terminated = {p: episode.over or player_index(p) in episode.left for p in players}
+        cut = not episode.over and self.max_cycles is not None and episode.steps >= self.max_cycles
         observations, infos = self._observations(), self._infos()
-        if terminated or truncated:
-            self.agents = []
+        self.agents = [] if cut else [p for p in players if not terminated[p]]
         if self.render_mode == "human":
             self.render()
         return (
             observations,
-            dict(zip(players, (-costs).tolist(), strict=True)),
-            dict.fromkeys(players, terminated),
-            dict.fromkeys(players, truncated),
+            {player: -float(costs[player_index(player)]) for player in players},
+            terminated,
+            {player: cut and not terminated[player] for player in players},
             infos,
         )
 
@@ -312,24 +309,25 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
 
     def _observations(self) -> dict[str, np.ndarray]:
         vector = self._latest_episode().vector()
-        return {player: vector[order] for player, order in self._spaces.observation_order.items()}
+        order = self._spaces.observation_order
+        return {player: vector[order[player]] for player in self.agents}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         episode = self._latest_episode()
         if episode.truth is None:
             return {player: {} for player in self.agents}
-        infos = {
-            player: {"weights": weights.copy()}
-            for player, weights in zip(self.agents, episode.scenario.weights, strict=True)
-        }
-        if not episode.over:
-            for info, action in zip(
-                infos.values(), episode.truth.controls[episode.steps], strict=True
-            ):
-                info["olne_action"] = action.copy()
+        infos: dict[str, dict[str, Any]] = {}
+        for player in self.agents:
+            index = player_index(player)
+            infos[player] = {"weights": episode.scenario.weights[index].copy()}
+            if not (episode.over or index in episode.left):
+                infos[player]["olne_action"] = episode.truth.controls[episode.steps, index].copy()
         return infos
 
-    def _new_renderer(self) -> Renderer:
+    def _new_episode(self, scenario: Scenario, truth: Equilibrium | None) -> Episode:
+        return Episode(scenario, truth)
+
+    def _new_renderer(self) -> Renderer | None:
         episode = self._latest_episode()
         human = self.render_mode == "human"
         expected = episode.truth.states if episode.truth else episode.states[None]
@@ -338,7 +336,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         )
 
 
-class _AecWorld(parallel_to_aec_wrapper):
+class AecWorld(parallel_to_aec_wrapper):
     """PettingZoo's converter, which reads players and spaces once, kept up to date at resets."""
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
@@ -347,9 +345,9 @@ class _AecWorld(parallel_to_aec_wrapper):
         self.state_space = self.env.state_space
 
 
-def raw_env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> _AecWorld:
+def raw_env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> AecWorld:
     """The world with the turn-based (AEC) interface; arguments as for ``parallel_env``."""
-    return _AecWorld(OlneWorld(scenario, **arguments))
+    return AecWorld(OlneWorld(scenario, **arguments))
 
 
 def env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> OrderEnforcingWrapper:

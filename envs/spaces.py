@@ -72,17 +72,22 @@ class Spaces:
             raise ValueError(f"unknown player {player!r}; players are: {', '.join(spaces)}")
         return spaces[player]
 
-    def controls(self, actions: dict[str, np.ndarray]) -> np.ndarray:
-        """Actions as controls (N, m).
+    def controls(self, actions: dict[str, np.ndarray], players: list[str]) -> np.ndarray:
+        """Actions as controls (N, m), zero for players who have left the episode.
+
+        Args:
+            actions: by player.
+            players: those of whom an action is expected.
 
         Raises:
             ValueError: naming the player, the value and what would be allowed.
         """
-        if actions.keys() != self.actions.keys():
-            self._raise_wrong_players(actions)
-        controls = np.empty((len(self.actions), len(self._limits)))
+        if actions.keys() != set(players):
+            self._raise_wrong_players(actions, players)
+        controls = np.zeros((len(self.actions), len(self._limits)))
         for row, player in zip(controls, self.actions, strict=True):
-            row[:] = self._numbers(player, actions[player])
+            if player in actions:
+                row[:] = self._numbers(player, actions[player])
         if not (np.abs(controls) <= self._limits).all():  # false for NaN as well
             self._raise_out_of_space(controls)
         return controls
@@ -98,15 +103,16 @@ class Spaces:
             raise ValueError(f"action of {player} has the shape {numbers.shape}, {expected}")
         return numbers
 
-    def _raise_wrong_players(self, actions: dict[str, np.ndarray]) -> None:
-        missing = [player for player in self.actions if player not in actions]
-        unknown = [str(player) for player in actions if player not in self.actions]
+    @staticmethod
+    def _raise_wrong_players(actions: dict[str, np.ndarray], players: list[str]) -> None:
+        missing = [player for player in players if player not in actions]
+        unknown = [str(player) for player in actions if player not in players]
         faults = [
             f"{fault} {', '.join(names)}"
             for fault, names in (("no action for", missing), ("unknown player", unknown))
             if names
         ]
-        raise ValueError(f"{'; '.join(faults)}; players are: {', '.join(self.actions)}")
+        raise ValueError(f"{'; '.join(faults)}; players are: {', '.join(players)}")
 
     def _raise_out_of_space(self, controls: np.ndarray) -> None:
         i, k = np.argwhere(~(np.abs(controls) <= self._limits))[0]

@@ -75,6 +75,55 @@ DOUBLE_INTEGRATOR = Dynamics(
 )
 
 
+@dataclass(frozen=True)
+class _BicycleStep:
+    """The step of ``bicycle``: data rather than a closure, so that games compare and pickle."""
+
+    rear_axle: float
+    sub_steps: int
+
+    def __call__(self, state: ca.SX, control: ca.SX, dt: float) -> ca.SX:
+        px, py, heading, speed = ca.vertsplit(state)
+        steering, acceleration = ca.vertsplit(control)
+        slip = ca.atan(ca.tan(steering) / 2)
+        h = dt / self.sub_steps
+        for _ in range(self.sub_steps):
+            px, py, heading, speed = (
+                px + speed * ca.cos(heading + slip) * h,
+                py + speed * ca.sin(heading + slip) * h,
+                heading + speed * ca.sin(slip) / self.rear_axle * h,
+                speed + acceleration * h,
+            )
+        return ca.vertcat(px, py, heading, speed)
+
+
+@lru_cache(maxsize=64)
+def bicycle(rear_axle: float = 2.5, sub_steps: int = 1) -> Dynamics:
+    """Kinematic bicycle in explicit Euler sub-steps of equal length under one held control.
+
+    It is the very map of HighwayEnv's ``Vehicle.step`` (Leurent 2018), whose simulation runs
+    ``sub_steps`` frames per action. State px [m], py [m], heading [rad], speed [m/s]; control
+    steering [rad], acceleration [m/s^2].
+
+    Args:
+        rear_axle: distance [m] from the centre of gravity, in the middle, to the rear axle.
+        sub_steps: Euler steps per step of the game, at least 1.
+
+    Raises:
+        ValueError: if a parameter is out of range.
+    """
+    if sub_steps < 1:
+        raise ValueError(f"sub_steps must be at least 1, got {sub_steps}")
+    if not rear_axle > 0:
+        raise ValueError(f"rear_axle must be a positive number of metres, got {rear_axle}")
+    return Dynamics(
+        name="bicycle",
+        state_names=("px", "py", "heading", "speed"),
+        control_names=("steering", "acceleration"),
+        step=_BicycleStep(rear_axle, sub_steps),
+    )
+
+
 def rollout(
     dynamics: Dynamics, initial_state: np.ndarray, controls: np.ndarray, dt: float
 ) -> np.ndarray:

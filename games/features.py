@@ -84,6 +84,44 @@ class Proximity:
 
 
 @dataclass(frozen=True)
+class CarProximity:
+    """``scale * sum_j -log(q_ij + offset)``: ``Proximity`` for cars, in metres.
+
+    ``q_ij`` is the squared distance to player j, measured in lengths along and widths across the
+    player's own heading, so that a car beside it in the next lane is far and one ahead is near.
+    The states need a ``heading``.
+
+    Attributes:
+        length: unit of distance along the heading [m].
+        width: unit of distance across the heading [m].
+        offset: keeps the cost finite where players meet.
+    """
+
+    length: float
+    width: float
+    scale: float = 1.0
+    offset: float = 0.1
+    name: str = "proximity"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        heading = stage.own_state("heading")
+        along, across = ca.cos(heading), ca.sin(heading)
+        own = stage.position(stage.player)
+        total: ca.SX | float = 0.0
+        for j in range(len(stage.states)):
+            if j == stage.player:
+                continue
+            dx, dy = ca.vertsplit(stage.position(j) - own)
+            ahead = (dx * along + dy * across) / self.length
+            beside = (dy * along - dx * across) / self.width
+            total -= ca.log(ahead**2 + beside**2 + self.offset)
+        return self.scale * total
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
 class StateDeviation:
     """``scale * (state component - target)^2`` at every step.
 

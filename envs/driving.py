@@ -1,0 +1,154 @@
+"""Drivers on HighwayEnv's roads, and draws of scenarios that replay there exactly."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.equilibrium import NoEquilibriumError, certified_equilibrium
+from envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
+from envs.scenarios.scenario import Limits, Scenario
+from games.features import CarProximity, ControlEffort, StateDeviation
+from games.game import Game, Player
+from games.lanes import Lane, LaneKeeping
+
+HORIZON = 20  # states, hence 7.6 s
+WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
+REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
+MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no collision either
+MAX_DRAWS = 20
+#: Controls that the worlds accept, and what these can reach within the horizon on the bare
+#: dynamics, which know no speed limit as the simulator does.
+LIMITS = Limits(controls=(MAX_STEERING, MAX_ACCELERATION), states=(2000.0, 2000.0, 400.0, 130.0))
+
+
+@dataclass(frozen=True)
+class Manner:
+    """Units in which drivers of one kind of road count, so that weights compare.
+
+    Attributes:
+        length: unit of distance ahead and behind [m].
+        width: unit of distance to the sides [m].
+        proximity: cost of unit nearness.
+        speed: deviation from the target speed [m/s] that costs 1.
+        acceleration: acceleration [m/s^2] that costs 1.
+        steering: steering angle [rad] that costs 1.
+        lane: lateral deviation [m] that costs 1.
+        heading: heading error [rad] that costs 1.
+    """
+
+    length: float
+    width: float
+    proximity: float
+    speed: float
+    acceleration: float
+    steering: float
+    lane: float
+    heading: float
+
+
+#: Fast roads: gaps of car lengths, small steering angles.
+FAST = Manner(6.0, 2.0, 1.0, speed=3.0, acceleration=2.0, steering=0.03, lane=1.5, heading=0.1)
+#: Town: curves of 10 to 25 m radius.
+TOWN = Manner(4.0, 3.0, 1.5, speed=2.0, acceleration=2.0, steering=0.2, lane=0.7, heading=0.3)
+
+
+@dataclass(frozen=True)
+class Driver:
+    """One drawn car: where it starts, where it goes.
+
+    Attributes:
+        state: (px [m], py [m], heading [rad], speed [m/s]).
+        route: lanes to keep.
+        target_speed: [m/s].
+    """
+
+    state: tuple[float, float, float, float]
+    route: tuple[Lane, ...]
+    target_speed: float
+    blend: float = 2.0  # [m], passage between lanes of the route
+
+
+def driving_scenario(
+    name: str, drivers: list[Driver], manner: Manner, weights: np.ndarray
+) -> Scenario:
+    """A scenario of drivers who share a manner; weights (N, 4)."""
+    players = tuple(_player(driver, manner) for driver in drivers)
+    return Scenario(
+        name=name,
+        game=Game(players, CAR, HORIZON, DT),
+        weights=weights,
+        initial_state=np.array([driver.state for driver in drivers]),
+        limits=LIMITS,
+    )
+
+
+def draw_playable(
+    name: str, draw: Callable[[np.random.Generator], Scenario], seed: int, num_players: int
+) -> Scenario:
+    """The first draw that is a certified equilibrium and that the simulator plays exactly.
+
+    HighwayEnv looks one frame ahead for collisions and pushes cars apart. A plan that it would
+    interfere with, were the cars a little wider, is no open-loop truth there, so the draw is
+    rejected and the next one taken from a seed derived from ``seed``, the number of players and
+    the number of the draw.
+
+    Raises:
+        NoEquilibriumError: where ``MAX_DRAWS`` draws are rejected.
+    """
+    for attempt in range(MAX_DRAWS):
+        scenario = draw(np.random.default_rng([seed, num_players, attempt]))
+        if rejection(scenario) is None:
+            return scenario
+    raise NoEquilibriumError(
+        f"no playable draw of {name!r} in {MAX_DRAWS} from seed {seed} with {num_players} players"
+    )
+
+
+def rejection(scenario: Scenario) -> str | None:
+    """Why a draw must not be used: no equilibrium, out of limits, collision; or None."""
+    try:
+        plan = certified_equilibrium(scenario)
+    except NoEquilibriumError:
+        return "no equilibrium"
+    if (np.abs(plan.controls) > LIMITS.controls).any() or np.abs(plan.states[..., 3]).max() > 40:
+        return "out of limits"
+    played = replay(scenario.name, plan.states[0], plan.controls, MARGIN)
+    exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE
+    return None if exact else "collision"
+
+
+def draw_weights(rng: np.random.Generator, count: int) -> np.ndarray:
+    """(N, 4), each from ``WEIGHT_RANGE``."""
+    return rng.uniform(*WEIGHT_RANGE, (count, 4))
+
+
+def check_num_players(name: str, num_players: int, fewest: int, most: int) -> None:
+    """Refuse more cars than a road holds.
+
+    Raises:
+        ValueError: names the range.
+    """
+    if not fewest <= num_players <= most:
+        raise ValueError(
+            f"scenario {name!r} holds {fewest} to {most} players, got num_players = {num_players}"
+        )
+
+
+def _player(driver: Driver, manner: Manner) -> Player:
+    return Player(
+        preferences=(
+            CarProximity(manner.length, manner.width, scale=manner.proximity),
+            StateDeviation("speed", target=driver.target_speed, scale=manner.speed**-2),
+            ControlEffort("acceleration", scale=(DT * manner.acceleration) ** -2),
+            ControlEffort("steering", scale=(DT * manner.steering) ** -2),
+        ),
+        task=(
+            LaneKeeping(
+                driver.route,
+                width=manner.lane,
+                heading_scale=manner.heading**-2,
+                blend=driver.blend,
+            ),
+        ),
+    )

@@ -1,0 +1,297 @@
+"""HighwayEnv's roads with the players on them, and its lanes as curves that a game can use.
+
+The simulator is HighwayEnv's own: its environments, road networks, vehicles and ``step``. Only
+its random traffic and its rewards are left out. Nothing about a road is written down twice: lane
+geometry is read off the lane objects.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.envs.common.graphics import EnvViewer
+from highway_env.envs.highway_env import HighwayEnv
+from highway_env.envs.intersection_env import IntersectionEnv
+from highway_env.envs.merge_env import MergeEnv
+from highway_env.envs.roundabout_env import RoundaboutEnv
+from highway_env.envs.two_way_env import TwoWayEnv
+from highway_env.road import lane as highway_lanes
+from highway_env.road.road import LaneIndex, RoadNetwork
+from highway_env.vehicle.kinematics import Vehicle
+
+from games.dynamics import bicycle
+from games.lanes import ArcLane, Lane, SineLane, StraightLane
+
+SIMULATION_FREQUENCY = 15  # [Hz], HighwayEnv's default
+SUB_STEPS = 6  # simulation frames per action
+POLICY_FREQUENCY = SIMULATION_FREQUENCY / SUB_STEPS  # [Hz]
+DT = 1 / POLICY_FREQUENCY  # [s], step of the games
+
+#: HighwayEnv's vehicle as the motion model of a game.
+CAR = bicycle(rear_axle=Vehicle.LENGTH / 2, sub_steps=SUB_STEPS)
+
+#: Largest controls that the world accepts: steering [rad], acceleration [m/s^2].
+MAX_STEERING = float(np.pi / 3)
+MAX_ACCELERATION = 12.0
+
+_PALETTE: tuple[tuple[int, int, int], ...] = (
+    (228, 87, 70),
+    (70, 130, 220),
+    (240, 190, 60),
+    (120, 190, 90),
+    (170, 110, 200),
+    (90, 200, 200),
+    (240, 140, 60),
+    (200, 120, 150),
+)
+
+
+class _CushionedVehicle(Vehicle):
+    """A vehicle that collides before it touches; its motion is that of its class."""
+
+    def __init__(self, *args: Any, margin: float, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._margin = margin  # [m] on each side
+        self.diagonal += 2 * np.sqrt(2) * margin
+
+    def polygon(self) -> np.ndarray:
+        cos, sin = self.direction
+        rotation = np.array([[cos, -sin], [sin, cos]])
+        corners = (super().polygon() - self.position) @ rotation
+        return (corners + self._margin * np.sign(corners)) @ rotation.T + self.position
+
+
+class PlayersOnly(AbstractEnv):
+    """Put before one of HighwayEnv's environments: the players instead of random traffic."""
+
+    #: Where pictures are centred [m]; None follows the cars.
+    camera: tuple[float, float] | None = (0.0, 0.0)
+    viewer: EnvViewer | None
+    initial_state = np.empty((0, 4))
+    margin = 0.0
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        config = super().default_config()
+        # Ranges of [-1, 1] make HighwayEnv's map from actions to controls the identity.
+        physical = {"acceleration_range": [-1.0, 1.0], "steering_range": [-1.0, 1.0]}
+        control = {"type": "ContinuousAction", "clip": False, **physical}
+        attributes = {"type": "AttributesObservation", "attributes": []}
+        return config | {
+            "action": {"type": "MultiAgentAction", "action_config": control},
+            "observation": attributes,  # the world observes its players itself
+            "simulation_frequency": SIMULATION_FREQUENCY,
+            "policy_frequency": POLICY_FREQUENCY,
+            "spawn_probability": 0.0,
+            "centering_position": [0.5, 0.5],
+        }
+
+    def render(self) -> np.ndarray | None:
+        if self.viewer is None:
+            self.viewer = EnvViewer(self)
+            # HighwayEnv draws black frames where SDL's dummy driver is set; arrays need no driver.
+            self.viewer.enabled = True
+        where = self.states()[:, :2].mean(axis=0) if self.camera is None else self.camera
+        self.viewer.observer_vehicle = SimpleNamespace(position=np.array(where))
+        return super().render()
+
+    def close(self) -> None:
+        if self.render_mode == "human":
+            super().close()
+        self.viewer = None  # HighwayEnv would shut pygame down for everybody else
+
+    def place(self, states: np.ndarray, margin: float = 0.0) -> None:
+        """Reset with one vehicle for each row (px, py, heading, speed) of states (N, 4).
+
+        Args:
+            states: (N, 4).
+            margin: distance [m] by which vehicles are wider on each side in collisions.
+        """
+        self.initial_state = np.asarray(states, dtype=float)
+        self.margin = margin
+        self.reset()
+
+    def apply(self, controls: np.ndarray) -> None:
+        """Simulate one action: controls (N, 2) in the order of the game."""
+        # HighwayEnv's order is acceleration, steering; Python floats keep float64.
+        self.step(tuple((float(a), float(s)) for s, a in controls))
+
+    def states(self) -> np.ndarray:
+        """(N, 4) of the vehicles as they are."""
+        return np.array([[*v.position, v.heading, v.speed] for v in self.controlled_vehicles])
+
+    def crashed(self) -> np.ndarray:
+        """(N,) whether the simulator has a vehicle in a collision."""
+        return np.array([v.crashed for v in self.controlled_vehicles])
+
+    def _make_vehicles(self, *_: object) -> None:
+        self.controlled_vehicles = []
+        for index, (px, py, heading, speed) in enumerate(self.initial_state):
+            where = (self.road, [px, py], float(heading), float(speed))
+            vehicle = (
+                _CushionedVehicle(*where, margin=self.margin) if self.margin else Vehicle(*where)
+            )
+            vehicle.color = _PALETTE[index % len(_PALETTE)]
+            self.controlled_vehicles.append(vehicle)
+        self.road.vehicles = list(self.controlled_vehicles)
+
+    def _create_vehicles(self) -> None:  # HighwayEnv's name for the same
+        self._make_vehicles()
+
+    def _automatic_rendering(self) -> None:
+        if self.render_mode == "human":  # frames between two actions that nobody asked for
+            super()._automatic_rendering()
+
+    def _info(self, obs: object, action: object = None) -> dict[str, Any]:
+        return {}
+
+    def _reward(self, action: object) -> float:
+        return 0.0
+
+    def _is_terminated(self) -> bool:
+        return False
+
+    def _is_truncated(self) -> bool:
+        return False
+
+
+class _Highway(PlayersOnly, HighwayEnv):
+    camera = None
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        return super().default_config() | {"screen_width": 1200, "scaling": 4.5}
+
+
+class _Merge(PlayersOnly, MergeEnv):
+    camera = None
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        return super().default_config() | {"screen_width": 1200}
+
+
+class _TwoWay(PlayersOnly, TwoWayEnv):
+    camera = None
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        return super().default_config() | {"screen_width": 1200, "scaling": 3.4}
+
+
+class _Roundabout(PlayersOnly, RoundaboutEnv):
+    pass
+
+
+class _Intersection(PlayersOnly, IntersectionEnv):
+    pass
+
+
+_ROADS: dict[str, type[PlayersOnly]] = {
+    "highway": _Highway,
+    "intersection": _Intersection,
+    "merge": _Merge,
+    "roundabout": _Roundabout,
+    "two_way": _TwoWay,
+}
+
+#: Names of the scenario families that are played in HighwayEnv.
+ROAD_NAMES = tuple(_ROADS)
+
+
+def make_road(name: str, render_mode: str | None = None, **config: object) -> PlayersOnly:
+    """HighwayEnv's environment of that name, without vehicles.
+
+    Args:
+        name: one of ``ROAD_NAMES``.
+        render_mode: HighwayEnv's.
+        **config: entries of HighwayEnv's configuration.
+
+    Raises:
+        ValueError: on an unknown name.
+    """
+    if name not in _ROADS:
+        raise ValueError(f"no road for {name!r}; known are: {', '.join(ROAD_NAMES)}")
+    return _ROADS[name](config=config, render_mode=render_mode)
+
+
+@lru_cache(maxsize=len(_ROADS))
+def road_network(name: str) -> RoadNetwork:
+    """The road network of ``make_road(name)``."""
+    return make_road(name).road.network
+
+
+def route(network: RoadNetwork, *indices: LaneIndex) -> tuple[Lane, ...]:
+    """The lanes of those indices as a route; arcs that continue each other become one."""
+    lanes: list[Lane] = []
+    for index in indices:
+        lanes = _join(lanes, lane_curve(network.get_lane(index)))
+    return tuple(lanes)
+
+
+def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
+    """One of HighwayEnv's lanes, with its numbers, as a curve of ``games.lanes``.
+
+    Raises:
+        ValueError: for a kind of lane that has no such curve (polylines).
+    """
+    if isinstance(lane, highway_lanes.StraightLane):  # a SineLane is one as well
+        axis = StraightLane(_pair(lane.start), _pair(lane.direction), float(lane.length))
+        if not isinstance(lane, highway_lanes.SineLane):
+            return axis
+        return SineLane(axis, float(lane.amplitude), float(lane.pulsation), float(lane.phase))
+    if isinstance(lane, highway_lanes.CircularLane):
+        start = float(lane.start_phase)
+        end = start + lane.direction * float(lane.length) / lane.radius
+        return ArcLane(_pair(lane.center), float(lane.radius), start, end)
+    raise ValueError(
+        f"no curve for a {type(lane).__name__}; known are: StraightLane, SineLane, CircularLane"
+    )
+
+
+def replay(
+    name: str, initial_state: np.ndarray, controls: np.ndarray, margin: float = 0.0
+) -> np.ndarray:
+    """Play open-loop controls (T-1, N, 2) on the simulator.
+
+    Args:
+        name: one of ``ROAD_NAMES``.
+        initial_state: (N, 4).
+        controls: (T-1, N, 2).
+        margin: distance [m] by which vehicles are wider on each side in collisions.
+
+    Returns:
+        States (T, N, 4).
+    """
+    road = _replay_road(name)
+    road.place(initial_state, margin)
+    states = [road.states()]
+    for control in controls:
+        road.apply(control)
+        states.append(road.states())
+    return np.stack(states)
+
+
+@lru_cache(maxsize=len(_ROADS))
+def _replay_road(name: str) -> PlayersOnly:
+    return make_road(name)
+
+
+def _join(lanes: list[Lane], lane: Lane) -> list[Lane]:
+    last = lanes[-1] if lanes else None
+    if (
+        isinstance(last, ArcLane)
+        and isinstance(lane, ArcLane)
+        and (last.centre, last.radius) == (lane.centre, lane.radius)
+    ):
+        turn = lane.end_phase - lane.start_phase
+        return [*lanes[:-1], replace(last, end_phase=last.end_phase + turn)]
+    return [*lanes, lane]
+
+
+def _pair(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

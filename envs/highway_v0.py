@@ -1,0 +1,115 @@
+"""PettingZoo world on HighwayEnv's own simulator, whose open-loop Nash equilibrium is known.
+
+``parallel_env`` is the world; ``raw_env`` and ``env`` are its turn-based (AEC) forms.
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+from pettingzoo.utils.wrappers import OrderEnforcingWrapper
+
+from envs.episode import Episode
+from envs.highway_roads import ROAD_NAMES, PlayersOnly, make_road
+from envs.olne_v0 import AecWorld, OlneWorld
+from envs.rendering import Renderer
+from envs.scenarios.scenario import Scenario
+from games.olne import Equilibrium
+
+__all__ = ["HighwayWorld", "env", "parallel_env", "raw_env"]
+
+
+class HighwayWorld(OlneWorld):
+    """``envs.olne_v0.OlneWorld`` on HighwayEnv's simulator, roads and pictures.
+
+    Actions, observations, rewards, infos and resets are those of ``OlneWorld``, in metres, with
+    HighwayEnv's vehicle as the motion model: state px [m], py [m], heading [rad], speed [m/s];
+    control steering [rad] within pi/3, acceleration [m/s^2] within 12, held for 0.4 s. The y
+    axis points down in pictures, as in HighwayEnv.
+
+    What differs: the simulator moves the cars, including its collisions. A car in a collision is
+    out: its player terminates alone, leaves ``agents`` and takes no more actions, and the others
+    go on until the end of the game. Scenarios are drawn such that the OLNE is free of collisions,
+    also of those that HighwayEnv merely foresees, and replays exactly.
+
+    Args:
+        scenario: one of ``envs.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.
+        **arguments: those of ``OlneWorld``.
+
+    Raises:
+        ValueError: on a scenario that has no road in HighwayEnv, and as ``OlneWorld``.
+
+    Version history:
+        * v0: first version.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = OlneWorld.metadata | {"name": "highway_v0"}
+
+    def __init__(self, scenario: str | Scenario = "highway", **arguments: Any) -> None:
+        _check_has_road(scenario)
+        self._roads: dict[str, PlayersOnly] = {}
+        super().__init__(scenario, **arguments)
+
+    def render(self) -> np.ndarray | None:
+        """HighwayEnv's picture of the present state, (height, width, 3) uint8 or in a window.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        episode = self._latest_episode()
+        if self.render_mode is None:
+            return super().render()
+        return self._roads[episode.scenario.name].render()
+
+    def close(self) -> None:
+        for road in self._roads.values():
+            road.close()
+        self._roads.clear()
+
+    def _choice(self, options: dict[str, Any] | None) -> tuple[str | Scenario, dict[str, Any]]:
+        scenario, scenario_options = super()._choice(options)
+        _check_has_road(scenario)
+        return scenario, scenario_options
+
+    def _new_episode(self, scenario: Scenario, truth: Equilibrium | None) -> Episode:
+        name = scenario.name
+        if name not in self._roads:
+            self._roads[name] = make_road(name, self.render_mode)
+        return _SimulatedEpisode(scenario, truth, self._roads[name])
+
+    def _new_renderer(self) -> Renderer | None:
+        return None  # HighwayEnv draws itself
+
+
+class _SimulatedEpisode(Episode):
+    """An episode in which HighwayEnv moves the cars."""
+
+    def __init__(self, scenario: Scenario, truth: Equilibrium | None, road: PlayersOnly) -> None:
+        super().__init__(scenario, truth)
+        self._road = road
+        road.place(scenario.initial_state)
+
+    def _move(self, controls: np.ndarray) -> np.ndarray:
+        self._road.apply(controls)
+        self.left = frozenset(np.flatnonzero(self._road.crashed()).tolist())
+        return self._road.states()
+
+
+def raw_env(scenario: str | Scenario = "highway", **arguments: Any) -> AecWorld:
+    """The world with the turn-based (AEC) interface; arguments as for ``parallel_env``."""
+    return AecWorld(HighwayWorld(scenario, **arguments))
+
+
+def env(scenario: str | Scenario = "highway", **arguments: Any) -> OrderEnforcingWrapper:
+    """``raw_env`` with PettingZoo's checks of the order of calls."""
+    return OrderEnforcingWrapper(raw_env(scenario, **arguments))
+
+
+parallel_env = HighwayWorld
+
+
+def _check_has_road(scenario: str | Scenario) -> None:
+    name = scenario if isinstance(scenario, str) else scenario.name
+    if name not in ROAD_NAMES:
+        raise ValueError(
+            f"scenario {name!r} has no road in HighwayEnv; known are: {', '.join(ROAD_NAMES)}"
+        )

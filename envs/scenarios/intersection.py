@@ -1,0 +1,53 @@
+"""HighwayEnv's intersection: cars from different arms cross, turn left or turn right."""
+
+from functools import partial
+
+import numpy as np
+
+from envs.driving import (
+    TOWN,
+    Driver,
+    check_num_players,
+    draw_playable,
+    draw_weights,
+    driving_scenario,
+)
+from envs.highway_roads import road_network, route
+from envs.scenarios.scenario import Scenario
+
+PLAYERS = (2, 4)
+ARMS = 4
+TURNS = (1, 2, 3)  # arms further on: left, straight, right
+SPEED = (7.0, 10.0)  # [m/s], target
+DISTANCE = (8.0, 13.0)  # [m] of the first car from the stop line
+SPACING = 8.0  # [m] that each further car is farther away
+
+
+def make(seed: int = 0, num_players: int = 3) -> Scenario:
+    """One draw.
+
+    Args:
+        seed: of the draw.
+        num_players: N, 2 to 4, each from an arm of its own.
+    """
+    check_num_players("intersection", num_players, *PLAYERS)
+    return draw_playable("intersection", partial(draw, count=num_players), seed, num_players)
+
+
+def draw(rng: np.random.Generator, count: int) -> Scenario:
+    """One draw, which may be unplayable."""
+    arms = rng.permutation(ARMS)[:count]
+    drivers = [_driver(rng, int(arm), SPACING * rank) for rank, arm in enumerate(arms)]
+    return driving_scenario("intersection", drivers, TOWN, draw_weights(rng, count))
+
+
+def _driver(rng: np.random.Generator, arm: int, farther: float) -> Driver:
+    network = road_network("intersection")
+    out = (arm + int(rng.choice(TURNS))) % ARMS
+    lanes = [(f"o{arm}", f"ir{arm}", 0), (f"ir{arm}", f"il{out}", 0), (f"il{out}", f"o{out}", 0)]
+    access = network.get_lane(lanes[0])
+    along = access.length - rng.uniform(*DISTANCE) - farther
+    px, py = access.position(along, 0)
+    speed = rng.uniform(*SPEED)
+    state = (float(px), float(py), float(access.heading_at(along)), speed)
+    return Driver(state, route(network, *lanes), speed)

@@ -1,0 +1,225 @@
+"""The world on HighwayEnv's simulator: exact replay, equilibrium, termination, pictures, errors."""
+
+import itertools
+import pickle
+from functools import cache
+
+import gymnasium
+import highway_env  # noqa: F401  registers HighwayEnv's environments
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from highway_env.vehicle.kinematics import Vehicle
+from pettingzoo.test import parallel_api_test
+
+from envs import highway_v0
+from envs.equilibrium import certified_equilibrium
+from envs.highway_roads import DT, POLICY_FREQUENCY, ROAD_NAMES, SIMULATION_FREQUENCY
+from envs.scenarios import Scenario, get_scenario
+
+SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
+SEEDS = (0, 1, 2)
+EXACT = 1e-9  # [m], [rad], [m/s]
+
+
+@cache
+def drawn(name: str, seed: int = 0) -> Scenario:
+    return get_scenario(name, seed, num_players=SMALLEST[name])
+
+
+def play(world, deviation=None):
+    """Play the OLNE, one player adding a deviation (T-1, 2); states (T, N, 4), returns (N,)."""
+    _, infos = world.reset()
+    states, returns, step = [world.state()[:-1].reshape(-1, 4)], {}, 0
+    while world.agents:
+        actions = {player: infos[player]["olne_action"] for player in world.agents}
+        if deviation is not None:
+            player, offsets = deviation
+            actions[player] = actions[player] + offsets[step]
+        _, rewards, _, _, infos = world.step(actions)
+        for player, reward in rewards.items():
+            returns[player] = returns.get(player, 0.0) + reward
+        states.append(world.state()[:-1].reshape(-1, 4))
+        step += 1
+    return np.stack(states), np.array([returns[p] for p in world.possible_agents])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_plan_replays_exactly_and_returns_are_the_costs(name, seed):
+    scenario = drawn(name, seed)
+    truth = certified_equilibrium(scenario)
+    states, returns = play(highway_v0.parallel_env(scenario))
+    assert truth.certificate.passed
+    assert np.abs(states - truth.states).max() < EXACT
+    np.testing.assert_allclose(returns, -truth.certificate.costs, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["highway", "intersection"])
+def test_plan_replays_exactly_in_the_stock_environment(name):
+    """HighwayEnv as it is installed, with nothing of ours but the configuration."""
+    scenario = drawn(name)
+    truth = certified_equilibrium(scenario)
+    count = scenario.game.num_players
+    control = {"type": "ContinuousAction", "acceleration_range": [-12, 12]}
+    config = {
+        "simulation_frequency": SIMULATION_FREQUENCY,
+        "policy_frequency": POLICY_FREQUENCY,
+        "controlled_vehicles": count,
+        "action": {"type": "MultiAgentAction", "action_config": control},
+        "observation": {
+            "type": "MultiAgentObservation",
+            "observation_config": {"type": "Kinematics"},
+        },
+        "spawn_probability": 0.0,
+        "initial_vehicle_count": 1,
+        "vehicles_count": 0,
+    }
+    version = {"highway": "highway-v0", "intersection": "intersection-v2"}[name]
+    world = gymnasium.make(version, config=config).unwrapped
+    world.reset(seed=0)
+    world.road.vehicles = world.controlled_vehicles
+    for vehicle, (px, py, heading, speed) in zip(
+        world.controlled_vehicles, scenario.initial_state, strict=True
+    ):
+        vehicle.position = np.array([px, py])
+        vehicle.heading, vehicle.speed = float(heading), float(speed)
+    for controls, expected in zip(truth.controls, truth.states[1:], strict=True):
+        # HighwayEnv's steering range is pi/4 unless told otherwise.
+        world.step(tuple((a / 12, s / (np.pi / 4)) for s, a in controls.tolist()))
+        states = [[*v.position, v.heading, v.speed] for v in world.controlled_vehicles]
+        assert np.abs(np.array(states) - expected).max() < EXACT
+    assert world.time == pytest.approx(DT * len(truth.controls))
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_no_small_unilateral_deviation_gains(name):
+    """Few here; ``scripts/highway_deviations.py`` plays a thousand per scenario."""
+    world = highway_v0.parallel_env(drawn(name))
+    _, olne_returns = play(world)
+    certificate = certified_equilibrium(drawn(name)).certificate
+    allowed = certificate.tolerance * (1 + np.abs(certificate.costs))
+    rng = np.random.default_rng(0)
+    for trial in range(9):
+        index = trial % len(olne_returns)
+        # A steering offset of 1 mrad alone moves a fast car by half a metre over the horizon.
+        offsets = 10 ** rng.uniform(-3, -1) * rng.standard_normal((19, 2)) * [0.01, 1.0]
+        _, returns = play(world, (f"player_{index}", offsets))
+        assert returns[index] <= olne_returns[index] + allowed[index]
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_frames_show_the_moving_cars(name, monkeypatch):
+    if name == "highway":  # HighwayEnv's pictures are black then, unless told otherwise
+        monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    world = highway_v0.parallel_env(drawn(name), render_mode="rgb_array")
+    _, infos = world.reset()
+    frames = [world.render()]
+    while world.agents:
+        *_, infos = world.step({p: infos[p]["olne_action"] for p in world.agents})
+        frames.append(world.render())
+    world.close()
+    assert len(frames) == 20
+    for frame in frames:
+        assert frame.dtype == np.uint8 and frame.std() > 5
+        colourful = np.ptp(frame, axis=-1) > 60  # a car, on grey and white
+        assert colourful.sum() > 100
+    assert all((a != b).any() for a, b in itertools.pairwise(frames))
+
+
+def test_fast_cars_overtake():
+    truth = certified_equilibrium(drawn("highway"))
+    px = truth.states[..., 0]
+    assert px[0, 1] < px[0, 0] and px[-1, 1] > px[-1, 0] + Vehicle.LENGTH
+
+
+def test_a_crash_terminates_the_cars_in_it_alone():
+    world = highway_v0.parallel_env(drawn("highway"))
+    world.reset()
+    gone, steps = {}, 0
+    while world.agents:
+        # The fast car goes straight on into the slow one ahead of it.
+        actions = {player: np.array([0.0, 0.0]) for player in world.agents}
+        if "player_1" in actions:
+            actions["player_1"][1] = 5.0
+        _, rewards, terminations, truncations, infos = world.step(actions)
+        steps += 1
+        gone |= {player: steps for player, ended in terminations.items() if ended}
+        assert rewards.keys() == terminations.keys() == truncations.keys() == infos.keys()
+    assert gone["player_0"] == gone["player_1"] < gone["player_2"] == 19
+
+
+def test_actions_of_a_player_who_left_are_refused():
+    world = highway_v0.parallel_env(drawn("highway"))
+    world.reset()
+    while "player_1" in world.agents:
+        world.step({p: np.array([0.0, 5.0 * (p == "player_1")]) for p in world.agents})
+    with pytest.raises(ValueError, match="unknown player player_1; players are: player_2"):
+        world.step({"player_1": np.zeros(2), "player_2": np.zeros(2)})
+
+
+def test_pettingzoo_conformance():
+    parallel_api_test(highway_v0.parallel_env(drawn("highway")), num_cycles=40)
+
+
+def test_same_seed_same_episode():
+    worlds = [highway_v0.parallel_env("highway", num_players=3) for _ in range(2)]
+    first, second = (world.reset(seed=1)[0] for world in worlds)
+    for player, observation in first.items():
+        assert (observation == second[player]).all()
+    np.testing.assert_array_equal(
+        worlds[0].scenario.initial_state, drawn("highway", 1).initial_state
+    )
+    copy = pickle.loads(pickle.dumps(worlds[0]))
+    assert (copy.reset(seed=1)[0]["player_0"] == first["player_0"]).all()
+
+
+def test_hidden_truth():
+    world = highway_v0.parallel_env(drawn("merge"), reveal_truth=False)
+    _, infos = world.reset()
+    assert infos == {"player_0": {}, "player_1": {}}
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("motorway", "'motorway' has no road in HighwayEnv; known are: highway, intersection"),
+        ("two_player", "'two_player' has no road in HighwayEnv"),
+    ],
+)
+def test_scenario_without_a_road(name, message):
+    with pytest.raises(ValueError, match=message):
+        highway_v0.parallel_env(name)
+    world = highway_v0.parallel_env(drawn("merge"))
+    with pytest.raises(ValueError, match=message):
+        world.reset(options={"scenario": name})
+    assert world.reset()[0].keys() == {"player_0", "player_1"}
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_more_players_than_the_road_holds(name):
+    with pytest.raises(ValueError, match=f"'{name}' holds . to . players, got num_players = 20"):
+        get_scenario(name, num_players=20)
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        (np.zeros(3), r"shape \(3,\), expected 2 numbers \(steering, acceleration\)"),
+        (np.array([np.nan, 0.0]), "steering of player_0 is nan"),
+        (np.array([0.0, 13.0]), r"acceleration of player_0 is 13.0, must be within \[-12.0, 12.0]"),
+    ],
+)
+def test_bad_actions_move_nothing(action, message):
+    world = highway_v0.parallel_env(drawn("merge"))
+    with pytest.raises(ResetNeeded):
+        world.step({})
+    world.reset()
+    before = world.state()
+    with pytest.raises(ValueError, match=message):
+        world.step({"player_0": action, "player_1": np.zeros(2)})
+    np.testing.assert_array_equal(world.state(), before)
+    states, _ = play(world)
+    assert len(states) == 20
+    with pytest.raises(ResetNeeded, match="over"):
+        world.step({"player_0": np.zeros(2), "player_1": np.zeros(2)})

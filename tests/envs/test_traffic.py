@@ -1,0 +1,142 @@
+"""Nash traffic in HighwayEnv's stock environments."""
+
+import gymnasium
+import highway_env  # noqa: F401  registers HighwayEnv's environments
+import numpy as np
+import pytest
+from highway_env.road.road import Road, RoadNetwork
+from highway_env.vehicle.kinematics import Vehicle
+
+from envs import traffic
+from envs.traffic import NashVehicle, Temperament, temperament, traffic_report
+from games.reference_game import ReferenceGame
+
+SIZES = {
+    "highway-v0": {"vehicles_count": 8},
+    "merge-v1": {},
+    "roundabout-v1": {},
+    "intersection-v2": {"initial_vehicle_count": 5},
+}
+
+
+def make(version: str, kind: str = "NashVehicle", **config):
+    config = {"other_vehicles_type": f"envs.traffic.{kind}", **SIZES.get(version, {}), **config}
+    return gymnasium.make(version, config=config)
+
+
+def straight_road() -> Road:
+    network = RoadNetwork.straight_road_network(2, speed_limit=30)
+    return Road(network, np_random=np.random.default_rng(0))
+
+
+def drive(road: Road, seconds: float, frequency: float = 15) -> None:
+    for _ in range(round(seconds * frequency)):
+        road.act()
+        road.step(1 / frequency)
+
+
+@pytest.mark.parametrize("version", SIZES)
+def test_random_ego_for_many_steps(version):
+    """Counts are per road; a new episode has a new one."""
+    world = make(version)
+    world.action_space.seed(0)
+    world.reset(seed=0)
+    solved = failed = 0
+    for step in range(50):
+        _, _, terminated, truncated, _ = world.step(world.action_space.sample())
+        road = world.unwrapped.road
+        assert all(np.isfinite([*v.position, v.heading, v.speed]).all() for v in road.vehicles)
+        assert all(v.speed > -3 for v in road.vehicles if not v.crashed)
+        if terminated or truncated or step == 49:
+            report = traffic_report(road)
+            solved, failed = solved + report.solved, failed + report.shifted + report.braked
+            world.reset(seed=step)
+    assert solved > 100
+    assert failed < 0.2 * solved
+
+
+def test_scripted_ego_and_same_seed():
+    """A seed fixes the traffic, whatever was driven before."""
+    ends = []
+    for _ in range(2):
+        world = make("highway-v0")
+        world.reset(seed=3)
+        for action in (3, 1, 0, 1, 2):
+            world.step(action)
+        ends.append([v.position.tolist() for v in world.unwrapped.road.vehicles])
+    assert ends[0] == ends[1]
+
+
+def test_vehicles_avoid_a_slow_one_ahead():
+    road = straight_road()
+    slow = NashVehicle(road, [100, 0], speed=15, target_speed=15)
+    fast = NashVehicle(road, [60, 0], speed=28, target_speed=28)
+    road.vehicles = [slow, fast]
+    drive(road, 10)
+    assert not (slow.crashed or fast.crashed)
+    assert traffic_report(road).solved > 40
+    assert fast.position[0] > slow.position[0] + 20  # MOBIL took the other lane
+
+
+def test_vehicles_do_not_run_into_an_ego_that_stands():
+    road = straight_road()
+    ego = Vehicle(road, [130, 0], speed=0)
+    coming = NashVehicle(road, [60, 0], speed=20, target_speed=20, enable_lane_change=False)
+    road.vehicles = [ego, coming]
+    drive(road, 8)
+    assert not (ego.crashed or coming.crashed)
+
+
+def test_temperaments_differ():
+    reached = {}
+    for name in ("cautious", "normal", "aggressive"):
+        road = straight_road()
+        vehicle = NashVehicle(road, [50, 0], speed=22, target_speed=25)
+        vehicle.set_temperament(name)
+        road.vehicles = [vehicle]
+        drive(road, 6)
+        reached[name] = vehicle.speed
+    assert reached["cautious"] < reached["normal"] < reached["aggressive"]
+
+
+@pytest.mark.parametrize("kind", ["Aggressive", "Cautious", "Mixed"])
+def test_presets_by_path(kind):
+    world = make("highway-v0", f"{kind}NashVehicle", vehicles_count=6)
+    world.reset(seed=0)
+    found = {v.temperament for v in world.unwrapped.road.vehicles if isinstance(v, NashVehicle)}
+    assert (len(found) > 1) == (kind == "Mixed")
+
+
+def test_unknown_temperament_names_the_presets():
+    with pytest.raises(ValueError, match="unknown temperament 'angry'; known are: aggressive, nor"):
+        temperament("angry")
+    own = Temperament(proximity=9.0)
+    assert temperament(own) is own
+
+
+def test_failed_plans_fall_back_and_are_counted(monkeypatch):
+    road = straight_road()
+    road.vehicles = [NashVehicle(road, [50, 0], speed=22), NashVehicle(road, [80, 0], speed=22)]
+    drive(road, 1)
+    before = traffic_report(road).solved
+    solve = ReferenceGame.solve
+    monkeypatch.setattr(
+        ReferenceGame, "solve", lambda *args: solve(*args, max_iterations=0, tolerance=0.0)
+    )
+    drive(road, 4)
+    report = traffic_report(road)
+    assert report.solved == before
+    assert report.shifted == 2 * traffic.MAX_SHIFTS
+    assert report.braked > 0
+    assert not any(vehicle.crashed for vehicle in road.vehicles)
+
+
+def test_singular_systems_fall_back(monkeypatch):
+    def fail(*_):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(ReferenceGame, "_newton_step", fail)
+    road = straight_road()
+    road.vehicles = [NashVehicle(road, [50, 0], speed=22, target_speed=28)]
+    drive(road, 2)
+    assert traffic_report(road).braked > 0

@@ -1,0 +1,59 @@
+"""Lanes as curves: geometry of arcs, smooth routes, cost on and beside the lane."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from games.dynamics import bicycle
+from games.features import Stage
+from games.lanes import ArcLane, LaneKeeping, StraightLane
+
+EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 20.0)
+# Goes on where EAST ends, a quarter turn towards +y about (20, 10).
+TURN = ArcLane((20.0, 10.0), 10.0, -np.pi / 2, 0.0)
+
+
+def cost_function(feature: LaneKeeping) -> ca.Function:
+    state = ca.SX.sym("x", 4)
+    stage = Stage(0, (state,), None, bicycle(), 0.4)
+    return ca.Function("cost", [state], [feature.final_cost(stage)])
+
+
+@pytest.mark.parametrize("phases", [(-np.pi / 2, 0.0), (3.0, 1.0), (0.5, 4.0)])
+def test_arc_locates_its_own_points(phases):
+    arc = ArcLane((3.0, -2.0), 12.0, *phases)
+    turn = np.sign(phases[1] - phases[0])
+    position = ca.SX.sym("p", 2)
+    locate = ca.Function("locate", [position], list(arc.locate(position)))
+    for along in np.linspace(0, arc.length, 9):
+        phase = phases[0] + turn * along / 12
+        radius = 12 - turn * 0.7
+        point = np.array([3, -2]) + radius * np.array([np.cos(phase), np.sin(phase)])
+        found = [float(value) for value in locate(point)]
+        np.testing.assert_allclose(found, [along, 0.7, phase + turn * np.pi / 2], atol=1e-12)
+
+
+def test_route_costs_nothing_along_its_middle():
+    cost = cost_function(LaneKeeping((EAST, TURN), blend=0.5))
+    for state in ([5, 0, 0, 8], [20, 0, 0, 8], [30, 10, np.pi / 2, 8]):
+        assert float(cost(state)) < 1e-6
+    # Blending near the joint costs little: both lanes lead there alike.
+    assert float(cost([21, 0.05, 0.1, 8])) < 0.01
+
+
+def test_cost_grows_beside_the_lane_and_across_it():
+    cost = cost_function(LaneKeeping((EAST,), width=2.0, heading_scale=3.0))
+    assert float(cost([5, 2, 0, 8])) == pytest.approx(1.0)
+    assert float(cost([5, 0, 0.1, 8])) == pytest.approx(3 * 0.01, rel=1e-3)
+    assert float(cost([5, 0, 2 * np.pi, 8])) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_far_beyond_the_joint_only_the_later_lane_counts():
+    cost = cost_function(LaneKeeping((EAST, TURN), blend=0.5))
+    assert float(cost([27.0711, 2.9289, np.pi / 4, 8])) < 1e-3
+    assert np.isfinite(float(cost([1e6, 0, 0, 8])))
+
+
+def test_a_route_needs_lanes():
+    with pytest.raises(ValueError, match="at least one lane"):
+        LaneKeeping(())
