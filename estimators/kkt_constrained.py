@@ -126,4 +126,4 @@ class KktConstrained:
 
 def _is_short(problem: Problem, first: JointSolution) -> bool:
     """Whether the first start says enough, by a measured rule of thumb."""
-    return first.converged and first.iterations <= 2 + 4 * problem.game.num_players
+    return first.converged and first.iterations <= max(8, 5 * problem.game.num_players - 2)
