@@ -1,4 +1,4 @@
-"""What the project's solvers are measured against: the same problems, handed to IPOPT as a whole."""
+"""What the project's solvers are measured against: whole problems, handed to IPOPT."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from games.newton import Root
 from games.observation import View, observation_size
 
 #: A rival that has not come to an end after so many seconds is stopped.
-TIME_LIMIT = 60.0
+TIME_LIMIT = 30.0
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class PublishedLayout:
     """
 
     def __init__(self, game: Game, view: View) -> None:
-        n, m = game.dynamics.state_size, game.dynamics.control_size
+        n = game.dynamics.state_size
         steps, players = game.horizon - 1, game.num_players
         states, x = trajectory_symbols("x", game.state_shape)
         controls, u = trajectory_symbols("u", game.control_shape)
