@@ -3,13 +3,18 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
+# Work runs in as many processes as there are jobs; threads of a linear algebra library inside
+# each would only get in each other's way.
+export OMP_NUM_THREADS = 1
+export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick test check results clean
+.PHONY: help setup bench bench-quick perf test check results clean
 
 help:
 	@echo "make bench        the whole study, into $(OUT)/paper"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick"
+	@echo "make perf         speed of the solvers against others"
 	@echo "make test         linter, type checker and tests"
 	@echo "make check        linter and type checker"
 	@echo "make results      copy the study's tables and figures to results/paper"
@@ -29,13 +34,16 @@ bench: setup
 bench-quick: setup
 	$(BIN)/olne-bench run quick --out $(OUT)/quick --jobs $(JOBS)
 
+perf: setup
+	$(BIN)/python scripts/perf.py
+
 check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
 test: check
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses $(JOBS)
 
 results:
 	mkdir -p results/paper
