@@ -26,7 +26,7 @@ import numpy as np
 from estimators.interior_point import solve_joint
 from estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from estimators.joint_problem import JointPoint, JointSolution
-from estimators.protocol import Estimate, Observation, Problem
+from estimators.protocol import Estimate, Observation, Problem, check_observation
 from estimators.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
 from games.native import elimination
 
@@ -67,6 +67,7 @@ class KktConstrained:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
+        check_observation(problem, observation)
         deadline = time.monotonic() + budget / 2
         attempts = []
         for attempt in self._attempts(problem, observation.y, deadline):

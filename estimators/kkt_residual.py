@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import nnls
 
-from estimators.protocol import Estimate, Observation, Problem
+from estimators.protocol import Estimate, Observation, Problem, check_observation
 from estimators.trajectory_fit import fit_trajectory, warm_up_fit
 from games.features import Stage
 from games.game import Game
@@ -48,6 +48,7 @@ class KktResidual:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
+        check_observation(problem, observation)
         game = problem.game
         y = observation.y
         if observation.extra is not None:

@@ -6,6 +6,7 @@ or any object with the same attributes, of which only ``weights`` is required. G
 reaches it.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -13,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from games.game import Game
-from games.observation import View
+from games.observation import View, observation_size
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,25 @@ class Problem:
         sigma: standard deviation of the isotropic Gaussian noise on each observed component,
             in the component's unit; 0 for noise-free data.
         weight_floor: smallest weight allowed, given rows that sum to one.
+
+    Raises:
+        ValueError: on a sigma or weight_floor out of range.
     """
 
     game: Game
     view: View
     sigma: float = 0.0
     weight_floor: float = 1e-5
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.sigma) and self.sigma >= 0):
+            raise ValueError(f"sigma must be a finite number of at least 0, got {self.sigma}")
+        largest = 1 / self.game.num_weights
+        if not 0 <= self.weight_floor < largest:
+            raise ValueError(
+                f"weight_floor must be at least 0 and below {largest:g} for "
+                f"{self.game.num_weights} weights per player, got {self.weight_floor}"
+            )
 
     @property
     def weight_names(self) -> tuple[str, ...]:
@@ -51,6 +65,30 @@ class Observation:
 
     y: np.ndarray
     extra: np.ndarray | None = None
+
+
+def check_observation(problem: Problem, observation: Observation) -> None:
+    """Refuse an observation that does not belong to the problem.
+
+    Raises:
+        ValueError: on a wrong shape of ``y`` or ``extra``, or on infinity; NaN is a missing sample.
+    """
+    size = observation_size(problem.view, problem.game.dynamics)
+    shape = (*problem.game.state_shape[:2], size)
+    _check_samples("y", observation.y, shape, problem.view)
+    if observation.extra is not None:
+        _check_samples("extra", observation.extra, shape[1:], problem.view)
+
+
+def _check_samples(name: str, samples: np.ndarray, shape: tuple[int, ...], view: View) -> None:
+    samples = np.asarray(samples, dtype=float)
+    if samples.shape != shape:
+        raise ValueError(
+            f"observation.{name} has the shape {samples.shape}, expected {shape} "
+            f"for the view {view.name!r}"
+        )
+    if np.isinf(samples).any():
+        raise ValueError(f"observation.{name} has infinite entries; a missing sample is NaN")
 
 
 @dataclass(frozen=True)

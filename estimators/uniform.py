@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimators.protocol import Estimate, Observation, Problem
+from estimators.protocol import Estimate, Observation, Problem, check_observation
 
 
 @dataclass(frozen=True)
@@ -22,5 +22,6 @@ class Uniform:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
+        check_observation(problem, observation)
         shape = (problem.game.num_players, problem.game.num_weights)
         return Estimate(weights=np.full(shape, 1 / shape[1]))

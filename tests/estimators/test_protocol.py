@@ -1,0 +1,95 @@
+"""What the built-in estimators refuse, and what they take."""
+
+import numpy as np
+import pytest
+
+from envs.recording import record
+from envs.scenarios import get_scenario
+from estimators.protocol import Observation, Problem
+from estimators.registry import estimator_names, load_estimator
+from games.observation import VIEWS
+
+RNG = np.random.default_rng(0)
+RECORDING = record(get_scenario("two_player"))
+GAME = RECORDING.scenario.game
+EXTRA = RECORDING.extra_state
+
+
+def estimate(name: str, y: np.ndarray, extra: np.ndarray | None = None):
+    problem = Problem(GAME, VIEWS["full"], 0.01)
+    return load_estimator(name).estimate(problem, Observation(y, extra), rng=RNG, budget=60)
+
+
+@pytest.mark.parametrize("name", estimator_names())
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda y: y[:-1], r"y has the shape \(24, 2, 4\), expected \(25, 2, 4\)"),
+        (lambda y: y[..., :3], r"expected \(25, 2, 4\) for the view 'full'"),
+        (lambda y: y[:, :1], r"y has the shape \(25, 1, 4\)"),
+        (lambda y: np.where(y == y[3, 0, 0], np.inf, y), "infinite entries"),
+    ],
+)
+def test_an_observation_of_another_problem_is_refused(name, change, expected):
+    with pytest.raises(ValueError, match=expected):
+        estimate(name, change(RECORDING.states))
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_an_extra_sample_of_a_wrong_shape_is_refused(name):
+    with pytest.raises(ValueError, match=r"extra has the shape \(1, 4\), expected \(2, 4\)"):
+        estimate(name, RECORDING.states, EXTRA[:1])
+
+
+@pytest.mark.parametrize("sigma", [-0.1, np.nan, np.inf])
+def test_a_sigma_out_of_range_is_refused(sigma):
+    with pytest.raises(ValueError, match="sigma must be a finite number of at least 0"):
+        Problem(GAME, VIEWS["full"], sigma)
+
+
+@pytest.mark.parametrize("floor", [-0.1, 0.25, np.nan])
+def test_a_floor_out_of_range_is_refused(floor):
+    with pytest.raises(ValueError, match=r"weight_floor must be at least 0 and below 0.25"):
+        Problem(GAME, VIEWS["full"], weight_floor=floor)
+
+
+@pytest.mark.parametrize("name", ["kkt_constrained", "kkt_residual"])
+@pytest.mark.parametrize("view", ["full", "partial"])
+@pytest.mark.parametrize("scenario", ["two_player", "highway_overtaking"])
+def test_perfect_observation_recovers_the_weights(name, view, scenario):
+    recording = record(get_scenario(scenario))
+    game, width = recording.scenario.game, 4 if view == "full" else 3
+    observation = Observation(recording.states[..., :width], recording.extra_state[:, :width])
+    result = load_estimator(name).estimate(
+        Problem(game, VIEWS[view]), observation, rng=RNG, budget=60
+    )
+    assert result.converged
+    np.testing.assert_allclose(result.weights, recording.scenario.weights, atol=1e-2)
+
+
+@pytest.mark.parametrize("name", ["kkt_constrained", "kkt_residual"])
+def test_missing_samples_are_no_obstacle(name):
+    y = RECORDING.states.copy()
+    y[3, 0] = np.nan
+    y[10:13, 1, 2] = np.nan
+    result = estimate(name, y, EXTRA)
+    assert result.converged
+    np.testing.assert_allclose(result.weights, RECORDING.scenario.weights, atol=1e-2)
+
+
+@pytest.mark.parametrize("name", ["kkt_constrained", "kkt_residual"])
+def test_weights_lie_on_the_simplex_above_the_floor_and_repeat(name):
+    noise = 0.1 * np.random.default_rng(3).standard_normal(RECORDING.states.shape)
+    y = RECORDING.states + noise
+    y.setflags(write=False)
+    first, second = (estimate(name, y, EXTRA) for _ in range(2))
+    np.testing.assert_array_equal(first.weights, second.weights)
+    np.testing.assert_allclose(first.weights.sum(axis=1), 1, atol=1e-7)
+    assert (first.weights >= 1e-5 - 1e-7).all()
+
+
+def test_the_joint_method_explains_the_data_no_worse_than_the_truth():
+    for seed in range(4):
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(RECORDING.states.shape)
+        result = estimate("kkt_constrained", RECORDING.states + noise)
+        assert result.extras["objective"] <= np.sum(noise**2) + 1e-6
