@@ -75,10 +75,12 @@ class Game:
     def __post_init__(self) -> None:
         if not self.players:
             raise ValueError("a game needs at least one player, got none")
-        if self.horizon < 2:
-            raise ValueError(f"horizon must be an integer of at least 2, got {self.horizon}")
-        if not (np.isfinite(self.dt) and self.dt > 0):
-            raise ValueError(f"dt must be a positive number of seconds, got {self.dt}")
+        if not isinstance(self.horizon, int) or self.horizon < 2:
+            raise ValueError(f"horizon must be an integer of at least 2, got {self.horizon!r}")
+        if not (isinstance(self.dt, (int, float)) and 0 < self.dt < float("inf")):
+            raise ValueError(f"dt must be a positive number of seconds, got {self.dt!r}")
+        if not self.weight_names:
+            raise ValueError("a player needs at least one preference, got none")
         for index, player in enumerate(self.players):
             names = tuple(feature.name for feature in player.preferences)
             if names != self.weight_names:

@@ -1,9 +1,20 @@
-"""Fixtures that several test packages share."""
+"""What all tests share: reproducible property tests, recordings that are solved once, tools."""
 
 import os
 import shutil
+from collections.abc import Callable
+from functools import cache
 
 import pytest
+from hypothesis import settings
+
+from envs.recording import Recording, record
+from envs.scenarios import get_scenario
+
+settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=8)
+settings.load_profile("reproducible")
+
+Recorder = Callable[..., Recording]
 
 
 @pytest.fixture
@@ -11,3 +22,14 @@ def compiler() -> None:
     """Skips where there is no compiler, hence no native code."""
     if shutil.which(os.environ.get("CC", "cc")) is None:
         pytest.skip("needs a C compiler")
+
+
+@pytest.fixture(scope="session")
+def recorded() -> Recorder:
+    """``recorded(name, seed=None, **options)``: the recording of a scenario."""
+
+    @cache
+    def play(name: str, seed: int | None = None, **options: int) -> Recording:
+        return record(get_scenario(name, seed, **options))
+
+    return play

@@ -1,0 +1,33 @@
+import numpy as np
+
+from games.best_response import best_response
+from games.game import Game
+from games.olne import Equilibrium
+
+Crossing = tuple[Game, np.ndarray, np.ndarray]
+
+
+def test_answers_an_equilibrium_with_itself(
+    crossing: Crossing, crossing_equilibrium: Equilibrium
+) -> None:
+    game, weights, _ = crossing
+    found = crossing_equilibrium
+    for i in range(game.num_players):
+        response = best_response(game, i, found.states, found.controls, weights[i])
+        assert response.converged
+        np.testing.assert_allclose(response.states, found.states[:, i], atol=1e-7)
+        np.testing.assert_allclose(response.controls, found.controls[:, i], atol=1e-6)
+        np.testing.assert_allclose(response.costates, found.costates[:, i], atol=1e-6)
+        assert abs(response.cost - found.certificate.costs[i]) < 1e-10
+
+
+def test_does_not_change_its_arguments(
+    crossing: Crossing, crossing_equilibrium: Equilibrium
+) -> None:
+    game, weights, _ = crossing
+    states, controls = crossing_equilibrium.states.copy(), crossing_equilibrium.controls.copy()
+    controls += 0.1
+    before = states.copy(), controls.copy()
+    best_response(game, 0, states, controls, weights[0])
+    np.testing.assert_array_equal(states, before[0])
+    np.testing.assert_array_equal(controls, before[1])

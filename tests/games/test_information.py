@@ -1,0 +1,107 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from envs.scenarios import get_scenario
+from games.dynamics import UNICYCLE
+from games.features import ControlEffort, Proximity, StateDeviation
+from games.game import Game, Player
+from games.information import cosine_error_limit, trajectory_sensitivity, weight_covariance
+from games.observation import VIEWS, FullView
+from games.olne import Equilibrium, solve_olne
+
+Crossing = tuple[Game, np.ndarray, np.ndarray]
+
+
+def test_sensitivity_against_finite_differences(
+    crossing: Crossing, crossing_equilibrium: Equilibrium
+) -> None:
+    game, weights, initial_state = crossing
+    found = crossing_equilibrium
+    sensitivity = trajectory_sensitivity(
+        game, found.states, found.controls, found.costates, weights
+    )
+    assert sensitivity.shape == (found.states.size, weights.size + initial_state.size)
+    rng, h = np.random.default_rng(0), 1e-4
+    for _ in range(4):
+        # solve_olne scales rows to sum one, so weights move within the simplex.
+        in_weights = rng.standard_normal(weights.shape)
+        in_weights -= in_weights.mean(axis=1, keepdims=True)
+        in_state = rng.standard_normal(initial_state.shape)
+        up, down = (
+            solve_olne(game, weights + s * in_weights, initial_state + s * in_state).states
+            for s in (h, -h)
+        )
+        slope = ((up - down) / (2 * h)).ravel()
+        predicted = sensitivity @ np.concatenate([in_weights.ravel(), in_state.ravel()])
+        np.testing.assert_allclose(predicted, slope, atol=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "view", "limit", "tolerance"),
+    [
+        ("two_player", "full", 21.9, 0.05),
+        ("two_player", "partial", 62.7, 0.05),
+        ("highway_overtaking", "full", 16_700, 100),
+        ("highway_overtaking", "partial", 16_700, 100),
+    ],
+)
+def test_published_limits(
+    name: str,
+    view: str,
+    limit: float,
+    tolerance: float,
+    scenario_equilibrium: Callable[[str], Equilibrium],
+) -> None:
+    scenario, found = get_scenario(name), scenario_equilibrium(name)
+    covariance = weight_covariance(
+        scenario.game,
+        VIEWS[view],
+        found.states,
+        found.controls,
+        found.costates,
+        scenario.weights,
+    )
+    assert covariance is not None
+    assert cosine_error_limit(covariance, scenario.weights) == pytest.approx(limit, abs=tolerance)
+
+
+def test_covariance_is_one_and_lives_on_the_simplex(
+    crossing: Crossing, crossing_equilibrium: Equilibrium
+) -> None:
+    game, weights, _ = crossing
+    found = crossing_equilibrium
+    arguments = (found.states, found.controls, found.costates, weights)
+    full, partial = (weight_covariance(game, VIEWS[v], *arguments) for v in ("full", "partial"))
+    assert full is not None and partial is not None
+    np.testing.assert_allclose(full, full.T, rtol=1e-6, atol=1e-9 * np.abs(full).max())
+    assert np.linalg.eigvalsh(full).min() > -1e-9 * np.abs(full).max()
+    ones = np.kron(np.eye(3), np.ones((4, 1)))
+    assert np.abs(full @ ones).max() < 1e-9 * np.abs(full).max()
+    # Seeing less cannot make the weights better known.
+    assert np.linalg.eigvalsh(partial - full).min() > -1e-9 * np.abs(partial).max()
+
+
+def test_what_cannot_be_known_is_said_so() -> None:
+    """Alone and without a task, the weight on proximity changes nothing that could be seen."""
+    preferences = (Proximity(), StateDeviation("speed"), ControlEffort("acceleration"))
+    game = Game((Player((*preferences, ControlEffort("yaw_rate"))),), UNICYCLE, 8, 0.25)
+    weights = np.full((1, 4), 0.25)
+    found = solve_olne(game, weights, np.array([[0.0, 0.0, 0.3, 1.0]]))
+    covariance = weight_covariance(
+        game, FullView(), found.states, found.controls, found.costates, weights
+    )
+    assert covariance is None
+
+
+def test_cosine_limit_is_the_mean_error_of_a_gaussian_estimate() -> None:
+    """The second-order formula against a Monte Carlo of eqn. cosine_metric."""
+    rng = np.random.default_rng(0)
+    weights = np.array([[0.4, 0.3, 0.2, 0.1], [0.25, 0.25, 0.25, 0.25]])
+    root = 1e-3 * rng.standard_normal((8, 8))
+    covariance = root @ root.T
+    samples = weights + (rng.standard_normal((200_000, 8)) @ root.T).reshape(-1, 2, 4)
+    norms = np.linalg.norm(samples, axis=2) * np.linalg.norm(weights, axis=1)
+    errors = 1 - (np.einsum("sik,ik->si", samples, weights) / norms).mean(axis=1)
+    assert cosine_error_limit(covariance, weights) == pytest.approx(errors.mean(), rel=0.02)
