@@ -72,14 +72,14 @@ def run(
         if others:
             raise UserError(f"{out} holds a run of suite {', '.join(others)!r}; use another --out")
         done = store.keys()
-        todo = [trial for trial in trials if trial.key not in done]
-        if len(todo) < len(trials):
+        pending = [trial for trial in trials if trial.key not in done]
+        if len(pending) < len(trials):
             click.echo(
-                f"{len(trials) - len(todo)} of {len(trials)} trials are done already", err=True
+                f"{len(trials) - len(pending)} of {len(trials)} trials are done already", err=True
             )
         failures: Counter[str] = Counter()
-        with tqdm(total=len(todo), unit="trial", smoothing=0.05, mininterval=0.5) as progress:
-            for trial, outcome in run_trials(todo, jobs=jobs, log=out / "workers.log"):
+        with tqdm(total=len(pending), unit="trial", smoothing=0.05, mininterval=0.5) as progress:
+            for trial, outcome in run_trials(pending, jobs=jobs, log=out / "workers.log"):
                 store.add(trial, outcome)
                 if outcome.status != "ok":
                     failures[outcome.status] += 1
