@@ -4,6 +4,7 @@ A trial that hangs is killed at its limit and one that takes its process down lo
 ``pebble`` replaces the worker and the others go on.
 """
 
+import io
 import os
 import sys
 from collections.abc import Iterable, Iterator
@@ -67,4 +68,6 @@ def _start_worker(log: Path) -> None:
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
         os.dup2(descriptor, stream.fileno())
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(line_buffering=True)  # a killed worker's last words count too
     os.close(descriptor)
