@@ -80,6 +80,7 @@ def driving_scenario(
         weights=weights,
         initial_state=np.array([driver.state for driver in drivers]),
         limits=LIMITS,
+        world="highway_v0",
     )
 
 

@@ -1,15 +1,21 @@
 """Recordings: what a world was seen to do, with the truth beside it."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from envs.equilibrium import NoEquilibriumError, certified_equilibrium
+from envs.olne_v0 import OlneWorld
 from envs.scenarios.scenario import Scenario
+from envs.worlds import make_world
 from games.dynamics import rollout
 from games.olne import Certificate
 
-__all__ = ["NoEquilibriumError", "Recording", "record"]
+__all__ = ["NoEquilibriumError", "Recording", "film", "record"]
+
+#: How far a world may move from the equilibrium [m], [rad], [m/s]: rounding, nothing else.
+PLAY_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -18,10 +24,11 @@ class Recording:
 
     Attributes:
         scenario: the scenario that was played, ground truth included.
-        states: (T, N, n).
-        controls: (T-1, N, m).
-        costates: (T-1, N, n).
-        extra_state: (N, n) at T+1, one step beyond the horizon with zero controls.
+        states: (T, N, n), as the world reported them.
+        controls: (T-1, N, m), as the world was given them.
+        costates: (T-1, N, n), of the equilibrium.
+        extra_state: (N, n) at T+1, one step beyond the horizon with zero controls. The episode is
+            over by then, so this one is computed.
         certificate: evidence that the motion is an equilibrium.
     """
 
@@ -34,15 +41,70 @@ class Recording:
 
 
 def record(scenario: Scenario) -> Recording:
-    """Play a scenario's equilibrium.
+    """Play a scenario's equilibrium in its PettingZoo world.
 
     Raises:
-        NoEquilibriumError: where the equilibrium is not certified.
+        NoEquilibriumError: where the equilibrium is not certified or goes beyond the scenario's
+            limits, or where the world does not let it happen, as in a collision.
+        ValueError: on a scenario without ``limits``.
     """
-    game = scenario.game
     truth = certified_equilibrium(scenario)
+    world = make_world(scenario)
+    steps = list(_episode(world))
+    world.close()
+    states = np.stack([now for now, _ in steps])
+    if len(states) < len(truth.states):
+        raise NoEquilibriumError(
+            f"players of {scenario.name!r} leave the world at step {len(states)} of "
+            f"{len(truth.states)} of their equilibrium"
+        )
+    deviation = np.abs(states - truth.states).max()
+    if not deviation < PLAY_TOLERANCE:
+        raise NoEquilibriumError(
+            f"the world plays {scenario.name!r} up to {deviation:.1e} away from its equilibrium"
+        )
+    game = scenario.game
     coast = np.zeros((1, *game.control_shape[1:]))
-    extra_state = rollout(game.dynamics, truth.states[-1], coast, game.dt)[-1]
     return Recording(
-        scenario, truth.states, truth.controls, truth.costates, extra_state, truth.certificate
+        scenario=scenario,
+        states=states,
+        controls=np.stack([action for _, action in steps if action is not None]),
+        costates=truth.costates,
+        extra_state=rollout(game.dynamics, states[-1], coast, game.dt)[-1],
+        certificate=truth.certificate,
     )
+
+
+def film(scenario: Scenario) -> Iterator[np.ndarray]:
+    """The frames (height, width, 3) uint8 of a scenario's equilibrium, one per state.
+
+    Raises:
+        NoEquilibriumError: as ``record``.
+    """
+    world = make_world(scenario, render_mode="rgb_array")
+    try:
+        for _ in _episode(world):
+            frame = world.render()
+            assert frame is not None, "worlds render arrays in this mode"
+            yield frame
+    finally:
+        world.close()
+
+
+def _episode(world: OlneWorld) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
+    """States (N, n) and the controls (N, m) that follow on them; None at the end.
+
+    It ends with the game, or when the first player leaves.
+    """
+    _, infos = world.reset()
+    players = world.agents
+    while world.agents == players:
+        controls = np.stack([infos[player]["olne_action"] for player in players])
+        yield _states(world, len(players)), controls
+        *_, infos = world.step(dict(zip(players, controls, strict=True)))
+    yield _states(world, len(players)), None
+
+
+def _states(world: OlneWorld, num_players: int) -> np.ndarray:
+    """States (N, n) without the time that the world appends."""
+    return world.state()[:-1].reshape(num_players, -1)

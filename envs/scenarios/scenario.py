@@ -33,7 +33,8 @@ class Scenario:
         game: the game without its truth.
         weights: (N, K) true weights, rows sum to one.
         initial_state: (N, n) true x_1.
-        limits: sizes of a world's spaces; only ``envs.olne_v0`` needs them.
+        limits: sizes of a world's spaces; whoever plays the scenario needs them.
+        world: module of ``envs`` whose ``parallel_env`` plays the scenario.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Scenario:
     weights: np.ndarray
     initial_state: np.ndarray
     limits: Limits | None = None
+    world: str = "olne_v0"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", self.game.check_weights(self.weights))

@@ -1,0 +1,237 @@
+"""Recordings on disk: a Parquet table with one row per (episode, time, player).
+
+Columns: ``episode``, ``time`` [s], ``player``, the components of the state and, where known, of
+the control that follows on it (NaN at an episode's last time). Everything else, from the true
+weights to the versions of the libraries, is JSON in the metadata of the table's schema.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from envs.recording import Recording
+
+METADATA_KEY = b"olne_bench"
+_PACKAGES = ("olne-bench", "numpy", "casadi", "pettingzoo", "highway-env", "pyarrow")
+
+
+class RecordingFileError(ValueError):
+    """A file that is not a recording."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CertificateEntry(_Strict):
+    """``games.olne.Certificate`` as plain numbers."""
+
+    gains: list[float]
+    costs: list[float]
+    tolerance: float
+    passed: bool
+
+
+class EpisodeEntry(_Strict):
+    """What is known about one episode.
+
+    Attributes:
+        players: names of the N players.
+        seed: of the draw; None for tracks.
+        weights: (N, K) true weights; None for tracks.
+        certificate: evidence of the equilibrium; None for tracks.
+    """
+
+    players: list[str]
+    seed: int | None = None
+    weights: list[list[float]] | None = None
+    certificate: CertificateEntry | None = None
+
+
+class Metadata(_Strict):
+    """What is known about a whole file.
+
+    Attributes:
+        kind: ``truth`` for a world's equilibria, ``tracks`` for motion of unknown weights.
+        scenario: name of the scenario; None for tracks.
+        options: the scenario's own options.
+        weight_names: names of the K weights; None for tracks.
+        state_names: names of the n state components.
+        control_names: names of the m control components; none for tracks.
+        dt: step [s].
+        versions: of this package and the libraries that it ran on.
+        episodes: one entry each.
+    """
+
+    kind: Literal["truth", "tracks"]
+    scenario: str | None = None
+    options: dict[str, Any] = {}
+    weight_names: list[str] | None = None
+    state_names: list[str]
+    control_names: list[str] = []
+    dt: float
+    versions: dict[str, str]
+    episodes: list[EpisodeEntry]
+
+
+@dataclass(frozen=True)
+class RecordingFile:
+    """Contents of a recording file.
+
+    Attributes:
+        metadata: everything but the motion.
+        times: per episode (T,) [s].
+        states: per episode (T, N, n), NaN where unknown.
+        controls: per episode (T-1, N, m).
+    """
+
+    metadata: Metadata
+    times: tuple[np.ndarray, ...]
+    states: tuple[np.ndarray, ...]
+    controls: tuple[np.ndarray, ...]
+
+
+def of_recordings(
+    recordings: Sequence[Recording], seeds: Sequence[int], options: dict[str, Any]
+) -> RecordingFile:
+    """The file of one scenario's draws.
+
+    Args:
+        recordings: at least one.
+        seeds: of the draws.
+        options: the scenario's own options.
+    """
+    scenario = recordings[0].scenario
+    game = scenario.game
+    return RecordingFile(
+        metadata=Metadata(
+            kind="truth",
+            scenario=scenario.name,
+            options=options,
+            weight_names=list(game.weight_names),
+            state_names=list(game.dynamics.state_names),
+            control_names=list(game.dynamics.control_names),
+            dt=game.dt,
+            versions=library_versions(),
+            episodes=[_entry(r, s) for r, s in zip(recordings, seeds, strict=True)],
+        ),
+        times=tuple(game.dt * np.arange(len(r.states)) for r in recordings),
+        states=tuple(r.states for r in recordings),
+        controls=tuple(r.controls for r in recordings),
+    )
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of this package and of the libraries that shape a recording."""
+    return {name: version(name) for name in _PACKAGES}
+
+
+def write_recording(path: Path, file: RecordingFile) -> None:
+    """Write a file, whole or not at all.
+
+    Raises:
+        OSError: where that is not possible.
+    """
+    table = pa.Table.from_pandas(_frame(file), preserve_index=False)
+    metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}
+    table = table.replace_schema_metadata((table.schema.metadata or {}) | metadata)
+    unfinished = path.with_name(path.name + ".partial")
+    pq.write_table(table, unfinished)
+    unfinished.replace(path)
+
+
+def read_recording(path: Path) -> RecordingFile:
+    """Read a file.
+
+    Raises:
+        RecordingFileError: if it is missing, or is no recording.
+    """
+    if not path.is_file():
+        raise RecordingFileError(f"no recording {str(path)!r}")
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise RecordingFileError(f"{path} is not a Parquet file: {error}") from error
+    entry = (table.schema.metadata or {}).get(METADATA_KEY)
+    if entry is None:
+        raise RecordingFileError(
+            f"{path} is not a recording; 'olne-bench record' and 'olne-bench import' write them"
+        )
+    try:
+        metadata = Metadata.model_validate(json.loads(entry))
+        frame = table.to_pandas()
+        episodes = [
+            _arrays(frame[frame["episode"] == index], metadata, len(known.players))
+            for index, known in enumerate(metadata.episodes)
+        ]
+    except (ValidationError, KeyError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise RecordingFileError(f"{path} is a damaged recording: {reason}") from error
+    return RecordingFile(
+        metadata,
+        times=tuple(times for times, _, _ in episodes),
+        states=tuple(states for _, states, _ in episodes),
+        controls=tuple(controls for _, _, controls in episodes),
+    )
+
+
+def _entry(recording: Recording, seed: int) -> EpisodeEntry:
+    certificate = recording.certificate
+    return EpisodeEntry(
+        players=[f"player_{index}" for index in range(recording.scenario.game.num_players)],
+        seed=seed,
+        weights=recording.scenario.weights.tolist(),
+        certificate=CertificateEntry(
+            gains=certificate.gains.tolist(),
+            costs=certificate.costs.tolist(),
+            tolerance=certificate.tolerance,
+            passed=bool(certificate.passed),
+        ),
+    )
+
+
+def _frame(file: RecordingFile) -> pd.DataFrame:
+    names = [*file.metadata.state_names, *file.metadata.control_names]
+    frames = []
+    for episode, (times, states, controls) in enumerate(
+        zip(file.times, file.states, file.controls, strict=True)
+    ):
+        steps, players, _ = states.shape
+        none_after_the_last = np.full((1, *controls.shape[1:]), np.nan)
+        values = np.concatenate(
+            [states, np.concatenate([controls, none_after_the_last])], axis=2
+        ).reshape(steps * players, len(names))
+        frame = pd.DataFrame(values, columns=names)
+        frame.insert(0, "episode", episode)
+        frame.insert(1, "time", np.repeat(times, players))
+        frame.insert(2, "player", np.tile(np.arange(players), steps))
+        frames.append(frame)
+    return pd.concat(frames, ignore_index=True)
+
+
+def _arrays(
+    rows: pd.DataFrame, metadata: Metadata, num_players: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (T,), states (T, N, n) and controls (T-1, N, m) of one episode's rows."""
+    rows = rows.sort_values(["time", "player"])
+    times = rows["time"].to_numpy().reshape(-1, num_players)
+    if len(times) == 0 or (rows["player"].to_numpy() != _players(times)).any():
+        raise ValueError("an episode lacks rows")
+    states = rows[metadata.state_names].to_numpy().reshape(*times.shape, -1)
+    width = len(metadata.control_names)
+    controls = rows[metadata.control_names].to_numpy(dtype=float).reshape(*times.shape, width)
+    return times[:, 0], states, controls[:-1]
+
+
+def _players(times: np.ndarray) -> np.ndarray:
+    steps, players = times.shape
+    return np.tile(np.arange(players), steps)
