@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
+from bench.commands import COMMANDS
 from bench.errors import UserError
 from bench.executor import run_trials
 from bench.report import format_leaderboard, write_report
@@ -123,6 +124,10 @@ def _report(folder: Path, figures: bool) -> None:
         f"\n{folder}: leaderboard.csv, trials.csv, trials.parquet"
         + (", figures/" if figures else "")
     )
+
+
+for _command in COMMANDS:
+    cli.add_command(_command)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -24,7 +24,9 @@ class InvalidEstimateError(Exception):
 
 
 @dataclass(frozen=True)
-class _CheckedEstimate:
+class CheckedEstimate:
+    """What an estimator returned, well-formed; weights (N, K) with rows that sum to one."""
+
     weights: np.ndarray
     states: np.ndarray | None
     converged: bool
@@ -68,13 +70,13 @@ def evaluate(trial: Trial) -> Outcome:
         return replace(outcome, status="crash", message=_describe(error))
 
     try:
-        estimate = _check(result, problem)
+        estimate = check_estimate(result, problem)
     except InvalidEstimateError as error:
         return replace(outcome, status="invalid", message=_one_line(str(error)))
     return _judge(estimate, recording, outcome)
 
 
-def _judge(estimate: _CheckedEstimate, recording: Recording, outcome: Outcome) -> Outcome:
+def _judge(estimate: CheckedEstimate, recording: Recording, outcome: Outcome) -> Outcome:
     """Score a well-formed estimate; its success is defined as in the published study."""
     scenario = recording.scenario
     outcome = replace(
@@ -97,8 +99,12 @@ def _judge(estimate: _CheckedEstimate, recording: Recording, outcome: Outcome) -
     return replace(outcome, position_error=position_error(recording.states, root.states))
 
 
-def _check(result: Any, problem: Problem) -> _CheckedEstimate:
-    """Read an estimate attribute by attribute, as plugins need not use our class."""
+def check_estimate(result: Any, problem: Problem) -> CheckedEstimate:
+    """Read an estimate attribute by attribute, as plugins need not use our class.
+
+    Raises:
+        InvalidEstimateError: on one that is not an estimate of the problem.
+    """
     if not hasattr(result, "weights"):
         raise InvalidEstimateError(f"returned {type(result).__name__} without 'weights'")
     weights = _as_array("weights", result.weights)
@@ -122,7 +128,7 @@ def _check(result: Any, problem: Problem) -> _CheckedEstimate:
         if not np.isfinite(states).all():
             raise InvalidEstimateError("states are not finite")
     objective = (getattr(result, "extras", None) or {}).get("objective")
-    return _CheckedEstimate(
+    return CheckedEstimate(
         weights=weights / weights.sum(axis=1, keepdims=True),
         states=states,
         converged=bool(getattr(result, "converged", True)),

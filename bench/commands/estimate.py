@@ -1,0 +1,157 @@
+"""``olne-bench estimate``: run an estimator on a recording whose truth nobody needs to know."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+
+from bench.errors import UserError
+from bench.evaluate import CheckedEstimate, InvalidEstimateError, check_estimate
+from bench.outputs import check_new_file
+from envs.recording_file import RecordingFile, RecordingFileError, read_recording
+from envs.scenarios import get_scenario, scenario_options
+from estimators.protocol import Observation, Problem
+from estimators.registry import load_estimator
+from games.features import Feature, FinalGoal
+from games.game import Game, Player
+from games.observation import ComponentView, FullView, View
+
+
+@click.command()
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("--scenario", required=True, help="Scenario whose cost features the players have.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Its draw, if a family.",
+)
+@click.option(
+    "--estimator", default="kkt_constrained", show_default=True, help="Name, or FILE.py[:CLASS]."
+)
+@click.option(
+    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Which to look at."
+)
+@click.option(
+    "--budget",
+    type=click.FloatRange(min=0, min_open=True),
+    default=60.0,
+    show_default=True,
+    help="Seconds that the estimator is told it has.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="CSV file of the weights, a new one.")
+def estimate(
+    recording: Path,
+    scenario: str,
+    seed: int,
+    estimator: str,
+    episode: int,
+    budget: float,
+    out: Path | None,
+) -> None:
+    """Estimate the weights of every player in RECORDING.
+
+    Motion model, cost features, target speeds and lanes are those of the scenario; horizon, step
+    and number of players those of the recording. A player with a goal has it where it was last
+    seen.
+    """
+    if out is not None:
+        check_new_file("--out", out, (".csv",))
+    known = _read(recording, episode)
+    states = known.states[episode]
+    game = _game(scenario, seed, states, known.metadata.dt)
+    view, y = _observation(game, known.metadata.state_names, states)
+    result = _estimate(estimator, Problem(game, view), Observation(y), budget)
+
+    players = known.metadata.episodes[episode].players
+    table = pd.DataFrame(result.weights, columns=list(game.weight_names))
+    table.insert(0, "player", players)
+    click.echo(table.to_string(index=False, float_format=lambda value: f"{value:.4f}"))
+    if out is not None:
+        table.to_csv(out, index=False)
+    if not result.converged:
+        reason = result.message or "the estimator gives no reason"
+        click.echo(f"not converged, do not rely on these weights: {reason}", err=True)
+
+
+def _read(path: Path, episode: int) -> RecordingFile:
+    try:
+        known = read_recording(path)
+    except RecordingFileError as error:
+        raise UserError(str(error)) from error
+    if episode >= len(known.states):
+        raise UserError(
+            f"--episode {episode}: {path} has the episodes 0 to {len(known.states) - 1}"
+        )
+    return known
+
+
+def _game(name: str, seed: int, states: np.ndarray, dt: float) -> Game:
+    """The scenario's game with the horizon, step, number of players and goals of the states."""
+    steps, count, _ = states.shape
+    try:
+        sized = {"num_players": count} if "num_players" in scenario_options(name) else {}
+        game = get_scenario(name, seed, **sized).game
+    except ValueError as error:
+        raise UserError(f"--scenario: {error}") from error
+    if game.num_players != count:
+        raise UserError(
+            f"--scenario {name!r} has {game.num_players} players, the recording has {count}"
+        )
+    players = tuple(
+        _with_goal(player, _last_seen(states[:, i, :2])) for i, player in enumerate(game.players)
+    )
+    return replace(game, players=players, horizon=steps, dt=dt)
+
+
+def _with_goal(player: Player, position: np.ndarray) -> Player:
+    """The player with its goal, where it has one, moved to a position (2,)."""
+
+    def moved(feature: Feature) -> Feature:
+        if not isinstance(feature, FinalGoal):
+            return feature
+        return replace(feature, goal=(float(position[0]), float(position[1])))
+
+    return Player(
+        preferences=tuple(moved(feature) for feature in player.preferences),
+        task=tuple(moved(feature) for feature in player.task),
+    )
+
+
+def _last_seen(positions: np.ndarray) -> np.ndarray:
+    """The last position (2,) without a gap among (T, 2)."""
+    seen = np.isfinite(positions).all(axis=1)
+    return np.asarray(positions[seen][-1])
+
+
+def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View, np.ndarray]:
+    """The view of those components of which anything is known, and what it shows (T, N, d)."""
+    known = [k for k in range(len(names)) if np.isfinite(states[..., k]).any()]
+    components = tuple(names[k] for k in known)
+    absent = [name for name in components if name not in game.dynamics.state_names]
+    if absent:
+        raise UserError(
+            f"the scenario's states have no {', '.join(absent)}; "
+            f"they have: {', '.join(game.dynamics.state_names)}"
+        )
+    if components == game.dynamics.state_names:
+        return FullView(), states
+    return ComponentView("recorded", components), states[..., known]
+
+
+def _estimate(
+    reference: str, problem: Problem, observation: Observation, budget: float
+) -> CheckedEstimate:
+    estimator = load_estimator(reference)
+    reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
+    if reason:
+        raise UserError(f"estimator {reference!r} does not take this recording: {reason}")
+    rng = np.random.default_rng(0)
+    try:
+        result = estimator.estimate(problem, observation, rng=rng, budget=budget)
+        return check_estimate(result, problem)
+    except InvalidEstimateError as error:
+        raise UserError(f"estimator {reference!r}: {error}") from error

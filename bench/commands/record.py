@@ -1,0 +1,100 @@
+"""``olne-bench record``: play a scenario's draws and write what happened."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+from tqdm import tqdm
+
+from bench.errors import UserError
+from bench.outputs import check_new_file
+from bench.video import SUFFIXES, write_video
+from envs.recording import NoEquilibriumError, Recording, film
+from envs.recording import record as play
+from envs.recording_file import of_recordings, write_recording
+from envs.scenarios import Scenario, get_scenario, is_family
+
+#: Videos run in real time, but not slower than this [frames/s].
+SLOWEST_FPS = 2.5
+
+
+@click.command()
+@click.argument("scenario")
+@click.option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Draws to play, from seed 0 on; a fixed scenario has one.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Parquet file, a new one."
+)
+@click.option(
+    "--video", type=click.Path(path_type=Path), help="MP4 or GIF of the first draw, a new file."
+)
+@click.option(
+    "--option",
+    "options",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="An option of the scenario, such as num_players=3 (repeatable).",
+)
+def record(
+    scenario: str, seeds: int, out: Path, video: Path | None, options: tuple[str, ...]
+) -> None:
+    """Play SCENARIO at its equilibrium and write the recording.
+
+    A draw whose equilibrium is not certified is named in the summary and not written.
+    """
+    check_new_file("--out", out, (".parquet",))
+    if video is not None:
+        check_new_file("--video", video, SUFFIXES)
+    chosen = dict(_option(text) for text in options)
+    numbers = range(seeds if _is_family(scenario) else 1)
+    if len(numbers) < seeds:
+        click.echo(f"{scenario} is the same for every seed: one episode is recorded", err=True)
+
+    played: dict[int, Recording] = {}
+    refused: dict[int, str] = {}
+    for seed in tqdm(numbers, unit="episode"):
+        try:
+            played[seed] = play(_draw(scenario, seed, chosen))
+        except NoEquilibriumError as error:
+            refused[seed] = str(error)
+    for seed, reason in refused.items():
+        click.echo(f"seed {seed} is not recorded: {reason}")
+    if not played:
+        raise UserError(f"no draw of {scenario!r} has a certified equilibrium; nothing is written")
+    write_recording(out, of_recordings(list(played.values()), list(played), chosen))
+    click.echo(f"{out}: {len(played)} of {len(numbers)} episodes of {scenario}")
+    if video is not None:
+        first = next(iter(played))
+        drawn = played[first].scenario
+        write_video(video, film(drawn), max(1 / drawn.game.dt, SLOWEST_FPS))
+        click.echo(f"{video}: the episode of seed {first}")
+
+
+def _draw(name: str, seed: int, options: dict[str, Any]) -> Scenario:
+    try:
+        return get_scenario(name, seed, **options)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"--option: {error}") from error
+
+
+def _is_family(name: str) -> bool:
+    try:
+        return is_family(name)
+    except ValueError as error:
+        raise UserError(str(error)) from error
+
+
+def _option(text: str) -> tuple[str, Any]:
+    name, separator, value = text.partition("=")
+    if not (name and separator):
+        raise UserError(f"--option {text!r}: expected NAME=VALUE, such as num_players=3")
+    try:
+        return name, json.loads(value)
+    except json.JSONDecodeError:
+        return name, value

@@ -1,0 +1,52 @@
+"""Frames to a video file: GIF through Pillow, MP4 through the ffmpeg inside imageio-ffmpeg."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from PIL import Image
+
+SUFFIXES = (".mp4", ".gif")
+
+
+def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
+    """Write a video.
+
+    Args:
+        path: ends in one of ``SUFFIXES``.
+        frames: (height, width, 3) uint8, at least one, all of one size.
+        fps: frames per second.
+    """
+    if path.suffix.lower() == ".gif":
+        _write_gif(path, frames, fps)
+    else:
+        _write_mp4(path, frames, fps)
+
+
+def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
+    first, *others = [Image.fromarray(frame) for frame in frames]
+    first.save(path, save_all=True, append_images=others, duration=round(1000 / fps), loop=0)
+
+
+def _write_mp4(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
+    writer = None
+    try:
+        for frame in frames:
+            even = _even(frame)
+            if writer is None:
+                height, width, _ = even.shape
+                writer = imageio_ffmpeg.write_frames(
+                    path, (width, height), fps=fps, macro_block_size=2
+                )
+                writer.send(None)
+            writer.send(even)
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def _even(frame: np.ndarray) -> np.ndarray:
+    """The frame less its last row or column where their number is odd, which H.264 refuses."""
+    height, width = frame.shape[0] // 2 * 2, frame.shape[1] // 2 * 2
+    return np.ascontiguousarray(frame[:height, :width])
