@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.cli import main
 from envs import wrappers
 
 ROOT = Path(__file__).parent.parent
@@ -28,3 +29,13 @@ def test_environments_guide(tmp_path, monkeypatch):
 def test_ten_lines_are_the_example():
     example = (ROOT / "examples" / "play_olne.py").read_text()
     assert example.endswith(code_blocks("environments.md")[0])
+
+
+def test_recordings_guide(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    main(["record", "random", "--option", "num_players=3", "--out", "random.parquet"])
+    names = {}
+    for block in code_blocks("recordings.md"):
+        exec(block, names)
+    assert names["states"].shape == (25, 3, 4)
+    assert np.shape(names["weights"]) == (3, 4)

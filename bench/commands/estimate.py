@@ -56,7 +56,7 @@ def estimate(
 
     Motion model, cost features, target speeds and lanes are those of the scenario; horizon, step
     and number of players those of the recording. A player with a goal has it where it was last
-    seen.
+    seen. Players stop a little short of their goals, and the weights bear the difference.
     """
     if out is not None:
         check_new_file("--out", out, (".csv",))
