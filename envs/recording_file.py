@@ -149,12 +149,13 @@ def write_recording(path: Path, file: RecordingFile) -> None:
     unfinished.replace(path)
 
 
-def read_recording(path: Path) -> RecordingFile:
+def read_recording(path: Path | str) -> RecordingFile:
     """Read a file.
 
     Raises:
         RecordingFileError: if it is missing, or is no recording.
     """
+    path = Path(path)
     if not path.is_file():
         raise RecordingFileError(f"no recording {str(path)!r}")
     try:

@@ -1,7 +1,5 @@
 """Commands of ``olne-bench`` that work on recording files, one file each."""
 
-from bench.commands.estimate import estimate
-from bench.commands.import_tracks import import_tracks
-from bench.commands.record import record
+from bench.commands import estimate, import_tracks, record
 
-COMMANDS = (estimate, import_tracks, record)
+COMMANDS = (estimate.estimate, import_tracks.import_tracks, record.record)
