@@ -28,6 +28,9 @@ def run_trials(trials: Iterable[Trial], *, jobs: int, log: Path) -> Iterator[tup
         jobs: number of worker processes.
         log: file for whatever estimators print.
     """
+    # Workers inherit this before they load a library that reads it. Threads would also sum in
+    # another order, which is enough to change where IPOPT ends up in a hopeless game.
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     # Spawned rather than forked: a plugin may have started threads in this process.
     pool = ProcessPool(
         max_workers=jobs, initializer=_start_worker, initargs=(log,), context=get_context("spawn")
