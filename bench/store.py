@@ -20,7 +20,7 @@ from bench.trial import KEY_COLUMNS, Outcome, Trial
 FILE_NAME = "trials.sqlite"
 #: Marks the file as ours, and which layout it has.
 APPLICATION_ID = 0x4F4C4E45  # "OLNE"
-VERSION = 1
+VERSION = 2
 
 _LABELS = {
     "suite": "TEXT",
