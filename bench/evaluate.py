@@ -74,10 +74,12 @@ def evaluate(trial: Trial) -> Outcome:
         estimate = check_estimate(result, problem)
     except InvalidEstimateError as error:
         return replace(outcome, status="invalid", message=_one_line(str(error)))
-    return _judge(estimate, recording, outcome)
+    return _judge(estimate, recording, outcome, trial.root_iterations)
 
 
-def _judge(estimate: CheckedEstimate, recording: Recording, outcome: Outcome) -> Outcome:
+def _judge(
+    estimate: CheckedEstimate, recording: Recording, outcome: Outcome, root_iterations: int
+) -> Outcome:
     """Score a well-formed estimate."""
     scenario = recording.scenario
     outcome = replace(
@@ -93,7 +95,13 @@ def _judge(estimate: CheckedEstimate, recording: Recording, outcome: Outcome) ->
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
         return replace(outcome, status="not_converged", message=message)
-    prediction = predict(scenario.game, estimate.weights, recording.states, recording.controls)
+    prediction = predict(
+        scenario.game,
+        estimate.weights,
+        recording.states,
+        recording.controls,
+        max_iterations=root_iterations,
+    )
     outcome = replace(outcome, published_forward=int(prediction.published))
     if prediction.root is None:
         message = "no root of the game found at the estimated weights"
