@@ -3,9 +3,11 @@
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from bench.suite import ScenarioEntry
 from envs.recording import Recording, record
-from envs.scenarios import get_scenario, is_family
+from envs.scenarios import Scenario, get_scenario, is_family
 from games.information import cosine_error_limit, weight_covariance
 from games.observation import View
 
@@ -34,6 +36,11 @@ def _key(scenario: ScenarioEntry, seed: int) -> _Key:
     return scenario.name, options, seed if is_family(scenario.name) else 0
 
 
+def observed_noise_scale(scenario: Scenario, view: View) -> np.ndarray:
+    """Relative standard deviations (d,) of the noise on what a view shows."""
+    return view.noise_scale(np.array(scenario.noise_scale), scenario.game.dynamics)
+
+
 @lru_cache(maxsize=64)
 def _recording(key: _Key) -> Recording:
     name, options, seed = key
@@ -50,6 +57,7 @@ def _unit_limit(key: _Key, view: View) -> float | None:
         recording.controls,
         recording.costates,
         recording.scenario.weights,
+        noise_scale=observed_noise_scale(recording.scenario, view),
     )
     if covariance is None:
         return None
