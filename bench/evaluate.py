@@ -11,11 +11,15 @@ import numpy as np
 from bench.metrics import cosine_error, position_error
 from bench.sensor import sense
 from bench.trial import Outcome, Trial
-from bench.truth import observed_noise_scale, true_recording, unit_cosine_limit
+from bench.truth import (
+    observed_noise_scale,
+    predict_from_start,
+    true_recording,
+    unit_cosine_limit,
+)
 from envs.recording import NoEquilibriumError, Recording
 from estimators.protocol import Observation, Problem
 from estimators.registry import load_estimator
-from games.nearest_root import predict
 from games.observation import VIEWS, FullView, observe
 
 
@@ -74,11 +78,11 @@ def evaluate(trial: Trial) -> Outcome:
         estimate = check_estimate(result, problem)
     except InvalidEstimateError as error:
         return replace(outcome, status="invalid", message=_one_line(str(error)))
-    return _judge(estimate, recording, outcome, trial.root_iterations)
+    return _judge(estimate, trial, recording, outcome)
 
 
 def _judge(
-    estimate: CheckedEstimate, recording: Recording, outcome: Outcome, root_iterations: int
+    estimate: CheckedEstimate, trial: Trial, recording: Recording, outcome: Outcome
 ) -> Outcome:
     """Score a well-formed estimate."""
     scenario = recording.scenario
@@ -95,12 +99,8 @@ def _judge(
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
         return replace(outcome, status="not_converged", message=message)
-    prediction = predict(
-        scenario.game,
-        estimate.weights,
-        recording.states,
-        recording.controls,
-        max_iterations=root_iterations,
+    prediction = predict_from_start(
+        trial.scenario, trial.seed, estimate.weights, trial.root_iterations
     )
     outcome = replace(outcome, published_forward=int(prediction.published))
     if prediction.root is None:

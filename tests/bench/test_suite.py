@@ -90,10 +90,14 @@ def test_a_family_has_a_trial_per_seed_even_without_noise(tmp_path):
 
 
 def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
-    path = write(tmp_path, GOOD.replace('"full"', '"full", "partial"').replace("two_player", "random"))
+    path = write(
+        tmp_path, GOOD.replace('"full"', '"full", "partial"').replace("two_player", "random")
+    )
     seeds = [trial.seed for trial in expand(load_suite(path))]
     assert seeds == sorted(seeds)
-    views = [trial.view for trial in expand(load_suite("quick")) if trial.scenario.name == "two_player"]
+    views = [
+        trial.view for trial in expand(load_suite("quick")) if trial.scenario.name == "two_player"
+    ]
     assert views == sorted(views)
 
 
