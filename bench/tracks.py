@@ -19,6 +19,7 @@ OPTIONAL = ("heading", "speed")
 STATE_NAMES = {"x": "px", "y": "py", "heading": "heading", "speed": "speed"}
 FEWEST_STEPS = 3
 FASTEST = 100.0  # [m/s]; beyond it something is not in metres and seconds
+LONGEST_STEP = 10.0  # [s]; beyond it times are not in seconds
 LARGEST_HEADING = 8 * np.pi  # [rad], four full turns; beyond it these are degrees
 STEP_TOLERANCE = 0.05  # of a step, for times that were rounded when written
 UNIT_FACTOR = 2.0  # by which speeds may differ from displacements; miles per hour differ by 2.2
@@ -155,6 +156,10 @@ def _check_steps(path: Path, times: np.ndarray) -> None:
         raise UserError(f"{path} has {len(times)} times, expected at least {FEWEST_STEPS}")
     steps = np.diff(times)
     usual = float(np.median(steps))
+    if usual > LONGEST_STEP:
+        raise UserError(
+            f"{path}: time steps of {usual:g}, above {LONGEST_STEP:g} s; expected time in seconds"
+        )
     unequal = np.abs(steps - usual) > STEP_TOLERANCE * usual
     if unequal.any():
         k = int(unequal.argmax())

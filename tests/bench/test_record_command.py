@@ -221,6 +221,10 @@ BAD_TRACKS = {
     "infinite": (_with(2, "x", "inf"), "line 4: x is 'inf', expected a finite number"),
     "no time": (_with(2, "time", ""), "line 4: the row has no time"),
     "no player": (_with(2, "player", ""), "line 4: the row has no player"),
+    "milliseconds": (
+        tracks(time=np.repeat([0, 100, 200, 300], 2)),
+        "time steps of 100, above 10 s; expected time in seconds",
+    ),
     "too fast": (tracks(speed=200.0), "player 'car' has a speed of 200, above 100 m/s"),
     "km/h": (tracks(speed=36.0), "mean speed of 36, but its positions move at 10 m/s"),
     "mph": (tracks(speed=22.4), "mean speed of 22.4, but its positions move at 10 m/s"),
