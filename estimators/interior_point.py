@@ -14,11 +14,15 @@ where Z and the products with G_z^-1 come from one sweep over time (``games.elim
 system of the size of w, N n + N (K - 1), is dense. It is positive definite exactly where the full
 system has the inertia of a minimum. Weights move on the tangent of their sums from a start that
 fulfils them. Restoration, where the line search fails, is Newton's method on G = 0 at fixed w.
+
+``interior_point.c`` is the same method, compiled; it serves where there is a compiler.
 """
 
+import ctypes
 import time
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
@@ -27,7 +31,7 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from estimators.joint_problem import JointPoint, JointSolution
 from games.elimination import Elimination
 from games.game import Game
-from games.native import elimination
+from games.native import NativeElimination, elimination
 from games.newton import pack, unpack
 from games.observation import View
 
@@ -38,6 +42,18 @@ _BARRIER_ACCURACY = 10.0  # kappa_epsilon
 _MULTIPLIER_RANGE = 1e10  # kappa_Sigma of (16)
 _MAX_CORRECTIONS = 4  # second-order corrections per iteration
 _FIRST_SHIFT, _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e-20, 1e20
+
+#: Why a run stopped, in the order of the status codes of the native code.
+_STOPPED = (
+    "",
+    "the start is not finite",
+    "singular stage of the first-order conditions",
+    "time limit reached",
+    "the Hessian could not be corrected",
+    "line search and restoration failed",
+    "iteration limit reached",
+)
+_NATIVE_SOURCE = files("estimators").joinpath("interior_point.c").read_text()
 
 
 def solve_joint(
@@ -74,20 +90,91 @@ def solve_joint(
             f"weight_floor must be in [0, {1 / game.num_weights:g}) for "
             f"{game.num_weights} weights per player, got {weight_floor}"
         )
-    solver = elimination(game, view)
+    solver = joint_elimination(game, view)
     solver.set_observations(y.reshape(game.horizon, -1))
-    method = _InteriorPoint(game, solver, weight_floor, first_barrier, tie)
     z = pack(game, start.states, start.controls, start.costates)
-    with np.errstate(all="ignore"):  # trial points may overflow; they are then refused
-        message, iterations = method.run(z, start.weights.ravel(), max_iterations, limit)
-    best = method.point
+    theta = np.array(start.weights, dtype=float).ravel()
+    options = (weight_floor, tie, first_barrier, max_iterations, limit)
+    if isinstance(solver, NativeElimination):
+        message, objective, iterations = _run_native(game, solver, z, theta, *options)
+    else:
+        message, objective, iterations = _run_numpy(game, solver, z, theta, *options)
     return JointSolution(
-        point=JointPoint(*unpack(game, best.z), best.theta.reshape(start.weights.shape)),
-        objective=best.objective,
+        point=JointPoint(*unpack(game, z), theta.reshape(start.weights.shape)),
+        objective=objective,
         iterations=iterations,
         converged=not message,
         message=message,
     )
+
+
+def joint_elimination(game: Game, view: View) -> Elimination:
+    """Build (or fetch) what ``solve_joint`` works with."""
+    return elimination(game, view, _NATIVE_SOURCE)
+
+
+def _run_numpy(
+    game: Game,
+    solver: Elimination,
+    z: np.ndarray,
+    theta: np.ndarray,
+    floor: float,
+    tie: float,
+    first_barrier: float,
+    max_iterations: int,
+    limit: float,
+) -> tuple[str, float, int]:
+    """Improve z and theta in place; message (empty: converged), objective, iterations."""
+    method = _InteriorPoint(game, solver, floor, first_barrier, tie)
+    with np.errstate(all="ignore"):  # trial points may overflow; they are then refused
+        message, iterations = method.run(z, theta, max_iterations, limit)
+    z[:], theta[:] = method.point.z, method.point.theta
+    return message, method.point.objective, iterations
+
+
+def _run_native(
+    game: Game,
+    solver: NativeElimination,
+    z: np.ndarray,
+    theta: np.ndarray,
+    floor: float,
+    tie: float,
+    first_barrier: float,
+    max_iterations: int,
+    limit: float,
+) -> tuple[str, float, int]:
+    """The same in C."""
+    library, pointer, real, integer = (
+        solver.library,
+        ctypes.c_void_p,
+        ctypes.c_double,
+        ctypes.c_int,
+    )
+    run, space_needed = library.interior_point, library.interior_point_space
+    run.argtypes = [
+        *(pointer, pointer, integer, real, real, real, integer, real),
+        *(pointer, pointer, pointer, pointer, pointer),
+    ]
+    space_needed.argtypes = [integer, integer]
+    basis = _sum_free(game.num_weights)
+    space = np.empty(space_needed(game.horizon, max_iterations))
+    objective, iterations = real(), integer()
+    status = run(
+        solver.pointer,
+        basis.ctypes.data,
+        game.num_players,
+        floor,
+        tie,
+        first_barrier,
+        max_iterations,
+        limit,
+        space.ctypes.data,
+        z.ctypes.data,
+        theta.ctypes.data,
+        ctypes.addressof(objective),
+        ctypes.addressof(iterations),
+    )
+    return _STOPPED[status], objective.value, iterations.value
 
 
 @dataclass(frozen=True)
@@ -403,8 +490,13 @@ class _InteriorPoint:
 @lru_cache(maxsize=32)
 def _tangent(num_states: int, players: int, weights: int) -> np.ndarray:
     """Orthonormal basis of the changes (dx_1, dtheta) that keep every player's sum of weights."""
-    sums = null_space(np.ones((1, weights)))
-    return block_diag(np.eye(num_states), *[sums] * players)
+    return block_diag(np.eye(num_states), *[_sum_free(weights)] * players)
+
+
+@lru_cache(maxsize=32)
+def _sum_free(weights: int) -> np.ndarray:
+    """Orthonormal basis (K, K-1) of the changes of one player's weights that keep their sum."""
+    return np.ascontiguousarray(null_space(np.ones((1, weights))))
 
 
 def _longest_step(gap: np.ndarray, change: np.ndarray, boundary: float) -> float:

@@ -23,12 +23,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimators.interior_point import solve_joint
+from estimators.interior_point import joint_elimination, solve_joint
 from estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from estimators.joint_problem import JointPoint, JointSolution
 from estimators.protocol import Estimate, Observation, Problem, check_observation
 from estimators.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
-from games.native import elimination
 
 _SOLVERS = ("ipopt", "structured")
 
@@ -93,7 +92,7 @@ class KktConstrained:
         if self.solver == "ipopt":
             joint_solver(problem.game, problem.view, self.max_iterations)
         else:
-            elimination(problem.game, problem.view)
+            joint_elimination(problem.game, problem.view)
         warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
     def _attempts(

@@ -1,7 +1,7 @@
 /* Block elimination along time for the first-order conditions of an open-loop game.
  *
  * games/native.py compiles this file once per structure of game. Before it, it writes the sizes
- * NX = N n, NU = N m, NT = N K, ND = N d, the nonzero patterns PATTERN_x and the stage functions
+ * NX = N n, NU = N m, NT = N K, ND = N d, the constant SMALLEST_STEP, the nonzero patterns PATTERN_x and the stage functions
  * value, final_value, jacobian, final_jacobian, loss, hessian, final_hessian of games/stages.py,
  * whose numeric constants (goals, targets, dt) are run-time data. games/elimination.py is the same
  * algorithm in NumPy and explains it; the equation labels (E1) to (E8) are defined there.
@@ -508,8 +508,7 @@ static void norms(const double *v, int n, double *largest, double *squares)
 /* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays: see games/newton.py, which
  * holds the same loop in Python. Returns max |G|; *iterations counts the factorisations. */
 static double newton_one(Work *w, double *z, const double *theta, double tolerance,
-                         int max_iterations, double smallest_step, double deadline,
-                         int *iterations)
+                         int max_iterations, double deadline, int *iterations)
 {
     const int n = w->horizon * SZ;
     double *residual = w->scratch, *step = residual + n, *trial = step + n, *next = trial + n;
@@ -522,7 +521,7 @@ static double newton_one(Work *w, double *z, const double *theta, double toleran
         solve(w, 0, residual, step);
         double length = 1;
         for (;; length /= 2) {
-            if (length < smallest_step) return largest;
+            if (length < SMALLEST_STEP) return largest;
             for (int i = 0; i < n; i++) trial[i] = z[i] - length * step[i];
             evaluate(w, trial, theta, next);
             norms(next, n, &trial_largest, &trial_squares);
@@ -540,11 +539,10 @@ static double newton_one(Work *w, double *z, const double *theta, double toleran
 /* The same for `count` games: z (count, T, SZ) in and out, theta (count, NT), residuals and
  * iterations (count,). After `limit` seconds the remaining games stay as they are. */
 API void newton(Work *w, int count, double *z, const double *theta, double tolerance,
-                int max_iterations, double smallest_step, double limit, double *residuals,
-                int *iterations)
+                int max_iterations, double limit, double *residuals, int *iterations)
 {
     const double deadline = seconds() + limit;
     for (int b = 0; b < count; b++)
         residuals[b] = newton_one(w, z + b * w->horizon * SZ, theta + b * NT, tolerance,
-                                  max_iterations, smallest_step, deadline, iterations + b);
+                                  max_iterations, deadline, iterations + b);
 }

@@ -71,7 +71,7 @@ def test_numpy_and_native_code_take_the_same_path(monkeypatch: pytest.MonkeyPatc
     game, y, start = sequence("two_player", view, 0.03, seed=2)
     ours = solve_joint(game, view, y, start)
     plain = Elimination(stage_functions(game, view), game.horizon)
-    monkeypatch.setattr(interior_point, "elimination", lambda *_: plain)
+    monkeypatch.setattr(interior_point, "joint_elimination", lambda *_: plain)
     in_numpy = solve_joint(game, view, y, start)
     assert in_numpy.converged
     assert in_numpy.iterations == ours.iterations
