@@ -33,7 +33,11 @@ from games.game import Game
 from games.observation import VIEWS, View
 from games.stages import Pattern, StageFunctions, stage_functions
 
-_FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fvisibility=hidden", "-fno-math-errno")
+_FLAGS = (
+    *("-O3", "-march=native", "-funroll-loops", "-fPIC", "-shared", "-fvisibility=hidden"),
+    # Sums may be taken in another order; NaN and infinity keep their meaning.
+    *("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"),
+)
 _LOG = logging.getLogger(__name__)
 _CONSTANT = re.compile(r"^(\s*a\d+=)(-?\d+\.\d*(?:e[+-]?\d+)?);$", re.MULTILINE)
 
