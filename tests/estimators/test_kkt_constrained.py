@@ -75,5 +75,5 @@ def test_time_is_kept() -> None:
 
 
 def test_an_unknown_solver_is_refused() -> None:
-    with pytest.raises(ValueError, match="unknown solver 'fast'; known are: ipopt, structured"):
+    with pytest.raises(ValueError, match="unknown solver 'fast'; known are: structured, ipopt"):
         KktConstrained(solver="fast")
