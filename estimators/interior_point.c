@@ -6,9 +6,16 @@
 
 #define SPACE_ARRAYS 16 /* of size (T, SZ) */
 
-enum { CONVERGED, NOT_FINITE, SINGULAR, NO_TIME, NO_CURVATURE, NO_STEP, NO_ITERATIONS };
+enum { CONVERGED, NOT_FINITE, SINGULAR, NO_TIME, NO_CURVATURE, NO_STEP, NO_ITERATIONS, KNOWN };
 
-static const double TOLERANCE = 1e-9, ACCEPTABLE = 1e-6, EPSILON = 2.220446049250313e-16;
+static const double FEASIBLE = 1e-9, ACCEPTABLE = 1e-6, EPSILON = 2.220446049250313e-16;
+
+/* Mirrored by _Options of interior_point.py, which explains them */
+typedef struct {
+    int players, max_iterations, known;
+    double floor, tie, first_barrier, tolerance, limit, known_change, known_weights;
+    const double *known_objectives, *known_theta; /* (known,), (known, NT) */
+} Options;
 
 typedef struct {
     double *z, *residual, *gradient; /* (T, SZ) */
@@ -23,6 +30,7 @@ typedef struct {
 
 typedef struct {
     Work *work;
+    const Options *options;
     const double *basis;
     int players, weights, tangents; /* N, K, NX + N (K-1) */
     double floor, tie, barrier, first_violation, shift, last_shift;
@@ -158,7 +166,8 @@ static double stationarity(const Method *m)
 
 static void reduce_barrier(Method *m) /* (7) */
 {
-    m->barrier = fmax(TOLERANCE / 10, fmin(0.2 * m->barrier, pow(m->barrier, 1.5)));
+    m->barrier =
+        fmax(m->options->tolerance / 10, fmin(0.2 * m->barrier, pow(m->barrier, 1.5)));
     m->filtered = 0;
 }
 
@@ -385,11 +394,11 @@ static int line_search(Method *m)
 static int restore(Method *m, double deadline)
 {
     int iterations;
-    if (m->point.infeasibility <= TOLERANCE) return 0;
+    if (m->point.infeasibility <= FEASIBLE) return 0;
     block(m);
     memcpy(m->trial.z, m->point.z, size(m) * sizeof(double));
     memcpy(m->trial.theta, m->point.theta, sizeof(m->point.theta));
-    newton_one(m->work, m->trial.z, m->trial.theta, TOLERANCE / 100, 30, deadline, &iterations);
+    newton_one(m->work, m->trial.z, m->trial.theta, FEASIBLE / 100, 30, deadline, &iterations);
     assess(m, &m->trial);
     if (!(m->trial.violation <= 0.9 * m->point.violation)) return 0;
     memset(m->multipliers, 0, size(m) * sizeof(double));
@@ -397,20 +406,38 @@ static int restore(Method *m, double deadline)
     return 1;
 }
 
-static int iterate(Method *m, int max_iterations, double deadline, int *iterations)
+/* Whether the point is so close to a known optimum that it can but end there */
+static int is_known(const Method *m)
 {
+    const Options *o = m->options;
+    if (m->point.violation > 1e-4 * m->first_violation) return 0;
+    for (int i = 0; i < o->known; i++) {
+        const double *theta = o->known_theta + i * NT, objective = o->known_objectives[i];
+        double change = 0;
+        for (int k = 0; k < NT; k++) change = fmax(change, fabs(m->point.theta[k] - theta[k]));
+        if (change <= o->known_weights &&
+            fabs(m->point.objective - objective) <= o->known_change * objective)
+            return 1;
+    }
+    return 0;
+}
+
+static int iterate(Method *m, double deadline, int *iterations)
+{
+    const double tolerance = m->options->tolerance;
     assess(m, &m->point);
     if (!isfinite(m->point.violation + m->point.objective)) return NOT_FINITE;
     m->first_violation = fmax(1, m->point.violation);
-    for (*iterations = 0; *iterations < max_iterations; ++*iterations) {
+    for (*iterations = 0; *iterations < m->options->max_iterations; ++*iterations) {
+        if (is_known(m)) return KNOWN;
         if (linearise(m->work, m->point.z, m->point.theta)) return SINGULAR;
         sensitivities(m->work);
         reduce(m->work, m->point.gradient, m->reduced_gradient);
         for (int k = 0; k < NT; k++)
             m->reduced_gradient[NX + k] += 2 * m->tie * (m->point.theta[k] - 1.0 / m->weights);
         const double error = stationarity(m), final = fmax(error, complementarity(m, 0));
-        if (final <= TOLERANCE) return CONVERGED;
-        while (m->barrier > TOLERANCE / 10 &&
+        if (final <= tolerance) return CONVERGED;
+        while (m->barrier > tolerance / 10 &&
                fmax(error, complementarity(m, m->barrier)) <= 10 * m->barrier)
             reduce_barrier(m);
         if (seconds() > deadline) return NO_TIME;
@@ -433,14 +460,13 @@ API int interior_point_space(int horizon, int max_iterations)
 }
 
 /* Improves z (T, SZ) and theta (NT,) in place; why it stopped, one of the codes above */
-API int interior_point(Work *w, const double *basis, int players, double floor, double tie,
-                       double barrier, int max_iterations, double limit, double *space, double *z,
-                       double *theta, double *objective, int *iterations)
+API int interior_point(Work *w, const Options *options, const double *basis, double *space,
+                       double *z, double *theta, double *objective, int *iterations)
 {
-    const int n = w->horizon * SZ, K = NT / players;
-    Method m = {.work = w, .basis = basis, .players = players, .weights = K,
-                .tangents = NX + players * (K - 1), .floor = floor, .tie = tie,
-                .barrier = barrier};
+    const int n = w->horizon * SZ, K = NT / options->players;
+    Method m = {.work = w, .options = options, .basis = basis, .players = options->players,
+                .weights = K, .tangents = NX + options->players * (K - 1),
+                .floor = options->floor, .tie = options->tie, .barrier = options->first_barrier};
     double **arrays[] = {&m.point.z,      &m.point.residual, &m.point.gradient,
                          &m.trial.z,      &m.trial.residual, &m.trial.gradient,
                          &m.direction.dz, &m.correction.dz,  &m.multipliers,
@@ -457,7 +483,7 @@ API int interior_point(Work *w, const double *basis, int players, double floor, 
     memcpy(m.point.z, z, n * sizeof(double));
     memcpy(m.point.theta, theta, NT * sizeof(double));
     *iterations = 0;
-    const int status = iterate(&m, max_iterations, seconds() + limit, iterations);
+    const int status = iterate(&m, seconds() + options->limit, iterations);
     memcpy(z, m.point.z, n * sizeof(double));
     memcpy(theta, m.point.theta, NT * sizeof(double));
     *objective = m.point.objective;

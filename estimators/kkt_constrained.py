@@ -19,7 +19,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -41,6 +41,9 @@ _TIE, _IPOPT_TIE = 0.3, 3.0
 
 #: First barrier of the structured solver where it is to stay near its start.
 _LOW_BARRIER = 1e-3
+
+#: Tolerance of a solution that is but a start.
+_LOOSE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -111,26 +114,30 @@ class KktConstrained:
     ) -> Iterator[JointSolution]:
         game, view = problem.game, problem.view
 
-        def solve(start: JointPoint, *, tie: float = 0.0, barrier: float = 0.1) -> JointSolution:
+        def solve(start: JointPoint, **options: Any) -> JointSolution:
             return solve_joint(
                 game,
                 view,
                 y,
                 start,
                 weight_floor=problem.weight_floor,
-                first_barrier=barrier,
-                tie=tie,
                 max_iterations=self.max_iterations,
                 limit=max(0.0, deadline - time.monotonic()),
+                **options,
             )
 
         states = guess_states(game, view, y)
         start = JointPoint.from_trajectory(game, states)
         first = solve(start)
         yield first
-        yield solve(JointPoint.from_trajectory(game, states, guess_controls(game, states)))
-        tied = solve(start, tie=_TIE * first.objective)
-        yield solve(_inside(tied.point, problem.weight_floor), barrier=_LOW_BARRIER)
+        known = [first] if first.converged else []
+        controls = guess_controls(game, states)
+        second = solve(JointPoint.from_trajectory(game, states, controls), known=known)
+        yield second
+        known += [second] if second.converged else []
+        tied = solve(start, tie=_TIE * first.objective, tolerance=_LOOSE)
+        released = _inside(tied.point, problem.weight_floor)
+        yield solve(released, first_barrier=_LOW_BARRIER, known=known)
 
     def _ipopt_attempts(self, problem: Problem, y: np.ndarray) -> Iterator[JointSolution]:
         game, view = problem.game, problem.view
