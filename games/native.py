@@ -70,7 +70,7 @@ class _Work(ctypes.Structure):
             (name, ctypes.c_void_p)
             for name in (
                 *("constants", "samples", "seen", "blocks", "curvature"),
-                *("V", "M", "K", "S", "L", "pivots", "Z", "scratch"),
+                *("V", "M", "K", "S", "L", "Z", "scratch"),
             )
         ],
     )
@@ -105,7 +105,6 @@ class NativeElimination(Elimination):
             "K": np.zeros((horizon, nu, nx)),
             "S": np.zeros((horizon, nu, nx)),
             "L": np.zeros((horizon, nx, nu)),
-            "pivots": np.zeros((horizon, nu), dtype=np.int32),
             "Z": np.zeros((horizon, size, self._columns)),
             "scratch": np.zeros((4, horizon, size)),
         }
