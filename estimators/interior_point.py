@@ -42,7 +42,7 @@ _BARRIER_FACTORS = (0.2, 1.5)  # kappa_mu, theta_mu of (7)
 _BARRIER_ACCURACY = 10.0  # kappa_epsilon
 _MULTIPLIER_RANGE = 1e10  # kappa_Sigma of (16)
 _MAX_CORRECTIONS = 4  # second-order corrections per iteration
-_KNOWN_CHANGE, _KNOWN_WEIGHTS = 1e-3, 1e-2  # of the objective, relative, and of any weight
+_KNOWN_CHANGE, _KNOWN_WEIGHTS = 1e-4, 1e-3  # of the objective, relative, and of any weight
 _FIRST_SHIFT, _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e-20, 1e20
 
 #: Why a run stopped, in the order of the status codes of the native code.

@@ -43,7 +43,7 @@ _TIE, _IPOPT_TIE = 0.3, 3.0
 _LOW_BARRIER = 1e-3
 
 #: Tolerance of a solution that is but a start.
-_LOOSE = 1e-4
+_LOOSE = 1e-3
 
 
 @dataclass(frozen=True)
