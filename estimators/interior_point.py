@@ -45,6 +45,9 @@ _MAX_CORRECTIONS = 4  # second-order corrections per iteration
 _KNOWN_CHANGE, _KNOWN_WEIGHTS = 1e-4, 1e-3  # of the objective, relative, and of any weight
 _FIRST_SHIFT, _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e-20, 1e20
 
+#: Message of a run that stopped because it came close to a known optimum.
+CLOSE_TO_KNOWN = "close to a known optimum"
+
 #: Why a run stopped, in the order of the status codes of the native code.
 _STOPPED = (
     "",
@@ -54,7 +57,7 @@ _STOPPED = (
     "the Hessian could not be corrected",
     "line search and restoration failed",
     "iteration limit reached",
-    "close to a known optimum",
+    CLOSE_TO_KNOWN,
 )
 _NATIVE_SOURCE = files("estimators").joinpath("interior_point.c").read_text()
 
@@ -229,7 +232,7 @@ class _InteriorPoint:
         self.first_violation = max(1.0, self.point.violation)
         for iteration in range(self.options.max_iterations):
             if self._is_known():
-                return "close to a known optimum", iteration
+                return CLOSE_TO_KNOWN, iteration
             if not self.solver.linearise(self.point.z, self.point.theta):
                 return "singular stage of the first-order conditions", iteration
             self.solver.sensitivities()

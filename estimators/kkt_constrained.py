@@ -13,6 +13,10 @@ lowest objective wins:
    the pre-solve here (eqn. pre_solve), the paper's own start, which costs as much as a solve;
 3. the solution of the same problem with the weights tied to uniform by a quadratic term, which is
    then dropped.
+
+Where these lead to different objectives, there are several optima at hand, and the structured
+solver takes two starts more: the observations under a high barrier, which begins by centring the
+weights, and the tied solution with its tie loosened in two steps.
 """
 
 import time
@@ -23,7 +27,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.interior_point import joint_elimination, solve_joint
+from estimators.interior_point import CLOSE_TO_KNOWN, joint_elimination, solve_joint
 from estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from estimators.joint_problem import JointPoint, JointSolution
 from estimators.protocol import Estimate, Observation, Problem, check_observation
@@ -39,8 +43,8 @@ _SOLVERS = ("structured", "ipopt")
 #: Strength of the third start's tie, relative to the first solution's squared error.
 _TIE, _IPOPT_TIE = 0.3, 3.0
 
-#: First barrier of the structured solver where it is to stay near its start.
-_LOW_BARRIER = 1e-3
+#: First barriers of the structured solver where it is to stay near its start, or to forget it.
+_LOW_BARRIER, _HIGH_BARRIER = 1e-3, 10.0
 
 #: Tolerance of a solution that is but a start.
 _LOOSE = 1e-3
@@ -126,18 +130,37 @@ class KktConstrained:
                 **options,
             )
 
+        known: list[JointSolution] = []
+        agree = True
+
+        def attempt(start: JointPoint, barrier: float = 0.1) -> JointSolution:
+            nonlocal agree
+            solution = solve(start, first_barrier=barrier, known=known)
+            if solution.converged:
+                known.append(solution)
+            agree &= solution.converged or solution.message == CLOSE_TO_KNOWN
+            return solution
+
+        def released(tied: JointSolution) -> JointPoint:
+            return _inside(tied.point, problem.weight_floor)
+
         states = guess_states(game, view, y)
         start = JointPoint.from_trajectory(game, states)
-        first = solve(start)
+        first = attempt(start)
         yield first
-        known = [first] if first.converged else []
-        controls = guess_controls(game, states)
-        second = solve(JointPoint.from_trajectory(game, states, controls), known=known)
-        yield second
-        known += [second] if second.converged else []
+        yield attempt(JointPoint.from_trajectory(game, states, guess_controls(game, states)))
         tied = solve(start, tie=_TIE * first.objective, tolerance=_LOOSE)
-        released = _inside(tied.point, problem.weight_floor)
-        yield solve(released, first_barrier=_LOW_BARRIER, known=known)
+        yield attempt(released(tied), _LOW_BARRIER)
+        if agree and _same_objective(known):
+            return
+        yield attempt(start, _HIGH_BARRIER)
+        loosened = solve(
+            released(tied),
+            tie=0.1 * _TIE * first.objective,
+            first_barrier=_LOW_BARRIER,
+            tolerance=_LOOSE,
+        )
+        yield attempt(released(loosened), _LOW_BARRIER)
 
     def _ipopt_attempts(self, problem: Problem, y: np.ndarray) -> Iterator[JointSolution]:
         game, view = problem.game, problem.view
@@ -156,6 +179,12 @@ class KktConstrained:
         yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
         tied = solve(start, tie=_IPOPT_TIE * first.objective)
         yield solve(_inside(tied.point, problem.weight_floor))
+
+
+def _same_objective(solutions: list[JointSolution]) -> bool:
+    """Whether all starts led to one optimum, as far as objectives tell."""
+    values = [solution.objective for solution in solutions]
+    return bool(values) and max(values) <= min(values) * (1 + 1e-4) + 1e-12
 
 
 def _inside(point: JointPoint, floor: float) -> JointPoint:
