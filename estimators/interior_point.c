@@ -228,14 +228,15 @@ static void newton_step(const Method *m, const double *residual, Direction *out)
     memcpy(out->dtheta, change + NX, NT * sizeof(double));
 }
 
-/* Whether a step would change nothing that floating point can tell */
+/* Whether a step would change nothing that floating point can tell; NaN is no such step */
 static int is_rounding(const Method *m, const Direction *d)
 {
-    double largest = 0;
+    const double least = 10 * EPSILON;
+    for (int k = 0; k < NT; k++)
+        if (!(fabs(d->dtheta[k]) < least)) return 0;
     for (int i = 0; i < size(m); i++)
-        largest = fmax(largest, fabs(d->dz[i]) / (1 + fabs(m->point.z[i])));
-    for (int k = 0; k < NT; k++) largest = fmax(largest, fabs(d->dtheta[k]));
-    return largest < 10 * EPSILON;
+        if (!(fabs(d->dz[i]) < least * (1 + fabs(m->point.z[i])))) return 0;
+    return 1;
 }
 
 /* Largest step in (0, 1] that leaves a share 1 - boundary of every gap (15) */
