@@ -44,10 +44,22 @@ def test_both_solvers_estimate_the_same_from_noisy_data() -> None:
     np.testing.assert_allclose(results[0].weights, results[1].weights, atol=1e-4)
 
 
-def test_three_starts_are_taken() -> None:
+def test_the_default_is_the_structured_solver() -> None:
+    assert KktConstrained().solver == "structured"
+
+
+@pytest.mark.parametrize("solver", ["structured", "ipopt"])
+def test_three_starts_are_taken(solver: str) -> None:
     problem, y = observed("full", 0.01)
-    easy = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
+    easy = KktConstrained(solver=solver).estimate(problem, Observation(y), rng=RNG, budget=60)
     assert easy.extras["starts"] == 3
+
+
+def test_starts_that_disagree_call_for_more() -> None:
+    problem, y = observed("partial", 0.1, seed=6)
+    hard = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
+    assert hard.converged
+    assert hard.extras["starts"] == 5
 
 
 @pytest.mark.parametrize("solver", ["structured", "ipopt"])
@@ -76,7 +88,7 @@ def test_time_is_kept() -> None:
 
 
 def test_an_unknown_solver_is_refused() -> None:
-    with pytest.raises(ValueError, match="unknown solver 'fast'; known are: ipopt, structured"):
+    with pytest.raises(ValueError, match="unknown solver 'fast'; known are: structured, ipopt"):
         KktConstrained(solver="fast")
 
 
