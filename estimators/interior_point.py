@@ -87,6 +87,7 @@ def solve_joint(
     y: np.ndarray,
     start: JointPoint,
     *,
+    noise_scale: Sequence[float] = (),
     weight_floor: float = 1e-5,
     first_barrier: float = 0.1,
     tie: float = 0.0,
@@ -102,6 +103,7 @@ def solve_joint(
         view: the observation model.
         y: (T, N, d) observations, NaN where missing.
         start: its weights lie above the floor and have row sums of one.
+        noise_scale: (d,) relative standard deviations of the observations; ones where absent.
         weight_floor: lower bound of every weight, below 1/K.
         first_barrier: barrier parameter to begin with.
         tie: factor of a further term |theta - 1/K|^2 of the objective, which holds the weights
@@ -121,7 +123,8 @@ def solve_joint(
             f"{game.num_weights} weights per player, got {weight_floor}"
         )
     solver = joint_elimination(game, view)
-    solver.set_observations(y.reshape(game.horizon, -1))
+    scale = np.tile(noise_scale, game.num_players) if noise_scale else 1.0
+    solver.set_observations(y.reshape(game.horizon, -1), scale)
     z = pack(game, start.states, start.controls, start.costates)
     theta = np.array(start.weights, dtype=float).ravel()
     known_objectives = np.array([solution.objective for solution in known])

@@ -3,10 +3,11 @@
     min_{theta, x, u, lambda}  sum_t |y_t - h(x_t)|^2
     s.t.  G(x, u, lambda; theta) = 0,  sum theta^i = 1,  theta^i >= floor.
 
-States (x_1 included), controls, costates and weights are all unknown. Weights start uniform, which
-is feasible, and costates at zero. The problem is not convex: the five-player highway has optima
-that lie close in objective and far apart in weights. So it is solved from several starts and the
-lowest objective wins. Those of the structured solver cost no solve of another problem:
+Residuals count in units of their noise scale. States (x_1 included), controls, costates and
+weights are all unknown. Weights start uniform, which is feasible, and costates at zero. The
+problem is not convex: the five-player highway has optima that lie close in objective and far
+apart in weights. So it is solved from several starts and the lowest objective wins. Those of the
+structured solver cost no solve of another problem:
 
 1. the observations, with the controls that lead from one to the next, at uniform weights;
 2. the observations smoothed, at weights near a corner of the simplex: as far from the first as a
@@ -130,6 +131,7 @@ class KktConstrained:
                 view,
                 y,
                 start,
+                noise_scale=problem.noise_scale,
                 weight_floor=problem.weight_floor,
                 max_iterations=self.max_iterations,
                 limit=max(0.0, deadline - time.monotonic()),
@@ -178,13 +180,14 @@ class KktConstrained:
             game,
             view,
             y,
+            noise_scale=problem.noise_scale,
             weight_floor=problem.weight_floor,
             max_iterations=self.max_iterations,
         )
         start = JointPoint.from_trajectory(game, guess_states(game, view, y))
         first = solve(start)
         yield first
-        fit = fit_trajectory(game, view, y)
+        fit = fit_trajectory(game, view, y, problem.noise_scale)
         yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
         tied = solve(start, tie=_IPOPT_TIE * first.objective)
         yield solve(_inside(tied.point, problem.weight_floor))
