@@ -5,18 +5,21 @@
 
 Residuals count in units of their noise scale. States (x_1 included), controls, costates and
 weights are all unknown. Weights start uniform, which is feasible, and costates at zero. The
-problem is not convex: the five-player highway has optima that lie close in objective and far apart
-in weights. So it is solved from three starts and the lowest objective wins:
+problem is not convex: the five-player highway has optima that lie close in objective and far
+apart in weights. So it is solved from several starts and the lowest objective wins. Those of the
+structured solver cost no solve of another problem:
 
-1. the observations themselves with zero controls;
-2. the observations with the controls that lead from one to the next. IPOPT, the reference, takes
-   the pre-solve here (eqn. pre_solve), the paper's own start, which costs as much as a solve;
-3. the solution of the same problem with the weights tied to uniform by a quadratic term, which is
-   then dropped.
+1. the observations, with the controls that lead from one to the next, at uniform weights;
+2. the observations smoothed, at weights near a corner of the simplex: as far from the first as a
+   start can be. In partial views it finds optima that no start at uniform weights does.
 
-Where these lead to different objectives, there are several optima at hand, and the structured
-solver takes two starts more: the observations under a high barrier, which begins by centring the
-weights, and the tied solution with its tie loosened in two steps.
+Where the two end in different objectives there are several optima at hand, and four starts more
+are worth their time: the observations with zero controls, the same under a high barrier, which
+begins by centring the weights, and the solution of the problem with its weights tied to uniform
+by a quadratic term, which is then dropped at once or in two steps.
+
+IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which
+is the paper's own start, and the solution of the tied problem.
 """
 
 import time
@@ -35,16 +38,20 @@ from estimators.trajectory_fit import (
     fit_trajectory,
     guess_controls,
     guess_states,
+    smoothed,
     warm_up_fit,
 )
 
 _SOLVERS = ("structured", "ipopt")
 
-#: Strength of the third start's tie, relative to the first solution's squared error.
+#: Strength of the tie to uniform weights, relative to a solution's squared error.
 _TIE, _IPOPT_TIE = 0.3, 3.0
 
 #: First barriers of the structured solver where it is to stay near its start, or to forget it.
 _LOW_BARRIER, _HIGH_BARRIER = 1e-3, 10.0
+
+#: Passes of the filter over the second start's states, and weight of its corner's preference.
+_SMOOTHING, _CORNER = 8, 0.94
 
 #: Tolerance of a solution that is but a start.
 _LOOSE = 1e-3
@@ -146,20 +153,23 @@ class KktConstrained:
             return _inside(tied.point, problem.weight_floor)
 
         states = guess_states(game, view, y)
-        start = JointPoint.from_trajectory(game, states)
-        first = attempt(start)
+        smooth = smoothed(states, _SMOOTHING)
+        moving = JointPoint.from_trajectory(game, states, guess_controls(game, states))
+        corner = JointPoint.from_trajectory(game, smooth, guess_controls(game, smooth))
+        corner = replace(corner, weights=_corner(game.num_players, game.num_weights))
+        first = attempt(moving)
         yield first
-        yield attempt(JointPoint.from_trajectory(game, states, guess_controls(game, states)))
-        tied = solve(start, tie=_TIE * first.objective, tolerance=_LOOSE)
-        yield attempt(released(tied), _LOW_BARRIER)
+        yield attempt(_inside(corner, problem.weight_floor), _LOW_BARRIER)
         if agree and _same_objective(known):
             return
+        start = JointPoint.from_trajectory(game, states)
+        yield attempt(start)
+        best = min((solution.objective for solution in known), default=first.objective)
+        tied = solve(start, tie=_TIE * best, tolerance=_LOOSE)
+        yield attempt(released(tied), _LOW_BARRIER)
         yield attempt(start, _HIGH_BARRIER)
         loosened = solve(
-            released(tied),
-            tie=0.1 * _TIE * first.objective,
-            first_barrier=_LOW_BARRIER,
-            tolerance=_LOOSE,
+            released(tied), tie=0.1 * _TIE * best, first_barrier=_LOW_BARRIER, tolerance=_LOOSE
         )
         yield attempt(released(loosened), _LOW_BARRIER)
 
@@ -181,6 +191,13 @@ class KktConstrained:
         yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
         tied = solve(start, tie=_IPOPT_TIE * first.objective)
         yield solve(_inside(tied.point, problem.weight_floor))
+
+
+def _corner(players: int, weights: int) -> np.ndarray:
+    """(N, K) weights near the simplex's corner of the last preference."""
+    corner = np.full((players, weights), (1 - _CORNER) / max(1, weights - 1))
+    corner[:, -1] = _CORNER
+    return corner / corner.sum(axis=1, keepdims=True)
 
 
 def _same_objective(solutions: list[JointSolution]) -> bool:

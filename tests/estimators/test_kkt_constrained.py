@@ -48,18 +48,18 @@ def test_the_default_is_the_structured_solver() -> None:
     assert KktConstrained().solver == "structured"
 
 
-@pytest.mark.parametrize("solver", ["structured", "ipopt"])
-def test_three_starts_are_taken(solver: str) -> None:
+@pytest.mark.parametrize(("solver", "starts"), [("structured", 2), ("ipopt", 3)])
+def test_starts_that_agree_are_enough(solver: str, starts: int) -> None:
     problem, y = observed("full", 0.01)
     easy = KktConstrained(solver=solver).estimate(problem, Observation(y), rng=RNG, budget=60)
-    assert easy.extras["starts"] == 3
+    assert easy.extras["starts"] == starts
 
 
 def test_starts_that_disagree_call_for_more() -> None:
     problem, y = observed("partial", 0.1, seed=6)
     hard = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
     assert hard.converged
-    assert hard.extras["starts"] == 5
+    assert hard.extras["starts"] == 6
 
 
 @pytest.mark.parametrize("solver", ["structured", "ipopt"])
