@@ -123,7 +123,7 @@ def solve_joint(
             f"{game.num_weights} weights per player, got {weight_floor}"
         )
     solver = joint_elimination(game, view)
-    scale = np.tile(noise_scale, game.num_players) if noise_scale else 1.0
+    scale = np.tile(noise_scale, game.num_players) if len(noise_scale) else np.ones(1)
     solver.set_observations(y.reshape(game.horizon, -1), scale)
     z = pack(game, start.states, start.controls, start.costates)
     theta = np.array(start.weights, dtype=float).ravel()
