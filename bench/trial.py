@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.suite import EstimatorEntry, ScenarioEntry, Suite
+from bench.versions import Versions, versions
 from envs.scenarios import is_family
 
 #: What can become of a trial. Everything but ``ok`` and ``skipped`` is a failure.
@@ -33,6 +34,7 @@ class Trial:
         estimator: estimator with parameters and label.
         count: how many trials of the study this one stands for.
         time_limit: wall-clock seconds.
+        versions: of the code that it is to be run with.
     """
 
     suite: str
@@ -43,10 +45,11 @@ class Trial:
     estimator: EstimatorEntry
     count: int
     time_limit: float
+    versions: Versions = Versions()
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What identifies the trial in a store."""
+        """What identifies the trial, whatever the version of the code."""
         return tuple(str(self.labels[column]) for column in KEY_COLUMNS)
 
     @property
@@ -113,6 +116,7 @@ def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
         fixed = not is_family(scenario.name)
         for view in suite.views:
             for estimator in suite.estimators:
+                code = versions(scenario, estimator)
                 for sigma in suite.sigmas:
                     alike = fixed and sigma == 0
                     for seed in range(1 if alike else min(seeds or suite.seeds, suite.seeds)):
@@ -125,4 +129,5 @@ def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
                             estimator=estimator,
                             count=suite.seeds if alike else 1,
                             time_limit=suite.time_limit,
+                            versions=code,
                         )

@@ -62,6 +62,19 @@ def estimator_label(reference: str) -> str:
     return str(getattr(estimator_class, "name", estimator_class.__name__))
 
 
+def estimator_source(reference: str) -> tuple[str, Path]:
+    """Name and file of the module that defines an estimator.
+
+    Raises:
+        EstimatorError: as ``load_estimator`` does.
+    """
+    estimator_class = _find_class(reference)
+    module = sys.modules[estimator_class.__module__]
+    if not module.__file__:
+        raise EstimatorError(f"estimator {reference!r} has no file: {module!r}")
+    return module.__name__, Path(module.__file__)
+
+
 def is_file_reference(reference: str) -> bool:
     """Whether a reference names a file rather than a known estimator."""
     return reference.partition(":")[0].endswith(".py")
@@ -137,7 +150,7 @@ def _guarded_import(what: str, load: Any) -> Any:
     """Run an import of foreign code; turn whatever it raises into one line with its place."""
     try:
         return load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{place.filename}:{place.lineno}"
         if isinstance(error, SyntaxError) and error.filename:

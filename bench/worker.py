@@ -1,0 +1,116 @@
+"""The inside of a worker process: take a trial, run it, answer; again until the driver is gone.
+
+A worker outlives its trials, as solvers are slow to build. What a trial leaves behind must not
+reach the next one, so a worker in a doubtful state says so and is replaced.
+"""
+
+import ctypes
+import os
+import resource
+import signal
+import sys
+import threading
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from bench.evaluate import describe_error, evaluate
+from bench.trial import Outcome, Trial
+from bench.versions import explain_difference
+
+#: What a worker says once it has imported everything.
+READY = "ready"
+#: Share of the memory limit that a worker may hold on to between trials.
+_KEPT_MEMORY = 0.5
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_PR_SET_CHILD_SUBREAPER = 36
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a worker says about a trial.
+
+    Attributes:
+        outcome: of the trial.
+        retire: whether the process is not fit for another one.
+    """
+
+    outcome: Outcome
+    retire: bool = False
+
+
+def serve(descriptor: int, parent: int, memory: int | None) -> None:
+    """Serve a driver until it closes the connection.
+
+    Args:
+        descriptor: of the connection to it.
+        parent: its process id.
+        memory: limit [bytes] of this process's memory, None for no limit.
+    """
+    _tie_to_parent(parent)
+    if memory is not None:
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    own = os.getpid()
+    connection = Connection(descriptor)
+    connection.send(READY)
+    while True:
+        try:
+            trial = connection.recv()
+        except (EOFError, ConnectionResetError):
+            return
+        answer = _answer(trial, memory)
+        if os.getpid() != own:  # the estimator forked, and its child came back here
+            os._exit(0)
+        connection.send(answer)
+
+
+def _answer(trial: Trial, memory: int | None) -> Answer | str:
+    """The answer to a trial, or a line that says how code has changed since the trial was made."""
+    changed = explain_difference(trial.scenario, trial.estimator, trial.versions)
+    if changed is not None:
+        return changed
+    threads = threading.active_count()
+    try:
+        outcome = evaluate(trial)
+    except MemoryError as error:  # of ours, but with what the estimator has left
+        outcome = Outcome("crash", describe_error(error))
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if outcome.status == "crash" and "MemoryError" in outcome.message and memory is not None:
+        message = f"out of memory, the limit is {memory / 2**30:.3g} GiB: {outcome.message}"
+        return Answer(replace(outcome, message=message), retire=True)
+    if _has_children():
+        message = "left processes running: whatever an estimator starts has to end with the trial"
+        return Answer(Outcome("invalid", message), retire=True)
+    left_threads = threading.active_count() > threads
+    full = memory is not None and _held_memory() > _KEPT_MEMORY * memory
+    return Answer(outcome, retire=left_threads or full)
+
+
+def _has_children() -> bool:
+    try:
+        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    except ChildProcessError:
+        return False
+    return True
+
+
+def _held_memory() -> int:
+    """Memory [bytes] that counts towards ``RLIMIT_DATA``; 0 where the system does not tell."""
+    try:
+        pages = Path("/proc/self/statm").read_text().split()[5]
+    except OSError:
+        return 0
+    return int(pages) * resource.getpagesize()
+
+
+def _tie_to_parent(parent: int) -> None:
+    """End with the parent even in the middle of a hang, and adopt what children leave behind."""
+    if sys.platform != "linux":
+        return  # a worker at work then ends with its trial, at the latest
+    prctl = ctypes.CDLL(None).prctl
+    prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)
