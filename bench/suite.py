@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from bench.errors import UserError
 from envs.scenarios import get_scenario
-from estimators.registry import EstimatorError, estimator_label, load_estimator
+from estimators.registry import EstimatorError, absolute_reference, estimator_label, load_estimator
 from games.observation import VIEWS
 
 SUITE_FOLDER = Path(__file__).parent / "suites"
@@ -102,13 +102,30 @@ class Suite(_Strict):
         for entry in value:
             load_estimator(entry.name, entry.parameters)
             label = entry.label or estimator_label(entry.name)
-            labelled.append(entry.model_copy(update={"label": label}))
+            # Whoever goes on with the run, or works on it elsewhere, may be in another folder.
+            name = absolute_reference(entry.name)
+            labelled.append(entry.model_copy(update={"label": label, "name": name}))
         return _distinct(tuple(labelled), "estimator label", [entry.label for entry in labelled])
 
 
 def suite_names() -> list[str]:
     """Names of the suites that come with the package."""
     return sorted(path.stem for path in SUITE_FOLDER.glob("*.toml"))
+
+
+def suite_file(reference: str) -> Path:
+    """The file of a suite.
+
+    Raises:
+        UserError: on an unknown suite.
+    """
+    path = Path(reference) if reference.endswith(".toml") else SUITE_FOLDER / f"{reference}.toml"
+    if not path.is_file():
+        raise UserError(
+            f"unknown suite {reference!r}; known are: {', '.join(suite_names())}, "
+            "or the path of a .toml file"
+        )
+    return path
 
 
 def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
@@ -121,12 +138,7 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
     Raises:
         UserError: on an unknown suite, unreadable TOML or a value that the schema refuses.
     """
-    path = Path(reference) if reference.endswith(".toml") else SUITE_FOLDER / f"{reference}.toml"
-    if not path.is_file():
-        raise UserError(
-            f"unknown suite {reference!r}; known are: {', '.join(suite_names())}, "
-            "or the path of a .toml file"
-        )
+    path = suite_file(reference)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -6,6 +6,7 @@ new file into this folder and ``get_scenario`` knows it.
 """
 
 import inspect
+from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
@@ -64,6 +65,7 @@ def _parameters(name: str) -> list[str]:
     return list(inspect.signature(_module(name).make).parameters)
 
 
+@cache  # asked for with every trial
 def _module(name: str) -> ModuleType:
     if name not in scenario_names():
         raise ValueError(f"unknown scenario {name!r}; known are: {', '.join(scenario_names())}")
