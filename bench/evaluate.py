@@ -15,7 +15,7 @@ from bench.truth import true_recording, unit_cosine_limit
 from envs.recording import NoEquilibriumError, Recording
 from estimators.protocol import Observation, Problem
 from estimators.registry import load_estimator
-from games.nearest_root import nearest_root
+from games.nearest_root import predict
 from games.observation import VIEWS, FullView, View, observe
 
 
@@ -77,7 +77,7 @@ def evaluate(trial: Trial) -> Outcome:
 
 
 def _judge(estimate: CheckedEstimate, recording: Recording, outcome: Outcome) -> Outcome:
-    """Score a well-formed estimate; its success is defined as in the published study."""
+    """Score a well-formed estimate."""
     scenario = recording.scenario
     outcome = replace(
         outcome,
@@ -92,11 +92,13 @@ def _judge(estimate: CheckedEstimate, recording: Recording, outcome: Outcome) ->
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
         return replace(outcome, status="not_converged", message=message)
-    root = nearest_root(scenario.game, estimate.weights, recording.states, recording.controls)
-    if root is None:
+    prediction = predict(scenario.game, estimate.weights, recording.states, recording.controls)
+    outcome = replace(outcome, published_forward=int(prediction.published))
+    if prediction.root is None:
         message = "no root of the game found at the estimated weights"
         return replace(outcome, status="failed_forward", message=message)
-    return replace(outcome, position_error=position_error(recording.states, root.states))
+    error = position_error(recording.states, prediction.root.states)
+    return replace(outcome, position_error=error)
 
 
 def check_estimate(result: Any, problem: Problem) -> CheckedEstimate:

@@ -19,10 +19,11 @@ def leaderboard(trials: pd.DataFrame) -> pd.DataFrame:
         trials: rows as in ``trials.parquet``.
 
     Returns:
-        One row per (scenario, view, estimator): ``trials`` and ``failures`` (rows counted with
-        their ``count``; skipped ones apart), median and quartiles of both errors,
-        ``limit_ratio`` (mean cosine error over its statistical limit for small noise) and the
-        median time, best median position error first within a scenario and view.
+        One row per (scenario, view, estimator): ``trials``, ``failures`` and
+        ``published_failures`` (rows counted with their ``count``; skipped ones apart), median
+        and quartiles of both errors, ``limit_ratio`` (mean cosine error over its statistical
+        limit for small noise) and the median time. The best median position error comes first
+        within a scenario and view.
     """
     groups = trials.groupby(["scenario", "view", "estimator"], sort=True)
     rows = [
@@ -44,6 +45,7 @@ def _summary(group: pd.DataFrame) -> dict[str, float | int]:
     summary: dict[str, float | int] = {
         "trials": int(count.sum()),
         "failures": int(count[failed].sum()),
+        "published_failures": int(count[published_failures(attempts)].sum()),
         "skipped": int(group["count"].sum() - count.sum()),
     }
     for error in ("cosine_error", "position_error"):
@@ -54,6 +56,16 @@ def _summary(group: pd.DataFrame) -> dict[str, float | int]:
     summary["limit_ratio"] = _limit_ratio(attempts)
     summary["solve_seconds_median"] = float(attempts["solve_seconds"].median())
     return summary
+
+
+def published_failures(attempts: pd.DataFrame) -> np.ndarray:
+    """Which rows the published study would count as failed.
+
+    Either the estimator fails, or the study's one solve for the forward game does not converge,
+    be there a root or not.
+    """
+    failed = attempts["status"].ne("ok") | attempts["published_forward"].eq(0)
+    return failed.to_numpy(bool)
 
 
 def _quantile(values: np.ndarray, count: np.ndarray, share: float) -> float:

@@ -13,7 +13,7 @@ from envs.scenarios import is_family
 STATUSES = (
     "ok",
     "not_converged",  # the estimator says that its result is not valid
-    "failed_forward",  # the game at the estimated weights has no root to be found
+    "failed_forward",  # no root of the game at the estimated weights was found
     "timeout",  # killed at the time limit
     "crash",  # raised an exception or took its process down
     "invalid",  # returned something that is not an estimate
@@ -82,6 +82,9 @@ class Outcome:
         position_error: mean absolute position difference [m] of the forward game at the estimated
             weights to the truth.
         reconstruction_error: the same of the estimator's own trajectory.
+        published_forward: 1 where the published study's own prediction step finds a root at the
+            estimated weights, 0 where only a longer search does, or none
+            (``games.nearest_root``).
         observation_error: mean absolute position noise [m] of the observation.
         objective: what the estimator minimised.
         truth_objective: sum of squared observation errors of the true trajectory.
@@ -95,6 +98,7 @@ class Outcome:
     cosine_limit: float | None = None
     position_error: float | None = None
     reconstruction_error: float | None = None
+    published_forward: int | None = None
     observation_error: float | None = None
     objective: float | None = None
     truth_objective: float | None = None

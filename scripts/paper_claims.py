@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from bench.leaderboard import published_failures
+
 
 @dataclass(frozen=True)
 class Claim:
@@ -29,24 +31,26 @@ class Claim:
 
 
 def failures(trials: pd.DataFrame) -> Iterator[Claim]:
-    """Failures by the published definition, next to the published counts."""
-    failed = trials[trials["status"] != "ok"].groupby(["scenario", "estimator", "view"])["count"]
-    counts = failed.sum()
+    """Failures, next to the published counts.
 
-    def count(*key: str) -> int:
-        return int(counts.get(key, 0))
+    The published code ran the prediction step for the baseline's estimates only. So the joint
+    method's published 0 counts its own solves; ours counts as well the estimates at which no root
+    of the game is found. How many of them the published step misses is told apart.
+    """
+    by = ["scenario", "estimator", "view"]
+    published_step = trials[published_failures(trials)].groupby(by)["count"].sum()
+    failed = trials[trials["status"] != "ok"].groupby(by)["count"].sum()
 
     for view, published, low, high in (("full", 104, 80, 130), ("partial", 218, 165, 245)):
         text = f"two players, kkt_residual, {view}: failures of 880 (published {published})"
-        yield Claim(text, count("two_player", "kkt_residual", view), low, high)
-    for view in ("full", "partial"):
-        text = f"two players, kkt_constrained, {view}: failures of 880 (published 0)"
-        yield Claim(text, count("two_player", "kkt_constrained", view), 0, 0)
-    both = sum(count("highway_overtaking", "kkt_constrained", v) for v in ("full", "partial"))
-    yield Claim("five players, kkt_constrained: failures of 1760 (published 0)", both, 0, 1)
-    joint = trials[trials["estimator"] == "kkt_constrained"]
-    unconverged = joint[joint["status"] == "not_converged"]["count"].sum()
-    yield Claim("both scenarios, kkt_constrained: solves not converged of 3520", unconverged, 0, 0)
+        count = published_step.get(("two_player", "kkt_residual", view), 0)
+        yield Claim(text, count, low, high)
+    for players, scenario, high in (("two", "two_player", 0), ("five", "highway_overtaking", 1)):
+        keys = [(scenario, "kkt_constrained", view) for view in ("full", "partial")]
+        text = f"{players} players, kkt_constrained: failures of 1760 (published 0)"
+        yield Claim(text, sum(failed.get(key, 0) for key in keys), 0, high)
+        text = f"{players} players, kkt_constrained: missed by the published step alone"
+        yield Claim(text, sum(published_step.get(key, 0) for key in keys), 0, float("inf"))
 
 
 def statistical_limit(trials: pd.DataFrame) -> Iterator[Claim]:

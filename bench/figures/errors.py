@@ -127,7 +127,7 @@ def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) 
 
 
 def _triangles(axes: Axes, series: Series, column: str, height: float) -> None:
-    failed = np.isinf(series.error(column))
+    failed = np.isinf(series.error(column)) | series.published_failed
     axes.plot(
         series.observation_error[failed],
         np.full(failed.sum(), height),
@@ -164,5 +164,5 @@ def _entries(series: Sequence[Series]) -> list[tuple[Artist, str]]:
     return [
         *entries,
         (Patch(color="0.35", alpha=0.2, linewidth=0), f"IQR (rolling, up to {WINDOW} trials)"),
-        (Line2D([], [], marker="^", markersize=5, **neutral), "failed (counts as infinite)"),
+        (Line2D([], [], marker="^", markersize=5, **neutral), "failed by the published definition"),
     ]

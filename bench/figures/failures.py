@@ -13,12 +13,16 @@ from scipy.stats import binomtest
 
 from bench.figures import style
 from bench.figures.series import Series, split
+from bench.leaderboard import published_failures
 
 _SPREAD = 0.27  # of the distance between two noise levels
 
 
 def draw(trials: pd.DataFrame) -> Figure | None:
-    """Share of failures per series, with 95 % Wilson intervals; None without attempts."""
+    """Share of failures by the published definition; None without attempts.
+
+    With 95 % Wilson intervals. The legend says how many trials are left without any prediction.
+    """
     series = split(trials)
     if not series:
         return None
@@ -34,7 +38,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     highest = max(0.05, *(share["high"].max() for share in shares))
     axes.set_ylim(-0.02 * highest, min(1.05 * highest, 1.02))
     axes.set_xlabel("Standard deviation σ of the noise [m, rad, m/s]")
-    axes.set_ylabel("Failed trials")
+    axes.set_ylabel("Failed trials, published definition")
     axes.set_title(f"{trials['scenario'].iloc[0]}: failures (95 % Wilson intervals)")
     style.legend_below(figure, [_entry(s) for s in series])
     return figure
@@ -54,7 +58,7 @@ def failure_shares(series: Series) -> pd.DataFrame:
     levels = []
     for sigma, rows in series.trials.groupby("sigma"):
         weights = rows["count"].to_numpy(int)
-        failed = (rows["status"] != "ok").to_numpy(bool)
+        failed = published_failures(rows)
         share = low = high = weights[failed].sum() / weights.sum()
         if (weights == 1).all():
             interval = binomtest(int(failed.sum()), len(rows)).proportion_ci(method="wilson")
@@ -79,5 +83,7 @@ def _line(series: Series) -> dict[str, Any]:
 
 
 def _entry(series: Series) -> tuple[Artist, str]:
-    total, failed = series.count.sum(), series.count[series.failed].sum()
-    return Line2D([], [], **_line(series)), f"{series.name}: {failed} of {total}"
+    count = series.count
+    failed, without = count[series.published_failed].sum(), count[series.failed].sum()
+    text = f"{series.name}: {failed} of {count.sum()}, {without} without a prediction"
+    return Line2D([], [], **_line(series)), text

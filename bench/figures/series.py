@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.typing import ColorType, LineStyleType
 
 from bench.figures import style
+from bench.leaderboard import published_failures
 
 #: Views in the order in which they are drawn; others follow.
 _VIEW_ORDER = ("full", "partial")
@@ -73,6 +74,11 @@ class Series:
     def failed(self) -> np.ndarray:
         """Whether each row is a failure, of whatever kind."""
         return (self.trials["status"] != "ok").to_numpy(bool)
+
+    @property
+    def published_failed(self) -> np.ndarray:
+        """Whether each row is a failure by the published definition."""
+        return published_failures(self.trials)
 
 
 def split(trials: pd.DataFrame) -> list[Series]:

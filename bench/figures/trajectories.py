@@ -14,7 +14,7 @@ from bench.figures.panels import scene_panels
 from bench.figures.scene import Scene, estimated_weights, player_colour, scene_of
 from bench.figures.series import Series, contenders, split, views_in
 from bench.sensor import sense
-from games.nearest_root import nearest_root
+from games.nearest_root import predict
 from games.observation import FullView
 
 #: Most sequences in one panel, as in the paper.
@@ -84,10 +84,14 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
     _truth(axes, scene)
     parts = (
         style.printable(series.estimator),
-        f"{style.printable(series.view)} view, "
-        f"{len(predicted) - len(found)} of {len(predicted)} failed",
+        f"{style.printable(series.view)} view, {_failures_of(series, len(predicted) - len(found))}",
     )
     axes.set_title((", " if scene.is_wide else "\n").join(parts))
+
+
+def _failures_of(series: Series, without: int) -> str:
+    text = f"{series.published_failed.sum()} of {len(series.trials)} failed"
+    return f"{text}, {without} not drawn" if without else text
 
 
 def _predict(trial: dict, scene: Scene) -> np.ndarray | None:
@@ -96,7 +100,8 @@ def _predict(trial: dict, scene: Scene) -> np.ndarray | None:
     if trial["status"] != "ok" or weights is None:
         return None
     recording = scene.recording
-    root = nearest_root(recording.scenario.game, weights, recording.states, recording.controls)
+    game = recording.scenario.game
+    root = predict(game, weights, recording.states, recording.controls).root
     return None if root is None else root.states
 
 

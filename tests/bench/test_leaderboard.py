@@ -15,6 +15,7 @@ def trial(**changes):
         "cosine_error": 0.1,
         "cosine_limit": 0.05,
         "position_error": 1.0,
+        "published_forward": 1,
         "solve_seconds": 0.5,
         "count": 1,
     }

@@ -1,9 +1,11 @@
 import numpy as np
+import pytest
 
 from envs.scenarios import get_scenario
+from games import nearest_root as module
 from games.game import Game
 from games.kkt import kkt_residual_norm
-from games.nearest_root import nearest_root
+from games.nearest_root import Prediction, predict
 from games.olne import Equilibrium, solve_olne
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
@@ -12,7 +14,9 @@ Crossing = tuple[Game, np.ndarray, np.ndarray]
 def test_true_weights_give_the_truth(crossing: Crossing, crossing_equilibrium: Equilibrium) -> None:
     game, weights, _ = crossing
     found = crossing_equilibrium
-    root = nearest_root(game, weights, found.states, found.controls)
+    prediction = predict(game, weights, found.states, found.controls)
+    assert prediction.published
+    root = prediction.root
     assert root is not None
     np.testing.assert_allclose(root.states, found.states, atol=1e-7)
 
@@ -22,7 +26,7 @@ def test_other_weights_give_their_own_root(
 ) -> None:
     game, weights, initial_state = crossing
     other = game.check_weights(weights + 0.05 * np.eye(3, 4))
-    root = nearest_root(game, other, crossing_equilibrium.states, crossing_equilibrium.controls)
+    root = predict(game, other, crossing_equilibrium.states, crossing_equilibrium.controls).root
     assert root is not None
     assert kkt_residual_norm(game, root.states, root.controls, root.costates, other) < 1e-6
     np.testing.assert_array_equal(root.states[0], initial_state)
@@ -31,10 +35,29 @@ def test_other_weights_give_their_own_root(
     assert np.abs(root.states - crossing_equilibrium.states).max() > 1e-4
 
 
-def test_no_root_is_said_so() -> None:
-    """An estimate of the kind that the paper calls ill-conditioned: acceleration comes free."""
+def test_a_published_failure_is_searched_on() -> None:
+    """An estimate of the kind that the paper calls ill-conditioned: acceleration comes free.
+
+    The published solve finds no root, but the game has an equilibrium, far from the truth.
+    """
     scenario = get_scenario("two_player")
     truth = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
-    weights = np.array([[0.5015, 0.236, 1e-5, 0.2625], [0.6549, 0.0053, 0.0021, 0.3378]])
+    weights = np.array([[0.6853, 0.0463, 1e-5, 0.2683], [0.6267, 1e-5, 1e-5, 0.3733]])
     weights = scenario.game.check_weights(weights)
-    assert nearest_root(scenario.game, weights, truth.states, truth.controls) is None
+    prediction = predict(scenario.game, weights, truth.states, truth.controls)
+    assert not prediction.published
+    root = prediction.root
+    assert root is not None
+    assert (
+        kkt_residual_norm(scenario.game, root.states, root.controls, root.costates, weights) < 1e-6
+    )
+
+
+def test_without_any_root_there_is_no_prediction(
+    crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    game, weights, _ = crossing
+    monkeypatch.setattr(module, "nearest_root", lambda *_: None)
+    monkeypatch.setattr(module, "_equilibrium", lambda *_: None)
+    found = crossing_equilibrium
+    assert predict(game, weights, found.states, found.controls) == Prediction(None, False)

@@ -45,6 +45,7 @@ def make_trials() -> Trials:
                                 "position_error": error,
                                 "reconstruction_error": error,
                                 "observation_error": 0.8 * sigma,
+                                "published_forward": 1,
                                 "solve_seconds": 0.1,
                                 "objective": 1.0,
                                 "truth_objective": 1.0,

@@ -65,7 +65,10 @@ def test_bundles_say_how_many_failed(make_trials):
     last = trials.index[-1]
     trials.loc[last, "status"] = "failed_forward"
     figure = trajectories.draw(trials)
-    assert titles(figure) == ["Truth and 3 observed sequences", "a\nfull view, 1 of 3 failed"]
+    assert titles(figure) == [
+        "Truth and 3 observed sequences",
+        "a\nfull view, 1 of 3 failed, 1 not drawn",
+    ]
     # Truth and start per player, and the two predictions of each.
     assert len(figure.axes[1].lines) == 2 * 2 + 2 * 2
 

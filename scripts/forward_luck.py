@@ -1,0 +1,71 @@
+"""How much of the published study's failures is luck.
+
+    python scripts/forward_luck.py results/paper
+
+Repeats the published prediction step (one IPOPT solve, started at the true trajectory) for every
+estimate of a run, with the start perturbed by 1e-13 in every state: far below what any estimator
+or simulator could notice. Prints how many estimates fail each time, how many fail every time and
+how many at least once. Five repeats of two players take about ten minutes.
+"""
+
+import argparse
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from bench.suite import ScenarioEntry
+from bench.truth import true_recording
+from games.nearest_root import nearest_root
+
+PERTURBATION = 1e-13
+
+
+def failures(trials: pd.DataFrame, scenario: str, repeats: int) -> pd.DataFrame:
+    """Rows (estimator, view) of failure counts, one column a repeat."""
+    recording = true_recording(ScenarioEntry(name=scenario), 0)
+    game, costates = recording.scenario.game, np.zeros_like(recording.costates)
+    starts = []
+    for repeat in range(repeats):
+        noise = np.random.default_rng(repeat).standard_normal(recording.states.shape)
+        noise[0] = 0  # the initial state is given
+        starts.append(recording.states + PERTURBATION * noise)
+    rows = trials[trials["scenario"].eq(scenario) & trials["weights"].notna()]
+    verdicts = defaultdict(list)
+    for row in tqdm(rows.itertuples(), total=len(rows), desc=scenario):
+        weights = game.check_weights(np.stack(row.weights))
+        failed = [
+            nearest_root(game, weights, start, recording.controls, costates) is None
+            for start in starts
+        ]
+        verdicts[row.estimator, row.view] += [failed] * row.count
+    table = {}
+    for key, failed in verdicts.items():
+        array = np.array(failed)
+        counts = {f"repeat {k + 1}": n for k, n in enumerate(array.sum(axis=0))}
+        table[key] = {
+            "trials": len(array),
+            **counts,
+            "every time": array.all(axis=1).sum(),
+            "at least once": array.any(axis=1).sum(),
+        }
+    return pd.DataFrame(table).T
+
+
+def main() -> None:
+    """Read a run folder and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="run folder with trials.parquet")
+    parser.add_argument("--scenario", default="two_player")
+    parser.add_argument("--estimators", nargs="+", default=["kkt_constrained", "kkt_residual"])
+    parser.add_argument("--repeats", type=int, default=5)
+    arguments = parser.parse_args()
+    trials = pd.read_parquet(arguments.folder / "trials.parquet")
+    trials = trials[trials["estimator"].isin(arguments.estimators)]
+    print(failures(trials, arguments.scenario, arguments.repeats).to_string())
+
+
+if __name__ == "__main__":
+    main()
