@@ -49,11 +49,11 @@ def run_trials(
                 wait([worker.connection for worker in busy], timeout=TICK)
             ended = []
             for worker in busy:
-                trial = worker.trial
+                at_work = worker.trial
                 outcome = worker.poll()
-                if outcome is None:
+                if at_work is None or outcome is None:
                     continue
-                ended.append((trial, outcome))
+                ended.append((at_work, outcome))
                 following = None if stopping else next(source, None)
                 if following is not None:
                     worker.assign(following)  # it works while its last outcome is stored

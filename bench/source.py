@@ -13,6 +13,7 @@ from pathlib import Path
 
 _COMPILED = {".pyc", ".pyo", ".so", ".pyd"}
 _LENGTH = 12
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def fingerprint(modules: Mapping[str, Path], roots: Mapping[str, Path], own: Path | None) -> str:
@@ -80,9 +81,8 @@ def _tree(path: Path) -> ast.Module | None:
     except (SyntaxError, ValueError):
         return None
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            if ast.get_docstring(node, clean=False) is not None:
-                node.body = node.body[1:] or [ast.Pass()]
+        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            node.body = node.body[1:] or [ast.Pass()]
     return tree
 
 

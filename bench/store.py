@@ -7,9 +7,11 @@ version that was run last.
 
 import json
 import sqlite3
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, fields
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -100,9 +102,10 @@ class Store:
         """Everything that is stored, former versions of the code too."""
         names = _names((*KEY_COLUMNS, *_VERSIONS, "status"))
         width = len(KEY_COLUMNS)
+        version = cache(Versions)  # a million equal objects would fill the memory, as would texts
         for row in self._connection.execute(f"SELECT {names} FROM trials"):
-            key = tuple(str(value) for value in row[:width])
-            yield Record(key, Versions(*row[width:-1]), row[-1])
+            key = tuple(sys.intern(str(value)) for value in row[:width])
+            yield Record(key, version(*row[width:-1]), sys.intern(row[-1]))
 
     def runs(self) -> list[Provenance]:
         """Every run that has written here, the first one first."""
@@ -118,11 +121,12 @@ class Store:
 
         The weights are JSON text.
         """
-        match = " AND ".join(f"t.{name} = c.{name}" for name in (*_VERSIONED, *_VERSIONS))
+        same = " AND ".join(f"t.{name} = c.{name}" for name in _VERSIONED)
+        current = " AND ".join(f"t.{name} = c.{name}" for name in _VERSIONS)
         order = ", ".join(f"t.{name}" for name in KEY_COLUMNS)
         cursor = self._connection.execute(
-            f"SELECT {_names(COLUMNS, 't.')} FROM trials t "
-            f"JOIN current c ON {match} ORDER BY {order}"
+            f"SELECT {_names(COLUMNS, 't.')} FROM trials t LEFT JOIN current c ON {same} "
+            f"WHERE c.scenario IS NULL OR ({current}) ORDER BY {order}"
         )
         schema = pa.schema([(name, _ARROW_TYPES[kind]) for name, kind in COLUMNS.items()])
         batches = []

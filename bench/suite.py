@@ -1,5 +1,6 @@
 """Suites: what to run, as TOML checked against a schema."""
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any
@@ -151,6 +152,20 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
         raise UserError(f"suite {path}: {_first_problem(error)}") from error
     except EstimatorError as error:
         raise UserError(f"suite {path}: {error}") from error
+
+
+def read_suite_json(text: str) -> Suite:
+    """A suite as a run has stored it, whether or not all it names still exists."""
+    data = json.loads(text)
+    return Suite.model_construct(
+        **data
+        | {
+            "scenarios": tuple(ScenarioEntry(**entry) for entry in data["scenarios"]),
+            "views": tuple(data["views"]),
+            "sigmas": tuple(data["sigmas"]),
+            "estimators": tuple(EstimatorEntry(**entry) for entry in data["estimators"]),
+        }
+    )
 
 
 def select(

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from bench.suite import EstimatorEntry, ScenarioEntry, Suite
@@ -45,7 +45,7 @@ class Trial:
     estimator: EstimatorEntry
     count: int
     time_limit: float
-    versions: Versions = Versions()
+    versions: Versions = field(default_factory=Versions)
 
     @property
     def key(self) -> tuple[str, ...]:

@@ -185,7 +185,8 @@ def test_every_misbehaviour_has_its_status(outcomes, label):
         assert "\n" not in outcome.message
 
 
-def test_nothing_that_an_estimator_started_is_left(outcomes):
+@pytest.mark.usefixtures("outcomes")
+def test_nothing_that_an_estimator_started_is_left():
     processes = subprocess.run(["ps", "-eo", "args"], check=True, capture_output=True, text=True)
     assert "sleep 1234.5" not in processes.stdout
 

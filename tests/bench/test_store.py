@@ -20,7 +20,7 @@ def test_rows_come_back(tmp_path, trials):
         store.add(trials[0], outcome)
     with read_store(tmp_path) as store:
         frame = store.frame()
-        assert store.keys() == {trials[0].key}
+        assert [r.key for r in store.records()] == [trials[0].key]
     row = frame.iloc[0]
     assert row["weights"] == [[0.25] * 4] * 2
     assert (row["status"], row["message"], row["cosine_error"]) == ("ok", "fine", 0.1)
