@@ -9,11 +9,16 @@ import importlib.util
 import itertools
 import logging
 import math
+import signal
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
+from concurrent.futures import wait as futures_wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import wait
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -35,6 +40,8 @@ _COUNT_SECONDS = 5.0
 #: How often a chunk may be lost with its Dask workers, of which each time several have died.
 _LOSSES = 20
 _CONNECT_SECONDS = 20.0
+#: What Dask gets to close in when somebody waits for it [s].
+_STOP_SECONDS = 1.5
 
 _idle: SimpleQueue[WorkerProcess] = SimpleQueue()
 """Processes of this Dask worker that wait for their next chunk."""
@@ -64,8 +71,9 @@ def run_on_dask(
             its code is not the same as here.
     """
     local = cluster.startswith("local:")
-    with _client(cluster) as client:
-        yield from _Run(client, log if local else None, memory, stop).run(iter(trials))
+    with _client(cluster, stop) as client:
+        if client is not None:
+            yield from _Run(client, log if local else None, memory, stop).run(iter(trials))
 
 
 def check_cluster(cluster: str) -> None:
@@ -213,27 +221,54 @@ class _Chunk:
 
 
 @contextmanager
-def _client(cluster: str) -> Iterator[Any]:
+def _client(cluster: str, stop: Callable[[], bool]) -> Iterator[Any]:
+    """A client of the cluster; None if asked to stop before there is one.
+
+    Dask's connecting and closing may take long and cannot be interrupted. Once asked to stop,
+    whatever takes too long is left to the end of this process.
+    """
+    connected: Future[tuple[Any, ExitStack]] = Future()
+    resource_tracker.ensure_running()  # if Dask starts it, signals are unblocked
+    threading.Thread(target=_connect, args=(cluster, connected), daemon=True).start()
+    while not connected.done():
+        if stop():
+            yield None
+            return
+        futures_wait([connected], timeout=TICK)
+    client, stack = connected.result()
+    try:
+        yield client
+    finally:
+        closing = threading.Thread(target=stack.close, daemon=True)
+        closing.start()
+        closing.join(_STOP_SECONDS if stop() else None)
+
+
+def _connect(cluster: str, connected: "Future[tuple[Any, ExitStack]]") -> None:
+    """Set a future's result to a client and what closes it, or to the error."""
+    # Blocked signals are inherited by the processes that Dask starts: Ctrl-C at a terminal reaches
+    # all of them, and is for the driver alone.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     from distributed import Client, LocalCluster  # an optional dependency, and slow to import
 
+    # What Dask says about workers that come and go would run into the progress bar.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     kind, _, rest = cluster.partition(":")
     with ExitStack() as stack:
-        # What Dask says about workers that come and go would run into the progress bar.
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         address: Any = cluster
-        if kind == "local":
-            address = stack.enter_context(
-                LocalCluster(
-                    n_workers=int(rest),
-                    threads_per_worker=1,
-                    dashboard_address=None,
-                    silence_logs=logging.CRITICAL,
-                )
-            )
         try:
+            if kind == "local":
+                address = stack.enter_context(
+                    LocalCluster(
+                        n_workers=int(rest),
+                        threads_per_worker=1,
+                        dashboard_address=None,
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
             client = stack.enter_context(Client(address, timeout=_CONNECT_SECONDS))
-        except (OSError, ValueError) as error:
-            raise UserError(
-                f"--dask {cluster}: no Dask scheduler answers there ({error})"
-            ) from error
-        yield client
+        except Exception as error:
+            message = " ".join(f"{type(error).__name__}: {error}".split())
+            connected.set_exception(UserError(f"--dask {cluster}: cannot connect ({message})"))
+        else:
+            connected.set_result((client, stack.pop_all()))

@@ -25,6 +25,8 @@ from bench.worker import READY, Answer
 START_LIMIT = 300.0
 #: How often a trial whose process was killed from outside is tried.
 ATTEMPTS = 3
+#: How long a process may still be there after its connection is closed [s].
+_DEATH_SECONDS = 5.0
 #: Whoever waits for several workers looks after them this often [s].
 TICK = 0.2
 
@@ -161,7 +163,7 @@ class WorkerProcess:
         """The process is dead: the trial's fault, or should it be tried once more?"""
         assert self.trial is not None and self._process is not None
         try:
-            code = self._process.wait(timeout=1.0)
+            code = self._process.wait(timeout=_DEATH_SECONDS)
             cause = _death(code)
         except subprocess.TimeoutExpired:
             code, cause = 0, last_words

@@ -1,6 +1,8 @@
 """``olne-bench run``: run a suite, or go on with it."""
 
+import os
 import shlex
+import signal
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -115,12 +117,16 @@ def run(
             done = len(trials) - len(todo)
             click.echo(f"{done} of {len(trials)} trials are done already", err=True)
         store.begin_run(source, trials)
-        _run_all(todo, store, start, out)
+        interrupted = _run_all(todo, store, start, out)
+    if interrupted is not None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(128 + interrupted)  # Dask would wait for its workers first
     show_report(out, figures)
 
 
-def _run_all(todo: list[Trial], store: Store, start: _Run, out: Path) -> None:
-    """Run trials and store them; leaves the program where it is asked to stop."""
+def _run_all(todo: list[Trial], store: Store, start: _Run, out: Path) -> signal.Signals | None:
+    """Run trials and store them; returns the signal if one came before all were done."""
     failures: Counter[str] = Counter()
     with stop_request() as stop:
         stored = 0
@@ -138,7 +144,8 @@ def _run_all(todo: list[Trial], store: Store, start: _Run, out: Path) -> None:
             "are to do; run the same command again to go on",
             err=True,
         )
-        sys.exit(128 + stop.signal)
+        return stop.signal
+    return None
 
 
 def _selection(
