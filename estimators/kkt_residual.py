@@ -53,7 +53,7 @@ class KktResidual:
         y = observation.y
         if observation.extra is not None:
             y = np.concatenate([y, observation.extra[None]])
-        fit = fit_trajectory(game, problem.view, y)
+        fit = fit_trajectory(game, problem.view, y, problem.noise_scale)
         states = fit.states[: game.horizon]
         controls = fit.controls[: game.horizon - 1]
         last_controls = fit.controls[game.horizon - 1] if observation.extra is not None else None

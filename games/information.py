@@ -54,16 +54,22 @@ def weight_covariance(
     controls: np.ndarray,
     costates: np.ndarray,
     weights: np.ndarray,
+    *,
+    noise_scale: np.ndarray | None = None,
 ) -> np.ndarray | None:
     """Cramer-Rao bound of the weights (N*K, N*K) for unit noise; None if not identifiable.
 
-    Multiply by sigma^2. The arguments are those of ``trajectory_sensitivity``.
+    Multiply by sigma^2. The arguments are those of ``trajectory_sensitivity``; ``noise_scale``
+    (d,) holds the relative standard deviations of the noise on what the view shows of a player,
+    ones where absent.
     """
     sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
     expected = _view_jacobian(game, view)(states.ravel())
     tangent = block_diag(*[null_space(np.ones((1, game.num_weights)))] * game.num_players)
     basis = block_diag(tangent, np.eye(states[0].size))
     observed = csc_matrix(expected) @ (sensitivity @ basis)
+    if noise_scale is not None:
+        observed /= np.tile(noise_scale, game.horizon * game.num_players)[:, None]
     information = observed.T @ observed
     if not np.linalg.cond(information) < _LARGEST_CONDITION:
         return None

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from bench.cli import main
 from envs import wrappers
@@ -26,9 +27,24 @@ def test_environments_guide(tmp_path, monkeypatch):
     assert names["vector"].reset(seed=0)[0].shape == (8, 9)
 
 
-def test_ten_lines_are_the_example():
-    example = (ROOT / "examples" / "play_olne.py").read_text()
-    assert example.endswith(code_blocks("environments.md")[0])
+def test_ten_lines_are_the_examples():
+    for example, block in (
+        ("play_olne.py", code_blocks("environments.md")[0]),
+        ("highway_overtaking.py", code_blocks("../README.md")[-1]),
+    ):
+        assert (ROOT / "examples" / example).read_text().endswith(block)
+
+
+def test_the_overtaking_film_shows_motion(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exec(code_blocks("../README.md")[-1], {})
+    with Image.open("highway.gif") as film:
+        assert film.n_frames == 20  # the horizon
+        first = np.asarray(film.convert("RGB"), dtype=float)
+        film.seek(film.n_frames - 1)
+        last = np.asarray(film.convert("RGB"), dtype=float)
+    assert first.std() > 10
+    assert np.abs(first - last).max() > 50
 
 
 def test_recordings_guide(tmp_path, monkeypatch):
