@@ -19,7 +19,6 @@ from concurrent.futures import wait as futures_wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
-from multiprocessing.connection import wait
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -27,6 +26,7 @@ from typing import Any
 from bench.errors import UserError
 from bench.executor import never
 from bench.trial import Outcome, Trial
+from bench.worker import run_trial
 from bench.worker_process import TICK, WorkerProcess
 
 #: Trials go out in chunks, as a task costs a scheduler several milliseconds. A worker answers
@@ -43,7 +43,7 @@ _CONNECT_SECONDS = 20.0
 #: What Dask gets to close in when somebody waits for it [s].
 _STOP_SECONDS = 1.5
 
-_idle: SimpleQueue[WorkerProcess] = SimpleQueue()
+_idle: SimpleQueue[WorkerProcess[Trial]] = SimpleQueue()
 """Processes of this Dask worker that wait for their next chunk."""
 
 
@@ -109,15 +109,13 @@ def run_chunk(
     try:
         worker = _idle.get_nowait()
     except Empty:
-        worker = WorkerProcess(log, memory)
+        worker = WorkerProcess(run_trial, log=log, memory=memory)
     outcomes: list[Outcome] = []
     started = time.monotonic()
     try:
         for trial in trials:
             worker.assign(trial)
-            while (outcome := worker.poll()) is None:
-                wait([worker.connection], timeout=TICK)
-            outcomes.append(outcome)
+            outcomes.append(worker.wait())
             seconds = time.monotonic() - started
             if seconds > _CHUNK_SECONDS:
                 break

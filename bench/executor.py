@@ -10,6 +10,7 @@ from multiprocessing.connection import wait
 from pathlib import Path
 
 from bench.trial import Outcome, Trial
+from bench.worker import run_trial
 from bench.worker_process import TICK, WorkerProcess
 
 
@@ -39,17 +40,17 @@ def run_trials(
         UserError: where processes do not start, or the code changes meanwhile.
     """
     source = iter(trials)
-    workers = [WorkerProcess(log, memory) for _ in range(jobs)]
+    workers = [WorkerProcess(run_trial, log=log, memory=memory) for _ in range(jobs)]
     try:
         for worker, trial in zip(workers, itertools.islice(source, jobs), strict=False):
             worker.assign(trial)
-        while busy := [worker for worker in workers if worker.trial is not None]:
+        while busy := [worker for worker in workers if worker.task is not None]:
             stopping = stop()
             if not stopping:
                 wait([worker.connection for worker in busy], timeout=TICK)
             ended = []
             for worker in busy:
-                at_work = worker.trial
+                at_work = worker.task
                 outcome = worker.poll()
                 if at_work is None or outcome is None:
                     continue

@@ -1,4 +1,4 @@
-"""A worker process seen from outside: started, given trials, watched, killed, replaced.
+"""A worker process seen from outside: started, given tasks, watched, killed, replaced.
 
 Process pools of libraries were tried first. What is needed here and was not to be had together: a
 limit per task on a monotonic clock, a process killed while it holds the pool's lock that does not
@@ -12,18 +12,20 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from pickle import UnpicklingError
+from typing import Generic, Protocol, TypeVar
 
 from bench.errors import UserError
-from bench.trial import Outcome, Trial
+from bench.trial import Outcome
 from bench.worker import READY, Answer
 
 #: Seconds that a process may take to import everything, from a slow network file system too.
 START_LIMIT = 300.0
-#: How often a trial whose process was killed from outside is tried.
+#: How often a task whose process was killed from outside is tried.
 ATTEMPTS = 3
 #: How long a process may still be there after its connection is closed [s].
 _DEATH_SECONDS = 5.0
@@ -42,21 +44,36 @@ _ENVIRONMENT = {
 _KILLED_FROM_OUTSIDE = {-signal.SIGKILL, -signal.SIGTERM}
 
 
-class WorkerProcess:
-    """One worker; its process is started with its first trial and replaced when it dies.
+class Task(Protocol):
+    """What a worker can be given; a trial, for one."""
+
+    @property
+    def time_limit(self) -> float:
+        """Wall-clock seconds."""
+
+
+T = TypeVar("T", bound=Task)
+
+
+class WorkerProcess(Generic[T]):
+    """One worker; its process is started with its first task and replaced when it dies.
 
     Attributes:
-        trial: what it is at, None while idle.
+        task: what it is at, None while idle.
     """
 
-    def __init__(self, log: Path | None, memory: int | None) -> None:
+    def __init__(
+        self, function: Callable[[T], Outcome], *, log: Path | None, memory: int | None
+    ) -> None:
         """Nothing is started yet.
 
         Args:
+            function: what is done with each task; a module has to hold it.
             log: file for whatever estimators print; this process's standard error where absent.
             memory: limit [bytes] of each process, None for no limit.
         """
-        self.trial: Trial | None = None
+        self.task: T | None = None
+        self._function = function
         self._log = log
         self._memory = memory
         self._process: subprocess.Popen[bytes] | None = None
@@ -72,26 +89,26 @@ class WorkerProcess:
         assert self._connection is not None
         return self._connection
 
-    def assign(self, trial: Trial) -> None:
-        """Give an idle worker its next trial."""
-        assert self.trial is None
+    def assign(self, task: T) -> None:
+        """Give an idle worker its next task."""
+        assert self.task is None
         self._attempts = 0
-        self._send(trial)
+        self._send(task)
 
     def poll(self) -> Outcome | None:
-        """The outcome of the trial, or None while it runs. Never waits.
+        """The outcome of the task, or None while it runs. Never waits.
 
         Raises:
-            UserError: where processes do not start, or see other code than the trial was made for.
+            UserError: where processes do not start, or see other code than the task was made for.
         """
-        assert self.trial is not None
+        assert self.task is not None
         try:
             while self.connection.poll():
                 message = self.connection.recv()
                 if message != READY:
                     return self._take(message)
                 self._ready = True
-                self._deadline = time.monotonic() + self.trial.time_limit
+                self._deadline = time.monotonic() + self.task.time_limit
         except (EOFError, OSError, UnpicklingError):
             return self._bury("closed its connection")
         assert self._process is not None
@@ -100,6 +117,12 @@ class WorkerProcess:
         if time.monotonic() > self._deadline:
             return self._run_out()
         return None
+
+    def wait(self) -> Outcome:
+        """The outcome of the task, once there is one."""
+        while (outcome := self.poll()) is None:
+            wait([self.connection], timeout=TICK)
+        return outcome
 
     def stop(self) -> None:
         """Kill the process with all that it started."""
@@ -111,14 +134,14 @@ class WorkerProcess:
             self.connection.close()
         self._process = self._connection = None
 
-    def _send(self, trial: Trial) -> None:
-        self.trial = trial
+    def _send(self, task: T) -> None:
+        self.task = task
         if self._process is None:
             self._start()
-        limit = trial.time_limit if self._ready else START_LIMIT
+        limit = task.time_limit if self._ready else START_LIMIT
         self._deadline = time.monotonic() + limit
         with suppress(OSError):  # it is dead already, which ``poll`` will find
-            self.connection.send(trial)
+            self.connection.send((self._function, task))
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
@@ -144,24 +167,24 @@ class WorkerProcess:
             self.stop()
             raise UserError(message)
         self._served += 1
-        self.trial = None
+        self.task = None
         if message.retire:
             self.stop()
         return message.outcome
 
     def _run_out(self) -> Outcome:
-        assert self.trial is not None
+        assert self.task is not None
         if not self._ready:
             self.stop()
             raise UserError(f"a worker process did not start within {START_LIMIT:g} s")
-        message = f"killed after {self.trial.time_limit:g} s"
+        message = f"killed after {self.task.time_limit:g} s"
         self.stop()
-        self.trial = None
+        self.task = None
         return Outcome("timeout", message)
 
     def _bury(self, last_words: str) -> Outcome | None:
-        """The process is dead: the trial's fault, or should it be tried once more?"""
-        assert self.trial is not None and self._process is not None
+        """The process is dead: the task's fault, or should it be tried once more?"""
+        assert self.task is not None and self._process is not None
         try:
             code = self._process.wait(timeout=_DEATH_SECONDS)
             cause = _death(code)
@@ -170,11 +193,11 @@ class WorkerProcess:
         ready, served = self._ready, self._served
         self.stop()
         self._attempts += 1
-        trial, self.trial = self.trial, None
-        # A process that has run other trials may have died of what they left behind.
+        task, self.task = self.task, None
+        # A process that has run other tasks may have died of what they left behind.
         doubtful = served > 0 or code in _KILLED_FROM_OUTSIDE or not ready
         if doubtful and self._attempts < ATTEMPTS:
-            self._send(trial)
+            self._send(task)
             return None
         if not ready:
             place = "standard error" if self._log is None else self._log
