@@ -38,7 +38,9 @@ def check(estimator: str, budget: float, memory: float) -> None:
         failed += not met
         reason = "" if met else f": {outcome.message}"
         click.echo(f"{'pass' if met else 'FAIL'}  {name}{reason}")
+        if outcome.status == "timeout":
+            click.echo("it hangs, so no further check is made")
     if failed:
-        click.echo(f"{estimator}: {failed} checks failed")
+        click.echo(f"{estimator}: {failed} check{'s' if failed > 1 else ''} failed")
         sys.exit(1)
     click.echo(f"{estimator} conforms")
