@@ -256,15 +256,15 @@ def _connect(cluster: str, connected: "Future[tuple[Any, ExitStack]]") -> None:
         address: Any = cluster
         try:
             if kind == "local":
-                address = stack.enter_context(
-                    LocalCluster(
-                        n_workers=int(rest),
-                        threads_per_worker=1,
-                        dashboard_address=None,
-                        silence_logs=logging.CRITICAL,
-                    )
+                address = LocalCluster(
+                    n_workers=int(rest),
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
                 )
-            client = stack.enter_context(Client(address, timeout=_CONNECT_SECONDS))
+                stack.callback(address.close)
+            client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+            stack.callback(client.close)
         except Exception as error:
             message = " ".join(f"{type(error).__name__}: {error}".split())
             connected.set_exception(UserError(f"--dask {cluster}: cannot connect ({message})"))

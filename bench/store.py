@@ -284,7 +284,7 @@ def _check(connection: sqlite3.Connection) -> None:
     """Find damage before anything is added to it."""
     (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
     if result != "ok":
-        raise sqlite3.DatabaseError(result)
+        raise sqlite3.DatabaseError(" ".join(result.split()))
 
 
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:

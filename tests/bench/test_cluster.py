@@ -17,7 +17,7 @@ def test_rows_are_those_of_a_local_run_and_limits_hold(study):
     study.suite.write_text(study.suite.read_text().replace("20.0", "5.0"))
     plugins = ("Drawn", "Fails", "Hangs")
     options = ("--seeds", "2", "--sigma", "0.1")
-    study.run("dask", *plugins, options=(*DASK, *options))
+    assert "Traceback" not in study.run("dask", *plugins, options=(*DASK, *options))
     study.run("local", *plugins, options=options)
     rows = study.rows("dask")
     pd.testing.assert_frame_equal(rows, study.rows("local"), check_exact=True)
