@@ -99,7 +99,9 @@ def _judge(
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
         return replace(outcome, status="not_converged", message=message)
-    prediction = predict_from_start(trial.scenario, trial.seed, estimate.weights)
+    prediction = predict_from_start(
+        trial.scenario, trial.seed, estimate.weights, trial.root_iterations
+    )
     outcome = replace(outcome, published_forward=int(prediction.published))
     if prediction.root is None:
         message = "no root of the game found at the estimated weights"

@@ -86,7 +86,7 @@ def check_same_suite(suite: Suite, runs: Iterable[Provenance], place: object) ->
 
 
 def _difference(former: Suite, suite: Suite) -> str | None:
-    for name in ("seeds", "time_limit"):
+    for name in ("seeds", "time_limit", "root_iterations"):
         old, new = getattr(former, name), getattr(suite, name)
         if old != new:
             return f"{name} was {old} and is {new}"

@@ -7,12 +7,15 @@ beside it does; what code finds by other means, such as ``importlib``, does not.
 
 import ast
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 
 _COMPILED = {".pyc", ".pyo", ".so", ".pyd"}
 _LENGTH = 12
+#: Worlds are named by strings such as "highway_v0" and imported at their first use.
+_WORLD = re.compile(r"[a-z]\w*_v\d+")
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -65,6 +68,8 @@ def _imports(path: Path, name: str) -> Iterator[str]:
                 base = ".".join([*parts[: len(parts) - node.level + 1], *filter(None, [base])])
             yield from _parents(base)
             yield from (f"{base}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Constant) and _WORLD.fullmatch(str(node.value)):
+            yield f"{name.partition('.')[0]}.{node.value}"
 
 
 def _parents(name: str) -> Iterator[str]:

@@ -8,8 +8,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from bench.errors import UserError
-from envs.scenarios import get_scenario
+from envs.scenarios import check_options
 from estimators.registry import EstimatorError, absolute_reference, estimator_label, load_estimator
+from games.nearest_root import PUBLISHED_ITERATIONS
 from games.observation import VIEWS
 
 SUITE_FOLDER = Path(__file__).parent / "suites"
@@ -55,6 +56,8 @@ class Suite(_Strict):
         seeds: noise draws per level; at sigma 0 a fixed scenario has only one, which counts as
             that many.
         time_limit: wall-clock seconds after which a trial is killed.
+        root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
+            estimated weights; the published study's, where absent.
         estimators: names or tables with parameters.
     """
 
@@ -65,6 +68,7 @@ class Suite(_Strict):
     sigmas: tuple[Sigma, ...] = Field(min_length=1)
     seeds: int = Field(gt=0)
     time_limit: float = Field(default=60.0, gt=0, allow_inf_nan=False)
+    root_iterations: int = Field(default=PUBLISHED_ITERATIONS, gt=0)
     estimators: tuple[EstimatorEntry, ...] = Field(min_length=1)
 
     @field_validator("scenarios", "estimators", mode="before")
@@ -79,7 +83,7 @@ class Suite(_Strict):
     def _scenarios_exist(cls, value: tuple[ScenarioEntry, ...]) -> tuple[ScenarioEntry, ...]:
         for entry in value:
             try:
-                get_scenario(entry.name, **entry.options)
+                check_options(entry.name, **entry.options)
             except TypeError as error:
                 raise ValueError(f"scenario {entry.name!r} refuses its options: {error}") from error
         return _distinct(value, "scenario", [entry.label for entry in value])

@@ -1,6 +1,5 @@
 """Versions of what a trial's result depends on: estimator, scenario, scoring."""
 
-import json
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -10,7 +9,6 @@ import estimators
 import games
 from bench.source import fingerprint
 from bench.suite import EstimatorEntry, ScenarioEntry
-from envs.scenarios import get_scenario
 from estimators.registry import estimator_source, is_file_reference
 
 _HERE = Path(__file__).parent
@@ -44,7 +42,7 @@ def versions(scenario: ScenarioEntry, estimator: EstimatorEntry) -> Versions:
     """
     return Versions(
         estimator=_estimator_version(estimator.name),
-        scenario=_scenario_version(scenario.name, json.dumps(scenario.options, sort_keys=True)),
+        scenario=_scenario_version(scenario.name),
         scoring=_scoring_version(),
     )
 
@@ -76,11 +74,9 @@ def _estimator_version(reference: str) -> str:
 
 
 @lru_cache(maxsize=256)
-def _scenario_version(name: str, options: str) -> str:
-    world = get_scenario(name, **json.loads(options)).world
+def _scenario_version(name: str) -> str:
     starts = {
         f"envs.scenarios.{name}": _ENVS / "envs" / "scenarios" / f"{name}.py",
-        f"envs.{world}": _ENVS / "envs" / f"{world}.py",
         "envs.recording": _ENVS / "envs" / "recording.py",
     }
     return fingerprint(starts, {"envs": _ENVS, "games": _GAMES}, own=None)

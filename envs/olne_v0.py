@@ -18,7 +18,7 @@ from envs.episode import Episode
 from envs.equilibrium import NoEquilibriumError, certified_equilibrium
 from envs.layout import ObservationLayout, player_index
 from envs.rendering import Renderer
-from envs.scenarios import Scenario, get_scenario
+from envs.scenarios import Scenario, checked_seed, get_scenario
 from envs.spaces import Spaces, SpaceSize
 from games.olne import Certificate, Equilibrium
 
@@ -208,6 +208,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         """
         self.agents, self._episode = [], None  # whatever fails below, no old episode goes on
         if seed is not None:
+            seed = checked_seed(seed)
             self.np_random = np.random.default_rng(seed)
         member = int(self.np_random.integers(2**31)) if seed is None else seed
         name, scenario_options = self._choice(options)

@@ -18,7 +18,8 @@ FILES = {
     "helper.py": "from deep import part\ndef factor():\n    return part.x\n",
     "deep/__init__.py": "",
     "deep/part.py": "from . import other\nx = 1\n",
-    "deep/other.py": "y = 1\n",
+    "deep/other.py": "y = 1\nworld = 'world_v0'\n",
+    "deep/world_v0.py": "w = 1\n",
     "unrelated.py": "z = 1\n",
     "main.npz": "data",
 }
@@ -50,6 +51,7 @@ def taken(folder, tmp_path_factory):
         ("deep/part.py", "x = 1", "x = 2", True),
         ("deep/other.py", "y = 1", "y = 2", True),
         ("deep/__init__.py", "", "import os", True),
+        ("deep/world_v0.py", "w = 1", "w = 2", True),
         ("main.npz", "data", "other data", True),
         ("unrelated.py", "z = 1", "z = 2", False),
         ("main.py", "  # comment", "", False),
