@@ -68,8 +68,10 @@ def _imports(path: Path, name: str) -> Iterator[str]:
                 base = ".".join([*parts[: len(parts) - node.level + 1], *filter(None, [base])])
             yield from _parents(base)
             yield from (f"{base}.{alias.name}" for alias in node.names)
-        elif isinstance(node, ast.Constant) and _WORLD.fullmatch(str(node.value)):
-            yield f"{name.partition('.')[0]}.{node.value}"
+        elif isinstance(node, ast.Constant):
+            text = node.value if isinstance(node.value, str) else ""
+            if _WORLD.fullmatch(text):
+                yield f"{name.partition('.')[0]}.{text}"
 
 
 def _parents(name: str) -> Iterator[str]:
