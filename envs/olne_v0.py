@@ -266,6 +266,14 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
             infos,
         )
 
+    def check_action(self, player: str, action: np.ndarray) -> None:
+        """Refuse an action that ``step`` would refuse.
+
+        Raises:
+            ValueError: as ``step``.
+        """
+        self._spaces.controls({player: action}, [player])
+
     def state(self) -> np.ndarray:
         """All players' states in the order of their indices, then the time [s]: (N*n + 1,).
 
@@ -344,6 +352,17 @@ class AecWorld(parallel_to_aec_wrapper):
         super().reset(seed=seed, options=options)
         self.possible_agents = self.env.possible_agents
         self.state_space = self.env.state_space
+
+    def step(self, action: np.ndarray | None) -> None:
+        """Play one player's turn; a wrong action is refused at once and moves nothing.
+
+        Raises:
+            ValueError: as ``OlneWorld.step``; the same player may then be given another action.
+        """
+        player = self.agent_selection
+        if not (self.terminations[player] or self.truncations[player]):
+            self.env.check_action(player, action)
+        super().step(action)
 
 
 def raw_env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> AecWorld:

@@ -26,7 +26,7 @@ def fails(capsys, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["run", "nope"], "unknown suite 'nope'; known are: paper, quick"),
+        (["run", "nope"], "unknown suite 'nope'; known are: highway, paper, quick"),
         (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
         (["run", "quick", "--view", "x"], "no view 'x'; it has: full, partial"),
         (["run", "quick", "--estimator", "x"], "no estimator 'x'; it has: kkt_constrained"),
