@@ -1,5 +1,6 @@
 """Suites: what to run, as TOML checked against a schema."""
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from bench.errors import UserError
 from envs.scenarios import check_options
-from estimators.registry import EstimatorError, estimator_label, load_estimator
+from estimators.registry import EstimatorError, absolute_reference, estimator_label, load_estimator
 from games.nearest_root import PUBLISHED_ITERATIONS
 from games.observation import VIEWS
 
@@ -107,13 +108,30 @@ class Suite(_Strict):
         for entry in value:
             load_estimator(entry.name, entry.parameters)
             label = entry.label or estimator_label(entry.name)
-            labelled.append(entry.model_copy(update={"label": label}))
+            # Whoever goes on with the run, or works on it elsewhere, may be in another folder.
+            name = absolute_reference(entry.name)
+            labelled.append(entry.model_copy(update={"label": label, "name": name}))
         return _distinct(tuple(labelled), "estimator label", [entry.label for entry in labelled])
 
 
 def suite_names() -> list[str]:
     """Names of the suites that come with the package."""
     return sorted(path.stem for path in SUITE_FOLDER.glob("*.toml"))
+
+
+def suite_file(reference: str) -> Path:
+    """The file of a suite.
+
+    Raises:
+        UserError: on an unknown suite.
+    """
+    path = Path(reference) if reference.endswith(".toml") else SUITE_FOLDER / f"{reference}.toml"
+    if not path.is_file():
+        raise UserError(
+            f"unknown suite {reference!r}; known are: {', '.join(suite_names())}, "
+            "or the path of a .toml file"
+        )
+    return path
 
 
 def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
@@ -126,12 +144,7 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
     Raises:
         UserError: on an unknown suite, unreadable TOML or a value that the schema refuses.
     """
-    path = Path(reference) if reference.endswith(".toml") else SUITE_FOLDER / f"{reference}.toml"
-    if not path.is_file():
-        raise UserError(
-            f"unknown suite {reference!r}; known are: {', '.join(suite_names())}, "
-            "or the path of a .toml file"
-        )
+    path = suite_file(reference)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -144,6 +157,20 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
         raise UserError(f"suite {path}: {_first_problem(error)}") from error
     except EstimatorError as error:
         raise UserError(f"suite {path}: {error}") from error
+
+
+def read_suite_json(text: str) -> Suite:
+    """A suite as a run has stored it, whether or not all it names still exists."""
+    data = json.loads(text)
+    return Suite.model_construct(
+        **data
+        | {
+            "scenarios": tuple(ScenarioEntry(**entry) for entry in data["scenarios"]),
+            "views": tuple(data["views"]),
+            "sigmas": tuple(data["sigmas"]),
+            "estimators": tuple(EstimatorEntry(**entry) for entry in data["estimators"]),
+        }
+    )
 
 
 def select(

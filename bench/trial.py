@@ -2,10 +2,11 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from bench.suite import EstimatorEntry, ScenarioEntry, Suite
+from bench.versions import Versions, versions
 from envs.scenarios import is_family
 
 #: What can become of a trial. Everything but ``ok`` and ``skipped`` is a failure.
@@ -34,6 +35,7 @@ class Trial:
         count: how many trials of the study this one stands for.
         time_limit: wall-clock seconds.
         root_iterations: as in ``Suite``.
+        versions: of the code that it is to be run with.
     """
 
     suite: str
@@ -45,10 +47,11 @@ class Trial:
     count: int
     time_limit: float
     root_iterations: int
+    versions: Versions = field(default_factory=Versions)
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What identifies the trial in a store."""
+        """What identifies the trial, whatever the version of the code."""
         return tuple(str(self.labels[column]) for column in KEY_COLUMNS)
 
     @property
@@ -131,6 +134,7 @@ def _trials(
 ) -> Iterator[Trial]:
     for view in suite.views:
         for estimator in suite.estimators:
+            code = versions(scenario, estimator)
             for sigma in suite.sigmas:
                 alike = alike_without_noise and sigma == 0
                 for seed in seeds[:1] if alike else seeds:
@@ -144,4 +148,5 @@ def _trials(
                         count=suite.seeds if alike else 1,
                         time_limit=suite.time_limit,
                         root_iterations=suite.root_iterations,
+                        versions=code,
                     )

@@ -1,9 +1,11 @@
 """The code blocks of the guide run, one after the other, as a reader would try them."""
 
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from PIL import Image
 
 from bench.cli import main
@@ -55,3 +57,20 @@ def test_recordings_guide(tmp_path, monkeypatch):
         exec(block, names)
     assert names["states"].shape == (25, 3, 4)
     assert np.shape(names["weights"]) == (3, 4)
+
+
+def test_plugins_guide(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "plugins.md").read_text()
+    (block,) = code_blocks("plugins.md")
+    assert len([line for line in block.splitlines() if line]) <= 20
+    Path("predict.py").write_text(block)
+    for line in re.findall(r"^olne-bench (.*)$", page, re.MULTILINE):
+        words = shlex.split(line)
+        if words[0] == "run":
+            words += ["--seeds", "1", "--sigma", "0.01", "--no-figures"]  # a part of it will do
+        main(words)
+    assert "predict.py:Predict conforms" in capsys.readouterr().out
+    rows = pd.read_parquet("runs/predict/trials.parquet")
+    status = rows[rows["estimator"] == "Predict"].set_index("view")["status"]
+    assert dict(status) == {"full": "ok", "partial": "skipped"}

@@ -8,6 +8,7 @@ draw takes long, as one that is solved to be certified, the module also defines
 """
 
 import inspect
+from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
@@ -105,6 +106,7 @@ def _parameters(name: str) -> list[str]:
     return list(inspect.signature(_module(name).make).parameters)
 
 
+@cache  # asked for with every trial
 def _module(name: str) -> ModuleType:
     if name not in scenario_names():
         raise ValueError(f"unknown scenario {name!r}; known are: {', '.join(scenario_names())}")
