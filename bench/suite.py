@@ -1,5 +1,6 @@
 """Suites: what to run, as TOML checked against a schema."""
 
+import ast
 import json
 import tomllib
 from pathlib import Path
@@ -33,6 +34,20 @@ class ScenarioEntry(_Strict):
         """Name in tables: options follow in parentheses."""
         options = ",".join(f"{key}={value}" for key, value in sorted(self.options.items()))
         return f"{self.name}({options})" if options else self.name
+
+    @classmethod
+    def from_label(cls, label: str) -> "ScenarioEntry":
+        """The entry that has this label; options that do not look like numbers are text."""
+        name, _, options = label.removesuffix(")").partition("(")
+        pairs = [option.partition("=") for option in options.split(",") if option]
+        return cls(name=name, options={key: _value(text) for key, _, text in pairs})
+
+
+def _value(text: str) -> Any:
+    try:
+        return ast.literal_eval(text)
+    except (SyntaxError, ValueError):
+        return text
 
 
 class EstimatorEntry(_Strict):
