@@ -1,5 +1,7 @@
 """What a run leaves to take home: tables and figures, made from the store alone."""
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -8,20 +10,24 @@ from pyarrow import csv, parquet
 from bench.errors import UserError
 from bench.findings import find
 from bench.outputs import whole_file
+from bench.page.render import render_page
+from bench.provenance import Provenance
 from bench.store import parse_weights, read_store, to_frame
+from games.nearest_root import PUBLISHED_ITERATIONS
 
 _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
 published_failures: also those where only a longer search than the published one finds a root.
 cosine error: angle between estimated and true weights; position error [m]: prediction by the
 forward game at the estimated weights. identifiable: median cosine error less what the data cannot
-show at 0.01 m. rank: by position error, ties are not significant. /limit: mean cosine error over its statistical limit (the
-Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one estimate.
+show at 0.01 m. rank: by position error; differences that are not significant are ties. /limit: mean
+cosine error over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time
+of one estimate.
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
 
 def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
-    """Write tables, as CSV, and ``figures/``.
+    """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
     in pairs), ``identifiability`` and ``bound_ratios`` (of weights).
@@ -37,7 +43,7 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
         UserError: if the folder holds no run, or cannot be written.
     """
     with read_store(folder) as store:
-        rows = store.table()
+        rows, runs = store.table(), store.runs()
     if not rows.num_rows:
         raise UserError(f"the run in {folder} has no finished trial yet")
     try:
@@ -51,6 +57,9 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
         for name, table in findings.tables().items():
             with whole_file(folder / f"{name}.csv") as path:
                 table.to_csv(path, index=False)
+        with whole_file(folder / "index.html") as path:
+            page = render_page(trials, findings, runs, root_iterations(runs))
+            path.write_text(page, encoding="utf-8")
         if figures:
             from bench.figures import draw_figures  # matplotlib is slow to import
 
@@ -58,6 +67,12 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
     return findings.leaderboard
+
+
+def root_iterations(runs: Sequence[Provenance]) -> int:
+    """Iterations of the forward game's solver in the last run's suite."""
+    suite = json.loads(runs[-1].suite) if runs else {}
+    return int(suite.get("root_iterations", PUBLISHED_ITERATIONS))
 
 
 def format_leaderboard(table: pd.DataFrame) -> str:
