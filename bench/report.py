@@ -13,6 +13,7 @@ from bench.outputs import whole_file
 from bench.page.render import render_page
 from bench.provenance import Provenance
 from bench.store import parse_weights, read_store, to_frame
+from bench.tables import latex, markdown
 from games.nearest_root import PUBLISHED_ITERATIONS
 
 _LEGEND = """
@@ -30,7 +31,8 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
-    in pairs), ``identifiability`` and ``bound_ratios`` (of weights).
+    in pairs), ``identifiability`` and ``bound_ratios`` (of weights); the leaderboard comes in
+    Markdown and LaTeX, too.
 
     Args:
         folder: a run folder.
@@ -57,6 +59,12 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
         for name, table in findings.tables().items():
             with whole_file(folder / f"{name}.csv") as path:
                 table.to_csv(path, index=False)
+        for name, text in (
+            ("leaderboard.md", markdown(findings.leaderboard)),
+            ("leaderboard.tex", latex(findings.leaderboard)),
+        ):
+            with whole_file(folder / name) as path:
+                path.write_text(text, encoding="utf-8")
         with whole_file(folder / "index.html") as path:
             page = render_page(trials, findings, runs, root_iterations(runs))
             path.write_text(page, encoding="utf-8")

@@ -18,6 +18,7 @@ from envs.scenarios import is_family
 #: Comparisons with an adjusted p-value below are significant.
 SIGNIFICANCE = 0.05
 _PERMUTATIONS = 20_000
+_ROUNDING = 1e-12  # differences below are a solver's, and a tie
 _GROUP = ["scenario", "view"]
 _PAIR = [*_GROUP, "sigma", "seed"]
 
@@ -52,7 +53,9 @@ def paired_errors(first: pd.DataFrame, second: pd.DataFrame, error: str) -> pd.D
 def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
     """``pairs, wins, wins_low, wins_high, p`` of the pairs (``paired_errors``) of one scenario."""
     a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
-    advantage = (a < b).astype(int) - (a > b).astype(int)
+    with np.errstate(invalid="ignore"):  # two failures
+        tie = (a == b) | (np.abs(a - b) <= _ROUNDING * (1 + np.minimum(a, b)))
+    advantage = np.where(tie, 0, np.where(a < b, 1, -1))
     # In a family the trials of a seed share one draw; else every trial stands for itself.
     family = len(pairs) > 0 and _is_family(pairs["scenario"].iloc[0])
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))

@@ -8,6 +8,7 @@ from scipy.stats import norm
 
 CONFIDENCE = 0.95
 _RESAMPLES = 4000
+_BLOCK = 500_000  # numbers drawn at once
 _LEAST_ERROR = 1e-9  # of the standard error; below it is rounding
 
 
@@ -41,10 +42,15 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
     if number < 2 or not np.isfinite(estimate):
         return Interval(estimate, np.nan, np.nan)
     error = float(_standard_error(sums, sizes))
-    chosen = np.random.default_rng(0).integers(number, size=(_RESAMPLES, number))
-    drawn_sums, drawn_sizes = sums[chosen], sizes[chosen]
-    deviations = drawn_sums.sum(axis=1) / drawn_sizes.sum(axis=1) - estimate
-    errors = _standard_error(drawn_sums, drawn_sizes)
+    rng = np.random.default_rng(0)
+    deviations, errors = np.empty(_RESAMPLES), np.empty(_RESAMPLES)
+    block = max(1, _BLOCK // number)
+    for start in range(0, _RESAMPLES, block):
+        part = slice(start, min(start + block, _RESAMPLES))
+        chosen = rng.integers(number, size=(part.stop - start, number))
+        drawn_sums, drawn_sizes = sums[chosen], sizes[chosen]
+        deviations[part] = drawn_sums.sum(axis=1) / drawn_sizes.sum(axis=1) - estimate
+        errors[part] = _standard_error(drawn_sums, drawn_sizes)
     usable = errors > _LEAST_ERROR * error  # the same seed drawn each time tells no spread
     if not usable.any():
         return Interval(estimate, estimate, estimate)
