@@ -103,10 +103,15 @@ def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
     )
 
 
-def rolling_errors(series: Series, column: str) -> RollingStatistics:
-    """Rolling median and quartiles of an error over the observation error."""
+def rolling_errors(series: Series, column: str, most: int | None = None) -> RollingStatistics:
+    """Rolling median and quartiles of an error over the observation error, in windows of 60.
+
+    Small studies have smaller windows. ``most`` is that of ``rolling_statistics``.
+    """
     window = int(np.clip(series.count.sum() // _FEWEST_WINDOWS, _SMALLEST_WINDOW, WINDOW))
-    return rolling_statistics(series.observation_error, series.error(column), series.count, window)
+    return rolling_statistics(
+        series.observation_error, series.error(column), series.count, window, most
+    )
 
 
 def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) -> None:

@@ -76,12 +76,10 @@ def _series(series: Series, most: int) -> dict[str, Any]:
 
 
 def _rolling(series: Series, error: str) -> dict[str, list[float | None]]:
-    rolling = rolling_errors(series, error)
-    nodes = np.unique(np.linspace(0, len(rolling.x) - 1, _MOST_NODES).round().astype(int))
-    nodes = nodes[nodes >= 0] if len(rolling.x) else nodes[:0]
+    rolling = rolling_errors(series, error, _MOST_NODES)
     return {
-        "x": significant(rolling.x[nodes]),
-        "low": significant(rolling.lower[nodes]),
-        "mid": significant(rolling.median[nodes]),
-        "high": significant(rolling.upper[nodes]),
+        "x": significant(rolling.x),
+        "low": significant(rolling.lower),
+        "mid": significant(rolling.median),
+        "high": significant(rolling.upper),
     }

@@ -13,8 +13,9 @@ from bench.statistics.attempts import attempts_of
 from bench.truth import predict_from_start
 from games.observation import FullView
 
-#: Coordinates drawn, on the whole page, and most sequences of a bundle.
+#: Coordinates drawn and predictions made, about, for the whole page; most sequences of a bundle.
 _MOST_COORDINATES = 140_000
+_MOST_PREDICTIONS = 240
 _MOST_SEQUENCES = 12
 _FEWEST_SEQUENCES = 4
 _OTHER_LEVELS = 3  # noise levels besides the bundle's that can be played
@@ -39,7 +40,7 @@ def scene_data(trials: pd.DataFrame, root_iterations: int, *, number: int) -> di
         return None
     steps, players, _ = scene.recording.states.shape
     paths = 1 + attempts.groupby(["estimator", "view"]).ngroups
-    most = _MOST_COORDINATES // (number * 2 * steps * players * paths)
+    most = min(_MOST_COORDINATES // (2 * steps * players), _MOST_PREDICTIONS) // (number * paths)
     bundle = largest_with_predictions(scene.trials)
     chosen = _chosen(scene, bundle, int(np.clip(most, _FEWEST_SEQUENCES, _MOST_SEQUENCES)))
     names = scene.recording.scenario.game.dynamics.state_names
