@@ -24,7 +24,7 @@ class RollingStatistics:
 
 
 def rolling_statistics(
-    x: np.ndarray, y: np.ndarray, count: np.ndarray, window: int
+    x: np.ndarray, y: np.ndarray, count: np.ndarray, window: int, most: int | None = None
 ) -> RollingStatistics:
     """Median and quartiles over a window of points ordered by x.
 
@@ -36,12 +36,16 @@ def rolling_statistics(
         y: (P,) ordinates; a failure is infinite, hence worse than all others.
         count: (P,) how often each point occurs.
         window: points per window. Fewer points than that give no statistics (W = 0).
+        most: windows wanted; where there are more, as many are taken, evenly. All where absent.
     """
     order = np.argsort(x, kind="stable")
     x, y = (np.repeat(values[order], count[order]) for values in (x, y))
     if len(x) < window:
         empty = np.empty(0)
         return RollingStatistics(empty, empty, empty, empty)
-    windows = sliding_window_view(y, window)
+    windows, places = sliding_window_view(y, window), sliding_window_view(x, window)
+    if most is not None and len(windows) > most:
+        chosen = np.linspace(0, len(windows) - 1, most).round().astype(int)
+        windows, places = windows[chosen], places[chosen]
     lower, median, upper = np.quantile(windows, (0.25, 0.5, 0.75), axis=1, method="higher")
-    return RollingStatistics(sliding_window_view(x, window).mean(axis=1), lower, median, upper)
+    return RollingStatistics(places.mean(axis=1), lower, median, upper)

@@ -48,3 +48,12 @@ def test_a_failure_never_improves_a_statistic(y, data):
     for name in ("lower", "median", "upper"):
         assert (getattr(after, name) >= getattr(before, name)).all()
         assert not np.isnan(getattr(after, name)).any()
+
+
+def test_some_of_the_windows_are_those_of_all():
+    rng = np.random.default_rng(0)
+    x, y, count = rng.uniform(size=200), rng.uniform(size=200), np.ones(200, int)
+    every, some = (rolling_statistics(x, y, count, 10, most) for most in (None, 7))
+    chosen = np.linspace(0, 190, 7).round().astype(int)
+    for name in ("x", "lower", "median", "upper"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(every, name)[chosen])
