@@ -7,12 +7,12 @@ is the sensitivity of all expected observations. Weights are known on the simple
 sums to one), so the bound is taken on its tangent space, with x_1 as a nuisance parameter.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag, null_space
-from scipy.sparse import csc_matrix
 
 from games.game import Game
 from games.kkt import kkt_system
@@ -47,6 +47,25 @@ def trajectory_sensitivity(
     return np.hstack([columns[:, states[0].size :], columns[:, : states[0].size]])
 
 
+def observation_sensitivity(
+    game: Game,
+    view: View,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+) -> np.ndarray:
+    """d(h(states))/d(theta, x_1) at an equilibrium, (T*N*d, N*K + N*n), all in C order.
+
+    The arguments are those of ``trajectory_sensitivity``.
+
+    Raises:
+        ValueError: where G_z is singular.
+    """
+    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
+    return _view_jacobian(game, view)(states.ravel()).sparse() @ sensitivity
+
+
 def weight_covariance(
     game: Game,
     view: View,
@@ -59,15 +78,31 @@ def weight_covariance(
 
     Multiply by sigma^2. The arguments are those of ``trajectory_sensitivity``.
     """
-    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
-    expected = _view_jacobian(game, view)(states.ravel())
+    sensitivity = observation_sensitivity(game, view, states, controls, costates, weights)
+    return joint_weight_covariance(game, [sensitivity])
+
+
+def joint_weight_covariance(game: Game, sensitivities: Sequence[np.ndarray]) -> np.ndarray | None:
+    """Cramer-Rao bound of weights that several trajectories share, for unit noise.
+
+    Every trajectory has an unknown initial state of its own.
+
+    Args:
+        game: the game.
+        sensitivities: ``observation_sensitivity`` of each trajectory, without the rows of samples
+            that are missing.
+
+    Returns:
+        (N*K, N*K), or None if not identifiable.
+    """
     tangent = block_diag(*[null_space(np.ones((1, game.num_weights)))] * game.num_players)
-    basis = block_diag(tangent, np.eye(states[0].size))
-    observed = csc_matrix(expected) @ (sensitivity @ basis)
+    free = tangent.shape[1]
+    of_weights = [columns[:, : len(tangent)] @ tangent for columns in sensitivities]
+    of_starts = block_diag(*[columns[:, len(tangent) :] for columns in sensitivities])
+    observed = np.hstack([np.vstack(of_weights), of_starts])
     information = observed.T @ observed
     if not np.linalg.cond(information) < _LARGEST_CONDITION:
         return None
-    free = tangent.shape[1]
     return tangent @ np.linalg.inv(information)[:free, :free] @ tangent.T
 
 

@@ -1,0 +1,128 @@
+"""The forward game as a function of weights and initial state, for methods that play it often.
+
+An equilibrium is followed from a root of the first-order conditions that is known: its neighbours
+in (theta, x_1) are predicted to first order and polished by Newton's method
+(``games.batch.solve_batch``). The first root, at uniform weights, is looked for where the
+observations are, so that players pass each other on the sides on which they were seen to.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.protocol import Observation, Problem
+from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, guess_states
+from games.batch import Batch, solve_batch
+from games.continuation import follow_coupling
+from games.information import observation_sensitivity
+from games.kkt import consistent_costates
+from games.newton import Root, newton_root
+from games.observation import observe
+from games.olne import RESIDUAL_TOLERANCE
+
+#: Roots this close to each other [m] are one.
+_SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Played:
+    """A root of the first-order conditions and the weights (N, K) that it belongs to."""
+
+    root: Root
+    weights: np.ndarray
+
+    @property
+    def initial_state(self) -> np.ndarray:
+        """x_1 (N, n)."""
+        return self.root.states[0]
+
+
+def uniform_weights(problem: Problem) -> np.ndarray:
+    """(N, K), each 1/K."""
+    game = problem.game
+    return np.full((game.num_players, game.num_weights), 1 / game.num_weights)
+
+
+def first_games(problem: Problem, observation: Observation) -> list[Played]:
+    """Roots at uniform weights near an observation, all that are found and differ.
+
+    Newton's method starts at the observations themselves and at the pre-solve
+    (eqn. pre_solve); others come from continuation in the coupling between players.
+    """
+    game, weights = problem.game, uniform_weights(problem)
+    guess = guess_states(game, problem.view, observation.y)
+    fit = fit_trajectory(game, problem.view, observation.y)
+    found: list[Played] = []
+    for root in _roots(problem, guess, fit, weights):
+        known = any(np.abs(root.states - other.root.states).max() < _SAME for other in found)
+        if root.residual < RESIDUAL_TOLERANCE and not known:
+            found.append(Played(root, weights))
+    return found
+
+
+def _roots(
+    problem: Problem, guess: np.ndarray, fit: TrajectoryFit, weights: np.ndarray
+) -> Iterator[Root]:
+    game = problem.game
+    coasting = np.zeros(game.control_shape)
+    for states, controls in ((guess, coasting), (fit.states, fit.controls)):
+        costates = consistent_costates(game, states, controls, weights)
+        if np.isfinite(costates).all():
+            yield newton_root(game, states, controls, costates, weights)
+    followed = [
+        follow_coupling(game, weights, initial_state, coasting)
+        for initial_state in (fit.states[0], guess[0], _calm_start(problem, guess))
+    ]
+    yield from (root for root in followed if root is not None)
+
+
+def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
+    """x_1 (N, n) whose unobserved components are means over the first quarter of a guess.
+
+    A speed that is read off two noisy positions can be far beyond what anybody drives.
+    """
+    dynamics = problem.game.dynamics
+    observed = problem.view.read_off(observe(problem.view, dynamics, guess), dynamics)
+    hidden = [k for k, name in enumerate(dynamics.state_names) if name not in observed]
+    start = guess[0].copy()
+    start[:, hidden] = guess[: max(1, len(guess) // 4)][..., hidden].mean(axis=0)
+    return start
+
+
+def replay(
+    problem: Problem, start: Played, weights: np.ndarray, initial_states: np.ndarray
+) -> Batch:
+    """Play the game at many weights (B, N, K) and initial states (B, N, n), from a known root."""
+    return solve_batch(
+        problem.game, weights, start.root, start.weights, initial_states=initial_states
+    )
+
+
+def played(batch: Batch, index: int, weights: np.ndarray) -> Played:
+    """One game of a batch; weights (N, K) are those it was played at."""
+    root = Root(
+        batch.states[index],
+        batch.controls[index],
+        batch.costates[index],
+        float(batch.residuals[index]),
+    )
+    return Played(root, weights)
+
+
+def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
+    """h(x) (..., T, N*d) of states (..., T, N, n)."""
+    samples = observe(problem.view, problem.game.dynamics, states)
+    return samples.reshape(*samples.shape[:-2], -1)
+
+
+def sample_sensitivity(problem: Problem, game: Played) -> np.ndarray:
+    """d h(x) / d(theta, x_1) of a game, (T*N*d, N*K + N*n).
+
+    Raises:
+        ValueError: where the equilibrium is no function of them.
+    """
+    root = game.root
+    return observation_sensitivity(
+        problem.game, problem.view, root.states, root.controls, root.costates, game.weights
+    )
