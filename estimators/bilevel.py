@@ -33,6 +33,7 @@ from estimators.forward_model import (
     played,
     replay,
     sample_sensitivity,
+    uniform_weights,
 )
 from estimators.protocol import Estimate, Observation, Problem, check_observations
 from estimators.simplex import RatioChart
@@ -52,11 +53,13 @@ class Bilevel:
     """Gauss-Newton on weights and initial states through the forward game.
 
     Attributes:
+        starts: games to start from, those nearest the observations.
         max_evaluations: forward games per start and trajectory.
     """
 
     name: ClassVar[str] = "bilevel"
     several: ClassVar[bool] = True
+    starts: int = 4
     max_evaluations: int = 200
 
     def estimate(
@@ -72,11 +75,10 @@ class Bilevel:
         starts = [first_games(problem, one) for one in observations]
         lost = [index for index, found in enumerate(starts) if not found]
         if lost:
-            weights = np.full((problem.game.num_players, problem.game.num_weights), 1.0)
-            message = f"no equilibrium found near observation {lost[0]} at uniform weights"
-            return Estimate(weights=weights, converged=False, message=message)
+            message = f"no equilibrium found near observation {lost[0]}"
+            return Estimate(weights=uniform_weights(problem), converged=False, message=message)
         results = []
-        for start in _combinations(starts):
+        for start in _combinations(starts, self.starts):
             results.append(_descend(problem, observations, start, self.max_evaluations))
             if time.monotonic() > deadline:
                 break
@@ -109,9 +111,9 @@ class _Result:
     evaluations: int
 
 
-def _combinations(starts: list[list[Played]]) -> list[tuple[Played, ...]]:
+def _combinations(starts: list[list[Played]], most: int) -> list[tuple[Played, ...]]:
     """Start k of every trajectory together; one with fewer starts repeats its last."""
-    count = max(len(found) for found in starts)
+    count = min(most, max(len(found) for found in starts))
     return [tuple(found[min(k, len(found) - 1)] for found in starts) for k in range(count)]
 
 

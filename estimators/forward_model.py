@@ -2,8 +2,8 @@
 
 An equilibrium is followed from a root of the first-order conditions that is known: its neighbours
 in (theta, x_1) are predicted to first order and polished by Newton's method
-(``games.batch.solve_batch``). The first root, at uniform weights, is looked for where the
-observations are, so that players pass each other on the sides on which they were seen to.
+(``games.batch.solve_batch``). The first roots are looked for where the observations are, so that
+players pass each other on the sides on which they were seen to.
 """
 
 from collections.abc import Iterator
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.kkt_residual import residual_weights
 from estimators.protocol import Observation, Problem
 from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, guess_states
 from games.batch import Batch, solve_batch
@@ -45,20 +46,29 @@ def uniform_weights(problem: Problem) -> np.ndarray:
 
 
 def first_games(problem: Problem, observation: Observation) -> list[Played]:
-    """Roots at uniform weights near an observation, all that are found and differ.
+    """Games near an observation, all that are found and differ, the best fit first.
 
-    Newton's method starts at the observations themselves and at the pre-solve
-    (eqn. pre_solve); others come from continuation in the coupling between players.
+    Their weights are uniform, those of the residual method (``kkt_residual``), or halfway: a game
+    at uniform weights may have no equilibrium on the sides on which players were seen to pass.
+    Newton's method starts at the observations themselves and at the pre-solve (eqn. pre_solve);
+    further roots come from continuation in the coupling between players.
     """
-    game, weights = problem.game, uniform_weights(problem)
-    guess = guess_states(game, problem.view, observation.y)
-    fit = fit_trajectory(game, problem.view, observation.y)
+    game, view, y = problem.game, problem.view, observation.y
+    guess, fit = guess_states(game, view, y), fit_trajectory(game, view, y)
+    residual = residual_weights(problem, fit.states, fit.controls)
+    uniform = uniform_weights(problem)
     found: list[Played] = []
-    for root in _roots(problem, guess, fit, weights):
-        known = any(np.abs(root.states - other.root.states).max() < _SAME for other in found)
-        if root.residual < RESIDUAL_TOLERANCE and not known:
-            found.append(Played(root, weights))
-    return found
+    for weights in (uniform, (uniform + residual) / 2, residual):
+        for root in _roots(problem, guess, fit, weights):
+            new = all(np.abs(root.states - one.root.states).max() > _SAME for one in found)
+            if root.residual < RESIDUAL_TOLERANCE and new:
+                found.append(Played(root, weights))
+    return sorted(found, key=lambda one: squared_error_of(problem, one.root.states, y))
+
+
+def squared_error_of(problem: Problem, states: np.ndarray, y: np.ndarray) -> float:
+    """Sum |y - h(x)|^2 over the samples that were seen."""
+    return float(np.nansum((observe(problem.view, problem.game.dynamics, states) - y) ** 2))
 
 
 def _roots(
@@ -70,11 +80,10 @@ def _roots(
         costates = consistent_costates(game, states, controls, weights)
         if np.isfinite(costates).all():
             yield newton_root(game, states, controls, costates, weights)
-    followed = [
-        follow_coupling(game, weights, initial_state, coasting)
-        for initial_state in (fit.states[0], guess[0], _calm_start(problem, guess))
-    ]
-    yield from (root for root in followed if root is not None)
+    for initial_state in (fit.states[0], guess[0], _calm_start(problem, guess)):
+        root = follow_coupling(game, weights, initial_state, coasting)
+        if root is not None:
+            yield root
 
 
 def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
