@@ -19,7 +19,7 @@ from games.continuation import follow_coupling
 from games.information import observation_sensitivity
 from games.kkt import consistent_costates
 from games.newton import Root, newton_root
-from games.observation import observe
+from games.observation import observation_size, observe
 from games.olne import RESIDUAL_TOLERANCE
 
 #: Roots this close to each other [m] are one.
@@ -91,12 +91,42 @@ def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
 
     A speed that is read off two noisy positions can be far beyond what anybody drives.
     """
-    dynamics = problem.game.dynamics
-    observed = problem.view.read_off(observe(problem.view, dynamics, guess), dynamics)
-    hidden = [k for k, name in enumerate(dynamics.state_names) if name not in observed]
-    start = guess[0].copy()
-    start[:, hidden] = guess[: max(1, len(guess) // 4)][..., hidden].mean(axis=0)
+    start, hidden = guess[0].copy(), _hidden_components(problem)
+    start[:, hidden] = guess[: _quarter(guess)][..., hidden].mean(axis=0)
     return start
+
+
+def initial_state_prior(
+    problem: Problem, observation: Observation, sigma: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (N, n) of x_1 before the measurements are looked at in turn.
+
+    The mean is read off the first ones. What is observed is known about as well as one
+    measurement knows it, twice its standard deviation, as that measurement is yet to come; what
+    is not, to half its size besides the noise.
+    """
+    guess = guess_states(problem.game, problem.view, observation.y)
+    hidden = _hidden_components(problem)
+    start = _calm_start(problem, guess)
+    deviation = np.full(start.shape, 2 * sigma)
+    noise = np.sqrt(2) * sigma / (problem.game.dt * np.sqrt(_quarter(guess)))
+    deviation[:, hidden] = np.abs(start[:, hidden]) / 2 + noise
+    return start, deviation
+
+
+def _hidden_components(problem: Problem) -> list[int]:
+    """Columns of a state that the view does not show directly."""
+    dynamics = problem.game.dynamics
+    known = problem.view.read_off(np.zeros((1, 1, _width(problem))), dynamics)
+    return [k for k, name in enumerate(dynamics.state_names) if name not in known]
+
+
+def _width(problem: Problem) -> int:
+    return observation_size(problem.view, problem.game.dynamics)
+
+
+def _quarter(trajectory: np.ndarray) -> int:
+    return max(2, len(trajectory) // 4)
 
 
 def replay(
@@ -126,7 +156,7 @@ def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
 
 
 def sample_sensitivity(problem: Problem, game: Played) -> np.ndarray:
-    """d h(x) / d(theta, x_1) of a game, (T*N*d, N*K + N*n).
+    """Derivative of h(x) in (theta, x_1) at a game, (T*N*d, N*K + N*n).
 
     Raises:
         ValueError: where the equilibrium is no function of them.

@@ -52,9 +52,7 @@ class KktResidual:
     ) -> Estimate:
         observations = check_observations(problem, observation)
         fits = [_pre_filter(problem, one) for one in observations]
-        reduced = [
-            _reduced_residuals(problem.game, *trajectory) for trajectory, _ in fits
-        ]
+        reduced = [_reduced_residuals(problem.game, *trajectory) for trajectory, _ in fits]
         # The trajectories of a player share its weights: their rows go below one another.
         results = [
             _player_weights(np.vstack(rows), problem.weight_floor)

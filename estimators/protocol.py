@@ -75,7 +75,7 @@ def check_observations(
     Raises:
         ValueError: on none at all, and as ``check_observation``.
     """
-    several = (observation,) if hasattr(observation, "y") else tuple(observation)
+    several = tuple(observation) if isinstance(observation, Sequence) else (observation,)
     if not several:
         raise ValueError("at least one observation is needed, got none")
     for one in several:

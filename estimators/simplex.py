@@ -22,6 +22,12 @@ def from_log_ratios(log_ratios: np.ndarray, num_weights: int, floor: float) -> n
     return floor + (1 - num_weights * floor) * shares
 
 
+def log_ratios_of(weights: np.ndarray, floor: float) -> np.ndarray:
+    """Log-ratios (N*(K-1),) of weights (N, K) above the floor."""
+    shares = weights - floor
+    return np.log(shares[:, :-1] / shares[:, -1:]).ravel()
+
+
 def weight_covariance_of(
     log_ratios: np.ndarray, covariance: np.ndarray, num_weights: int, floor: float
 ) -> np.ndarray:
