@@ -11,12 +11,16 @@ import numpy as np
 from bench.metrics import cosine_error, position_error
 from bench.sensor import sense
 from bench.trial import Outcome, Trial
-from bench.truth import true_recording, unit_cosine_limit
+from bench.truth import (
+    observed_noise_scale,
+    predict_from_start,
+    true_recording,
+    unit_cosine_limit,
+)
 from envs.recording import NoEquilibriumError, Recording
 from estimators.protocol import Observation, Problem
 from estimators.registry import load_estimator
-from games.nearest_root import predict
-from games.observation import VIEWS, FullView, View, observe
+from games.observation import VIEWS, FullView, observe
 
 
 class InvalidEstimateError(Exception):
@@ -45,13 +49,14 @@ def evaluate(trial: Trial) -> Outcome:
         recording = true_recording(trial.scenario, trial.seed)
     except NoEquilibriumError as error:
         return Outcome("skipped", str(error))
-    problem = Problem(recording.scenario.game, view, trial.sigma)
+    scale = observed_noise_scale(recording.scenario, view)
+    problem = Problem(recording.scenario.game, view, trial.sigma, noise_scale=tuple(scale))
     observation = _read_only(sense(recording, view, trial.sigma, trial.seed))
     limit = unit_cosine_limit(trial.scenario, trial.seed, view)
     outcome = Outcome(
         status="ok",
         observation_error=_observation_error(recording, trial),
-        truth_objective=_squared_error(recording, view, observation),
+        truth_objective=_squared_error(recording, problem, observation),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
 
@@ -73,10 +78,12 @@ def evaluate(trial: Trial) -> Outcome:
         estimate = check_estimate(result, problem)
     except InvalidEstimateError as error:
         return replace(outcome, status="invalid", message=_one_line(str(error)))
-    return _judge(estimate, recording, outcome)
+    return _judge(estimate, trial, recording, outcome)
 
 
-def _judge(estimate: CheckedEstimate, recording: Recording, outcome: Outcome) -> Outcome:
+def _judge(
+    estimate: CheckedEstimate, trial: Trial, recording: Recording, outcome: Outcome
+) -> Outcome:
     """Score a well-formed estimate."""
     scenario = recording.scenario
     outcome = replace(
@@ -92,7 +99,7 @@ def _judge(estimate: CheckedEstimate, recording: Recording, outcome: Outcome) ->
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
         return replace(outcome, status="not_converged", message=message)
-    prediction = predict(scenario.game, estimate.weights, recording.states, recording.controls)
+    prediction = predict_from_start(trial.scenario, trial.seed, estimate.weights)
     outcome = replace(outcome, published_forward=int(prediction.published))
     if prediction.root is None:
         message = "no root of the game found at the estimated weights"
@@ -151,9 +158,9 @@ def _observation_error(recording: Recording, trial: Trial) -> float:
     return position_error(recording.states, seen.y)
 
 
-def _squared_error(recording: Recording, view: View, observation: Observation) -> float:
-    expected = observe(view, recording.scenario.game.dynamics, recording.states)
-    return float(np.nansum((expected - observation.y) ** 2))
+def _squared_error(recording: Recording, problem: Problem, observation: Observation) -> float:
+    expected = observe(problem.view, recording.scenario.game.dynamics, recording.states)
+    return float(np.nansum(((expected - observation.y) / problem.noise_scale) ** 2))
 
 
 def _read_only(observation: Observation) -> Observation:

@@ -12,6 +12,9 @@ from games.observation import View, observe
 def sense(recording: Recording, view: View, sigma: float, seed: int) -> Observation:
     """Observe a recording through a view, with additive white Gaussian noise.
 
+    The standard deviation on each component of the state is sigma times the scenario's
+    ``noise_scale``: sigma itself on positions [m].
+
     The noise is drawn for the full state and then masked by the view, from a stream that depends
     on (scenario, sigma, seed) alone. Every view and estimator so sees the same draw, and
     comparisons between them are paired.
@@ -19,11 +22,12 @@ def sense(recording: Recording, view: View, sigma: float, seed: int) -> Observat
     Args:
         recording: what happened.
         view: the observation model.
-        sigma: standard deviation of the noise on every component of the state.
+        sigma: noise level.
         seed: of the noise.
     """
     states = np.concatenate([recording.states, recording.extra_state[None]])
     stream = [zlib.crc32(recording.scenario.name.encode()), round(sigma * 1e9), seed]
     noise = sigma * np.random.default_rng(stream).standard_normal(states.shape)
+    noise *= recording.scenario.noise_scale
     y = observe(view, recording.scenario.game.dynamics, states + noise)
     return Observation(y=y[:-1], extra=y[-1])

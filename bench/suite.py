@@ -49,7 +49,8 @@ class Suite(_Strict):
         description: one line for ``olne-bench list``.
         scenarios: names or tables with options.
         views: names of observation models.
-        sigmas: noise levels, standard deviation of each component of the state.
+        sigmas: noise levels: standard deviation on positions [m], and times the scenario's
+            ``noise_scale`` on the other components of the state.
         seeds: noise draws per level; at sigma 0 a fixed scenario has only one, which counts as
             that many.
         time_limit: wall-clock seconds after which a trial is killed.

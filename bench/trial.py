@@ -84,7 +84,8 @@ class Outcome:
             (``games.nearest_root``).
         observation_error: mean absolute position noise [m] of the observation.
         objective: what the estimator minimised.
-        truth_objective: sum of squared observation errors of the true trajectory.
+        truth_objective: sum of squared observation errors of the true trajectory, each over its
+            noise scale.
         solve_seconds: wall-clock time of the estimate, solver construction excluded.
         weights: (N, K) nested list of estimated weights.
     """

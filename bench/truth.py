@@ -3,10 +3,13 @@
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from bench.suite import ScenarioEntry
 from envs.recording import Recording, record
-from envs.scenarios import get_scenario, is_family
+from envs.scenarios import Scenario, get_scenario, is_family
 from games.information import cosine_error_limit, weight_covariance
+from games.nearest_root import Prediction, predict
 from games.observation import View
 
 _Key = tuple[str, tuple[tuple[str, Any], ...], int]
@@ -29,9 +32,22 @@ def unit_cosine_limit(scenario: ScenarioEntry, seed: int, view: View) -> float |
     return _unit_limit(_key(scenario, seed), view)
 
 
+def predict_from_start(scenario: ScenarioEntry, seed: int, weights: np.ndarray) -> Prediction:
+    """The forward game at weights (N, K), from a draw's true initial state.
+
+    The last ones are kept, as some estimators return the same weights again and again.
+    """
+    return _prediction(_key(scenario, seed), weights.tobytes())
+
+
 def _key(scenario: ScenarioEntry, seed: int) -> _Key:
     options = tuple(sorted(scenario.options.items()))
     return scenario.name, options, seed if is_family(scenario.name) else 0
+
+
+def observed_noise_scale(scenario: Scenario, view: View) -> np.ndarray:
+    """Relative standard deviations (d,) of the noise on what a view shows."""
+    return view.noise_scale(np.array(scenario.noise_scale), scenario.game.dynamics)
 
 
 @lru_cache(maxsize=64)
@@ -50,7 +66,16 @@ def _unit_limit(key: _Key, view: View) -> float | None:
         recording.controls,
         recording.costates,
         recording.scenario.weights,
+        noise_scale=observed_noise_scale(recording.scenario, view),
     )
     if covariance is None:
         return None
     return cosine_error_limit(covariance, recording.scenario.weights)
+
+
+@lru_cache(maxsize=8)
+def _prediction(key: _Key, weights: bytes) -> Prediction:
+    recording = _recording(key)
+    game = recording.scenario.game
+    shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
+    return predict(game, shaped, recording.states, recording.controls)

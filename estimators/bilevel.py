@@ -33,6 +33,7 @@ from estimators.forward_model import (
     played,
     replay,
     sample_sensitivity,
+    scaled_samples,
     uniform_weights,
 )
 from estimators.protocol import Estimate, Observation, Problem, check_observations
@@ -172,7 +173,7 @@ class OuterResiduals:
     ) -> None:
         self.games = games
         self._problem, self._chart = problem, chart
-        self._samples = [one.y.reshape(problem.game.horizon, -1) for one in observations]
+        self._samples = [scaled_samples(problem, one.y) for one in observations]
         self._seen = [np.isfinite(samples).ravel() for samples in self._samples]
         self._starts = (len(games), *problem.game.state_shape[1:])
 
@@ -204,7 +205,7 @@ class OuterResiduals:
             raise ValueError("no equilibrium at the point of the Jacobian")
         self.games = games
         weights_by_ratios = self._chart.jacobian(unknowns[: self._chart.size])
-        count, players, size = self._starts
+        _, players, size = self._starts
         rows = []
         for k, (game, seen) in enumerate(zip(games, self._seen, strict=True)):
             by_weights, by_start = np.split(

@@ -19,7 +19,7 @@ from games.continuation import follow_coupling
 from games.information import observation_sensitivity
 from games.kkt import consistent_costates
 from games.newton import Root, newton_root
-from games.observation import observation_size, observe
+from games.observation import observe
 from games.olne import RESIDUAL_TOLERANCE
 
 #: Roots this close to each other [m] are one.
@@ -54,7 +54,7 @@ def first_games(problem: Problem, observation: Observation) -> list[Played]:
     further roots come from continuation in the coupling between players.
     """
     game, view, y = problem.game, problem.view, observation.y
-    guess, fit = guess_states(game, view, y), fit_trajectory(game, view, y)
+    guess, fit = guess_states(game, view, y), fit_trajectory(game, view, y, problem.noise_scale)
     residual = residual_weights(problem, fit.states, fit.controls)
     uniform = uniform_weights(problem)
     found: list[Played] = []
@@ -67,8 +67,8 @@ def first_games(problem: Problem, observation: Observation) -> list[Played]:
 
 
 def squared_error_of(problem: Problem, states: np.ndarray, y: np.ndarray) -> float:
-    """Sum |y - h(x)|^2 over the samples that were seen."""
-    return float(np.nansum((observe(problem.view, problem.game.dynamics, states) - y) ** 2))
+    """Sum |y - h(x)|^2 over the samples that were seen, in units of their noise scale."""
+    return float(np.nansum((expected_samples(problem, states) - scaled_samples(problem, y)) ** 2))
 
 
 def _roots(
@@ -106,23 +106,29 @@ def initial_state_prior(
     is not, to half its size besides the noise.
     """
     guess = guess_states(problem.game, problem.view, observation.y)
-    hidden = _hidden_components(problem)
     start = _calm_start(problem, guess)
-    deviation = np.full(start.shape, 2 * sigma)
-    noise = np.sqrt(2) * sigma / (problem.game.dt * np.sqrt(_quarter(guess)))
-    deviation[:, hidden] = np.abs(start[:, hidden]) / 2 + noise
+    names = list(problem.game.dynamics.state_names)
+    shown = dict(
+        zip(problem.view.component_names(problem.game.dynamics), problem.noise_scale, strict=True)
+    )
+    hidden = _hidden_components(problem)
+    one_step = np.sqrt(2) * max(problem.noise_scale) * sigma / problem.game.dt
+    deviation = np.empty(start.shape)
+    for k, name in enumerate(names):
+        if k in hidden:
+            noise = one_step / np.sqrt(_quarter(guess))
+            deviation[:, k] = np.abs(start[:, k]) / 2 + noise
+        else:
+            deviation[:, k] = 2 * sigma * shown.get(name, max(problem.noise_scale))
     return start, deviation
 
 
 def _hidden_components(problem: Problem) -> list[int]:
     """Columns of a state that the view does not show directly."""
     dynamics = problem.game.dynamics
-    known = problem.view.read_off(np.zeros((1, 1, _width(problem))), dynamics)
+    nothing = np.zeros((1, 1, len(problem.noise_scale)))
+    known = problem.view.read_off(nothing, dynamics)
     return [k for k, name in enumerate(dynamics.state_names) if name not in known]
-
-
-def _width(problem: Problem) -> int:
-    return observation_size(problem.view, problem.game.dynamics)
 
 
 def _quarter(trajectory: np.ndarray) -> int:
@@ -150,9 +156,14 @@ def played(batch: Batch, index: int, weights: np.ndarray) -> Played:
 
 
 def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
-    """h(x) (..., T, N*d) of states (..., T, N, n)."""
-    samples = observe(problem.view, problem.game.dynamics, states)
-    return samples.reshape(*samples.shape[:-2], -1)
+    """h(x) (..., T, N*d) of states (..., T, N, n), in units of the noise scale."""
+    return scaled_samples(problem, observe(problem.view, problem.game.dynamics, states))
+
+
+def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:
+    """Samples (..., T, N*d) of observations (..., T, N, d): all have the noise sigma now."""
+    scaled = y / np.array(problem.noise_scale)
+    return scaled.reshape(*y.shape[:-2], -1)
 
 
 def sample_sensitivity(problem: Problem, game: Played) -> np.ndarray:
@@ -163,5 +174,11 @@ def sample_sensitivity(problem: Problem, game: Played) -> np.ndarray:
     """
     root = game.root
     return observation_sensitivity(
-        problem.game, problem.view, root.states, root.controls, root.costates, game.weights
+        problem.game,
+        problem.view,
+        root.states,
+        root.controls,
+        root.costates,
+        game.weights,
+        noise_scale=problem.noise_scale,
     )

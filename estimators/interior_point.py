@@ -17,6 +17,7 @@ fulfils them. Restoration, where the line search fails, is Newton's method on G 
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -46,6 +47,7 @@ def solve_joint(
     y: np.ndarray,
     start: JointPoint,
     *,
+    noise_scale: Sequence[float] = (),
     weight_floor: float = 1e-5,
     first_barrier: float = 0.1,
     tie: float = 0.0,
@@ -59,6 +61,7 @@ def solve_joint(
         view: the observation model.
         y: (T, N, d) observations, NaN where missing.
         start: its weights lie above the floor and have row sums of one.
+        noise_scale: (d,) relative standard deviations of the observations; ones where absent.
         weight_floor: lower bound of every weight, below 1/K.
         first_barrier: barrier parameter to begin with.
         tie: factor of a further term |theta - 1/K|^2 of the objective, which holds the weights
@@ -75,7 +78,8 @@ def solve_joint(
             f"{game.num_weights} weights per player, got {weight_floor}"
         )
     solver = elimination(game, view)
-    solver.set_observations(y.reshape(game.horizon, -1))
+    scale = np.tile(noise_scale or 1.0, game.num_players)
+    solver.set_observations(y.reshape(game.horizon, -1), scale)
     method = _InteriorPoint(game, solver, weight_floor, first_barrier, tie)
     z = pack(game, start.states, start.controls, start.costates)
     with np.errstate(all="ignore"):  # trial points may overflow; they are then refused

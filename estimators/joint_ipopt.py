@@ -1,5 +1,6 @@
 """The joint inverse problem through IPOPT: the reference that the fast solver is held to."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import casadi as ca
@@ -19,6 +20,7 @@ def solve_joint_ipopt(
     y: np.ndarray,
     start: JointPoint,
     *,
+    noise_scale: Sequence[float] = (),
     weight_floor: float = 1e-5,
     tie: float = 0.0,
     max_iterations: int = 300,
@@ -29,7 +31,7 @@ def solve_joint_ipopt(
     first = np.concatenate([part.ravel() for part in parts])
     lower = np.full(first.size, -np.inf)
     lower[-start.weights.size :] = weight_floor
-    parameters = np.concatenate([observation_parameters(y), [tie]])
+    parameters = np.concatenate([observation_parameters(y, noise_scale), [tie]])
     solution = solver(x0=first, lbx=lower, p=parameters, lbg=0, ubg=0)
     stats = solver.stats()
     pieces = np.split(np.array(solution["x"]).ravel(), np.cumsum([p.size for p in parts])[:-1])
@@ -51,14 +53,14 @@ def joint_solver(game: Game, view: View, max_iterations: int) -> ca.Function:
     system = kkt_system(game)
     count = game.horizon * game.num_players * observation_size(view, game.dynamics)
     y = ca.SX.sym("y", count)
-    seen = ca.SX.sym("seen", y.numel())
+    precision = ca.SX.sym("precision", y.numel())
     tie = ca.SX.sym("tie")
     untied = system.weights - 1 / game.num_weights
     sums = [ca.sum1(row) for row in ca.vertsplit(system.weights, game.num_weights)]
     problem = {
         "x": ca.vertcat(system.states, system.controls, system.costates, system.weights),
-        "p": ca.vertcat(y, seen, tie),
-        "f": squared_error(game, view, system.states, y, seen) + tie * ca.sumsqr(untied),
+        "p": ca.vertcat(y, precision, tie),
+        "f": squared_error(game, view, system.states, y, precision) + tie * ca.sumsqr(untied),
         "g": ca.vertcat(system.residual, ca.vertcat(*sums) - 1),
     }
     options = QUIET | {"ipopt.max_iter": max_iterations, "ipopt.tol": 1e-9}

@@ -3,9 +3,9 @@
     min_{theta, x, u, lambda}  sum_t |y_t - h(x_t)|^2
     s.t.  G(x, u, lambda; theta) = 0,  sum theta^i = 1,  theta^i >= floor.
 
-States (x_1 included), controls, costates and weights are all unknown. Weights start uniform, which
-is feasible, and costates at zero. The problem is not convex, so it is solved from three starts
-and the lowest objective wins:
+Residuals count in units of their noise scale. States (x_1 included), controls, costates and
+weights are all unknown. Weights start uniform, which is feasible, and costates at zero. The
+problem is not convex, so it is solved from three starts and the lowest objective wins:
 
 1. the observations themselves with zero controls;
 2. the pre-solve (eqn. pre_solve), the paper's own start. In partial views it fits its unobserved
@@ -104,7 +104,7 @@ class KktConstrained:
         guess = JointPoint.from_trajectory(game, guess_states(game, view, y))
         first = solve(guess)
         yield first
-        fit = fit_trajectory(game, view, y)
+        fit = fit_trajectory(game, view, y, problem.noise_scale)
         yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
         tied = solve(guess, tie=_TIE * first.objective)
         yield solve(_inside(tied.point, problem.weight_floor))
@@ -122,6 +122,7 @@ class KktConstrained:
             problem.game,
             problem.view,
             y,
+            noise_scale=problem.noise_scale,
             weight_floor=problem.weight_floor,
             max_iterations=self.max_iterations,
         )

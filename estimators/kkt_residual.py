@@ -88,7 +88,7 @@ def _pre_filter(problem: Problem, observation: Observation) -> tuple[_Trajectory
     horizon, y, extra = problem.game.horizon, observation.y, observation.extra
     if extra is not None:
         y = np.concatenate([y, extra[None]])
-    fit = fit_trajectory(problem.game, problem.view, y)
+    fit = fit_trajectory(problem.game, problem.view, y, problem.noise_scale)
     last_controls = None if extra is None else fit.controls[horizon - 1]
     return (fit.states[:horizon], fit.controls[: horizon - 1], last_controls), fit
 

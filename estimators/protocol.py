@@ -24,18 +24,21 @@ class Problem:
     Attributes:
         game: players' features and tasks, motion model, horizon T and step dt [s]; no weights.
         view: observation model h, shared by all players.
-        sigma: standard deviation of the isotropic Gaussian noise on each observed component,
-            in the component's unit; 0 for noise-free data.
+        sigma: noise level, at least 0. The Gaussian noise on observed component k is independent
+            of all others and has the standard deviation ``sigma * noise_scale[k]``.
         weight_floor: smallest weight allowed, given rows that sum to one.
+        noise_scale: (d,) relative standard deviations, so that metres, radians and metres per
+            second compare: likelihoods divide residuals by it. Ones where absent, as in the paper.
 
     Raises:
-        ValueError: on a sigma or weight_floor out of range.
+        ValueError: on a sigma, weight_floor or noise_scale out of range.
     """
 
     game: Game
     view: View
     sigma: float = 0.0
     weight_floor: float = 1e-5
+    noise_scale: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sigma) and self.sigma >= 0):
@@ -46,6 +49,14 @@ class Problem:
                 f"weight_floor must be at least 0 and below {largest:g} for "
                 f"{self.game.num_weights} weights per player, got {self.weight_floor}"
             )
+        size = observation_size(self.view, self.game.dynamics)
+        scale = tuple(float(value) for value in self.noise_scale) or (1.0,) * size
+        if len(scale) != size or not all(math.isfinite(s) and s > 0 for s in scale):
+            raise ValueError(
+                f"noise_scale must hold {size} positive numbers for the view {self.view.name!r}, "
+                f"got {self.noise_scale}"
+            )
+        object.__setattr__(self, "noise_scale", scale)
 
     @property
     def weight_names(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 It initialises the joint method and is the pre-filter of the KKT-residual baseline.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -24,13 +25,16 @@ class TrajectoryFit:
     message: str
 
 
-def fit_trajectory(game: Game, view: View, y: np.ndarray) -> TrajectoryFit:
+def fit_trajectory(
+    game: Game, view: View, y: np.ndarray, noise_scale: Sequence[float] = ()
+) -> TrajectoryFit:
     """Least squares under the dynamics; equilibrium conditions play no part.
 
     Args:
         game: gives the dynamics; its horizon is not used.
         view: the observation model.
         y: (S, N, d) observations, NaN where missing.
+        noise_scale: (d,) relative standard deviations of the observations; ones where absent.
     """
     steps = len(y)
     solver = _fit_solver(game, view, steps)
@@ -38,7 +42,7 @@ def fit_trajectory(game: Game, view: View, y: np.ndarray) -> TrajectoryFit:
     controls = np.zeros((steps - 1, *game.control_shape[1:]))
     solution = solver(
         x0=np.concatenate([states.ravel(), controls.ravel()]),
-        p=observation_parameters(y),
+        p=observation_parameters(y, noise_scale),
         lbg=0,
         ubg=0,
     )
@@ -57,19 +61,23 @@ def warm_up_fit(game: Game, view: View, steps: int) -> None:
     _fit_solver(game, view, steps)
 
 
-def squared_error(game: Game, view: View, states: ca.SX, y: ca.SX, seen: ca.SX) -> ca.SX:
-    """Sum |y - h(x)|^2 over the samples that were seen, on flat symbols of matching order."""
+def squared_error(game: Game, view: View, states: ca.SX, y: ca.SX, precision: ca.SX) -> ca.SX:
+    """Sum |precision (y - h(x))|^2 on flat symbols of matching order."""
     expected = [
         view.expected(state, game.dynamics)
         for state in ca.vertsplit(states, game.dynamics.state_size)
     ]
-    return ca.sumsqr(seen * (y - ca.vertcat(*expected)))
+    return ca.sumsqr(precision * (y - ca.vertcat(*expected)))
 
 
-def observation_parameters(y: np.ndarray) -> np.ndarray:
-    """Values of the symbols ``(y, seen)`` of ``squared_error``; missing samples weigh nothing."""
+def observation_parameters(y: np.ndarray, noise_scale: Sequence[float] = ()) -> np.ndarray:
+    """Values of the symbols ``(y, precision)`` of ``squared_error``.
+
+    Missing samples have the precision zero, all others one over their noise scale (d,).
+    """
     seen = np.isfinite(y)
-    return np.concatenate([np.where(seen, y, 0.0).ravel(), seen.ravel()])
+    precision = seen / np.array(noise_scale or 1.0)
+    return np.concatenate([np.where(seen, y, 0.0).ravel(), precision.ravel()])
 
 
 def guess_states(game: Game, view: View, y: np.ndarray) -> np.ndarray:
@@ -112,7 +120,7 @@ def _fit_solver(game: Game, view: View, steps: int) -> ca.Function:
     states, state_blocks = trajectory_symbols("x", (steps, *game.state_shape[1:]))
     controls, control_blocks = trajectory_symbols("u", (steps - 1, *game.control_shape[1:]))
     y = ca.SX.sym("y", steps * game.num_players * observation_size(view, game.dynamics))
-    seen = ca.SX.sym("seen", y.numel())
+    precision = ca.SX.sym("precision", y.numel())
     errors = [
         state_blocks[t + 1][i]
         - game.dynamics.step(state_blocks[t][i], control_blocks[t][i], game.dt)
@@ -121,8 +129,8 @@ def _fit_solver(game: Game, view: View, steps: int) -> ca.Function:
     ]
     problem = {
         "x": ca.vertcat(states, controls),
-        "p": ca.vertcat(y, seen),
-        "f": squared_error(game, view, states, y, seen),
+        "p": ca.vertcat(y, precision),
+        "f": squared_error(game, view, states, y, precision),
         "g": ca.vertcat(*errors),
     }
     return ca.nlpsol("trajectory_fit", "ipopt", problem, QUIET)

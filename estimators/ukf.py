@@ -46,6 +46,7 @@ from estimators.forward_model import (
     initial_state_prior,
     played,
     replay,
+    scaled_samples,
     squared_error_of,
     uniform_weights,
 )
@@ -117,7 +118,7 @@ class Ukf:
                 start = _first_game(problem, one)
                 prior = _prior(problem, one, start, weights, self.spread, sigma)
                 forward = FollowedGames(problem, start)
-                samples = one.y.reshape(problem.game.horizon, -1)
+                samples = scaled_samples(problem, one.y)
                 for belief in filter_samples(prior, forward.expected, samples, sigma, self.alpha):
                     online.append(forward.weights(belief.mean))
                 end = forward.play(belief.mean)
@@ -197,8 +198,8 @@ def _take_in(
     for _ in range(_MOST_SHARES):
         rows = _transformed(kalman, sets, expected)[:, seen]
         centred = rows - kalman.Wm @ rows
-        surprise = np.linalg.norm(kalman.Wc * centred.T @ centred, 2) / sigma**2
-        share = float(min(left, _MOST_AT_ONCE / surprise)) if surprise > 0 else left
+        surprise = float(np.linalg.norm(kalman.Wc * centred.T @ centred, 2)) / sigma**2
+        share = min(left, _MOST_AT_ONCE / surprise) if surprise > 0 else left
         before = kalman.x.copy(), kalman.P.copy()
         for _ in range(_MOST_SHRINKS):
             kalman.update(sample[seen], R=sigma**2 / share * np.eye(size), hx=_in_turn(rows))

@@ -29,7 +29,7 @@ PATTERN_DEFINITIONS
 typedef struct {
     int horizon;
     double *constants;                /* of the stage functions */
-    const double *samples, *seen;     /* (T, ND) */
+    const double *samples, *precision; /* (T, ND) */
     double *blocks;                   /* (T, BLOCKS) first derivatives */
     double *curvature;                /* (T, CURVATURE) second derivatives */
     double *V;                        /* (T, NX, NX) lambda_{t-1} = -V_t x_t + v_t */
@@ -218,7 +218,7 @@ API double observation_loss(const Work *w, const double *z, double *gradient)
 {
     double sum = 0, result[1 + NX];
     for (int t = 0; t < w->horizon; t++) {
-        const double *arguments[] = {z + t * SZ, w->samples + t * ND, w->seen + t * ND};
+        const double *arguments[] = {z + t * SZ, w->samples + t * ND, w->precision + t * ND};
         double *results[] = {result};
         loss(arguments, results, 0, w->constants, 0);
         sum += result[0];
@@ -410,16 +410,16 @@ API void reduced_hessian(Work *w, const double *z, const double *theta, const do
     memset(W, 0, PC * PC * sizeof(double));
     for (int t = 0; t <= last; t++) {
         const double *x = z + t * SZ, *p = multipliers + t * SZ;
-        const double *y = w->samples + t * ND, *seen = w->seen + t * ND;
+        const double *y = w->samples + t * ND, *precision = w->precision + t * ND;
         double *values = w->curvature + t * CURVATURE;
         double *results[] = {values};
         const Pattern *pattern = t == last ? &FINAL_H : &PATTERN_H;
         if (t == last) {
-            const double *arguments[] = {x, theta, p, y, seen};
+            const double *arguments[] = {x, theta, p, y, precision};
             final_hessian(arguments, results, 0, w->constants, 0);
         } else {
             const double *arguments[] = {x,         x + OFF_U, x + OFF_L, theta, p,
-                                         p + OFF_U, p + OFF_L, y,         seen};
+                                         p + OFF_U, p + OFF_L, y,         precision};
             hessian(arguments, results, 0, w->constants, 0);
         }
         /* Half the Hessian has rows of x and u only: it is linear in (lambda, theta). */

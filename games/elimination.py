@@ -60,11 +60,14 @@ class Elimination:
         self._costate = slice(nx + nu, stages.size)
         self.set_observations(np.zeros((horizon, stages.num_samples)))
 
-    def set_observations(self, y: np.ndarray) -> None:
-        """Observations (T, N*d), NaN where missing, for the loss and its derivatives."""
+    def set_observations(self, y: np.ndarray, noise_scale: np.ndarray | float = 1.0) -> None:
+        """Observations (T, N*d), NaN where missing, for the loss and its derivatives.
+
+        ``noise_scale`` (N*d,) holds their relative standard deviations.
+        """
         seen = np.isfinite(y)
         self._samples = np.where(seen, y, 0.0)
-        self._seen = seen.astype(float)
+        self._precision = seen / noise_scale
 
     def evaluate(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Residual G (T, size) at z (T, size) and weights theta (N*K,)."""
@@ -80,7 +83,7 @@ class Elimination:
 
     def observation_loss(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         """Sum of squared observation errors, and its gradient (T, size)."""
-        values = _map(self.stages.loss, z[:, self._x], self._samples, self._seen)
+        values = _map(self.stages.loss, z[:, self._x], self._samples, self._precision)
         gradient = np.zeros_like(z)
         gradient[:, self._x] = values[:, 1:]
         return float(values[:, 0].sum()), gradient
@@ -178,14 +181,23 @@ class Elimination:
         stages = self.stages
         x, u, costate = z[:, self._x], z[:-1, self._u], z[:-1, self._costate]
         p, q, r = (multipliers[:, part] for part in (self._x, self._u, self._costate))
-        y, seen = self._samples, self._seen
+        y, precision = self._samples, self._precision
         width = stages.size + stages.num_weights
         half = np.zeros((self.horizon, width, width))
         half[:-1, stages.curvature.rows, stages.curvature.columns] = _map(
-            stages.hessian, x[:-1], u, costate, theta, p[:-1], q[:-1], r[:-1], y[:-1], seen[:-1]
+            stages.hessian,
+            x[:-1],
+            u,
+            costate,
+            theta,
+            p[:-1],
+            q[:-1],
+            r[:-1],
+            y[:-1],
+            precision[:-1],
         )
         half[-1, stages.final_curvature.rows, stages.final_curvature.columns] = _map(
-            stages.final_hessian, x[-1:], theta, p[-1:], y[-1:], seen[-1:]
+            stages.final_hessian, x[-1:], theta, p[-1:], y[-1:], precision[-1:]
         )[0]
         self._H = half + half.transpose(0, 2, 1)
         constant = np.eye(stages.num_weights, self._Z.shape[2], stages.num_states)

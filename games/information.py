@@ -54,16 +54,23 @@ def observation_sensitivity(
     controls: np.ndarray,
     costates: np.ndarray,
     weights: np.ndarray,
+    *,
+    noise_scale: Sequence[float] | np.ndarray | None = None,
 ) -> np.ndarray:
     """d(h(states))/d(theta, x_1) at an equilibrium, (T*N*d, N*K + N*n), all in C order.
 
-    The arguments are those of ``trajectory_sensitivity``.
+    The arguments are those of ``trajectory_sensitivity``; ``noise_scale`` (d,) holds the relative
+    standard deviations of the noise on what the view shows of a player, ones where absent, and
+    divides the rows.
 
     Raises:
         ValueError: where G_z is singular.
     """
     sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
-    return _view_jacobian(game, view)(states.ravel()).sparse() @ sensitivity
+    observed = _view_jacobian(game, view)(states.ravel()).sparse() @ sensitivity
+    if noise_scale is not None:
+        observed /= np.tile(noise_scale, game.horizon * game.num_players)[:, None]
+    return np.asarray(observed)
 
 
 def weight_covariance(
@@ -73,12 +80,16 @@ def weight_covariance(
     controls: np.ndarray,
     costates: np.ndarray,
     weights: np.ndarray,
+    *,
+    noise_scale: np.ndarray | None = None,
 ) -> np.ndarray | None:
     """Cramer-Rao bound of the weights (N*K, N*K) for unit noise; None if not identifiable.
 
-    Multiply by sigma^2. The arguments are those of ``trajectory_sensitivity``.
+    Multiply by sigma^2. The arguments are those of ``observation_sensitivity``.
     """
-    sensitivity = observation_sensitivity(game, view, states, controls, costates, weights)
+    sensitivity = observation_sensitivity(
+        game, view, states, controls, costates, weights, noise_scale=noise_scale
+    )
     return joint_weight_covariance(game, [sensitivity])
 
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from games.elimination import SMALLEST_STEP, Elimination
 from games.game import Game
+from games.lanes import LaneKeeping
 from games.observation import VIEWS, View
 from games.stages import Pattern, StageFunctions, stage_functions
 
@@ -36,20 +37,31 @@ _CONSTANT = re.compile(r"^(\s*a\d+=)(-?\d+\.\d*(?:e[+-]?\d+)?);$", re.MULTILINE)
 
 
 @lru_cache(maxsize=64)
-def elimination(game: Game, view: View = VIEWS["full"]) -> Elimination:
+def elimination(game: Game, view: View | None = None) -> Elimination:
     """The fastest elimination that works here, built or fetched.
 
     Args:
         game: the game.
         view: the observation model, where the inverse problem is meant.
     """
-    stages = stage_functions(game, view)
-    if os.environ.get("OLNE_BENCH_NATIVE", "1") != "0":
+    stages = stage_functions(game, view or VIEWS["full"])
+    once = view is None and _has_own_structure(game)
+    if os.environ.get("OLNE_BENCH_NATIVE", "1") != "0" and not once:
         source, constants = _source(stages)
         library = _library(source)
         if library is not None:
             return NativeElimination(stages, game.horizon, library, constants)
     return Elimination(stages, game.horizon)
+
+
+def _has_own_structure(game: Game) -> bool:
+    """Whether hardly another game shares this one's structure: routes differ from draw to draw.
+
+    Compiling takes ten seconds there, and solving the forward game in NumPy one. The inverse
+    problem is solved often enough to be worth it.
+    """
+    terms = (feature for player in game.players for feature in player.task)
+    return any(isinstance(term, LaneKeeping) for term in terms)
 
 
 class _Work(ctypes.Structure):
@@ -60,7 +72,7 @@ class _Work(ctypes.Structure):
         *[
             (name, ctypes.c_void_p)
             for name in (
-                *("constants", "samples", "seen", "blocks", "curvature"),
+                *("constants", "samples", "precision", "blocks", "curvature"),
                 *("V", "M", "K", "S", "L", "pivots", "Z", "scratch"),
             )
         ],
@@ -102,9 +114,10 @@ class NativeElimination(Elimination):
         self._pointer = ctypes.addressof(self._work)
         super().__init__(stages, horizon)
 
-    def set_observations(self, y: np.ndarray) -> None:
-        super().set_observations(y)
-        self._work.samples, self._work.seen = _address(self._samples), _address(self._seen)
+    def set_observations(self, y: np.ndarray, noise_scale: np.ndarray | float = 1.0) -> None:
+        super().set_observations(y, noise_scale)
+        self._work.samples = _address(self._samples)
+        self._work.precision = _address(self._precision)
 
     def evaluate(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         z, theta = _dense(z), _dense(theta)

@@ -52,6 +52,14 @@ class View(ABC):
         limit = np.full(observation_size(self, dynamics), np.inf)
         return -limit, limit
 
+    def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
+        """Relative standard deviations (d,) of observations of states with those of scale (n,).
+
+        Where a view mixes components, the noise on what it shows has no fixed scale; all of it
+        then counts alike.
+        """
+        return np.ones(observation_size(self, dynamics))
+
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
         """State components (...) that observations (..., d) determine, by name.
 
@@ -76,6 +84,9 @@ class FullView(View):
         self, low: np.ndarray, high: np.ndarray, dynamics: Components
     ) -> tuple[np.ndarray, np.ndarray]:
         return low, high
+
+    def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
+        return scale
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
         return {name: y[..., k] for k, name in enumerate(dynamics.state_names)}
@@ -103,6 +114,9 @@ class ComponentView(View):
     ) -> tuple[np.ndarray, np.ndarray]:
         columns = _columns(self, self.components, dynamics)
         return low[columns], high[columns]
+
+    def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
+        return scale[_columns(self, self.components, dynamics)]
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
         return {name: y[..., k] for k, name in enumerate(self.components)}

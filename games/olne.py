@@ -177,6 +177,7 @@ def iterated_best_response(
     controls: np.ndarray,
     *,
     max_rounds: int = 100,
+    max_iterations: int = 3000,
     damping: float = 1.0,
     tolerance: float = 1e-3,
 ) -> Root:
@@ -188,6 +189,7 @@ def iterated_best_response(
         initial_state: (N, n).
         controls: (T-1, N, m) first plans.
         max_rounds: rounds through all players.
+        max_iterations: of the players' optimisers, all told; no round begins beyond.
         damping: share of the way that a player moves towards its response.
         tolerance: stop once no control changes by more in one round.
 
@@ -197,13 +199,15 @@ def iterated_best_response(
     controls = controls.copy()
     states = rollout(game.dynamics, initial_state, controls, game.dt)
     costates = np.zeros((game.horizon - 1, *initial_state.shape))
+    used = 0
     for _ in range(max_rounds):
         before = controls.copy()
         for i in range(game.num_players):
             response = best_response(game, i, states, controls, weights[i])
+            used += response.iterations
             controls[:, i] += damping * (response.controls - controls[:, i])
             costates[:, i] = response.costates
             states[:, i] = rollout(game.dynamics, initial_state, controls, game.dt)[:, i]
-        if np.abs(controls - before).max() < tolerance * damping:
+        if np.abs(controls - before).max() < tolerance * damping or used >= max_iterations:
             break
     return Root(states, controls, costates, residual=float("inf"))

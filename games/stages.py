@@ -50,7 +50,8 @@ class StageFunctions:
     """Everything about one game, and one observation model, that an elimination needs.
 
     All functions take flat vectors: states (N*n,), controls (N*m,), costates (N*n,), weights
-    (N*K,), observations and their 0/1 mask (N*d,), multipliers p (N*n,), q (N*m,), r (N*n,).
+    (N*K,), observations and their precision, 0 where missing (N*d,), multipliers p (N*n,),
+    q (N*m,), r (N*n,).
 
     Attributes:
         num_states: N*n. num_controls: N*m. num_weights: N*K. num_samples: N*d.
@@ -58,9 +59,9 @@ class StageFunctions:
         final_value: (x, theta) -> g_T.
         jacobian: (x, u, lambda, theta) -> nonzeros of ``blocks``, one after the other.
         final_jacobian: (x, theta) -> nonzeros of ``final_blocks``.
-        loss: (x, y, seen) -> (sum seen (y - h(x))^2, its gradient) in one column.
-        hessian: (x, u, lambda, theta, p, q, r, y, seen) -> nonzeros of ``curvature``.
-        final_hessian: (x, theta, p, y, seen) -> nonzeros of ``final_curvature``.
+        loss: (x, y, precision) -> (sum (precision (y - h(x)))^2, its gradient) in one column.
+        hessian: (x, u, lambda, theta, p, q, r, y, precision) -> nonzeros of ``curvature``.
+        final_hessian: (x, theta, p, y, precision) -> nonzeros of ``final_curvature``.
         blocks: patterns of Q, P, X, S, R, U, A, B.
         final_blocks: patterns of Q, X.
         curvature: upper triangle, its diagonal halved, of the Hessian of l_t in the order
@@ -110,7 +111,7 @@ class _Symbols:
     costates: ca.SX
     weights: ca.SX
     samples: ca.SX
-    seen: ca.SX
+    precision: ca.SX
     row_multipliers: ca.SX  # p
     control_multipliers: ca.SX  # q
     step_multipliers: ca.SX  # r
@@ -150,7 +151,7 @@ def stage_functions(game: Game, view: View) -> StageFunctions:
     def function(name: str, arguments: list[ca.SX], *values: ca.SX) -> ca.Function:
         return ca.Function(name, arguments, [ca.densify(ca.vertcat(*values))])
 
-    stage, sample = [x, u, costates, theta], [symbols.samples, symbols.seen]
+    stage, sample = [x, u, costates, theta], [symbols.samples, symbols.precision]
     return StageFunctions(
         num_states=x.numel(),
         num_controls=u.numel(),
@@ -181,7 +182,7 @@ def _symbols(game: Game, view: View) -> _Symbols:
         costates=ca.SX.sym("lambda", states),
         weights=ca.SX.sym("theta", players * game.num_weights),
         samples=ca.SX.sym("y", samples),
-        seen=ca.SX.sym("seen", samples),
+        precision=ca.SX.sym("precision", samples),
         row_multipliers=ca.SX.sym("p", states),
         control_multipliers=ca.SX.sym("q", controls),
         step_multipliers=ca.SX.sym("r", states),
@@ -220,10 +221,10 @@ def _gradients(
 
 
 def _loss(game: Game, view: View, symbols: _Symbols) -> ca.SX:
-    """Squared error of the samples that were seen (eqn. inverse_approach)."""
+    """Squared error of the samples, each times its precision (eqn. inverse_approach)."""
     states = ca.vertsplit(symbols.states, game.dynamics.state_size)
     expected = ca.vertcat(*[view.expected(state, game.dynamics) for state in states])
-    return ca.sumsqr(symbols.seen * (symbols.samples - expected))
+    return ca.sumsqr(symbols.precision * (symbols.samples - expected))
 
 
 def _half(hessian: ca.SX) -> ca.SX:

@@ -110,12 +110,12 @@ class PublishedLayout:
         equations.extend(ca.sum1(row) - 1 for row in theta)
 
         y = ca.SX.sym("y", game.horizon * players * observation_size(view, game.dynamics))
-        seen = ca.SX.sym("seen", y.numel())
+        precision = ca.SX.sym("precision", y.numel())
         self.auxiliary = ca.Function("start", [states, controls, weights], [ca.vertcat(*values)])
         problem = {
             "x": ca.vertcat(states, controls, *unknowns, weights),
-            "p": ca.vertcat(y, seen),
-            "f": squared_error(game, view, states, y, seen),
+            "p": ca.vertcat(y, precision),
+            "f": squared_error(game, view, states, y, precision),
             "g": ca.vertcat(*equations),
         }
         options = QUIET | {

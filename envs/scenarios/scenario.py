@@ -35,6 +35,11 @@ class Scenario:
         initial_state: (N, n) true x_1.
         limits: sizes of a world's spaces; whoever plays the scenario needs them.
         world: module of ``envs`` whose ``parallel_env`` plays the scenario.
+        noise_scale: (n,) standard deviation of a sensor's noise on each component of the state,
+            relative to that on a position [m]; ones where absent, as in the paper.
+
+    Raises:
+        ValueError: on arrays of a wrong shape, or noise scales that are not positive.
     """
 
     name: str
@@ -43,8 +48,17 @@ class Scenario:
     initial_state: np.ndarray
     limits: Limits | None = None
     world: str = "olne_v0"
+    noise_scale: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", self.game.check_weights(self.weights))
         state = self.game.check_initial_state(self.initial_state)
         object.__setattr__(self, "initial_state", state)
+        size = self.game.dynamics.state_size
+        scale = tuple(float(value) for value in self.noise_scale) or (1.0,) * size
+        if len(scale) != size or not (np.isfinite(scale).all() and min(scale) > 0):
+            raise ValueError(
+                f"noise_scale of {self.name!r} must hold {size} positive numbers, one for each of "
+                f"{', '.join(self.game.dynamics.state_names)}, got {self.noise_scale}"
+            )
+        object.__setattr__(self, "noise_scale", scale)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,13 @@ def test_levels_and_seeds_have_streams_of_their_own(recording):
 
     assert not np.allclose(unit(0.1, 0), unit(0.1, 1))
     assert not np.allclose(unit(0.1, 0), unit(0.2, 0))
+
+
+def test_noise_has_the_scale_of_the_scenario(recording):
+    scale = (1.0, 1.0, 0.1, 2.0)
+    scaled = replace(recording, scenario=replace(recording.scenario, noise_scale=scale))
+    for view in VIEWS.values():
+        noise = sense(recording, view, 0.3, 4).y - sense(recording, view, 0.0, 4).y
+        other = sense(scaled, view, 0.3, 4).y - sense(scaled, view, 0.0, 4).y
+        relative = view.noise_scale(np.array(scale), recording.scenario.game.dynamics)
+        np.testing.assert_allclose(other, noise * relative, rtol=1e-9, atol=1e-15)

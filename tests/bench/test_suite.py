@@ -55,7 +55,7 @@ def test_paper_suite_is_the_published_study():
         ('"two_player"', '{name="random", options={players=3}}', "known are: num_players"),
         ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
         ('"full"', '"fulll"', "unknown view 'fulll'; known are: full, partial"),
-        ('"uniform"', '"unifrom"', "unknown estimator 'unifrom'; known are: kkt_constrained"),
+        ('"uniform"', '"unifrom"', "unknown estimator 'unifrom'; known are: bilevel, kkt_constrained"),
         ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
         ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),
         ('["full"]', "[]", "views"),

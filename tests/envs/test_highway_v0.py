@@ -2,6 +2,7 @@
 
 import itertools
 import pickle
+from dataclasses import replace
 from functools import cache
 
 import gymnasium
@@ -194,6 +195,13 @@ def test_scenario_without_a_road(name, message):
     with pytest.raises(ValueError, match=message):
         world.reset(options={"scenario": name})
     assert world.reset()[0].keys() == {"player_0", "player_1"}
+
+
+def test_noise_of_the_cars_is_scaled_and_a_scale_must_be_positive():
+    scenario = drawn("merge")
+    assert scenario.noise_scale == (1.0, 1.0, 0.1, 1.0)
+    with pytest.raises(ValueError, match="noise_scale of 'merge' must hold 4 positive numbers"):
+        replace(scenario, noise_scale=(1.0, 1.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize("name", ROAD_NAMES)

@@ -5,14 +5,20 @@ import pytest
 
 from envs.recording import record
 from envs.scenarios import get_scenario
+from estimators.kkt_constrained import KktConstrained
 from estimators.protocol import Observation, Problem
 from estimators.registry import estimator_names, load_estimator
+from estimators.trajectory_fit import fit_trajectory
 from games.observation import VIEWS
 
 RNG = np.random.default_rng(0)
 RECORDING = record(get_scenario("two_player"))
 GAME = RECORDING.scenario.game
 EXTRA = RECORDING.extra_state
+
+
+def position_error(states: np.ndarray, other: np.ndarray) -> float:
+    return float(np.abs(states - other)[..., :2].mean())
 
 
 def estimate(name: str, y: np.ndarray, extra: np.ndarray | None = None):
@@ -51,6 +57,34 @@ def test_a_sigma_out_of_range_is_refused(sigma):
 def test_a_floor_out_of_range_is_refused(floor):
     with pytest.raises(ValueError, match=r"weight_floor must be at least 0 and below 0.25"):
         Problem(GAME, VIEWS["full"], weight_floor=floor)
+
+
+@pytest.mark.parametrize("scale", [(1.0, 1.0), (1, 1, 0, 1), (1, 1, np.nan, 1), (1, 1, -0.1, 1)])
+def test_a_noise_scale_out_of_range_is_refused(scale):
+    with pytest.raises(ValueError, match="noise_scale must hold 4 positive numbers for the view"):
+        Problem(GAME, VIEWS["full"], noise_scale=scale)
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "structured"])
+def test_a_component_of_enormous_noise_is_as_good_as_unseen(solver):
+    noise = 0.02 * np.random.default_rng(5).standard_normal(RECORDING.states.shape)
+    y, estimator = RECORDING.states + noise, KktConstrained(solver)
+    noisy = Problem(GAME, VIEWS["full"], 0.02, noise_scale=(1, 1, 1, 1e6))
+    unseen = Problem(GAME, VIEWS["partial"], 0.02)
+    first = estimator.estimate(noisy, Observation(y), rng=RNG, budget=60)
+    second = estimator.estimate(unseen, Observation(y[..., :3]), rng=RNG, budget=60)
+    np.testing.assert_allclose(first.weights, second.weights, atol=1e-4)
+    assert first.extras["objective"] == pytest.approx(second.extras["objective"], rel=1e-5)
+
+
+def test_the_pre_filter_trusts_what_is_seen_well():
+    noise = np.random.default_rng(6).standard_normal(RECORDING.states.shape)
+    noise *= 0.1 * np.array([1.0, 1.0, 1e-3, 1e-3])
+    y = RECORDING.states + noise
+    told, untold = (
+        fit_trajectory(GAME, VIEWS["full"], y, scale).states for scale in [(1, 1, 1e-3, 1e-3), ()]
+    )
+    assert position_error(told, RECORDING.states) < 0.7 * position_error(untold, RECORDING.states)
 
 
 @pytest.mark.parametrize("name", ["kkt_constrained", "kkt_residual"])

@@ -2,7 +2,7 @@ import numpy as np
 
 from games.best_response import best_response
 from games.game import Game
-from games.olne import Equilibrium
+from games.olne import Equilibrium, iterated_best_response
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 
@@ -31,3 +31,13 @@ def test_does_not_change_its_arguments(
     best_response(game, 0, states, controls, weights[0])
     np.testing.assert_array_equal(states, before[0])
     np.testing.assert_array_equal(controls, before[1])
+
+
+def test_iterations_of_best_responses_are_kept_within_their_budget(crossing: Crossing) -> None:
+    game, weights, initial_state = crossing
+    controls = np.zeros(game.control_shape)
+    once = iterated_best_response(game, weights, initial_state, controls, max_rounds=1)
+    short = iterated_best_response(game, weights, initial_state, controls, max_iterations=1)
+    long = iterated_best_response(game, weights, initial_state, controls)
+    np.testing.assert_array_equal(short.controls, once.controls)
+    assert not np.array_equal(long.controls, once.controls)

@@ -5,8 +5,12 @@ import numpy as np
 import pytest
 
 from envs.scenarios import get_scenario
+from games.dynamics import UNICYCLE
 from games.elimination import Elimination
+from games.features import ControlEffort, Proximity
+from games.game import Game, Player
 from games.kkt import kkt_system
+from games.lanes import LaneKeeping, StraightLane
 from games.native import NativeElimination, elimination
 from games.newton import unpack
 from games.observation import VIEWS
@@ -148,3 +152,14 @@ def test_a_singular_stage_is_reported() -> None:
     assert not Elimination(stages, scenario.game.horizon).linearise(z, theta)
     assert not elimination(scenario.game).linearise(z, theta)
     assert not elimination(scenario.game).linearise(np.full_like(z, np.nan), theta + 0.25)
+
+
+@pytest.mark.usefixtures("compiler")
+def test_forward_games_on_lanes_are_not_compiled() -> None:
+    """Their routes give each a structure of its own, which a compiler takes too long for."""
+    lane = LaneKeeping((StraightLane((0.0, 0.0), (1.0, 0.0), 100.0),))
+    preferences = (Proximity(), ControlEffort("acceleration"))
+    games = [Game((Player(preferences, task),) * 2, UNICYCLE, 5, 0.4) for task in [(), (lane,)]]
+    compiled = [isinstance(elimination(game), NativeElimination) for game in games]
+    assert compiled == [True, False]
+    assert isinstance(elimination(games[1], VIEWS["full"]), NativeElimination)

@@ -83,6 +83,22 @@ def test_covariance_is_one_and_lives_on_the_simplex(
     assert np.linalg.eigvalsh(partial - full).min() > -1e-9 * np.abs(partial).max()
 
 
+def test_noise_scales_count(crossing: Crossing, crossing_equilibrium: Equilibrium) -> None:
+    game, weights, _ = crossing
+    found = crossing_equilibrium
+
+    def covariance(view: str, scale: np.ndarray | None = None) -> np.ndarray:
+        arguments = (found.states, found.controls, found.costates, weights)
+        result = weight_covariance(game, VIEWS[view], *arguments, noise_scale=scale)
+        assert result is not None
+        return result
+
+    np.testing.assert_allclose(covariance("full", np.full(4, 3.0)), 9 * covariance("full"))
+    # Speeds of enormous noise say as much as none.
+    unseen = covariance("full", np.array([1.0, 1.0, 1.0, 1e6]))
+    np.testing.assert_allclose(unseen, covariance("partial"), rtol=1e-4)
+
+
 def test_what_cannot_be_known_is_said_so() -> None:
     """Alone and without a task, the weight on proximity changes nothing that could be seen."""
     preferences = (Proximity(), StateDeviation("speed"), ControlEffort("acceleration"))
