@@ -12,12 +12,12 @@ OUT ?= runs
 .PHONY: help setup bench bench-quick perf test check results clean
 
 help:
-	@echo "make bench        the whole study, into $(OUT)/paper"
+	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick"
 	@echo "make perf         speed of the solvers against others"
 	@echo "make test         linter, type checker and tests"
 	@echo "make check        linter and type checker"
-	@echo "make results      copy the study's tables and figures to results/paper"
+	@echo "make results      copy the studies' tables and figures to results/"
 	@echo "make clean        remove the virtual environment and caches, keep runs"
 
 $(VENV)/.installed: pyproject.toml constraints.txt
@@ -30,6 +30,7 @@ setup: $(VENV)/.installed
 
 bench: setup
 	$(BIN)/olne-bench run paper --out $(OUT)/paper --jobs $(JOBS)
+	$(BIN)/olne-bench run highway --out $(OUT)/highway --jobs $(JOBS)
 
 bench-quick: setup
 	$(BIN)/olne-bench run quick --out $(OUT)/quick --jobs $(JOBS)
@@ -48,6 +49,9 @@ test: check
 results:
 	mkdir -p results/paper
 	cp -r $(OUT)/paper/leaderboard.csv $(OUT)/paper/trials.parquet $(OUT)/paper/figures results/paper/
+	mkdir -p results/highway/figures
+	cp $(OUT)/highway/leaderboard.csv $(OUT)/highway/trials.parquet results/highway/
+	cp $(OUT)/highway/figures/*.png results/highway/figures/
 
 clean:
 	rm -rf $(VENV) *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -1,6 +1,16 @@
-"""``python -m bench`` is ``olne-bench``."""
+"""The program ``olne-bench``, also ``python -m bench``."""
 
-from bench.cli import main
+import sys
+
+
+def main() -> None:
+    """Entry point."""
+    try:
+        from bench.cli import main as command  # takes a second, in which Ctrl-C is no error
+    except KeyboardInterrupt:
+        sys.exit(130)
+    command()
+
 
 if __name__ == "__main__":
     main()

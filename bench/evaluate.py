@@ -71,8 +71,8 @@ def evaluate(trial: Trial) -> Outcome:
         started = time.perf_counter()
         result = estimator.estimate(problem, observation, rng=rng, budget=trial.time_limit)
         outcome = replace(outcome, solve_seconds=time.perf_counter() - started)
-    except Exception as error:
-        return replace(outcome, status="crash", message=_describe(error))
+    except (Exception, SystemExit) as error:
+        return replace(outcome, status="crash", message=describe_error(error))
 
     try:
         estimate = check_estimate(result, problem)
@@ -99,7 +99,9 @@ def _judge(
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
         return replace(outcome, status="not_converged", message=message)
-    prediction = predict_from_start(trial.scenario, trial.seed, estimate.weights)
+    prediction = predict_from_start(
+        trial.scenario, trial.seed, estimate.weights, trial.root_iterations
+    )
     outcome = replace(outcome, published_forward=int(prediction.published))
     if prediction.root is None:
         message = "no root of the game found at the estimated weights"
@@ -171,7 +173,8 @@ def _read_only(observation: Observation) -> Observation:
     return observation
 
 
-def _describe(error: Exception) -> str:
+def describe_error(error: BaseException) -> str:
+    """One line: what was raised, and where."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     return _one_line(f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})")
 

@@ -1,76 +1,66 @@
-"""Run trials in worker processes, each with a hard time limit.
+"""Run trials in worker processes of this machine, each with a hard time limit.
 
 A trial that hangs is killed at its limit and one that takes its process down loses only itself:
-``pebble`` replaces the worker and the others go on.
+the process is replaced and the others go on.
 """
 
-import io
-import os
-import sys
-from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from concurrent.futures import TimeoutError as FutureTimeoutError
-from multiprocessing import get_context
+import itertools
+from collections.abc import Callable, Iterable, Iterator
+from multiprocessing.connection import wait
 from pathlib import Path
 
-from pebble import ProcessExpired, ProcessPool
-from threadpoolctl import threadpool_limits
-
-from bench.evaluate import evaluate
 from bench.trial import Outcome, Trial
+from bench.worker import run_trial
+from bench.worker_process import TICK, WorkerProcess
 
 
-def run_trials(trials: Iterable[Trial], *, jobs: int, log: Path) -> Iterator[tuple[Trial, Outcome]]:
+def never() -> bool:
+    """Says that nobody wants a run to stop."""
+    return False
+
+
+def run_trials(
+    trials: Iterable[Trial],
+    *,
+    jobs: int,
+    log: Path | None = None,
+    memory: int | None = None,
+    stop: Callable[[], bool] = never,
+) -> Iterator[tuple[Trial, Outcome]]:
     """Run trials in parallel; yields each with its outcome as it ends.
 
     Args:
         trials: what to run; read lazily.
         jobs: number of worker processes.
-        log: file for whatever estimators print.
+        log: file for whatever estimators print; standard error where absent.
+        memory: limit [bytes] of each process's memory, None for no limit.
+        stop: asked several times a second; once true, what has ended is yielded and no more.
+
+    Raises:
+        UserError: where processes do not start, or the code changes meanwhile.
     """
-    # Workers inherit this before they load a library that reads it. Threads would also sum in
-    # another order, which is enough to change where IPOPT ends up in a hopeless game.
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-    # Spawned rather than forked: a plugin may have started threads in this process.
-    pool = ProcessPool(
-        max_workers=jobs, initializer=_start_worker, initargs=(log,), context=get_context("spawn")
-    )
     source = iter(trials)
-    running: dict[Future[Outcome], Trial] = {}
-    finished = False
+    workers = [WorkerProcess(run_trial, log=log, memory=memory) for _ in range(jobs)]
     try:
-        while running or not finished:
-            # A short queue keeps workers busy; a long one would keep a large study in memory.
-            while not finished and len(running) < 3 * jobs:
-                trial = next(source, None)
-                if trial is None:
-                    finished = True
-                else:
-                    running[pool.schedule(evaluate, (trial,), timeout=trial.time_limit)] = trial
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield running.pop(future), _outcome(future)
+        for worker, trial in zip(workers, itertools.islice(source, jobs), strict=False):
+            worker.assign(trial)
+        while busy := [worker for worker in workers if worker.task is not None]:
+            stopping = stop()
+            if not stopping:
+                wait([worker.connection for worker in busy], timeout=TICK)
+            ended = []
+            for worker in busy:
+                at_work = worker.task
+                outcome = worker.poll()
+                if at_work is None or outcome is None:
+                    continue
+                ended.append((at_work, outcome))
+                following = None if stopping else next(source, None)
+                if following is not None:
+                    worker.assign(following)  # it works while its last outcome is stored
+            yield from ended
+            if stopping:
+                return
     finally:
-        pool.stop()
-        pool.join()
-
-
-def _outcome(future: Future[Outcome]) -> Outcome:
-    try:
-        return future.result()
-    except FutureTimeoutError as error:
-        return Outcome("timeout", f"killed after {error.args[1]:g} s")
-    except ProcessExpired as error:
-        return Outcome("crash", f"the process died with exit code {error.exitcode}")
-
-
-def _start_worker(log: Path) -> None:
-    """One thread per worker, and whatever estimators print goes to the log."""
-    threadpool_limits(1)
-    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
-        os.dup2(descriptor, stream.fileno())
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(line_buffering=True)  # a killed worker's last words count too
-    os.close(descriptor)
+        for worker in workers:
+            worker.stop()

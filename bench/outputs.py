@@ -1,5 +1,7 @@
-"""Files that commands write: named well, never over something that exists."""
+"""Files that commands write: named well, written whole, users' own never overwritten."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from bench.errors import UserError
@@ -17,3 +19,17 @@ def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
         raise UserError(f"{option} {path} exists already; remove it or name another file")
     if not path.parent.is_dir():
         raise UserError(f"{option} {path}: there is no folder {str(path.parent)!r}")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A path to write to; the file takes its name, and its predecessor's place, once it is whole.
+
+    So an interrupt or a full disk leaves the former file as it was.
+    """
+    unfinished = path.with_name(f".{path.name}.unfinished")
+    try:
+        yield unfinished
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)

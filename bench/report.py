@@ -1,13 +1,14 @@
 """What a run leaves to take home: tables and figures, made from the store alone."""
 
-import json
 from pathlib import Path
 
 import pandas as pd
+from pyarrow import csv, parquet
 
 from bench.errors import UserError
 from bench.leaderboard import leaderboard
-from bench.store import read_store
+from bench.outputs import whole_file
+from bench.store import parse_weights, read_store, to_frame
 
 _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
@@ -32,15 +33,19 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
         UserError: if the folder holds no run, or cannot be written.
     """
     with read_store(folder) as store:
-        trials = store.frame()
-    if trials.empty:
+        rows = store.table()
+    if not rows.num_rows:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    table = leaderboard(trials)
     try:
-        flat = trials.assign(weights=trials["weights"].map(json.dumps, na_action="ignore"))
-        flat.to_csv(folder / "trials.csv", index=False)
-        trials.to_parquet(folder / "trials.parquet", index=False, compression="zstd")
-        table.to_csv(folder / "leaderboard.csv", index=False)
+        with whole_file(folder / "trials.csv") as path:
+            csv.write_csv(rows, path)
+        rows = parse_weights(rows)
+        with whole_file(folder / "trials.parquet") as path:
+            parquet.write_table(rows, path, compression="zstd")
+        trials = to_frame(rows)
+        table = leaderboard(trials)
+        with whole_file(folder / "leaderboard.csv") as path:
+            table.to_csv(path, index=False)
         if figures:
             from bench.figures import draw_figures  # matplotlib is slow to import
 

@@ -1,21 +1,28 @@
 """The store: one SQLite file per run folder, one committed row per trial.
 
 The file is in WAL mode, so a run that is killed at any moment leaves every finished trial behind
-and nothing half written.
+and nothing half written. Rows of former versions of the code stay; tables show those of the
+version that was run last.
 """
 
 import json
 import sqlite3
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, fields
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
+import pyarrow as pa
 from filelock import FileLock, Timeout
 
 from bench.errors import UserError
+from bench.provenance import Provenance
 from bench.trial import KEY_COLUMNS, Outcome, Trial
+from bench.versions import Versions
 
 FILE_NAME = "trials.sqlite"
 #: Marks the file as ours, and which layout it has.
@@ -34,7 +41,22 @@ _LABELS = {
 }
 _TEXT_OUTCOMES = {"status", "message", "weights"}
 _OUTCOMES = {f.name: "TEXT" if f.name in _TEXT_OUTCOMES else "REAL" for f in fields(Outcome)}
-COLUMNS = _LABELS | _OUTCOMES
+_VERSIONS = {f"{f.name}_version": "TEXT" for f in fields(Versions)}
+COLUMNS = _LABELS | _OUTCOMES | _VERSIONS
+
+#: What versions belong to, and so which rows are the current ones.
+_VERSIONED = ("scenario", "estimator", "parameters")
+_ARROW_TYPES = {"TEXT": pa.string(), "REAL": pa.float64(), "INTEGER": pa.int64()}
+_WEIGHTS = pa.list_(pa.list_(pa.float64()))
+_BATCH = 50_000
+
+
+class Record(NamedTuple):
+    """What a store knows of one trial with one version of the code."""
+
+    key: tuple[str, ...]
+    versions: Versions
+    status: str
 
 
 class Store:
@@ -42,35 +64,159 @@ class Store:
 
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
+        self._run = 0
+        names = _names(COLUMNS)
+        places = ", ".join(f":{name}" for name in COLUMNS)
+        self._insert = f"INSERT OR REPLACE INTO trials ({names}, run) VALUES ({places}, :run)"
+
+    def begin_run(self, source: Provenance, trials: Iterable[Trial]) -> None:
+        """Note where the rows that follow come from, and which versions are the current ones.
+
+        Args:
+            source: of the run.
+            trials: all that the run is about, done or not.
+        """
+        current = {
+            (t.scenario.label, t.estimator.label, t.labels["parameters"], *_flat(t.versions))
+            for t in trials
+        }
+        with self._connection:
+            cursor = self._connection.execute(
+                "INSERT INTO runs (provenance) VALUES (?)", [json.dumps(asdict(source))]
+            )
+            self._run = cursor.lastrowid or 0
+            self._connection.executemany(
+                "INSERT OR REPLACE INTO current VALUES (?, ?, ?, ?, ?, ?)", sorted(current)
+            )
 
     def add(self, trial: Trial, outcome: Outcome) -> None:
         """Write the row of a finished trial and commit it."""
-        row = trial.labels | asdict(outcome)
+        row = trial.labels | asdict(outcome) | {"run": self._run}
+        row |= zip(_VERSIONS, _flat(trial.versions), strict=True)
         if outcome.weights is not None:
             row["weights"] = json.dumps(outcome.weights)
-        names = ", ".join(f'"{name}"' for name in COLUMNS)
-        places = ", ".join(f":{name}" for name in COLUMNS)
         with self._connection:
-            self._connection.execute(
-                f"INSERT OR REPLACE INTO trials ({names}) VALUES ({places})", row
-            )
+            self._connection.execute(self._insert, row)
 
-    def keys(self) -> set[tuple[str, ...]]:
-        """Keys of all finished trials."""
-        names = ", ".join(KEY_COLUMNS)
-        rows = self._connection.execute(f"SELECT {names} FROM trials")
-        return {tuple(str(value) for value in row) for row in rows}
+    def records(self) -> Iterator[Record]:
+        """Everything that is stored, former versions of the code too."""
+        names = _names((*KEY_COLUMNS, *_VERSIONS, "status"))
+        width = len(KEY_COLUMNS)
+        version = cache(Versions)  # a million equal objects would fill the memory, as would texts
+        for row in self._connection.execute(f"SELECT {names} FROM trials"):
+            key = tuple(sys.intern(str(value)) for value in row[:width])
+            yield Record(key, version(*row[width:-1]), sys.intern(row[-1]))
+
+    def runs(self) -> list[Provenance]:
+        """Every run that has written here, the first one first."""
+        rows = self._connection.execute("SELECT provenance FROM runs ORDER BY id")
+        return [Provenance(**json.loads(text)) for (text,) in rows]
 
     def suites(self) -> set[str]:
         """Names of the suites that rows belong to."""
         return {row[0] for row in self._connection.execute("SELECT DISTINCT suite FROM trials")}
 
+    def table(self) -> pa.Table:
+        """Current rows, in an order that does not depend on when they were written.
+
+        The weights are JSON text.
+        """
+        same = " AND ".join(f"t.{name} = c.{name}" for name in _VERSIONED)
+        current = " AND ".join(f"t.{name} = c.{name}" for name in _VERSIONS)
+        order = ", ".join(f"t.{name}" for name in KEY_COLUMNS)
+        cursor = self._connection.execute(
+            f"SELECT {_names(COLUMNS, 't.')} FROM trials t LEFT JOIN current c ON {same} "
+            f"WHERE c.scenario IS NULL OR ({current}) ORDER BY {order}"
+        )
+        schema = pa.schema([(name, _ARROW_TYPES[kind]) for name, kind in COLUMNS.items()])
+        batches = []
+        while rows := cursor.fetchmany(_BATCH):
+            columns = zip(*rows, strict=True)
+            arrays = [pa.array(c, type=t) for c, t in zip(columns, schema.types, strict=True)]
+            batches.append(pa.record_batch(arrays, schema=schema))
+        return pa.Table.from_batches(batches, schema=schema)
+
     def frame(self) -> pd.DataFrame:
-        """All rows, in an order that does not depend on when they were written."""
-        order = ", ".join(KEY_COLUMNS)
-        frame = pd.read_sql_query(f"SELECT * FROM trials ORDER BY {order}", self._connection)
-        frame["weights"] = [None if text is None else json.loads(text) for text in frame["weights"]]
-        return frame
+        """``table()`` for pandas, with weights as nested lists."""
+        return to_frame(parse_weights(self.table()))
+
+    def merge(self, other: Path) -> tuple[int, int]:
+        """Add the rows and runs of another store, one commit for all.
+
+        Args:
+            other: the other store's file; it is only read.
+
+        Returns:
+            How many rows are new, and how many were here already and have been left as they are.
+
+        Raises:
+            UserError: if the two have run different code, or parameters, under the same name.
+        """
+        self._connection.execute("ATTACH DATABASE ? AS other", [str(other)])
+        try:
+            self._refuse_other_versions(other)
+            with self._connection:
+                return self._merge()
+        finally:
+            self._connection.execute("DETACH DATABASE other")
+
+    def _refuse_other_versions(self, other: Path) -> None:
+        match = " AND ".join(f"a.{name} = b.{name}" for name in _VERSIONED)
+        for what in _VERSIONS:
+            found = self._connection.execute(
+                f"SELECT a.scenario, a.estimator, a.{what}, b.{what} FROM main.current a "
+                f"JOIN other.current b ON {match} WHERE a.{what} != b.{what}"
+            ).fetchone()
+            if found:
+                scenario, estimator, here, there = found
+                raise UserError(
+                    f"cannot merge {other}: {what.replace('_', ' ')} of {estimator!r} on "
+                    f"{scenario!r} is {there or 'unknown'} there and {here or 'unknown'} here; "
+                    "run one of the two again with the other's code"
+                )
+
+    def _merge(self) -> tuple[int, int]:
+        execute = self._connection.execute
+        (offset,) = execute("SELECT coalesce(max(id), 0) FROM main.runs").fetchone()
+        execute(
+            "INSERT INTO main.runs (id, provenance) "
+            "SELECT id + ?, provenance FROM other.runs ORDER BY id",
+            [offset],
+        )
+        execute("INSERT OR IGNORE INTO main.current SELECT * FROM other.current")
+        names = _names(COLUMNS)
+        new = execute(
+            f"INSERT OR IGNORE INTO main.trials ({names}, run) "
+            f"SELECT {names}, run + ? FROM other.trials",
+            [offset],
+        ).rowcount
+        (rows,) = execute("SELECT count(*) FROM other.trials").fetchone()
+        return new, rows - new
+
+
+def parse_weights(table: pa.Table) -> pa.Table:
+    """``Store.table()`` with weights as nested lists."""
+    place = table.schema.get_field_index("weights")
+    chunks = [
+        # One call of the parser for a whole chunk takes a fraction of the time.
+        pa.array(json.loads(f"[{','.join(t or 'null' for t in chunk.to_pylist())}]"), type=_WEIGHTS)
+        for chunk in table.column(place).chunks
+    ]
+    return table.set_column(place, "weights", pa.chunked_array(chunks, type=_WEIGHTS))
+
+
+def to_frame(table: pa.Table) -> pd.DataFrame:
+    """A table for pandas: nested lists stay in Arrow's compact form."""
+    types = {_WEIGHTS: pd.ArrowDtype(_WEIGHTS)}
+    return table.to_pandas(types_mapper=types.get)
+
+
+def _flat(versions: Versions) -> tuple[str, ...]:
+    return versions.estimator, versions.scenario, versions.scoring
+
+
+def _names(columns: Iterable[str], prefix: str = "") -> str:
+    return ", ".join(f'{prefix}"{name}"' for name in columns)
 
 
 @contextmanager
@@ -95,6 +241,7 @@ def open_store(folder: Path) -> Iterator[Store]:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
     try:
         with _connect(folder / FILE_NAME) as connection:
+            _check(connection)
             yield Store(connection)
     finally:
         lock.release()
@@ -133,22 +280,71 @@ def _connect(path: Path) -> Iterator[sqlite3.Connection]:
         connection.close()
 
 
+def _check(connection: sqlite3.Connection) -> None:
+    """Find damage before anything is added to it."""
+    (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if result != "ok":
+        raise sqlite3.DatabaseError(" ".join(result.split()))
+
+
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:
     application = connection.execute("PRAGMA application_id").fetchone()[0]
     version = connection.execute("PRAGMA user_version").fetchone()[0]
     empty = not connection.execute("SELECT 1 FROM sqlite_master").fetchone()
     if empty and application == 0:
-        columns = ", ".join(f'"{name}" {kind}' for name, kind in COLUMNS.items())
         connection.execute("PRAGMA journal_mode = WAL")
         with connection:
             connection.execute("BEGIN IMMEDIATE")
-            connection.execute(
-                f"CREATE TABLE trials ({columns}, PRIMARY KEY ({', '.join(KEY_COLUMNS)}))"
-            )
+            _create(connection)
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-            connection.execute(f"PRAGMA user_version = {VERSION}")
     elif application != APPLICATION_ID:
         raise sqlite3.DatabaseError("another program's database")
-    elif version != VERSION:
-        raise UserError(f"{path} has the layout {version}, this version reads {VERSION}")
+    elif version > VERSION:
+        raise UserError(
+            f"{path} was written by a newer version of olne-bench: it has the layout {version}, "
+            f"this one knows {VERSION}; update olne-bench, or use another folder"
+        )
+    elif version == 1:
+        with connection:
+            connection.execute("BEGIN IMMEDIATE")
+            _upgrade(connection)
+    _add_missing_columns(connection)
     connection.execute("PRAGMA synchronous = NORMAL")
+
+
+def _create(connection: sqlite3.Connection) -> None:
+    columns = ", ".join(f'"{name}" {kind}' for name, kind in COLUMNS.items())
+    key = _names((*KEY_COLUMNS, *_VERSIONS))
+    connection.execute(f"CREATE TABLE trials ({columns}, run INTEGER, PRIMARY KEY ({key}))")
+    connection.execute("CREATE TABLE runs (id INTEGER PRIMARY KEY, provenance TEXT)")
+    columns = _names((*_VERSIONED, *_VERSIONS))
+    connection.execute(
+        f"CREATE TABLE current ({columns}, PRIMARY KEY ({_names(_VERSIONED)})) WITHOUT ROWID"
+    )
+    connection.execute(f"PRAGMA user_version = {VERSION}")
+
+
+def _upgrade(connection: sqlite3.Connection) -> None:
+    """Layout 1 knew no versions: its rows stay, and count as those of an unknown one."""
+    connection.execute("ALTER TABLE trials RENAME TO former")
+    _create(connection)
+    known = {row[1] for row in connection.execute("PRAGMA table_info(former)")}
+    names = _names(name for name in COLUMNS if name in known)
+    unknown = ", ".join("''" for _ in _VERSIONS)
+    connection.execute(
+        f"INSERT INTO trials ({names}, {_names(_VERSIONS)}, run) "
+        f"SELECT {names}, {unknown}, 0 FROM former"
+    )
+    connection.execute(
+        f"INSERT INTO current SELECT DISTINCT {_names(_VERSIONED)}, {unknown} FROM former"
+    )
+    connection.execute("DROP TABLE former")
+
+
+def _add_missing_columns(connection: sqlite3.Connection) -> None:
+    """Outcomes gain numbers over time; older rows do not have them."""
+    known = {row[1] for row in connection.execute("PRAGMA table_info(trials)")}
+    for name, kind in _OUTCOMES.items():
+        if name not in known:
+            with connection:
+                connection.execute(f'ALTER TABLE trials ADD COLUMN "{name}" {kind}')

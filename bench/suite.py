@@ -1,5 +1,6 @@
 """Suites: what to run, as TOML checked against a schema."""
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any
@@ -7,8 +8,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from bench.errors import UserError
-from envs.scenarios import get_scenario
-from estimators.registry import EstimatorError, estimator_label, load_estimator
+from envs.scenarios import check_options
+from estimators.registry import EstimatorError, absolute_reference, estimator_label, load_estimator
+from games.nearest_root import PUBLISHED_ITERATIONS
 from games.observation import VIEWS
 
 SUITE_FOLDER = Path(__file__).parent / "suites"
@@ -54,6 +56,8 @@ class Suite(_Strict):
         seeds: noise draws per level; at sigma 0 a fixed scenario has only one, which counts as
             that many.
         time_limit: wall-clock seconds after which a trial is killed.
+        root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
+            estimated weights; the published study's, where absent.
         estimators: names or tables with parameters.
     """
 
@@ -64,6 +68,7 @@ class Suite(_Strict):
     sigmas: tuple[Sigma, ...] = Field(min_length=1)
     seeds: int = Field(gt=0)
     time_limit: float = Field(default=60.0, gt=0, allow_inf_nan=False)
+    root_iterations: int = Field(default=PUBLISHED_ITERATIONS, gt=0)
     estimators: tuple[EstimatorEntry, ...] = Field(min_length=1)
 
     @field_validator("scenarios", "estimators", mode="before")
@@ -78,7 +83,7 @@ class Suite(_Strict):
     def _scenarios_exist(cls, value: tuple[ScenarioEntry, ...]) -> tuple[ScenarioEntry, ...]:
         for entry in value:
             try:
-                get_scenario(entry.name, **entry.options)
+                check_options(entry.name, **entry.options)
             except TypeError as error:
                 raise ValueError(f"scenario {entry.name!r} refuses its options: {error}") from error
         return _distinct(value, "scenario", [entry.label for entry in value])
@@ -103,13 +108,30 @@ class Suite(_Strict):
         for entry in value:
             load_estimator(entry.name, entry.parameters)
             label = entry.label or estimator_label(entry.name)
-            labelled.append(entry.model_copy(update={"label": label}))
+            # Whoever goes on with the run, or works on it elsewhere, may be in another folder.
+            name = absolute_reference(entry.name)
+            labelled.append(entry.model_copy(update={"label": label, "name": name}))
         return _distinct(tuple(labelled), "estimator label", [entry.label for entry in labelled])
 
 
 def suite_names() -> list[str]:
     """Names of the suites that come with the package."""
     return sorted(path.stem for path in SUITE_FOLDER.glob("*.toml"))
+
+
+def suite_file(reference: str) -> Path:
+    """The file of a suite.
+
+    Raises:
+        UserError: on an unknown suite.
+    """
+    path = Path(reference) if reference.endswith(".toml") else SUITE_FOLDER / f"{reference}.toml"
+    if not path.is_file():
+        raise UserError(
+            f"unknown suite {reference!r}; known are: {', '.join(suite_names())}, "
+            "or the path of a .toml file"
+        )
+    return path
 
 
 def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
@@ -122,12 +144,7 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
     Raises:
         UserError: on an unknown suite, unreadable TOML or a value that the schema refuses.
     """
-    path = Path(reference) if reference.endswith(".toml") else SUITE_FOLDER / f"{reference}.toml"
-    if not path.is_file():
-        raise UserError(
-            f"unknown suite {reference!r}; known are: {', '.join(suite_names())}, "
-            "or the path of a .toml file"
-        )
+    path = suite_file(reference)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -140,6 +157,20 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
         raise UserError(f"suite {path}: {_first_problem(error)}") from error
     except EstimatorError as error:
         raise UserError(f"suite {path}: {error}") from error
+
+
+def read_suite_json(text: str) -> Suite:
+    """A suite as a run has stored it, whether or not all it names still exists."""
+    data = json.loads(text)
+    return Suite.model_construct(
+        **data
+        | {
+            "scenarios": tuple(ScenarioEntry(**entry) for entry in data["scenarios"]),
+            "views": tuple(data["views"]),
+            "sigmas": tuple(data["sigmas"]),
+            "estimators": tuple(EstimatorEntry(**entry) for entry in data["estimators"]),
+        }
+    )
 
 
 def select(

@@ -19,10 +19,12 @@ OPTIONAL = ("heading", "speed")
 STATE_NAMES = {"x": "px", "y": "py", "heading": "heading", "speed": "speed"}
 FEWEST_STEPS = 3
 FASTEST = 100.0  # [m/s]; beyond it something is not in metres and seconds
+LONGEST_STEP = 10.0  # [s]; beyond it times are not in seconds
 LARGEST_HEADING = 8 * np.pi  # [rad], four full turns; beyond it these are degrees
 STEP_TOLERANCE = 0.05  # of a step, for times that were rounded when written
 UNIT_FACTOR = 2.0  # by which speeds may differ from displacements; miles per hour differ by 2.2
 UNIT_WINDOW = 1.0  # [s] over which displacements are taken, as noise would swell shorter ones
+DRIVING = 1.0  # [m/s] above which a heading has to agree with where positions go
 STANDSTILL = 0.05  # [m/s] below which the two are not compared
 _MISSING = {"", "nan", "na", "n/a", "null"}
 _FIRST_LINE = 2  # of data, after the header
@@ -155,6 +157,10 @@ def _check_steps(path: Path, times: np.ndarray) -> None:
         raise UserError(f"{path} has {len(times)} times, expected at least {FEWEST_STEPS}")
     steps = np.diff(times)
     usual = float(np.median(steps))
+    if usual > LONGEST_STEP:
+        raise UserError(
+            f"{path}: time steps of {usual:g}, above {LONGEST_STEP:g} s; expected time in seconds"
+        )
     unequal = np.abs(steps - usual) > STEP_TOLERANCE * usual
     if unequal.any():
         k = int(unequal.argmax())
@@ -183,8 +189,12 @@ def _check_everybody_has_rows(
 def _check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) -> None:
     headings, speeds = np.abs(states[..., 2]), np.abs(states[..., 3])
     window = min(len(states) - 1, max(1, round(UNIT_WINDOW / dt)))
-    moved = np.linalg.norm(states[window:, :, :2] - states[:-window, :, :2], axis=-1)
-    from_positions = moved / (window * dt)
+    steps = states[window:, :, :2] - states[:-window, :, :2]
+    from_positions = np.linalg.norm(steps, axis=-1) / (window * dt)
+    # Cosine between heading and motion; a car in reverse has a negative speed.
+    off = states[:-window, :, 2] - np.arctan2(steps[..., 1], steps[..., 0])
+    agreement = np.cos(off) * np.where(states[:-window, :, 3] < 0, -1, 1)
+    agreement[~(from_positions > DRIVING)] = np.nan
     for i, player in enumerate(players):
         who = f"{path}: player {player!r}"
         if (speeds[:, i] > FASTEST).any():
@@ -201,15 +211,21 @@ def _check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) 
             raise UserError(
                 f"{who} has a heading of {np.nanmax(headings[:, i]):g}; expected radians"
             )
+        told = agreement[np.isfinite(agreement[:, i]), i]
+        if told.size and told.mean() < 0:
+            raise UserError(
+                f"{who} has headings that point away from where its positions go; expected "
+                "radians, from the x axis towards the y axis"
+            )
         both = np.isfinite(speeds[window:, i]) & np.isfinite(from_positions[:, i])
         if not both.any():
             continue
         windows = np.lib.stride_tricks.sliding_window_view(speeds[:, i], window + 1)
-        told = float(np.nanmean(windows[both], axis=1).mean())
+        mean_speed = float(np.nanmean(windows[both], axis=1).mean())
         seen = float(from_positions[both, i].mean())
-        if max(told, seen) > max(STANDSTILL, UNIT_FACTOR * min(told, seen)):
+        if max(mean_speed, seen) > max(STANDSTILL, UNIT_FACTOR * min(mean_speed, seen)):
             raise UserError(
-                f"{who} has a mean speed of {told:.3g}, but its positions move at "
+                f"{who} has a mean speed of {mean_speed:.3g}, but its positions move at "
                 f"{seen:.3g} m/s; expected metres, seconds and metres per second"
             )
 

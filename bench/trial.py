@@ -1,11 +1,12 @@
 """Trials: the unit of work of a study, and the row that it leaves behind."""
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from bench.suite import EstimatorEntry, ScenarioEntry, Suite
+from bench.versions import Versions, versions
 from envs.scenarios import is_family
 
 #: What can become of a trial. Everything but ``ok`` and ``skipped`` is a failure.
@@ -33,6 +34,8 @@ class Trial:
         estimator: estimator with parameters and label.
         count: how many trials of the study this one stands for.
         time_limit: wall-clock seconds.
+        root_iterations: as in ``Suite``.
+        versions: of the code that it is to be run with.
     """
 
     suite: str
@@ -43,10 +46,12 @@ class Trial:
     estimator: EstimatorEntry
     count: int
     time_limit: float
+    root_iterations: int
+    versions: Versions = field(default_factory=Versions)
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What identifies the trial in a store."""
+        """What identifies the trial, whatever the version of the code."""
         return tuple(str(self.labels[column]) for column in KEY_COLUMNS)
 
     @property
@@ -107,27 +112,41 @@ class Outcome:
 def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
     """All trials of a suite.
 
-    The estimator changes slowest within a scenario and view, so that a worker builds its solvers
-    once and keeps using them.
+    A worker builds the solvers of a game, view and estimator once and keeps the latest. So in a
+    fixed scenario the seed changes fastest; in a family, where every seed has a game of its own,
+    slowest.
 
     Args:
         suite: what to run.
         seeds: the first so many noise draws only; all where absent.
     """
+    numbers = range(min(seeds or suite.seeds, suite.seeds))
     for scenario in suite.scenarios:
-        fixed = not is_family(scenario.name)
-        for view in suite.views:
-            for estimator in suite.estimators:
-                for sigma in suite.sigmas:
-                    alike = fixed and sigma == 0
-                    for seed in range(1 if alike else min(seeds or suite.seeds, suite.seeds)):
-                        yield Trial(
-                            suite=suite.name,
-                            scenario=scenario,
-                            view=view,
-                            sigma=sigma,
-                            seed=seed,
-                            estimator=estimator,
-                            count=suite.seeds if alike else 1,
-                            time_limit=suite.time_limit,
-                        )
+        if is_family(scenario.name):
+            for seed in numbers:
+                yield from _trials(suite, scenario, [seed])
+        else:
+            yield from _trials(suite, scenario, numbers, alike_without_noise=True)
+
+
+def _trials(
+    suite: Suite, scenario: ScenarioEntry, seeds: Sequence[int], alike_without_noise: bool = False
+) -> Iterator[Trial]:
+    for view in suite.views:
+        for estimator in suite.estimators:
+            code = versions(scenario, estimator)
+            for sigma in suite.sigmas:
+                alike = alike_without_noise and sigma == 0
+                for seed in seeds[:1] if alike else seeds:
+                    yield Trial(
+                        suite=suite.name,
+                        scenario=scenario,
+                        view=view,
+                        sigma=sigma,
+                        seed=seed,
+                        estimator=estimator,
+                        count=suite.seeds if alike else 1,
+                        time_limit=suite.time_limit,
+                        root_iterations=suite.root_iterations,
+                        versions=code,
+                    )

@@ -32,12 +32,15 @@ def unit_cosine_limit(scenario: ScenarioEntry, seed: int, view: View) -> float |
     return _unit_limit(_key(scenario, seed), view)
 
 
-def predict_from_start(scenario: ScenarioEntry, seed: int, weights: np.ndarray) -> Prediction:
+def predict_from_start(
+    scenario: ScenarioEntry, seed: int, weights: np.ndarray, root_iterations: int
+) -> Prediction:
     """The forward game at weights (N, K), from a draw's true initial state.
 
     The last ones are kept, as some estimators return the same weights again and again.
+    ``root_iterations`` are those of ``Suite``.
     """
-    return _prediction(_key(scenario, seed), weights.tobytes())
+    return _prediction(_key(scenario, seed), weights.tobytes(), root_iterations)
 
 
 def _key(scenario: ScenarioEntry, seed: int) -> _Key:
@@ -74,8 +77,10 @@ def _unit_limit(key: _Key, view: View) -> float | None:
 
 
 @lru_cache(maxsize=8)
-def _prediction(key: _Key, weights: bytes) -> Prediction:
+def _prediction(key: _Key, weights: bytes, root_iterations: int) -> Prediction:
     recording = _recording(key)
     game = recording.scenario.game
     shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
-    return predict(game, shaped, recording.states, recording.controls)
+    return predict(
+        game, shaped, recording.states, recording.controls, max_iterations=root_iterations
+    )

@@ -7,7 +7,7 @@ import numpy as np
 
 from envs.equilibrium import NoEquilibriumError, certified_equilibrium
 from envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
-from envs.scenarios.scenario import Limits, Scenario
+from envs.scenarios.scenario import Limits, Scenario, check_count
 from games.features import CarProximity, ControlEffort, StateDeviation
 from games.game import Game, Player
 from games.lanes import Lane, LaneKeeping
@@ -135,6 +135,7 @@ def check_num_players(name: str, num_players: int, fewest: int, most: int) -> No
     Raises:
         ValueError: names the range.
     """
+    check_count("num_players", num_players)
     if not fewest <= num_players <= most:
         raise ValueError(
             f"scenario {name!r} holds {fewest} to {most} players, got num_players = {num_players}"

@@ -18,7 +18,7 @@ from envs.episode import Episode
 from envs.equilibrium import NoEquilibriumError, certified_equilibrium
 from envs.layout import ObservationLayout, player_index
 from envs.rendering import Renderer
-from envs.scenarios import Scenario, get_scenario
+from envs.scenarios import Scenario, checked_seed, get_scenario
 from envs.spaces import Spaces, SpaceSize
 from games.olne import Certificate, Equilibrium
 
@@ -208,6 +208,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         """
         self.agents, self._episode = [], None  # whatever fails below, no old episode goes on
         if seed is not None:
+            seed = checked_seed(seed)
             self.np_random = np.random.default_rng(seed)
         member = int(self.np_random.integers(2**31)) if seed is None else seed
         name, scenario_options = self._choice(options)
@@ -264,6 +265,14 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
             {player: cut and not terminated[player] for player in players},
             infos,
         )
+
+    def check_action(self, player: str, action: np.ndarray) -> None:
+        """Refuse an action that ``step`` would refuse.
+
+        Raises:
+            ValueError: as ``step``.
+        """
+        self._spaces.controls({player: action}, [player])
 
     def state(self) -> np.ndarray:
         """All players' states in the order of their indices, then the time [s]: (N*n + 1,).
@@ -343,6 +352,17 @@ class AecWorld(parallel_to_aec_wrapper):
         super().reset(seed=seed, options=options)
         self.possible_agents = self.env.possible_agents
         self.state_space = self.env.state_space
+
+    def step(self, action: np.ndarray | None) -> None:
+        """Play one player's turn; a wrong action is refused at once and moves nothing.
+
+        Raises:
+            ValueError: as ``OlneWorld.step``; the same player may then be given another action.
+        """
+        player = self.agent_selection
+        if not (self.terminations[player] or self.truncations[player]):
+            self.env.check_action(player, action)
+        super().step(action)
 
 
 def raw_env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> AecWorld:

@@ -459,3 +459,13 @@ def _game() -> ReferenceGame:
 @lru_cache(maxsize=1)
 def _blas() -> ThreadpoolController:
     return ThreadpoolController()
+
+
+def __getattr__(name: str) -> Any:
+    """HighwayEnv looks up ``other_vehicles_type`` here: say what there is instead."""
+    if name.startswith("_"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    presets = sorted(c.__name__ for c in [NashVehicle, *NashVehicle.__subclasses__()])
+    raise AttributeError(
+        f"module {__name__!r} has no {name!r}; vehicles there are: {', '.join(presets)}"
+    )

@@ -14,12 +14,16 @@ where Z and the products with G_z^-1 come from one sweep over time (``games.elim
 system of the size of w, N n + N (K - 1), is dense. It is positive definite exactly where the full
 system has the inertia of a minimum. Weights move on the tangent of their sums from a start that
 fulfils them. Restoration, where the line search fails, is Newton's method on G = 0 at fixed w.
+
+``interior_point.c`` is the same method, compiled; it serves where there is a compiler.
 """
 
+import ctypes
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
@@ -28,17 +32,53 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from estimators.joint_problem import JointPoint, JointSolution
 from games.elimination import Elimination
 from games.game import Game
-from games.native import elimination
+from games.native import NativeElimination, elimination
 from games.newton import pack, unpack
 from games.observation import View
 
-_TOLERANCE = 1e-9
+_FEASIBLE = 1e-9
 _ACCEPTABLE = 1e-6  # where rounding forbids more
 _BARRIER_FACTORS = (0.2, 1.5)  # kappa_mu, theta_mu of (7)
 _BARRIER_ACCURACY = 10.0  # kappa_epsilon
 _MULTIPLIER_RANGE = 1e10  # kappa_Sigma of (16)
 _MAX_CORRECTIONS = 4  # second-order corrections per iteration
+_KNOWN_CHANGE, _KNOWN_WEIGHTS = 1e-4, 1e-3  # of the objective, relative, and of any weight
 _FIRST_SHIFT, _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e-20, 1e20
+
+#: Message of a run that stopped because it came close to a known optimum.
+CLOSE_TO_KNOWN = "close to a known optimum"
+
+#: Why a run stopped, in the order of the status codes of the native code.
+_STOPPED = (
+    "",
+    "the start is not finite",
+    "singular stage of the first-order conditions",
+    "time limit reached",
+    "the Hessian could not be corrected",
+    "line search and restoration failed",
+    "iteration limit reached",
+    CLOSE_TO_KNOWN,
+)
+_NATIVE_SOURCE = files("estimators").joinpath("interior_point.c").read_text()
+
+
+class _Options(ctypes.Structure):
+    """What a run is told; mirrors ``Options`` of ``interior_point.c``."""
+
+    _fields_ = (
+        ("players", ctypes.c_int),
+        ("max_iterations", ctypes.c_int),
+        ("known", ctypes.c_int),
+        ("floor", ctypes.c_double),
+        ("tie", ctypes.c_double),
+        ("first_barrier", ctypes.c_double),
+        ("tolerance", ctypes.c_double),
+        ("limit", ctypes.c_double),
+        ("known_change", ctypes.c_double),
+        ("known_weights", ctypes.c_double),
+        ("known_objectives", ctypes.c_void_p),
+        ("known_theta", ctypes.c_void_p),
+    )
 
 
 def solve_joint(
@@ -51,6 +91,8 @@ def solve_joint(
     weight_floor: float = 1e-5,
     first_barrier: float = 0.1,
     tie: float = 0.0,
+    tolerance: float = 1e-9,
+    known: Sequence[JointSolution] = (),
     max_iterations: int = 300,
     limit: float = 60.0,
 ) -> JointSolution:
@@ -66,6 +108,9 @@ def solve_joint(
         first_barrier: barrier parameter to begin with.
         tie: factor of a further term |theta - 1/K|^2 of the objective, which holds the weights
             near uniform.
+        tolerance: on all optimality conditions.
+        known: optima already found. A run that comes close to one stops there and has not
+            converged: it brings nothing new.
         max_iterations: iterations at most.
         limit: wall-clock seconds at most.
 
@@ -77,21 +122,65 @@ def solve_joint(
             f"weight_floor must be in [0, {1 / game.num_weights:g}) for "
             f"{game.num_weights} weights per player, got {weight_floor}"
         )
-    solver = elimination(game, view)
-    scale = np.tile(noise_scale or 1.0, game.num_players)
+    solver = joint_elimination(game, view)
+    scale = np.tile(noise_scale, game.num_players) if len(noise_scale) else np.ones(1)
     solver.set_observations(y.reshape(game.horizon, -1), scale)
-    method = _InteriorPoint(game, solver, weight_floor, first_barrier, tie)
     z = pack(game, start.states, start.controls, start.costates)
-    with np.errstate(all="ignore"):  # trial points may overflow; they are then refused
-        message, iterations = method.run(z, start.weights.ravel(), max_iterations, limit)
-    best = method.point
-    return JointSolution(
-        point=JointPoint(*unpack(game, best.z), best.theta.reshape(start.weights.shape)),
-        objective=best.objective,
-        iterations=iterations,
-        converged=not message,
-        message=message,
+    theta = np.array(start.weights, dtype=float).ravel()
+    known_objectives = np.array([solution.objective for solution in known])
+    known_theta = np.array([solution.point.weights.ravel() for solution in known])
+    options = _Options(
+        players=game.num_players,
+        max_iterations=max_iterations,
+        known=len(known),
+        floor=weight_floor,
+        tie=tie,
+        first_barrier=first_barrier,
+        tolerance=tolerance,
+        limit=limit,
+        known_change=_KNOWN_CHANGE,
+        known_weights=_KNOWN_WEIGHTS,
+        known_objectives=known_objectives.ctypes.data,
+        known_theta=known_theta.ctypes.data,
     )
+    if isinstance(solver, NativeElimination):
+        status, objective, iterations = _run_native(game, solver, options, z, theta)
+    else:
+        method = _InteriorPoint(game, solver, options, known_objectives, known_theta)
+        with np.errstate(all="ignore"):  # trial points may overflow; they are then refused
+            status, iterations = method.run(z, theta)
+        z, theta, objective = method.point.z, method.point.theta, method.point.objective
+    return JointSolution(
+        point=JointPoint(*unpack(game, z), theta.reshape(start.weights.shape)),
+        objective=objective,
+        iterations=iterations,
+        converged=not status,
+        message=status,
+    )
+
+
+def joint_elimination(game: Game, view: View) -> Elimination:
+    """Build (or fetch) what ``solve_joint`` works with."""
+    return elimination(game, view, _NATIVE_SOURCE)
+
+
+def _run_native(
+    game: Game, solver: NativeElimination, options: _Options, z: np.ndarray, theta: np.ndarray
+) -> tuple[str, float, int]:
+    """Improve z and theta in place; why it stopped, objective, iterations."""
+    run, space_needed = solver.library.interior_point, solver.library.interior_point_space
+    run.argtypes = [ctypes.c_void_p] * 8
+    basis = _sum_free(game.num_weights)
+    space = np.empty(space_needed(game.horizon, options.max_iterations))
+    objective, iterations = ctypes.c_double(), ctypes.c_int()
+    status = run(
+        solver.pointer,
+        ctypes.addressof(options),
+        *(array.ctypes.data for array in (basis, space, z, theta)),
+        ctypes.addressof(objective),
+        ctypes.addressof(iterations),
+    )
+    return _STOPPED[status], objective.value, iterations.value
 
 
 @dataclass(frozen=True)
@@ -115,41 +204,48 @@ class _InteriorPoint:
     """State of one run."""
 
     def __init__(
-        self, game: Game, solver: Elimination, floor: float, first_barrier: float, tie: float
+        self,
+        game: Game,
+        solver: Elimination,
+        options: _Options,
+        known_objectives: np.ndarray,
+        known_theta: np.ndarray,
     ) -> None:
-        self.solver, self.floor, self.tie = solver, floor, tie
+        self.solver, self.options = solver, options
+        self.floor, self.tie = options.floor, options.tie
+        self.known_objectives, self.known_theta = known_objectives, known_theta
         self.uniform = 1 / game.num_weights
         self.nx, nu = solver.stages.num_states, solver.stages.num_controls
         self.moving = np.arange(solver.stages.size) < self.nx + nu  # states and controls
         self.tangent = _tangent(self.nx, game.num_players, game.num_weights)
-        self.barrier = first_barrier
+        self.barrier = options.first_barrier
         self.shift = self.last_shift = 0.0
         self.filter: list[tuple[float, float]] = []
 
     # ---- the outer loop ---------------------------------------------------------------------
 
-    def run(
-        self, z: np.ndarray, theta: np.ndarray, max_iterations: int, limit: float
-    ) -> tuple[str, int]:
+    def run(self, z: np.ndarray, theta: np.ndarray) -> tuple[str, int]:
         """Iterate; why it stopped (empty: converged) and the number of iterations."""
-        deadline = time.monotonic() + limit
+        self.deadline = time.monotonic() + self.options.limit
         self.point = self._evaluate(z, theta)
         self.multipliers = np.zeros_like(z)
         self.duals = np.ones_like(theta)  # of the bounds
         if not np.isfinite(self.point.violation + self.point.objective):
             return "the start is not finite", 0
         self.first_violation = max(1.0, self.point.violation)
-        for iteration in range(max_iterations):
+        for iteration in range(self.options.max_iterations):
+            if self._is_known():
+                return CLOSE_TO_KNOWN, iteration
             if not self.solver.linearise(self.point.z, self.point.theta):
                 return "singular stage of the first-order conditions", iteration
             self.solver.sensitivities()
             self.reduced_gradient = self.solver.reduce(self.point.gradient)
             self.reduced_gradient[self.nx :] += self._tie_gradient()
             stationarity = self._stationarity()
-            if max(stationarity, self._complementarity(0.0)) <= _TOLERANCE:
+            if max(stationarity, self._complementarity(0.0)) <= self.options.tolerance:
                 return "", iteration
             self._lower_barrier(stationarity)
-            if time.monotonic() > deadline:
+            if time.monotonic() > self.deadline:
                 return "time limit reached", iteration
             if not self._factorise():
                 return "the Hessian could not be corrected", iteration
@@ -161,7 +257,16 @@ class _InteriorPoint:
                 if max(stationarity, self._complementarity(0.0)) <= _ACCEPTABLE:
                     return "", iteration
                 return "line search and restoration failed", iteration
-        return "iteration limit reached", max_iterations
+        return "iteration limit reached", self.options.max_iterations
+
+    def _is_known(self) -> bool:
+        """Whether the point is so close to a known optimum that it can but end there."""
+        if not len(self.known_objectives) or self.point.violation > 1e-4 * self.first_violation:
+            return False
+        change = np.abs(self.point.theta - self.known_theta).max(axis=1)
+        difference = np.abs(self.point.objective - self.known_objectives)
+        same = (change <= _KNOWN_WEIGHTS) & (difference <= _KNOWN_CHANGE * self.known_objectives)
+        return bool(same.any())
 
     def _evaluate(self, z: np.ndarray, theta: np.ndarray) -> _Point:
         residual = self.solver.evaluate(z, theta)
@@ -200,14 +305,15 @@ class _InteriorPoint:
 
     def _lower_barrier(self, stationarity: float) -> None:
         """(7), as often as the present point allows."""
-        while self.barrier > _TOLERANCE / 10 and max(
+        while self.barrier > self.options.tolerance / 10 and max(
             stationarity, self._complementarity(self.barrier)
         ) <= (_BARRIER_ACCURACY * self.barrier):
             self._reduce_barrier()
 
     def _reduce_barrier(self) -> None:
         linear, power = _BARRIER_FACTORS
-        self.barrier = max(_TOLERANCE / 10, min(linear * self.barrier, self.barrier**power))
+        lowest = self.options.tolerance / 10
+        self.barrier = max(lowest, min(linear * self.barrier, self.barrier**power))
         self.filter.clear()
 
     def _is_rounding(self, direction: _Direction) -> bool:
@@ -389,12 +495,16 @@ class _InteriorPoint:
     def _restore(self) -> bool:
         """Newton on G = 0 at fixed x_1 and weights, in place of IPOPT's restoration phase."""
         point = self.point
-        if point.infeasibility <= _TOLERANCE:
+        if point.infeasibility <= _FEASIBLE:
             return False
         self._block(point)
         z = point.z[None].copy()
         self.solver.newton(
-            z, point.theta[None], tolerance=_TOLERANCE / 100, max_iterations=30, limit=10.0
+            z,
+            point.theta[None],
+            tolerance=_FEASIBLE / 100,
+            max_iterations=30,
+            limit=max(0.0, self.deadline - time.monotonic()),
         )
         trial = self._evaluate(z[0], point.theta)
         if not trial.violation <= 0.9 * point.violation:
@@ -407,8 +517,13 @@ class _InteriorPoint:
 @lru_cache(maxsize=32)
 def _tangent(num_states: int, players: int, weights: int) -> np.ndarray:
     """Orthonormal basis of the changes (dx_1, dtheta) that keep every player's sum of weights."""
-    sums = null_space(np.ones((1, weights)))
-    return block_diag(np.eye(num_states), *[sums] * players)
+    return block_diag(np.eye(num_states), *[_sum_free(weights)] * players)
+
+
+@lru_cache(maxsize=32)
+def _sum_free(weights: int) -> np.ndarray:
+    """Orthonormal basis (K, K-1) of the changes of one player's weights that keep their sum."""
+    return np.ascontiguousarray(null_space(np.ones((1, weights))))
 
 
 def _longest_step(gap: np.ndarray, change: np.ndarray, boundary: float) -> float:

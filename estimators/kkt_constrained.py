@@ -5,35 +5,56 @@
 
 Residuals count in units of their noise scale. States (x_1 included), controls, costates and
 weights are all unknown. Weights start uniform, which is feasible, and costates at zero. The
-problem is not convex, so it is solved from three starts and the lowest objective wins:
+problem is not convex: the five-player highway has optima that lie close in objective and far
+apart in weights. So it is solved from several starts and the lowest objective wins. Those of the
+structured solver cost no solve of another problem:
 
-1. the observations themselves with zero controls;
-2. the pre-solve (eqn. pre_solve), the paper's own start. In partial views it fits its unobserved
-   speeds to the noise and can lead astray, where the first does not;
-3. the solution of the same problem with the weights tied to uniform by a strong quadratic term,
-   which is then dropped. It sometimes finds a lower optimum of the five-player highway, whose
-   optima lie close in objective and far apart in weights.
+1. the observations, with the controls that lead from one to the next, at uniform weights;
+2. the observations smoothed, at weights near a corner of the simplex: as far from the first as a
+   start can be. In partial views it finds optima that no start at uniform weights does.
+
+Where the two end in different objectives there are several optima at hand, and four starts more
+are worth their time: the observations with zero controls, the same under a high barrier, which
+begins by centring the weights, and the solution of the problem with its weights tied to uniform
+by a quadratic term, which is then dropped at once or in two steps.
+
+IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which
+is the paper's own start, and the solution of the tied problem.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.interior_point import solve_joint
+from estimators.interior_point import CLOSE_TO_KNOWN, joint_elimination, solve_joint
 from estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from estimators.joint_problem import JointPoint, JointSolution
 from estimators.protocol import Estimate, Observation, Problem, check_observation
-from estimators.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
-from games.native import elimination
+from estimators.trajectory_fit import (
+    fit_trajectory,
+    guess_controls,
+    guess_states,
+    smoothed,
+    warm_up_fit,
+)
 
-_SOLVERS = ("ipopt", "structured")
+_SOLVERS = ("structured", "ipopt")
 
-#: Strength of the third start's tie, relative to the first solution's squared error.
-_TIE = 3.0
+#: Strength of the tie to uniform weights, relative to a solution's squared error.
+_TIE, _IPOPT_TIE = 0.3, 3.0
+
+#: First barriers of the structured solver where it is to stay near its start, or to forget it.
+_LOW_BARRIER, _HIGH_BARRIER = 1e-3, 10.0
+
+#: Passes of the filter over the second start's states, and weight of its corner's preference.
+_SMOOTHING, _CORNER = 8, 0.94
+
+#: Tolerance of a solution that is but a start.
+_LOOSE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -41,9 +62,8 @@ class KktConstrained:
     """Joint estimation of weights and trajectory under the equilibrium conditions.
 
     Attributes:
-        solver: ``ipopt``, or ``structured``, the interior-point method of this project. The
-            latter is ten times faster; on the five-player highway it ends in a higher one of
-            the many optima more often than IPOPT does, so it is not the default.
+        solver: ``structured``, the interior-point method of this project, or ``ipopt``, the
+            reference that it is measured against, which takes some twenty times as long.
         max_iterations: iterations per start. A solve takes 5 to 40; one that needs hundreds has
             lost its way, and another start is the better use of the time.
 
@@ -52,7 +72,7 @@ class KktConstrained:
     """
 
     name: ClassVar[str] = "kkt_constrained"
-    solver: str = "ipopt"
+    solver: str = "structured"
     max_iterations: int = 300
 
     def __post_init__(self) -> None:
@@ -70,7 +90,11 @@ class KktConstrained:
         check_observation(problem, observation)
         deadline = time.monotonic() + budget / 2
         attempts = []
-        for attempt in self._attempts(problem, observation.y, deadline):
+        if self.solver == "ipopt":
+            solutions = self._ipopt_attempts(problem, observation.y)
+        else:
+            solutions = self._structured_attempts(problem, observation.y, deadline)
+        for attempt in solutions:
             attempts.append(attempt)
             if time.monotonic() > deadline:
                 break
@@ -92,40 +116,94 @@ class KktConstrained:
         """Build the solvers."""
         if self.solver == "ipopt":
             joint_solver(problem.game, problem.view, self.max_iterations)
+            warm_up_fit(problem.game, problem.view, problem.game.horizon)
         else:
-            elimination(problem.game, problem.view)
-        warm_up_fit(problem.game, problem.view, problem.game.horizon)
+            joint_elimination(problem.game, problem.view)
 
-    def _attempts(
+    def _structured_attempts(
         self, problem: Problem, y: np.ndarray, deadline: float
     ) -> Iterator[JointSolution]:
         game, view = problem.game, problem.view
-        solve = self._back_end(problem, y, deadline)
-        guess = JointPoint.from_trajectory(game, guess_states(game, view, y))
-        first = solve(guess)
-        yield first
-        fit = fit_trajectory(game, view, y, problem.noise_scale)
-        yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
-        tied = solve(guess, tie=_TIE * first.objective)
-        yield solve(_inside(tied.point, problem.weight_floor))
 
-    def _back_end(
-        self, problem: Problem, y: np.ndarray, deadline: float
-    ) -> Callable[..., JointSolution]:
-        if self.solver == "ipopt":
-            solve = solve_joint_ipopt
-        else:
-            # The first start may use up all of the time that there is, but no more.
-            solve = partial(solve_joint, limit=max(0.0, deadline - time.monotonic()))
-        return partial(
-            solve,
-            problem.game,
-            problem.view,
+        def solve(start: JointPoint, **options: Any) -> JointSolution:
+            return solve_joint(
+                game,
+                view,
+                y,
+                start,
+                noise_scale=problem.noise_scale,
+                weight_floor=problem.weight_floor,
+                max_iterations=self.max_iterations,
+                limit=max(0.0, deadline - time.monotonic()),
+                **options,
+            )
+
+        known: list[JointSolution] = []
+        agree = True
+
+        def attempt(start: JointPoint, barrier: float = 0.1) -> JointSolution:
+            nonlocal agree
+            solution = solve(start, first_barrier=barrier, known=known)
+            if solution.converged:
+                known.append(solution)
+            agree &= solution.converged or solution.message == CLOSE_TO_KNOWN
+            return solution
+
+        def released(tied: JointSolution) -> JointPoint:
+            return _inside(tied.point, problem.weight_floor)
+
+        states = guess_states(game, view, y)
+        smooth = smoothed(states, _SMOOTHING)
+        moving = JointPoint.from_trajectory(game, states, guess_controls(game, states))
+        corner = JointPoint.from_trajectory(game, smooth, guess_controls(game, smooth))
+        corner = replace(corner, weights=_corner(game.num_players, game.num_weights))
+        first = attempt(moving)
+        yield first
+        yield attempt(_inside(corner, problem.weight_floor), _LOW_BARRIER)
+        if agree and _same_objective(known):
+            return
+        start = JointPoint.from_trajectory(game, states)
+        yield attempt(start)
+        best = min((solution.objective for solution in known), default=first.objective)
+        tied = solve(start, tie=_TIE * best, tolerance=_LOOSE)
+        yield attempt(released(tied), _LOW_BARRIER)
+        yield attempt(start, _HIGH_BARRIER)
+        loosened = solve(
+            released(tied), tie=0.1 * _TIE * best, first_barrier=_LOW_BARRIER, tolerance=_LOOSE
+        )
+        yield attempt(released(loosened), _LOW_BARRIER)
+
+    def _ipopt_attempts(self, problem: Problem, y: np.ndarray) -> Iterator[JointSolution]:
+        game, view = problem.game, problem.view
+        solve = partial(
+            solve_joint_ipopt,
+            game,
+            view,
             y,
             noise_scale=problem.noise_scale,
             weight_floor=problem.weight_floor,
             max_iterations=self.max_iterations,
         )
+        start = JointPoint.from_trajectory(game, guess_states(game, view, y))
+        first = solve(start)
+        yield first
+        fit = fit_trajectory(game, view, y, problem.noise_scale)
+        yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
+        tied = solve(start, tie=_IPOPT_TIE * first.objective)
+        yield solve(_inside(tied.point, problem.weight_floor))
+
+
+def _corner(players: int, weights: int) -> np.ndarray:
+    """(N, K) weights near the simplex's corner of the last preference."""
+    corner = np.full((players, weights), (1 - _CORNER) / max(1, weights - 1))
+    corner[:, -1] = _CORNER
+    return corner / corner.sum(axis=1, keepdims=True)
+
+
+def _same_objective(solutions: list[JointSolution]) -> bool:
+    """Whether all starts led to one optimum, as far as objectives tell."""
+    values = [solution.objective for solution in solutions]
+    return bool(values) and max(values) <= min(values) * (1 + 1e-4) + 1e-12
 
 
 def _inside(point: JointPoint, floor: float) -> JointPoint:

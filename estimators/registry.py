@@ -11,8 +11,9 @@ import importlib.util
 import inspect
 import sys
 import traceback
+import zlib
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -62,15 +63,38 @@ def estimator_label(reference: str) -> str:
     return str(getattr(estimator_class, "name", estimator_class.__name__))
 
 
+def estimator_source(reference: str) -> tuple[str, Path]:
+    """Name and file of the module that defines an estimator.
+
+    Raises:
+        EstimatorError: as ``load_estimator`` does.
+    """
+    estimator_class = _find_class(reference)
+    module = sys.modules[estimator_class.__module__]
+    if not module.__file__:
+        raise EstimatorError(f"estimator {reference!r} has no file: {module!r}")
+    return module.__name__, Path(module.__file__)
+
+
 def is_file_reference(reference: str) -> bool:
     """Whether a reference names a file rather than a known estimator."""
     return reference.partition(":")[0].endswith(".py")
 
 
+def absolute_reference(reference: str) -> str:
+    """The reference as it can be used from another folder as well."""
+    if not is_file_reference(reference):
+        return reference
+    path, colon, class_name = reference.partition(":")
+    return f"{Path(path).resolve()}{colon}{class_name}"
+
+
 def _find_class(reference: str) -> type[Any]:
     if is_file_reference(reference):
         path, _, class_name = reference.partition(":")
-        return _class_from_file(Path(path), class_name)
+        if not Path(path).is_file():
+            raise EstimatorError(f"no estimator file {path!r}")
+        return _class_from_file(Path(path).resolve(), class_name)
     built_in, installed = _built_in(), _installed()
     if reference in built_in:
         return built_in[reference]
@@ -85,6 +109,7 @@ def _find_class(reference: str) -> type[Any]:
     )
 
 
+@cache  # asked for with every trial, as is the next one
 def _built_in() -> dict[str, type[Any]]:
     modules = [
         import_module(f"estimators.{module.name}")
@@ -95,17 +120,16 @@ def _built_in() -> dict[str, type[Any]]:
     return {found.name: found for found in classes}
 
 
+@cache
 def _installed() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
 
 
 @lru_cache(maxsize=64)  # so that what a plugin caches in its module lasts
 def _class_from_file(path: Path, class_name: str) -> type[Any]:
-    if not path.is_file():
-        raise EstimatorError(f"no estimator file {str(path)!r}")
     # The name is unique to the path so that two plugins called plugin.py do not meet; the module
     # has to be listed for dataclasses and pickle to find it.
-    name = f"olne_bench_plugin_{path.stem}_{abs(hash(path.resolve()))}"
+    name = f"olne_bench_plugin_{path.stem}_{zlib.crc32(bytes(path)):08x}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -137,7 +161,7 @@ def _guarded_import(what: str, load: Any) -> Any:
     """Run an import of foreign code; turn whatever it raises into one line with its place."""
     try:
         return load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{place.filename}:{place.lineno}"
         if isinstance(error, SyntaxError) and error.filename:

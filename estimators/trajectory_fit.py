@@ -104,6 +104,46 @@ def guess_states(game: Game, view: View, y: np.ndarray) -> np.ndarray:
     return states
 
 
+def smoothed(states: np.ndarray, passes: int) -> np.ndarray:
+    """States (S, ...) after passes of the filter (1, 2, 1)/4 over time; the ends move along."""
+    states = np.array(states, dtype=float)
+    for _ in range(passes if len(states) > 2 else 0):
+        inner = (states[:-2] - 2 * states[1:-1] + states[2:]) / 4
+        states[1:-1] += inner
+        states[0] += inner[0]
+        states[-1] += inner[-1]
+    return states
+
+
+def guess_controls(game: Game, states: np.ndarray) -> np.ndarray:
+    """Controls (S-1, N, m) under which states (S, N, n) nearly follow each other.
+
+    One linear least-squares step from zero controls, which is exact where controls enter the
+    motion linearly. A control without effect on the motion there is zero.
+    """
+    steps, players, n = len(states) - 1, *states.shape[1:]
+    m = game.dynamics.control_size
+    coasting, effect = _coasting(game)(states[:-1].reshape(-1, n).T)
+    missing = states[1:].reshape(-1, n) - np.array(coasting).T
+    effects = np.array(effect).T.reshape(-1, m, n)  # transposed Jacobians
+    normal = effects @ effects.transpose(0, 2, 1)
+    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-12
+    normal += ridge[:, None, None] * np.eye(m)
+    controls = np.linalg.solve(normal, effects @ missing[..., None])
+    return controls.reshape(steps, players, m)
+
+
+@lru_cache(maxsize=32)
+def _coasting(game: Game) -> ca.Function:
+    """States (n, S) -> next states (n, S) under zero controls, Jacobians in them (n m, S)."""
+    n, m = game.dynamics.state_size, game.dynamics.control_size
+    state, control = ca.SX.sym("x", n), ca.SX.sym("u", m)
+    step = game.dynamics.step(state, control, game.dt)
+    outputs = [step, ca.densify(ca.vec(ca.jacobian(step, control)))]
+    at_zero = ca.substitute(outputs, [control], [ca.SX.zeros(m)])
+    return ca.Function("coasting", [state], at_zero)
+
+
 def _fill_gaps(samples: np.ndarray) -> np.ndarray:
     """Linear interpolation over time of (S, N) samples; a player never seen gets zeros."""
     filled = np.zeros_like(samples)

@@ -1,9 +1,4 @@
-"""Fast cars overtake slow ones in HighwayEnv at their Nash equilibrium; saves the episode.
-
-Usage: python examples/highway_overtaking.py [FILE.gif]
-"""
-
-import sys
+"""Fast cars overtake slow ones in HighwayEnv at their Nash equilibrium; saves highway.gif."""
 
 from PIL import Image
 
@@ -16,5 +11,4 @@ while world.agents:
     actions = {player: infos[player]["olne_action"] for player in world.agents}
     observations, rewards, terminations, truncations, infos = world.step(actions)
     frames.append(Image.fromarray(world.render()))
-file = sys.argv[1] if len(sys.argv) > 1 else "highway.gif"
-frames[0].save(file, save_all=True, append_images=frames[1:], duration=400, loop=0)
+frames[0].save("highway.gif", save_all=True, append_images=frames[1:], duration=400, loop=0)

@@ -10,13 +10,17 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from games.game import Game
 from games.newton import Root, linearised, pack, unpack
 from games.olne import RESIDUAL_TOLERANCE, Equilibrium
 
-#: Steps from the start's weights to those where one leap of prediction and Newton fails.
-_STEPS = 8
+#: Newton steps within which a good start converges; a bad one is not worth more.
+_FEW = 6
+
+#: Attempts from the nearest solution so far.
+_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -91,23 +95,39 @@ def solve_batch(
     points = point + (change @ columns.T).reshape(count, *point.shape)
     points[:, 0, : first.size] = initial_states  # to the last digit
     deadline = time.monotonic() + limit
-    residuals, iterations = solver.newton(
-        points, flat, tolerance=tolerance, max_iterations=max_iterations, limit=limit
-    )
-    (left,) = np.nonzero(~(residuals < tolerance))
-    trial, trial_residuals = np.repeat(point[None], len(left), axis=0), residuals[left]
-    for share in np.arange(1, _STEPS + 1) / _STEPS:
-        trial[:, 0, : first.size] = point[0, : first.size] + share * change[left, : first.size]
-        trial_residuals, more = solver.newton(
-            trial,
-            start_weights.ravel() + share * change[left, first.size :],
+
+    def improve(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return solver.newton(
+            points,
+            weights,
             tolerance=tolerance,
-            max_iterations=max_iterations,
+            max_iterations=min(_FEW, max_iterations),
             limit=max(0.0, deadline - time.monotonic()),
         )
-        iterations[left] += more
-    better = trial_residuals < residuals[left]
-    points[left[better]], residuals[left[better]] = trial[better], trial_residuals[better]
+
+    residuals, iterations = improve(points, flat)
+    # The others start from those solved, as near as there are any, or half-way there.
+    helpers, helper_points = change[:0], points[:0]
+    for _ in range(_ROUNDS):
+        (left,), (done,) = np.nonzero(~(residuals < tolerance)), np.nonzero(residuals < tolerance)
+        if not (left.size and done.size and time.monotonic() < deadline):
+            break
+        donors = np.concatenate([change[done], helpers])
+        _, nearest = cKDTree(donors).query(change[left])
+        half = (donors[nearest] + change[left]) / 2
+        source = np.concatenate([points[done], helper_points])[nearest]
+        for target, is_half in ((change[left], False), (half, True)):
+            trial = source.copy()
+            trial[:, 0, : first.size] = point[0, : first.size] + target[:, : first.size]
+            found, more = improve(trial, start_weights.ravel() + target[:, first.size :])
+            iterations[left] += more
+            if is_half:
+                good = found < tolerance
+                helpers = np.concatenate([helpers, half[good]])
+                helper_points = np.concatenate([helper_points, trial[good]])
+            else:
+                better = found < residuals[left]
+                points[left[better]], residuals[left[better]] = trial[better], found[better]
     return Batch(*unpack(game, points), residuals=residuals, iterations=iterations)
 
 

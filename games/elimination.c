@@ -1,7 +1,7 @@
 /* Block elimination along time for the first-order conditions of an open-loop game.
  *
  * games/native.py compiles this file once per structure of game. Before it, it writes the sizes
- * NX = N n, NU = N m, NT = N K, ND = N d, the nonzero patterns PATTERN_x and the stage functions
+ * NX = N n, NU = N m, NT = N K, ND = N d, the constant SMALLEST_STEP, the nonzero patterns PATTERN_x and the stage functions
  * value, final_value, jacobian, final_jacobian, loss, hessian, final_hessian of games/stages.py,
  * whose numeric constants (goals, targets, dt) are run-time data. games/elimination.py is the same
  * algorithm in NumPy and explains it; the equation labels (E1) to (E8) are defined there.
@@ -33,8 +33,7 @@ typedef struct {
     double *blocks;                   /* (T, BLOCKS) first derivatives */
     double *curvature;                /* (T, CURVATURE) second derivatives */
     double *V;                        /* (T, NX, NX) lambda_{t-1} = -V_t x_t + v_t */
-    double *M, *K, *S, *L;            /* (T, NU, NU), (T, NU, NX), (T, NU, NX), (T, NX, NU) */
-    int *pivots;                      /* (T, NU) */
+    double *M, *K, *S, *L;            /* M^-1 (T, NU, NU), (T, NU, NX) twice, (T, NX, NU) */
     double *Z;                        /* (T, SZ, PC) */
     double *scratch;                  /* (4, T, SZ) */
 } Work;
@@ -98,14 +97,12 @@ static inline void sparse_rows(const Pattern *p, const double *stage, double alp
     }
 }
 
-/* out (m, ldo) += in (m, ldi) * block */
-static inline void sparse_right(const Pattern *p, const double *stage, const double *in, int ldi,
-                                double *out, int ldo, int m)
+/* out (n, m) += in' for in (m, n), with row strides */
+static inline void add_transposed(int m, int n, const double *restrict in, int ldi,
+                                  double *restrict out, int ldo)
 {
-    const double *values = stage + p->offset;
-    for (int i = 0; i < m; i++)
-        for (int e = 0; e < p->size; e++)
-            out[i * ldo + p->columns[e]] += in[i * ldi + p->rows[e]] * values[e];
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < m; i++) out[j * ldo + i] += in[i * ldi + j];
 }
 
 static inline void sparse_scatter(const Pattern *p, const double *stage, double alpha, double *out,
@@ -122,68 +119,67 @@ static inline void sparse_vector(const Pattern *p, const double *stage, double a
     for (int e = 0; e < p->size; e++) out[to[e]] += alpha * stage[p->offset + e] * in[from[e]];
 }
 
-/* LU with partial pivoting of a (NU, NU); 0 where it is singular to working precision */
-static int factor(double *a, int *pivots)
+/* y (m,) += alpha * A (m, n) x */
+static inline void apply(int m, int n, double alpha, const double *restrict a,
+                         const double *restrict x, double *restrict y)
+{
+    for (int i = 0; i < m; i++) {
+        double sum = 0;
+        for (int j = 0; j < n; j++) sum += a[i * n + j] * x[j];
+        y[i] += alpha * sum;
+    }
+}
+
+/* y (n,) += alpha * A' x for A (m, n) */
+static inline void apply_transposed(int m, int n, double alpha, const double *restrict a,
+                                    const double *restrict x, double *restrict y)
+{
+    for (int i = 0; i < m; i++) {
+        const double factor = alpha * x[i];
+        for (int j = 0; j < n; j++) y[j] += factor * a[i * n + j];
+    }
+}
+
+/* a (NU, NU) <- its inverse, by Gauss-Jordan with partial pivoting; 0 where it is singular to
+ * working precision */
+static int invert(double *a)
 {
     double scale = 0;
-    for (int i = 0; i < NU * NU; i++) scale = fmax(scale, fabs(a[i]));
+    int pivots[NU];
+    for (int i = 0; i < NU * NU; i++) {
+        if (!isfinite(a[i])) return 0;
+        scale = fmax(scale, fabs(a[i]));
+    }
     for (int k = 0; k < NU; k++) {
         int best = k;
         for (int i = k + 1; i < NU; i++)
             if (fabs(a[i * NU + k]) > fabs(a[best * NU + k])) best = i;
         pivots[k] = best;
-        if (!(fabs(a[best * NU + k]) > 1e-14 * scale) || !isfinite(scale)) return 0;
+        const double pivot = a[best * NU + k];
+        if (!(fabs(pivot) > 1e-14 * scale)) return 0;
         if (best != k)
             for (int j = 0; j < NU; j++) {
                 const double swap = a[k * NU + j];
                 a[k * NU + j] = a[best * NU + j];
                 a[best * NU + j] = swap;
             }
-        const double inverse = 1 / a[k * NU + k];
-        for (int i = k + 1; i < NU; i++) {
-            const double ratio = (a[i * NU + k] *= inverse);
-            for (int j = k + 1; j < NU; j++) a[i * NU + j] -= ratio * a[k * NU + j];
+        a[k * NU + k] = 1;
+        for (int j = 0; j < NU; j++) a[k * NU + j] /= pivot;
+        for (int i = 0; i < NU; i++) {
+            if (i == k) continue;
+            const double ratio = a[i * NU + k];
+            a[i * NU + k] = 0;
+            for (int j = 0; j < NU; j++) a[i * NU + j] -= ratio * a[k * NU + j];
         }
     }
-    return 1;
-}
-
-/* b (NU, ld)[:, :n] <- a^{-1} b */
-static inline void solve_rows(const double *a, const int *pivots, double *b, int n, int ld)
-{
-    for (int k = 0; k < NU; k++)
-        if (pivots[k] != k)
-            for (int j = 0; j < n; j++) {
-                const double swap = b[k * ld + j];
-                b[k * ld + j] = b[pivots[k] * ld + j];
-                b[pivots[k] * ld + j] = swap;
-            }
-    for (int i = 1; i < NU; i++)
-        for (int k = 0; k < i; k++)
-            for (int j = 0; j < n; j++) b[i * ld + j] -= a[i * NU + k] * b[k * ld + j];
-    for (int i = NU - 1; i >= 0; i--) {
-        for (int k = i + 1; k < NU; k++)
-            for (int j = 0; j < n; j++) b[i * ld + j] -= a[i * NU + k] * b[k * ld + j];
-        const double inverse = 1 / a[i * NU + i];
-        for (int j = 0; j < n; j++) b[i * ld + j] *= inverse;
-    }
-}
-
-/* b (NU,) <- a^{-T} b */
-static void solve_transposed(const double *a, const int *pivots, double *b)
-{
-    for (int i = 0; i < NU; i++) {
-        for (int k = 0; k < i; k++) b[i] -= a[k * NU + i] * b[k];
-        b[i] /= a[i * NU + i];
-    }
-    for (int i = NU - 1; i >= 0; i--)
-        for (int k = i + 1; k < NU; k++) b[i] -= a[k * NU + i] * b[k];
     for (int k = NU - 1; k >= 0; k--)
-        if (pivots[k] != k) {
-            const double swap = b[k];
-            b[k] = b[pivots[k]];
-            b[pivots[k]] = swap;
-        }
+        if (pivots[k] != k)
+            for (int i = 0; i < NU; i++) {
+                const double swap = a[i * NU + k];
+                a[i * NU + k] = a[i * NU + pivots[k]];
+                a[i * NU + pivots[k]] = swap;
+            }
+    return 1;
 }
 
 /* ---- evaluation ---------------------------------------------------------------------------- */
@@ -253,26 +249,30 @@ API int linearise(Work *w, const double *z, const double *theta)
         const double *V = w->V + (t + 1) * NX * NX;
         double *M = w->M + t * NU * NU, *K = w->K + t * NU * NX;
         double *S = w->S + t * NU * NX, *L = w->L + t * NX * NU;
-        double AV[NX * NX] = {0}, BV[NU * NX] = {0};
-        sparse_rows(&PATTERN_A, stage, 1, 1, V, AV, NX, NX);
-        sparse_rows(&PATTERN_B, stage, 1, 1, V, BV, NX, NX);
+        /* [A B]' V, transposed, and again from the left: all inner loops run along rows. */
+        double half[OFF_L * NX] = {0}, turned[NX * OFF_L] = {0}, full[OFF_L * OFF_L] = {0};
+        sparse_rows(&PATTERN_A, stage, 1, 1, V, half, NX, NX);
+        sparse_rows(&PATTERN_B, stage, 1, 1, V, half + NX * NX, NX, NX);
+        add_transposed(OFF_L, NX, half, NX, turned, OFF_L);
+        sparse_rows(&PATTERN_A, stage, 1, 1, turned, full, OFF_L, OFF_L);
+        sparse_rows(&PATTERN_B, stage, 1, 1, turned, full + NX * OFF_L, OFF_L, OFF_L);
         memset(M, 0, NU * NU * sizeof(double));
         memset(S, 0, NU * NX * sizeof(double));
         memset(L, 0, NX * NU * sizeof(double));
         sparse_scatter(&PATTERN_R, stage, 1, M, NU);
-        sparse_right(&PATTERN_B, stage, BV, NX, M, NU, NU);
         sparse_scatter(&PATTERN_S, stage, 1, S, NX);
-        sparse_right(&PATTERN_A, stage, BV, NX, S, NX, NU);
         sparse_scatter(&PATTERN_P, stage, 1, L, NU);
-        sparse_right(&PATTERN_B, stage, AV, NX, L, NU, NX);
-        if (!factor(M, w->pivots + t * NU)) return t + 1;
-        memcpy(K, S, NU * NX * sizeof(double));
-        solve_rows(M, w->pivots + t * NU, K, NX, NX);
+        add_transposed(NU, NU, full + NX * OFF_L + NX, OFF_L, M, NU);
+        add_transposed(NX, NU, full + NX, OFF_L, S, NX);
+        add_transposed(NU, NX, full + NX * OFF_L, OFF_L, L, NU);
+        if (!invert(M)) return t + 1;
+        memset(K, 0, NU * NX * sizeof(double));
+        multiply_add(NU, NU, NX, 1, M, NU, S, NX, K, NX);
         if (t > 0) {
             double *Vt = w->V + t * NX * NX;
             memset(Vt, 0, NX * NX * sizeof(double));
             sparse_scatter(&PATTERN_Q, stage, 1, Vt, NX);
-            sparse_right(&PATTERN_A, stage, AV, NX, Vt, NX, NX);
+            add_transposed(NX, NX, full, OFF_L, Vt, NX);
             multiply_add(NX, NU, NX, -1, L, NU, K, NX, Vt, NX);
         }
     }
@@ -290,45 +290,36 @@ API void solve(const Work *w, int transposed, const double *right, double *out)
         const double *b = a + OFF_U, *d = a + OFF_L, *V = w->V + (t + 1) * NX * NX;
         double *k = out + t * SZ + OFF_U;
         memcpy(e, v, sizeof(e));
-        if (transposed)
-            for (int i = 0; i < NX; i++)
-                for (int j = 0; j < NX; j++) e[j] -= V[i * NX + j] * d[i];
-        else
-            for (int i = 0; i < NX; i++)
-                for (int j = 0; j < NX; j++) e[i] -= V[i * NX + j] * d[j];
+        (transposed ? apply_transposed : apply)(NX, NX, -1, V, d, e);
         for (int i = 0; i < NU; i++) k[i] = b[i];
         sparse_vector(&PATTERN_B, stage, 1, 1, e, k);
         if (t == 0) break;
-        double gain[NU];
-        memcpy(gain, k, sizeof(gain));
+        const double *M = w->M + t * NU * NU;
+        double gain[NU] = {0};
         memcpy(v, a, sizeof(v));
         sparse_vector(&PATTERN_A, stage, 1, 1, e, v);
         if (transposed) {
-            const double *S = w->S + t * NU * NX;
-            solve_transposed(w->M + t * NU * NU, w->pivots + t * NU, gain);
-            for (int i = 0; i < NU; i++)
-                for (int j = 0; j < NX; j++) v[j] -= S[i * NX + j] * gain[i];
+            apply_transposed(NU, NU, 1, M, k, gain);
+            apply_transposed(NU, NX, -1, w->S + t * NU * NX, gain, v);
         } else {
-            const double *L = w->L + t * NX * NU;
-            solve_rows(w->M + t * NU * NU, w->pivots + t * NU, gain, 1, 1);
-            for (int i = 0; i < NX; i++)
-                for (int j = 0; j < NU; j++) v[i] -= L[i * NU + j] * gain[j];
+            apply(NU, NU, 1, M, k, gain);
+            apply(NX, NU, -1, w->L + t * NX * NU, gain, v);
         }
     }
     memset(out, 0, NX * sizeof(double));
     for (int t = 0; t < last; t++) {
         const double *stage = w->blocks + t * BLOCKS, *d = right + t * SZ + OFF_L;
         double *x = out + t * SZ, *u = x + OFF_U, *next = x + SZ;
+        const double *M = w->M + t * NU * NU;
+        double right_u[NU];
+        memcpy(right_u, u, sizeof(right_u));
+        memset(u, 0, sizeof(right_u));
         if (transposed) {
-            const double *L = w->L + t * NX * NU;
-            for (int i = 0; i < NX; i++)
-                for (int j = 0; j < NU; j++) u[j] -= L[i * NU + j] * x[i];
-            solve_transposed(w->M + t * NU * NU, w->pivots + t * NU, u);
+            apply_transposed(NX, NU, -1, w->L + t * NX * NU, x, right_u);
+            apply_transposed(NU, NU, 1, M, right_u, u);
         } else {
-            const double *S = w->S + t * NU * NX;
-            for (int i = 0; i < NU; i++)
-                for (int j = 0; j < NX; j++) u[i] -= S[i * NX + j] * x[j];
-            solve_rows(w->M + t * NU * NU, w->pivots + t * NU, u, 1, 1);
+            apply(NU, NX, -1, w->S + t * NU * NX, x, right_u);
+            apply(NU, NU, 1, M, right_u, u);
         }
         memcpy(next, d, NX * sizeof(double));
         sparse_vector(&PATTERN_A, stage, 1, 0, x, next);
@@ -358,10 +349,10 @@ API void sensitivities(Work *w)
     sparse_scatter(&FINAL_X, w->blocks + last * BLOCKS, -1, v, NT);
     for (int t = last - 1; t >= 0; t--) {
         const double *stage = w->blocks + t * BLOCKS;
-        double *Zu = w->Z + (t * SZ + OFF_U) * PC, k[NU * NT] = {0};
-        sparse_scatter(&PATTERN_U, stage, -1, k, NT);
-        sparse_rows(&PATTERN_B, stage, 1, 1, v, k, NT, NT);
-        solve_rows(w->M + t * NU * NU, w->pivots + t * NU, k, NT, NT);
+        double *Zu = w->Z + (t * SZ + OFF_U) * PC, right[NU * NT] = {0}, k[NU * NT] = {0};
+        sparse_scatter(&PATTERN_U, stage, -1, right, NT);
+        sparse_rows(&PATTERN_B, stage, 1, 1, v, right, NT, NT);
+        multiply_add(NU, NU, NT, 1, w->M + t * NU * NU, NU, right, NT, k, NT);
         for (int i = 0; i < NU; i++) {
             memset(Zu + i * PC, 0, NX * sizeof(double));
             memcpy(Zu + i * PC + NX, k + i * NT, NT * sizeof(double));
@@ -508,8 +499,7 @@ static void norms(const double *v, int n, double *largest, double *squares)
 /* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays: see games/newton.py, which
  * holds the same loop in Python. Returns max |G|; *iterations counts the factorisations. */
 static double newton_one(Work *w, double *z, const double *theta, double tolerance,
-                         int max_iterations, double smallest_step, double deadline,
-                         int *iterations)
+                         int max_iterations, double deadline, int *iterations)
 {
     const int n = w->horizon * SZ;
     double *residual = w->scratch, *step = residual + n, *trial = step + n, *next = trial + n;
@@ -522,7 +512,7 @@ static double newton_one(Work *w, double *z, const double *theta, double toleran
         solve(w, 0, residual, step);
         double length = 1;
         for (;; length /= 2) {
-            if (length < smallest_step) return largest;
+            if (length < SMALLEST_STEP) return largest;
             for (int i = 0; i < n; i++) trial[i] = z[i] - length * step[i];
             evaluate(w, trial, theta, next);
             norms(next, n, &trial_largest, &trial_squares);
@@ -540,11 +530,10 @@ static double newton_one(Work *w, double *z, const double *theta, double toleran
 /* The same for `count` games: z (count, T, SZ) in and out, theta (count, NT), residuals and
  * iterations (count,). After `limit` seconds the remaining games stay as they are. */
 API void newton(Work *w, int count, double *z, const double *theta, double tolerance,
-                int max_iterations, double smallest_step, double limit, double *residuals,
-                int *iterations)
+                int max_iterations, double limit, double *residuals, int *iterations)
 {
     const double deadline = seconds() + limit;
     for (int b = 0; b < count; b++)
         residuals[b] = newton_one(w, z + b * w->horizon * SZ, theta + b * NT, tolerance,
-                                  max_iterations, smallest_step, deadline, iterations + b);
+                                  max_iterations, deadline, iterations + b);
 }

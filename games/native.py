@@ -1,5 +1,8 @@
 """Compiles ``elimination.c`` for one structure of game and calls it through ``ctypes``.
 
+Algorithms that build on it may have C code of their own, which is compiled along with it (see
+``extension``).
+
 CasADi writes the stage functions as C. Their numeric constants are moved into run-time tables, so
 that games which differ in goals, targets or dt share one compiled library, for any horizon. The
 library is kept in the user's cache folder under a hash of its source, flags and processor. Where
@@ -31,24 +34,30 @@ from games.lanes import LaneKeeping
 from games.observation import VIEWS, View
 from games.stages import Pattern, StageFunctions, stage_functions
 
-_FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fvisibility=hidden", "-fno-math-errno")
+_FLAGS = (
+    *("-O3", "-march=native", "-funroll-loops", "-fPIC", "-shared", "-fvisibility=hidden"),
+    # Sums may be taken in another order; NaN and infinity keep their meaning.
+    *("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"),
+)
 _LOG = logging.getLogger(__name__)
 _CONSTANT = re.compile(r"^(\s*a\d+=)(-?\d+\.\d*(?:e[+-]?\d+)?);$", re.MULTILINE)
 
 
 @lru_cache(maxsize=64)
-def elimination(game: Game, view: View | None = None) -> Elimination:
+def elimination(game: Game, view: View | None = None, extension: str = "") -> Elimination:
     """The fastest elimination that works here, built or fetched.
 
     Args:
         game: the game.
         view: the observation model, where the inverse problem is meant.
+        extension: C source that is compiled behind ``elimination.c``. The caller declares its
+            functions on ``NativeElimination.library`` and passes ``NativeElimination.pointer``.
     """
     stages = stage_functions(game, view or VIEWS["full"])
     once = view is None and _has_own_structure(game)
     if os.environ.get("OLNE_BENCH_NATIVE", "1") != "0" and not once:
         source, constants = _source(stages)
-        library = _library(source)
+        library = _library(source + extension)
         if library is not None:
             return NativeElimination(stages, game.horizon, library, constants)
     return Elimination(stages, game.horizon)
@@ -73,14 +82,19 @@ class _Work(ctypes.Structure):
             (name, ctypes.c_void_p)
             for name in (
                 *("constants", "samples", "precision", "blocks", "curvature"),
-                *("V", "M", "K", "S", "L", "pivots", "Z", "scratch"),
+                *("V", "M", "K", "S", "L", "Z", "scratch"),
             )
         ],
     )
 
 
 class NativeElimination(Elimination):
-    """``Elimination`` with its numerical work in C; same methods, same numbers."""
+    """``Elimination`` with its numerical work in C; same methods, same numbers.
+
+    Attributes:
+        library: the compiled code.
+        pointer: address of the work space, the first argument of its functions.
+    """
 
     def __init__(
         self,
@@ -89,7 +103,7 @@ class NativeElimination(Elimination):
         library: ctypes.CDLL,
         constants: np.ndarray,
     ) -> None:
-        self._library = library
+        self.library = library
         nx, nu, size = stages.num_states, stages.num_controls, stages.size
         self._columns = nx + stages.num_weights
         block_values = sum(pattern.size for pattern in stages.blocks)
@@ -103,7 +117,6 @@ class NativeElimination(Elimination):
             "K": np.zeros((horizon, nu, nx)),
             "S": np.zeros((horizon, nu, nx)),
             "L": np.zeros((horizon, nx, nu)),
-            "pivots": np.zeros((horizon, nu), dtype=np.int32),
             "Z": np.zeros((horizon, size, self._columns)),
             "scratch": np.zeros((4, horizon, size)),
         }
@@ -111,7 +124,7 @@ class NativeElimination(Elimination):
             horizon,
             **{name: _address(array) for name, array in self._arrays.items()},
         )
-        self._pointer = ctypes.addressof(self._work)
+        self.pointer = ctypes.addressof(self._work)
         super().__init__(stages, horizon)
 
     def set_observations(self, y: np.ndarray, noise_scale: np.ndarray | float = 1.0) -> None:
@@ -122,27 +135,27 @@ class NativeElimination(Elimination):
     def evaluate(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         z, theta = _dense(z), _dense(theta)
         residual = np.empty_like(z)
-        self._library.evaluate(self._pointer, _address(z), _address(theta), _address(residual))
+        self.library.evaluate(self.pointer, _address(z), _address(theta), _address(residual))
         return residual
 
     def observation_loss(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         z = _dense(z)
         gradient = np.empty_like(z)
-        loss = self._library.observation_loss(self._pointer, _address(z), _address(gradient))
+        loss = self.library.observation_loss(self.pointer, _address(z), _address(gradient))
         return loss, gradient
 
     def linearise(self, z: np.ndarray, theta: np.ndarray) -> bool:
         z, theta = _dense(z), _dense(theta)
-        return self._library.linearise(self._pointer, _address(z), _address(theta)) == 0
+        return self.library.linearise(self.pointer, _address(z), _address(theta)) == 0
 
     def solve(self, right: np.ndarray, *, transposed: bool = False) -> np.ndarray:
         right = _dense(right)
         out = np.empty_like(right)
-        self._library.solve(self._pointer, int(transposed), _address(right), _address(out))
+        self.library.solve(self.pointer, int(transposed), _address(right), _address(out))
         return out
 
     def sensitivities(self) -> np.ndarray:
-        self._library.sensitivities(self._pointer)
+        self.library.sensitivities(self.pointer)
         return self._arrays["Z"]
 
     def reduced_hessian(
@@ -150,34 +163,34 @@ class NativeElimination(Elimination):
     ) -> np.ndarray:
         z, theta, multipliers = _dense(z), _dense(theta), _dense(multipliers)
         W = np.empty((self._columns, self._columns))
-        self._library.reduced_hessian(
-            self._pointer, _address(z), _address(theta), _address(multipliers), _address(W)
+        self.library.reduced_hessian(
+            self.pointer, _address(z), _address(theta), _address(multipliers), _address(W)
         )
         return W
 
     def trajectory_metric(self) -> np.ndarray:
         metric = np.empty((self._columns, self._columns))
-        self._library.trajectory_metric(self._pointer, _address(metric))
+        self.library.trajectory_metric(self.pointer, _address(metric))
         return metric
 
     def hessian_product(self, d: np.ndarray, d_theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         d, d_theta = _dense(d), _dense(d_theta)
         out, out_theta = np.empty_like(d), np.empty_like(d_theta)
-        self._library.hessian_product(
-            self._pointer, _address(d), _address(d_theta), _address(out), _address(out_theta)
+        self.library.hessian_product(
+            self.pointer, _address(d), _address(d_theta), _address(out), _address(out_theta)
         )
         return out, out_theta
 
     def reduce(self, g: np.ndarray) -> np.ndarray:
         g = _dense(g)
         out = np.empty(self._columns)
-        self._library.reduce(self._pointer, _address(g), _address(out))
+        self.library.reduce(self.pointer, _address(g), _address(out))
         return out
 
     def expand(self, d: np.ndarray) -> np.ndarray:
         d = _dense(d)
         out = np.zeros((self.horizon, self.stages.size))
-        self._library.expand(self._pointer, _address(d), _address(out))
+        self.library.expand(self.pointer, _address(d), _address(out))
         return out
 
     def newton(
@@ -191,14 +204,13 @@ class NativeElimination(Elimination):
     ) -> tuple[np.ndarray, np.ndarray]:
         points, theta = _dense(z), _dense(theta)
         residuals, iterations = np.empty(len(z)), np.empty(len(z), dtype=np.int32)
-        self._library.newton(
-            self._pointer,
+        self.library.newton(
+            self.pointer,
             len(z),
             _address(points),
             _address(theta),
             tolerance,
             max_iterations,
-            SMALLEST_STEP,
             limit,
             _address(residuals),
             _address(iterations),
@@ -236,6 +248,7 @@ def _source(stages: StageFunctions) -> tuple[str, np.ndarray]:
         "ND": stages.num_samples,
         "BLOCKS": offset,
         "CURVATURE": max(stages.curvature.size, stages.final_curvature.size),
+        "SMALLEST_STEP": repr(SMALLEST_STEP),
     }
     head = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
     body = files("games").joinpath("elimination.c").read_text()
@@ -329,7 +342,7 @@ def _declare(library: ctypes.CDLL) -> ctypes.CDLL:
             None,
             [
                 *(pointer, integer, pointer, pointer, real),
-                *(integer, real, real, pointer, pointer),
+                *(integer, real, pointer, pointer),
             ],
         ),
     }

@@ -24,6 +24,9 @@ from games.kkt import consistent_costates, kkt_system
 from games.newton import Root
 from games.olne import solve_olne
 
+#: IPOPT's default limit, as published.
+PUBLISHED_ITERATIONS = 3000
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -39,7 +42,12 @@ class Prediction:
 
 
 def predict(
-    game: Game, weights: np.ndarray, states: np.ndarray, controls: np.ndarray
+    game: Game,
+    weights: np.ndarray,
+    states: np.ndarray,
+    controls: np.ndarray,
+    *,
+    max_iterations: int = PUBLISHED_ITERATIONS,
 ) -> Prediction:
     """Find the root of G at the given weights nearest a reference trajectory.
 
@@ -48,19 +56,22 @@ def predict(
         weights: (N, K).
         states: (T, N, n) reference, its first row the initial state; also the start.
         controls: (T-1, N, m) start.
+        max_iterations: of IPOPT in each solve for the nearest root.
 
     Returns:
         The root of the published solve, or else the nearest of those found otherwise: by the same
         solve from other costates, and the certified equilibrium of ``solve_olne``.
     """
     zero = np.zeros((game.horizon - 1, *game.state_shape[1:]))
-    root = nearest_root(game, weights, states, controls, zero)
+    limit = max_iterations
+    root = nearest_root(game, weights, states, controls, zero, max_iterations=limit)
     if root is not None:
         return Prediction(root, published=True)
     found = [_equilibrium(game, weights, states[0], controls)]
     costates = consistent_costates(game, states, controls, weights)
     if np.isfinite(costates).all():
-        found.append(nearest_root(game, weights, states, controls, costates))
+        root = nearest_root(game, weights, states, controls, costates, max_iterations=limit)
+        found.append(root)
     roots = [root for root in found if root is not None]
     nearest = min(roots, key=lambda root: np.sum((root.states - states) ** 2), default=None)
     return Prediction(nearest, published=False)
@@ -72,6 +83,8 @@ def nearest_root(
     states: np.ndarray,
     controls: np.ndarray,
     costates: np.ndarray,
+    *,
+    max_iterations: int = PUBLISHED_ITERATIONS,
 ) -> Root | None:
     """One solve for the root of G nearest a reference trajectory, started there.
 
@@ -81,11 +94,12 @@ def nearest_root(
         states: (T, N, n) reference, its first row the initial state; also the start.
         controls: (T-1, N, m) start.
         costates: (T-1, N, n) start.
+        max_iterations: of IPOPT.
 
     Returns:
         The root, or None where IPOPT does not converge.
     """
-    solver = _root_solver(game)
+    solver = _root_solver(game, max_iterations)
     start = np.concatenate([states[1:].ravel(), controls.ravel(), costates.ravel()])
     solution = solver(x0=start, p=np.concatenate([states.ravel(), weights.ravel()]), lbg=0, ubg=0)
     if not solver.stats()["success"]:
@@ -111,7 +125,7 @@ def _equilibrium(
 
 
 @lru_cache(maxsize=32)
-def _root_solver(game: Game) -> ca.Function:
+def _root_solver(game: Game, max_iterations: int) -> ca.Function:
     system = kkt_system(game)
     reference = ca.SX.sym("x_true", system.states.numel())
     initial = system.initial_state.numel()
@@ -123,4 +137,5 @@ def _root_solver(game: Game) -> ca.Function:
         "f": ca.sumsqr(system.states[initial:] - reference[initial:]),
         "g": residual,
     }
-    return ca.nlpsol("nearest_root", "ipopt", problem, QUIET)
+    options = QUIET | {"ipopt.max_iter": max_iterations}
+    return ca.nlpsol("nearest_root", "ipopt", problem, options)

@@ -177,7 +177,7 @@ def iterated_best_response(
     controls: np.ndarray,
     *,
     max_rounds: int = 100,
-    max_iterations: int = 3000,
+    max_iterations: int = 1500,
     damping: float = 1.0,
     tolerance: float = 1e-3,
 ) -> Root:

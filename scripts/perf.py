@@ -2,9 +2,10 @@
 
     python scripts/perf.py [--out results/perf] [--sequences 2] [--quick]
 
-Everything is timed in one process on one core, ours and the rivals' solves in turn, so that other
-work on the machine slows all of them alike: read the ratios, not the milliseconds. Written are
-``perf.json`` and ``perf.png``.
+Everything is timed in one process on one core, ours and the rivals' solves in turn, in processor
+time, so that other work on the machine slows all of them alike: read the ratios, not the
+milliseconds. NashOpt takes part where it is installed (extra ``peers``). Written are ``perf.json``
+and ``perf.png``. Whether the optima are as good is for ``scripts/optima.py`` to say.
 """
 
 import os
@@ -83,10 +84,10 @@ def main() -> None:
 
 
 def milliseconds(solve: Callable[[], Any]) -> tuple[float, Any]:
-    """Wall-clock time of one call, and what it returned."""
-    started = time.perf_counter()
+    """Processor time of one call, and what it returned."""
+    started = time.process_time()
     result = solve()
-    return 1e3 * (time.perf_counter() - started), result
+    return 1e3 * (time.process_time() - started), result
 
 
 def measure_inverse(scenario: Scenario, truth: Equilibrium, sequences: int) -> dict[str, Any]:
@@ -94,7 +95,7 @@ def measure_inverse(scenario: Scenario, truth: Equilibrium, sequences: int) -> d
     rows = []
     for view in VIEWS.values():
         game = scenario.game
-        problem, estimator = Problem(game, view), KktConstrained(solver="structured")
+        problem, estimator = Problem(game, view), KktConstrained()
         estimator.warm_up(problem)
         published, compact = PublishedLayout(game, view), CompactLayout(game, view)
         rng = np.random.default_rng(0)
@@ -178,18 +179,45 @@ def measure_forward(scenario: Scenario, truth: Equilibrium) -> dict[str, float]:
         ours.append(fast)
         theirs.append(slow)
         ratios.append(slow / fast)
+    cold, _ = milliseconds(lambda: solve_olne(game, scenario.weights, scenario.initial_state))
     table = {
+        "cold, certified, ms": cold,
         "warm_ms": float(np.median(ours)),
         "ipopt_ms": float(np.median(theirs)),
         "ratio": float(np.median(ratios)),
         "overhead_us": _overhead(truth, scenario),
     }
+    table |= _nashopt(scenario, truth)
     shape = (1000, *scenario.weights.shape)
     wide = rng.dirichlet(np.ones(shape[2]), size=shape[:2])
     for spread in (0.2, 0.5):
         weights = scenario.weights * np.exp(spread * rng.standard_normal(shape))
         table |= _batch(f"spread {spread}", scenario, truth, weights)
     return table | _batch("whole simplex", scenario, truth, wide)
+
+
+def _nashopt(scenario: Scenario, truth: Equilibrium) -> dict[str, float]:
+    """NashOpt on the forward game, wall-clock as it uses threads; the second of two runs.
+
+    Five players take it minutes, and from coasting it finds no equilibrium at all.
+    """
+    if scenario.game.num_players > 2:
+        return {}
+    try:
+        from nashopt_rival import NashOptForward
+    except ImportError as error:
+        print(f"NashOpt is left out: {error}")
+        return {}
+    rival = NashOptForward(scenario.game, scenario.weights, scenario.initial_state)
+    table = {}
+    starts = {"warm": truth.controls + 1e-3, "cold": np.zeros_like(truth.controls)}
+    for name, controls in starts.items():
+        for _ in range(2):  # the first one compiles
+            started = time.perf_counter()
+            _, residual = rival.solve(controls)
+            table[f"NashOpt {name}, ms"] = 1e3 * (time.perf_counter() - started)
+            table[f"NashOpt {name}, residual"] = residual
+    return table
 
 
 def _batch(

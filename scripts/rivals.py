@@ -45,7 +45,7 @@ class CompactLayout:
             self.solver,
             x0=np.concatenate([*trajectory, np.zeros(count)]),
             lbx=lower,
-            p=observation_parameters(y),
+            p=np.append(observation_parameters(y), 0.0),  # no tie to uniform weights
         )
 
 

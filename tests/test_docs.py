@@ -1,9 +1,12 @@
 """The code blocks of the guide run, one after the other, as a reader would try them."""
 
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from PIL import Image
 
 from bench.cli import main
 from envs import wrappers
@@ -26,9 +29,24 @@ def test_environments_guide(tmp_path, monkeypatch):
     assert names["vector"].reset(seed=0)[0].shape == (8, 9)
 
 
-def test_ten_lines_are_the_example():
-    example = (ROOT / "examples" / "play_olne.py").read_text()
-    assert example.endswith(code_blocks("environments.md")[0])
+def test_ten_lines_are_the_examples():
+    for example, block in (
+        ("play_olne.py", code_blocks("environments.md")[0]),
+        ("highway_overtaking.py", code_blocks("../README.md")[-1]),
+    ):
+        assert (ROOT / "examples" / example).read_text().endswith(block)
+
+
+def test_the_overtaking_film_shows_motion(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exec(code_blocks("../README.md")[-1], {})
+    with Image.open("highway.gif") as film:
+        assert film.n_frames == 20  # the horizon
+        first = np.asarray(film.convert("RGB"), dtype=float)
+        film.seek(film.n_frames - 1)
+        last = np.asarray(film.convert("RGB"), dtype=float)
+    assert first.std() > 10
+    assert np.abs(first - last).max() > 50
 
 
 def test_recordings_guide(tmp_path, monkeypatch):
@@ -39,3 +57,20 @@ def test_recordings_guide(tmp_path, monkeypatch):
         exec(block, names)
     assert names["states"].shape == (25, 3, 4)
     assert np.shape(names["weights"]) == (3, 4)
+
+
+def test_plugins_guide(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "plugins.md").read_text()
+    (block,) = code_blocks("plugins.md")
+    assert len([line for line in block.splitlines() if line]) <= 20
+    Path("predict.py").write_text(block)
+    for line in re.findall(r"^olne-bench (.*)$", page, re.MULTILINE):
+        words = shlex.split(line)
+        if words[0] == "run":
+            words += ["--seeds", "1", "--sigma", "0.01", "--no-figures"]  # a part of it will do
+        main(words)
+    assert "predict.py:Predict conforms" in capsys.readouterr().out
+    rows = pd.read_parquet("runs/predict/trials.parquet")
+    status = rows[rows["estimator"] == "Predict"].set_index("view")["status"]
+    assert dict(status) == {"full": "ok", "partial": "skipped"}

@@ -1,5 +1,15 @@
-"""Commands of ``olne-bench`` that work on recording files, one file each."""
+"""Commands of ``olne-bench``, one file each."""
 
-from bench.commands import estimate, import_tracks, record
+from bench.commands import check, estimate, import_tracks, merge, new, record, report, run, status
 
-COMMANDS = (estimate.estimate, import_tracks.import_tracks, record.record)
+COMMANDS = (
+    check.check,
+    estimate.estimate,
+    import_tracks.import_tracks,
+    merge.merge,
+    new.new,
+    record.record,
+    report.report,
+    run.run,
+    status.status,
+)

@@ -10,8 +10,10 @@ import pandas as pd
 from bench.errors import UserError
 from bench.evaluate import CheckedEstimate, InvalidEstimateError, check_estimate
 from bench.outputs import check_new_file
+from bench.truth import observed_noise_scale
+from envs.recording import NoEquilibriumError
 from envs.recording_file import RecordingFile, RecordingFileError, read_recording
-from envs.scenarios import get_scenario, scenario_options
+from envs.scenarios import Scenario, get_scenario, scenario_options
 from estimators.protocol import Observation, Problem
 from estimators.registry import load_estimator
 from games.features import Feature, FinalGoal
@@ -54,17 +56,20 @@ def estimate(
 ) -> None:
     """Estimate the weights of every player in RECORDING.
 
-    Motion model, cost features, target speeds and lanes are those of the scenario; horizon, step
-    and number of players those of the recording. A player with a goal has it where it was last
-    seen. Players stop a little short of their goals, and the weights bear the difference.
+    Motion model, cost features, target speeds, lanes and noise scales are those of the scenario;
+    horizon, step and number of players those of the recording. A player with a goal has it where
+    it was last seen. Players stop a little short of their goals, and the weights bear the
+    difference.
     """
     if out is not None:
         check_new_file("--out", out, (".csv",))
     known = _read(recording, episode)
     states = known.states[episode]
-    game = _game(scenario, seed, states, known.metadata.dt)
+    explained = _scenario(scenario, seed, states, known.metadata.dt)
+    game = explained.game
     view, y = _observation(game, known.metadata.state_names, states)
-    result = _estimate(estimator, Problem(game, view), Observation(y), budget)
+    scale = tuple(observed_noise_scale(explained, view))
+    result = _estimate(estimator, Problem(game, view, noise_scale=scale), Observation(y), budget)
 
     players = known.metadata.episodes[episode].players
     table = pd.DataFrame(result.weights, columns=list(game.weight_names))
@@ -89,14 +94,15 @@ def _read(path: Path, episode: int) -> RecordingFile:
     return known
 
 
-def _game(name: str, seed: int, states: np.ndarray, dt: float) -> Game:
-    """The scenario's game with the horizon, step, number of players and goals of the states."""
+def _scenario(name: str, seed: int, states: np.ndarray, dt: float) -> Scenario:
+    """The scenario with the horizon, step, number of players and goals of the states."""
     steps, count, _ = states.shape
     try:
         sized = {"num_players": count} if "num_players" in scenario_options(name) else {}
-        game = get_scenario(name, seed, **sized).game
-    except ValueError as error:
+        scenario = get_scenario(name, seed, **sized)
+    except (ValueError, NoEquilibriumError) as error:
         raise UserError(f"--scenario: {error}") from error
+    game = scenario.game
     if game.num_players != count:
         raise UserError(
             f"--scenario {name!r} has {game.num_players} players, the recording has {count}"
@@ -104,7 +110,7 @@ def _game(name: str, seed: int, states: np.ndarray, dt: float) -> Game:
     players = tuple(
         _with_goal(player, _last_seen(states[:, i, :2])) for i, player in enumerate(game.players)
     )
-    return replace(game, players=players, horizon=steps, dt=dt)
+    return replace(scenario, game=replace(game, players=players, horizon=steps, dt=dt))
 
 
 def _with_goal(player: Player, position: np.ndarray) -> Player:

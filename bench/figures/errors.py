@@ -53,7 +53,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
 
 def _panel(axes: Axes, series: Sequence[Series], column: str) -> None:
     bottom = _bottom(series, column)
-    failing = [s for s in series if np.isinf(s.error(column)).any()]
+    failing = [s for s in series if _failed(s, column).any()]
     step = min(_TRIANGLE_STEP, _TRIANGLES_HEIGHT / max(len(failing), 1))
     top = _top(series, column, bottom, reserved=0.03 + step * len(failing))
     style.log_axis(axes, bottom, top)
@@ -126,8 +126,14 @@ def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) 
         )
 
 
+def _failed(series: Series, column: str) -> np.ndarray:
+    """The published definition of failure speaks of predictions; weights are there anyhow."""
+    without = np.isinf(series.error(column))
+    return without | series.published_failed if column == "position_error" else without
+
+
 def _triangles(axes: Axes, series: Series, column: str, height: float) -> None:
-    failed = np.isinf(series.error(column)) | series.published_failed
+    failed = _failed(series, column)
     axes.plot(
         series.observation_error[failed],
         np.full(failed.sum(), height),

@@ -37,7 +37,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     axes.yaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0))
     highest = max(0.05, *(share["high"].max() for share in shares))
     axes.set_ylim(-0.02 * highest, min(1.05 * highest, 1.02))
-    axes.set_xlabel("Standard deviation σ of the noise [m, rad, m/s]")
+    axes.set_xlabel("Noise level σ: standard deviation of positions [m]")
     axes.set_ylabel("Failed trials, published definition")
     axes.set_title(f"{trials['scenario'].iloc[0]}: failures (95 % Wilson intervals)")
     style.legend_below(figure, [_entry(s) for s in series])

@@ -1,4 +1,4 @@
-"""Bundles of predicted trajectories at the largest noise level."""
+"""Bundles of predicted trajectories at the largest noise level that has some of everybody."""
 
 from collections.abc import Sequence
 
@@ -36,7 +36,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     scene = scene_of(attempts)
     if scene is None:
         return None
-    sigma = scene.trials["sigma"].max()
+    sigma = _largest_with_predictions(scene.trials)
     seeds = sorted(scene.trials.loc[scene.trials["sigma"] == sigma, "seed"].unique())
     seeds = seeds[:MOST_SEQUENCES]
     shown = scene.trials["seed"].isin(seeds) & (scene.trials["sigma"] == sigma)
@@ -51,6 +51,15 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     figure.suptitle(f"{trials['scenario'].iloc[0]}: predicted trajectories at σ = {sigma:g}")
     style.legend_below(figure, _entries(scene))
     return figure
+
+
+def _largest_with_predictions(trials: pd.DataFrame) -> float:
+    """Largest noise level at which every series has a prediction to show, else the largest."""
+    for sigma in sorted(trials["sigma"].unique(), reverse=True):
+        series = contenders(split(trials[trials["sigma"] == sigma]))
+        if all((s.trials["status"] == "ok").any() for s in series):
+            return float(sigma)
+    return float(trials["sigma"].max())
 
 
 def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
@@ -82,16 +91,14 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
     for states in found:
         _bundle(axes, scene, states, linewidth=0.8, alpha=0.45, marker=".", markevery=[-1])
     _truth(axes, scene)
-    parts = (
+    without = len(predicted) - len(found)
+    parts = [
         style.printable(series.estimator),
-        f"{style.printable(series.view)} view, {_failures_of(series, len(predicted) - len(found))}",
-    )
+        f"{style.printable(series.view)} view, "
+        f"{series.published_failed.sum()} of {len(series.trials)} failed",
+        *[f"{without} not drawn"] * bool(without),
+    ]
     axes.set_title((", " if scene.is_wide else "\n").join(parts))
-
-
-def _failures_of(series: Series, without: int) -> str:
-    text = f"{series.published_failed.sum()} of {len(series.trials)} failed"
-    return f"{text}, {without} not drawn" if without else text
 
 
 def _predict(trial: dict, scene: Scene) -> np.ndarray | None:

@@ -34,8 +34,13 @@ def make(seed: int = 0, num_players: int = 5) -> Scenario:
         seed: of the draw.
         num_players: N, 3 to 8.
     """
-    check_num_players("highway", num_players, *PLAYERS)
+    check(num_players)
     return draw_playable("highway", partial(draw, count=num_players), seed, num_players)
+
+
+def check(num_players: int = 5) -> None:
+    """Refuse what ``make`` refuses."""
+    check_num_players("highway", num_players, *PLAYERS)
 
 
 def draw(rng: np.random.Generator, count: int) -> Scenario:

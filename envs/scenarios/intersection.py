@@ -30,8 +30,13 @@ def make(seed: int = 0, num_players: int = 3) -> Scenario:
         seed: of the draw.
         num_players: N, 2 to 4, each from an arm of its own.
     """
-    check_num_players("intersection", num_players, *PLAYERS)
+    check(num_players)
     return draw_playable("intersection", partial(draw, count=num_players), seed, num_players)
+
+
+def check(num_players: int = 3) -> None:
+    """Refuse what ``make`` refuses."""
+    check_num_players("intersection", num_players, *PLAYERS)
 
 
 def draw(rng: np.random.Generator, count: int) -> Scenario:

@@ -31,8 +31,13 @@ def make(seed: int = 0, num_players: int = 4) -> Scenario:
         seed: of the draw.
         num_players: N, 2 to 6.
     """
-    check_num_players("merge", num_players, *PLAYERS)
+    check(num_players)
     return draw_playable("merge", partial(draw, count=num_players), seed, num_players)
+
+
+def check(num_players: int = 4) -> None:
+    """Refuse what ``make`` refuses."""
+    check_num_players("merge", num_players, *PLAYERS)
 
 
 def draw(rng: np.random.Generator, count: int) -> Scenario:

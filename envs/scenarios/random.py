@@ -6,7 +6,7 @@ middle. Same cost features and units as ``two_player``.
 
 import numpy as np
 
-from envs.scenarios.scenario import Limits, Scenario
+from envs.scenarios.scenario import Limits, Scenario, check_count
 from games.dynamics import UNICYCLE
 from games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
 from games.game import Game, Player
@@ -30,8 +30,10 @@ def make(seed: int = 0, num_players: int | None = None) -> Scenario:
         seed: of the draw.
         num_players: N, at least 1; drawn as well where absent.
     """
-    if num_players is not None and num_players < 1:
-        raise ValueError(f"num_players must be at least 1, got {num_players}")
+    if num_players is not None:
+        check_count("num_players", num_players)
+        if num_players < 1:
+            raise ValueError(f"num_players must be at least 1, got {num_players}")
     rng = np.random.default_rng([seed, num_players or 0])
     count = num_players or int(rng.choice(PLAYERS))
 

@@ -32,8 +32,13 @@ def make(seed: int = 0, num_players: int = 3) -> Scenario:
         seed: of the draw.
         num_players: N, 2 to 4: alternately on the ring west of an entry and on the entry.
     """
-    check_num_players("roundabout", num_players, *PLAYERS)
+    check(num_players)
     return draw_playable("roundabout", partial(draw, count=num_players), seed, num_players)
+
+
+def check(num_players: int = 3) -> None:
+    """Refuse what ``make`` refuses."""
+    check_num_players("roundabout", num_players, *PLAYERS)
 
 
 def draw(rng: np.random.Generator, count: int) -> Scenario:

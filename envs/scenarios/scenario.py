@@ -7,6 +7,16 @@ import numpy as np
 from games.game import Game
 
 
+def check_count(name: str, value: object) -> None:
+    """Refuse an option that is no whole number.
+
+    Raises:
+        ValueError: names option and value.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ValueError(f"{name} must be a whole number, got {value!r}")
+
+
 @dataclass(frozen=True)
 class Limits:
     """How far controls and states can go, the same for every draw of a family.

@@ -35,8 +35,13 @@ def make(seed: int = 0, num_players: int = 3) -> Scenario:
         num_players: N, 3 to 5: one that overtakes, one slow, one oncoming; a fourth drives
             behind the slow one's place in the queue, a fifth is oncoming as well.
     """
-    check_num_players("two_way", num_players, *PLAYERS)
+    check(num_players)
     return draw_playable("two_way", partial(draw, count=num_players), seed, num_players)
+
+
+def check(num_players: int = 3) -> None:
+    """Refuse what ``make`` refuses."""
+    check_num_players("two_way", num_players, *PLAYERS)
 
 
 def draw(rng: np.random.Generator, count: int) -> Scenario:

@@ -26,7 +26,7 @@ def fails(capsys, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["run", "nope"], "unknown suite 'nope'; known are: paper, quick"),
+        (["run", "nope"], "unknown suite 'nope'; known are: highway, paper, quick"),
         (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
         (["run", "quick", "--view", "x"], "no view 'x'; it has: full, partial"),
         (["run", "quick", "--estimator", "x"], "no estimator 'x'; it has: kkt_constrained"),
@@ -37,7 +37,7 @@ def fails(capsys, *arguments):
         (["run", "quick", "--jobs", "0"], "0 is not in the range"),
         (["run", "quick", "--frobnicate"], "known are: --out, --jobs"),
         (["run", "quick", "--plugin", "no.py"], "no estimator file 'no.py'"),
-        (["frobnicate"], "known are: estimate, import, list, record, report, run"),
+        (["frobnicate"], "known are: check, estimate, import, list, merge, new, record, report"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, expected):

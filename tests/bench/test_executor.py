@@ -1,5 +1,8 @@
 """Misbehaving estimators: each gets the row it deserves and harms nobody else."""
 
+import subprocess
+from dataclasses import replace
+
 import pytest
 
 from bench.evaluate import evaluate
@@ -8,7 +11,7 @@ from bench.suite import load_suite, select
 from bench.trial import expand
 
 PLUGIN = """
-import os, time
+import ctypes, os, signal, subprocess, sys, threading, time
 from types import SimpleNamespace
 import numpy as np
 
@@ -25,6 +28,59 @@ class Hangs(Good):
 class Dies(Good):
     def estimate(self, *args, **kwargs):
         os._exit(7)
+
+class EndsWell(Good):
+    def estimate(self, *args, **kwargs):
+        os._exit(0)
+
+class Exits(Good):
+    def estimate(self, *args, **kwargs):
+        sys.exit("done")
+
+class Segfaults(Good):
+    def estimate(self, *args, **kwargs):
+        ctypes.string_at(0)
+
+class IsKilled(Good):
+    def estimate(self, *args, **kwargs):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+class Hoards(Good):
+    kept = []
+    def estimate(self, *args, **kwargs):
+        while True:
+            self.kept.append(np.ones(2**24))
+
+class Forks(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        os.fork()
+        return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class LeavesProcess(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        subprocess.Popen(["sleep", "1234.5"])
+        return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class HidesProcess(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        subprocess.run(["sh", "-c", "sleep 1234.5 &"])
+        return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class DiesWithAChild(Good):
+    def estimate(self, *args, **kwargs):
+        if os.fork():
+            os._exit(9)
+        time.sleep(1234.5)
+
+class TimeBomb(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        threading.Timer(1.0, os._exit, [5]).start()
+        return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class ClosesEverything(Good):
+    def estimate(self, *args, **kwargs):
+        os.closerange(0, 100)
+        time.sleep(1234.5)
 
 class Raises(Good):
     def estimate(self, *args, **kwargs):
@@ -75,6 +131,17 @@ EXPECTED = {
     "Good": ("ok", ""),
     "Hangs": ("timeout", "killed after"),
     "Dies": ("crash", "exit code 7"),
+    "EndsWell": ("crash", "died with exit code 0"),
+    "Exits": ("crash", "SystemExit: done"),
+    "Segfaults": ("crash", "was killed by SIGSEGV (signal 11)"),
+    "IsKilled": ("crash", "was killed by SIGKILL (signal 9)"),
+    "Hoards": ("crash", "out of memory, the limit is 1 GiB: "),
+    "Forks": ("invalid", "left processes running"),
+    "LeavesProcess": ("invalid", "left processes running"),
+    "HidesProcess": ("invalid", "left processes running"),
+    "DiesWithAChild": ("crash", "died with exit code 9"),
+    "TimeBomb": ("ok", ""),
+    "ClosesEverything": ("crash", "closed its connection"),
     "Raises": ("crash", "RuntimeError: no idea"),
     "Mutates": ("crash", "read-only"),
     "Nothing": ("invalid", "returned NoneType without 'weights'"),
@@ -96,10 +163,12 @@ def outcomes(tmp_path_factory):
     plugin.write_text(PLUGIN)
     suite = load_suite("quick", tuple(f"{plugin}:{name}" for name in EXPECTED))
     part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.05,))
-    trials = [t for t in expand(part, seeds=2) if t.estimator.label in EXPECTED]
-    # Long enough to import everything on a busy machine, short enough to wait for twice.
-    trials = [t.__class__(**{**t.__dict__, "time_limit": 12.0}) for t in trials]
-    results = list(run_trials(trials, jobs=2, log=folder / "log"))
+    trials = [
+        replace(t, time_limit=6.0)  # long enough on a busy machine, short enough to wait for
+        for t in expand(part, seeds=2)
+        if t.estimator.label in EXPECTED and (t.seed == 0 or t.estimator.label == "Random")
+    ]
+    results = list(run_trials(trials, jobs=2, log=folder / "log", memory=2**30))
     assert len(results) == len(trials)
     by_label = {}
     for trial, outcome in results:
@@ -114,6 +183,12 @@ def test_every_misbehaviour_has_its_status(outcomes, label):
         assert outcome.status == status, outcome
         assert message in outcome.message
         assert "\n" not in outcome.message
+
+
+@pytest.mark.usefixtures("outcomes")
+def test_nothing_that_an_estimator_started_is_left():
+    processes = subprocess.run(["ps", "-eo", "args"], check=True, capture_output=True, text=True)
+    assert "sleep 1234.5" not in processes.stdout
 
 
 def test_prints_go_to_the_log(outcomes):

@@ -178,8 +178,14 @@ def test_import_keeps_what_is_known(tmp_path, capsys):
     assert (states[2, :, 3] == 10).all()
 
 
+def test_a_car_in_reverse_may_head_the_other_way(tmp_path):
+    known = imported(tmp_path, tracks(heading=3.0, speed=-10.0))
+    assert (known.states[0][..., 3] == -10).all()
+
+
 def test_rows_may_be_grouped_by_player_and_headings_jump(tmp_path):
     table = tracks(heading=[3.1, 0.0, -3.1, 0.0, 3.1, 0.0, -3.1, 0.0])
+    table.loc[table["player"] == "car", "x"] *= -1  # it drives to the left
     known = imported(tmp_path, table.sort_values("player", kind="stable"))
     headings = known.states[0][:, 0, 2]
     assert np.abs(np.diff(headings)).max() < 0.1
@@ -221,11 +227,16 @@ BAD_TRACKS = {
     "infinite": (_with(2, "x", "inf"), "line 4: x is 'inf', expected a finite number"),
     "no time": (_with(2, "time", ""), "line 4: the row has no time"),
     "no player": (_with(2, "player", ""), "line 4: the row has no player"),
+    "milliseconds": (
+        tracks(time=np.repeat([0, 100, 200, 300], 2)),
+        "time steps of 100, above 10 s; expected time in seconds",
+    ),
     "too fast": (tracks(speed=200.0), "player 'car' has a speed of 200, above 100 m/s"),
     "km/h": (tracks(speed=36.0), "mean speed of 36, but its positions move at 10 m/s"),
     "mph": (tracks(speed=22.4), "mean speed of 22.4, but its positions move at 10 m/s"),
     "standing": (tracks(x=0.0, speed=5.0), "mean speed of 5, but its positions move at 0 m/s"),
     "centimetres": (tracks(x=tracks()["x"] * 100), "moves at 1000 m/s, above 100"),
+    "few degrees": (tracks(heading=3.0), "'car' has headings that point away from where"),
     "degrees": (tracks(heading=90.0), "has a heading of 90; expected radians"),
     "short": (tracks().iloc[:4], "has 2 times, expected at least 3"),
 }

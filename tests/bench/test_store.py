@@ -1,11 +1,17 @@
 import sqlite3
+from dataclasses import replace
 
 import pytest
 
 from bench.errors import UserError
-from bench.store import FILE_NAME, VERSION, open_store, read_store
+from bench.provenance import Provenance
+from bench.resume import pending
+from bench.store import APPLICATION_ID, FILE_NAME, VERSION, open_store, read_store
 from bench.suite import load_suite, select
 from bench.trial import Outcome, expand
+from bench.versions import Versions
+
+SOURCE = Provenance("", "{}", "", "", 1, "", {}, "", {})
 
 
 @pytest.fixture
@@ -20,7 +26,7 @@ def test_rows_come_back(tmp_path, trials):
         store.add(trials[0], outcome)
     with read_store(tmp_path) as store:
         frame = store.frame()
-        assert store.keys() == {trials[0].key}
+        assert [r.key for r in store.records()] == [trials[0].key]
     row = frame.iloc[0]
     assert row["weights"] == [[0.25] * 4] * 2
     assert (row["status"], row["message"], row["cosine_error"]) == ("ok", "fine", 0.1)
@@ -67,7 +73,7 @@ def test_a_newer_store_is_refused(tmp_path, trials):
     connection = sqlite3.connect(tmp_path / FILE_NAME)
     connection.execute(f"PRAGMA user_version = {VERSION + 1}")
     connection.close()
-    with pytest.raises(UserError, match=f"layout {VERSION + 1}"):
+    with pytest.raises(UserError, match=rf"newer version.*layout {VERSION + 1}"):
         open_store(tmp_path).__enter__()
 
 
@@ -91,3 +97,57 @@ def test_a_file_is_no_folder(tmp_path):
     path.write_text("")
     with pytest.raises(UserError, match="it is a file"):
         open_store(path).__enter__()
+
+
+def test_damage_is_found_before_anything_is_added(tmp_path, trials):
+    with open_store(tmp_path) as store:
+        for trial in trials:
+            store.add(trial, Outcome("ok", "x" * 5000))
+    path = tmp_path / FILE_NAME
+    damaged = bytearray(path.read_bytes())
+    damaged[4096:8192] = b"x" * 4096
+    path.write_bytes(damaged)
+    with pytest.raises(UserError, match=r"damaged \(.*it was left as it is"):
+        open_store(tmp_path).__enter__()
+    assert path.read_bytes() == damaged
+
+
+def test_a_store_of_layout_1_is_taken_over(tmp_path, trials):
+    connection = sqlite3.connect(tmp_path / FILE_NAME)
+    key = ("scenario", "view", "sigma", "seed", "estimator", "parameters")
+    with connection:
+        connection.execute(
+            "CREATE TABLE trials (suite TEXT, scenario TEXT, view TEXT, sigma REAL, seed INTEGER, "
+            "estimator TEXT, parameters TEXT, count INTEGER, status TEXT, message TEXT, "
+            f"weights TEXT, PRIMARY KEY ({', '.join(key)}))"
+        )
+        connection.execute(
+            "INSERT INTO trials VALUES ('quick', 'two_player', 'full', 0.0, 0, 'uniform', '{}', "
+            "5, 'ok', '', '[[0.5, 0.5]]')"
+        )
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        connection.execute("PRAGMA user_version = 1")
+    connection.close()
+    with read_store(tmp_path) as store:
+        (row,) = store.frame().to_dict("records")
+        assert (row["count"], row["status"], row["weights"]) == (5, "ok", [[0.5, 0.5]])
+        assert pending(trials, store.records()) == trials  # nobody knows which code it was
+    with open_store(tmp_path) as store:
+        store.add(trials[0], Outcome("ok"))
+        assert len(list(store.records())) == 2
+
+
+def test_rows_of_former_code_are_kept_apart(tmp_path, trials):
+    new = trials[0]
+    old = replace(new, versions=Versions("a", "b", "c"))
+    with open_store(tmp_path) as store:
+        store.begin_run(SOURCE, [old])
+        store.add(old, Outcome("ok", "old"))
+        store.begin_run(SOURCE, [new])
+        assert store.frame().empty  # nothing of the present code yet
+        store.add(new, Outcome("ok", "new"))
+        assert list(store.frame()["message"]) == ["new"]
+        assert len(list(store.records())) == 2
+        store.begin_run(SOURCE, [old])
+        assert list(store.frame()["message"]) == ["old"]
+        assert len(store.runs()) == 3

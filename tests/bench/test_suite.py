@@ -3,6 +3,7 @@ import pytest
 from bench.errors import UserError
 from bench.suite import load_suite, select, suite_names
 from bench.trial import expand
+from envs.highway_roads import ROAD_NAMES
 
 GOOD = """
 name = "tiny"
@@ -54,8 +55,14 @@ def test_paper_suite_is_the_published_study():
         ("two_player", "three_player", "unknown scenario 'three_player'; known are: highway"),
         ('"two_player"', '{name="random", options={players=3}}', "known are: num_players"),
         ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
+        ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
+        ("seeds = 3", "seeds = 3\nroot_iterations = 0", "root_iterations: Input should be greater"),
         ('"full"', '"fulll"', "unknown view 'fulll'; known are: full, partial"),
-        ('"uniform"', '"unifrom"', "unknown estimator 'unifrom'; known are: bilevel, kkt_constrained"),
+        (
+            '"uniform"',
+            '"unifrom"',
+            "unknown estimator 'unifrom'; known are: bilevel, kkt_constrained",
+        ),
         ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
         ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),
         ('["full"]', "[]", "views"),
@@ -84,6 +91,25 @@ def test_a_family_has_a_trial_per_seed_even_without_noise(tmp_path):
     path = write(tmp_path, GOOD.replace('"two_player"', '"random"'))
     noise_free = [trial for trial in expand(load_suite(path)) if trial.sigma == 0]
     assert [trial.count for trial in noise_free] == [1, 1, 1]
+
+
+def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
+    path = write(
+        tmp_path, GOOD.replace('"full"', '"full", "partial"').replace("two_player", "random")
+    )
+    seeds = [trial.seed for trial in expand(load_suite(path))]
+    assert seeds == sorted(seeds)
+    views = [
+        trial.view for trial in expand(load_suite("quick")) if trial.scenario.name == "two_player"
+    ]
+    assert views == sorted(views)
+
+
+def test_traffic_of_the_highway_suite_is_checked_without_being_solved(monkeypatch):
+    monkeypatch.setattr("envs.driving.certified_equilibrium", None)
+    suite = load_suite("highway")
+    assert {entry.name for entry in suite.scenarios} == set(ROAD_NAMES)
+    assert (min(suite.sigmas), max(suite.sigmas)) == (0, 2)
 
 
 def test_two_settings_of_one_estimator_need_labels(tmp_path):

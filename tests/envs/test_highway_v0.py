@@ -16,7 +16,7 @@ from pettingzoo.test import parallel_api_test
 from envs import highway_v0
 from envs.equilibrium import certified_equilibrium
 from envs.highway_roads import DT, POLICY_FREQUENCY, ROAD_NAMES, SIMULATION_FREQUENCY
-from envs.scenarios import Scenario, get_scenario
+from envs.scenarios import Scenario, check_options, get_scenario
 
 SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
 SEEDS = (0, 1, 2)
@@ -208,6 +208,26 @@ def test_noise_of_the_cars_is_scaled_and_a_scale_must_be_positive():
 def test_more_players_than_the_road_holds(name):
     with pytest.raises(ValueError, match=f"'{name}' holds . to . players, got num_players = 20"):
         get_scenario(name, num_players=20)
+
+
+@pytest.mark.parametrize("count", ["5", 4.0, True, None])
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_a_number_of_players_that_is_none(name, count):
+    message = f"num_players must be a whole number, got {count!r}"
+    with pytest.raises(ValueError, match=message):
+        get_scenario(name, num_players=count)
+    with pytest.raises(ValueError, match=message):
+        check_options(name, num_players=count)
+
+
+@pytest.mark.parametrize("seed", [-1, "a", 1.0])
+def test_a_seed_that_is_none_leaves_the_world_usable(seed):
+    with pytest.raises(ValueError, match=f"a seed is an integer of at least 0, got {seed!r}"):
+        get_scenario("merge", seed)
+    world = highway_v0.parallel_env(drawn("merge"))
+    with pytest.raises(ValueError, match="a seed is an integer of at least 0"):
+        world.reset(seed=seed)
+    assert world.reset(seed=3)[0].keys() == {"player_0", "player_1"}
 
 
 @pytest.mark.parametrize(

@@ -468,3 +468,20 @@ def test_unknown_player_has_no_space():
     world = olne_v0.parallel_env("two_player")
     with pytest.raises(ValueError, match="unknown player 'player_2'; players are: player_0"):
         world.observation_space("player_2")
+
+
+@pytest.mark.parametrize(
+    "action", [np.zeros(3), np.array([np.nan, 0.0]), np.array([0.0, 1e3]), None]
+)
+def test_a_wrong_turn_is_refused_at_once_and_may_be_repeated(action):
+    world = olne_v0.env("two_player")
+    world.reset()
+    with pytest.raises(ValueError, match="player_0"):
+        world.step(action)
+    assert world.agent_selection == "player_0"
+    for player in world.agent_iter():
+        _, _, terminated, truncated, info = world.last()
+        world.step(None if terminated or truncated else info["olne_action"])
+        assert player in ("player_0", "player_1")
+    truth = record(get_scenario("two_player"))
+    assert np.array_equal(world.state()[:-1].reshape(2, 4), truth.states[-1])

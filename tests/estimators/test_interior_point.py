@@ -7,7 +7,7 @@ import pytest
 
 from envs.scenarios import get_scenario
 from estimators import interior_point
-from estimators.interior_point import solve_joint
+from estimators.interior_point import CLOSE_TO_KNOWN, solve_joint
 from estimators.joint_ipopt import solve_joint_ipopt
 from estimators.joint_problem import JointPoint, JointSolution
 from estimators.trajectory_fit import guess_states
@@ -16,6 +16,7 @@ from games.elimination import Elimination
 from games.features import ControlEffort, FinalGoal, Proximity
 from games.game import Game, Player
 from games.kkt import kkt_residual_norm
+from games.native import NativeElimination
 from games.observation import VIEWS, ComponentView, View, observe
 from games.olne import solve_olne
 from games.stages import stage_functions
@@ -66,18 +67,69 @@ def test_both_back_ends_reach_the_same_optimum(
     np.testing.assert_allclose(ours.point.weights, reference.point.weights, atol=1e-4)
 
 
-def test_numpy_and_native_code_take_the_same_path(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(params=["native", "numpy"])
+def path(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The test runs in native code, where there is any, and in NumPy."""
+    if request.param == "numpy":
+        monkeypatch.setattr(interior_point, "joint_elimination", in_numpy)
+    return str(request.param)
+
+
+def in_numpy(game: Game, view: View) -> Elimination:
+    return Elimination(stage_functions(game, view), game.horizon)
+
+
+@pytest.mark.usefixtures("compiler")
+@pytest.mark.parametrize(
+    "options", [{}, {"tie": 0.1, "tolerance": 1e-3}, {"first_barrier": 1e-3}, {"first_barrier": 10}]
+)
+def test_numpy_and_native_code_take_the_same_path(
+    options: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     view = VIEWS["partial"]
     game, y, start = sequence("two_player", view, 0.03, seed=2)
-    ours = solve_joint(game, view, y, start)
-    plain = Elimination(stage_functions(game, view), game.horizon)
-    monkeypatch.setattr(interior_point, "elimination", lambda *_: plain)
-    in_numpy = solve_joint(game, view, y, start)
-    assert in_numpy.converged
-    assert in_numpy.iterations == ours.iterations
-    np.testing.assert_allclose(in_numpy.point.weights, ours.point.weights, atol=1e-7)
+    assert isinstance(interior_point.joint_elimination(game, view), NativeElimination)
+    ours = solve_joint(game, view, y, start, **options)
+    monkeypatch.setattr(interior_point, "joint_elimination", in_numpy)
+    plain = solve_joint(game, view, y, start, **options)
+    assert plain.converged
+    assert plain.iterations == ours.iterations
+    np.testing.assert_allclose(plain.point.weights, ours.point.weights, atol=1e-7)
 
 
+@pytest.mark.usefixtures("path")
+def test_a_run_stops_where_it_comes_close_to_a_known_optimum() -> None:
+    view = VIEWS["full"]
+    game, y, start = sequence("two_player", view, 0.02, seed=2)
+    first = solve_joint(game, view, y, start)
+    again = solve_joint(game, view, y, start, known=[first])
+    assert not again.converged
+    assert again.message == CLOSE_TO_KNOWN
+    assert again.iterations < first.iterations
+    elsewhere = replace(first, objective=2 * first.objective)
+    assert solve_joint(game, view, y, start, known=[elsewhere]).converged
+
+
+@pytest.mark.usefixtures("path")
+@pytest.mark.parametrize("what", ["huge", "overflowing", "noise", "nothing", "standing still"])
+def test_hopeless_data_get_an_honest_answer(what: str) -> None:
+    view = VIEWS["full"]
+    game, y, _ = sequence("two_player", view, 0.0, seed=0)
+    y = {
+        "huge": 1e8 * y,
+        "overflowing": np.where(np.arange(y.size).reshape(y.shape) == 40, 1e200, y),
+        "noise": 10 * np.random.default_rng(0).standard_normal(y.shape),
+        "nothing": np.full_like(y, np.nan),
+        "standing still": np.zeros_like(y),
+    }[what]
+    start = JointPoint.from_trajectory(game, guess_states(game, view, y))
+    solution = solve_joint(game, view, y, start, max_iterations=100, limit=20.0)
+    assert solution.converged == (not solution.message)
+    if solution.converged:
+        assert is_solution(game, solution)
+
+
+@pytest.mark.usefixtures("path")
 def test_weights_at_the_bound() -> None:
     """A player that does not mind others, in data good enough to tell."""
     scenario = get_scenario("two_player")
@@ -92,6 +144,7 @@ def test_weights_at_the_bound() -> None:
     assert solution.point.weights.min() < 1e-3
 
 
+@pytest.mark.usefixtures("path")
 def test_missing_samples_weigh_nothing() -> None:
     view = VIEWS["full"]
     game, y, _ = sequence("two_player", view, 0.0, seed=0)
@@ -104,6 +157,12 @@ def test_missing_samples_weigh_nothing() -> None:
     np.testing.assert_allclose(solution.point.weights, 0.25, atol=1e-4)
 
 
+def test_a_horizon_of_one_is_no_game() -> None:
+    with pytest.raises(ValueError, match="horizon must be an integer of at least 2, got 1"):
+        replace(get_scenario("two_player").game, horizon=1)
+
+
+@pytest.mark.usefixtures("path")
 @pytest.mark.parametrize("horizon", [2, 3])
 def test_the_shortest_horizons(horizon: int) -> None:
     scenario = get_scenario("two_player")
@@ -115,6 +174,7 @@ def test_the_shortest_horizons(horizon: int) -> None:
     assert is_solution(game, solution)
 
 
+@pytest.mark.usefixtures("path")
 def test_players_in_the_same_place() -> None:
     """Two players with one start and one goal: whatever it says, it says it honestly."""
     scenario = get_scenario("two_player")
@@ -149,6 +209,7 @@ def test_another_motion_model_and_sensor() -> None:
     np.testing.assert_allclose(solution.point.weights, weights, atol=1e-4)
 
 
+@pytest.mark.usefixtures("path")
 def test_limits_hold_and_are_told() -> None:
     view = VIEWS["partial"]
     game, y, start = sequence("two_player", view, 0.03, seed=2)
@@ -161,6 +222,7 @@ def test_limits_hold_and_are_told() -> None:
         assert solution.message == message
 
 
+@pytest.mark.usefixtures("path")
 def test_a_start_that_is_no_number_is_refused() -> None:
     view = VIEWS["full"]
     game, y, start = sequence("two_player", view, 0.0, seed=0)
@@ -170,6 +232,7 @@ def test_a_start_that_is_no_number_is_refused() -> None:
     assert solution.message == "the start is not finite"
 
 
+@pytest.mark.usefixtures("path")
 def test_conditions_without_pivots_are_told() -> None:
     """Nothing penalises the acceleration, so the stage matrices are singular."""
     player = Player(preferences=(ControlEffort("yaw_rate"),))

@@ -57,7 +57,7 @@ def test_without_any_root_there_is_no_prediction(
     crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     game, weights, _ = crossing
-    monkeypatch.setattr(module, "nearest_root", lambda *_: None)
+    monkeypatch.setattr(module, "nearest_root", lambda *_, **__: None)
     monkeypatch.setattr(module, "_equilibrium", lambda *_: None)
     found = crossing_equilibrium
     assert predict(game, weights, found.states, found.controls) == Prediction(None, False)

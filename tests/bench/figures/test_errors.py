@@ -23,6 +23,17 @@ def test_every_failure_is_a_triangle_and_every_success_a_point(make_trials):
     assert len(points.get_xdata()) == len(trials) - 3
 
 
+def test_what_the_published_step_misses_is_a_triangle_beside_its_point(make_trials):
+    trials = make_trials(estimators=("a",), views=("full",), seeds=5)
+    trials.loc[trials.index[1:4], "published_forward"] = 0
+    cosine, position = draw(trials).axes
+    assert lines(cosine, "^") == []
+    (triangles,) = lines(position, "^")
+    assert len(triangles.get_xdata()) == 3
+    (points,) = lines(position, "o")
+    assert len(points.get_xdata()) == len(trials)
+
+
 def test_median_breaks_where_most_fail(make_trials):
     trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.01, 0.1), seeds=60)
     trials.loc[trials["sigma"] == 0.1, "status"] = "timeout"

@@ -67,10 +67,20 @@ def test_bundles_say_how_many_failed(make_trials):
     figure = trajectories.draw(trials)
     assert titles(figure) == [
         "Truth and 3 observed sequences",
-        "a\nfull view, 1 of 3 failed, 1 not drawn",
+        "a\nfull view, 1 of 3 failed\n1 not drawn",
     ]
     # Truth and start per player, and the two predictions of each.
     assert len(figure.axes[1].lines) == 2 * 2 + 2 * 2
+
+
+def test_bundles_are_of_the_largest_noise_at_which_everybody_predicts_something(make_trials):
+    trials = make_trials(estimators=("a", "b"), views=("full",), sigmas=(0.01, 0.1))
+    assert trajectories.draw(trials).get_suptitle().endswith("σ = 0.1")
+    lost = (trials["estimator"] == "b") & (trials["sigma"] == 0.1)
+    trials.loc[lost, "status"] = "failed_forward"
+    assert trajectories.draw(trials).get_suptitle().endswith("σ = 0.01")
+    trials["status"] = "failed_forward"
+    assert trajectories.draw(trials).get_suptitle().endswith("σ = 0.1")
 
 
 def test_prediction_at_the_true_weights_is_the_truth(make_trials, scene):

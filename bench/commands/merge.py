@@ -1,0 +1,49 @@
+"""``olne-bench merge``: one run out of two."""
+
+from pathlib import Path
+
+import click
+
+from bench.errors import UserError
+from bench.resume import check_same_suite
+from bench.store import FILE_NAME, open_store, read_store
+from bench.suite import read_suite_json
+
+
+@click.command()
+@click.argument("first", type=click.Path(path_type=Path))
+@click.argument("second", type=click.Path(path_type=Path))
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="New run folder; FIRST gains the rows if absent."
+)
+def merge(first: Path, second: Path, out: Path | None) -> None:
+    """Add the trials of the run in SECOND to those of the run in FIRST.
+
+    Both have to be of the same suite, and of the same code where they share an estimator and a
+    scenario. Of a trial that both have, the row of FIRST stays. SECOND is left as it is.
+    """
+    for folder in (first, second):
+        with read_store(folder) as store:
+            runs = store.runs()
+        if not runs:
+            raise UserError(f"the run in {folder} was written by a version that noted no suite")
+    suite = read_suite_json(runs[-1].suite)
+    if first.resolve() == second.resolve():
+        raise UserError(f"cannot merge {first} with itself")
+    with read_store(first) as store:
+        check_same_suite(suite, store.runs(), first)
+    if out is None:
+        _add(first, [second])
+        return
+    if (out / FILE_NAME).exists():
+        raise UserError(f"--out {out} holds a run already; name a new folder")
+    _add(out, [first, second])
+
+
+def _add(target: Path, sources: list[Path]) -> None:
+    with open_store(target) as store:
+        for source in sources:
+            with open_store(source):  # nobody writes to it meanwhile
+                new, known = store.merge(source / FILE_NAME)
+            kept = f", {known} were there already" if known else ""
+            click.echo(f"{target}: {new} rows of {source} added{kept}")

@@ -1,0 +1,492 @@
+/* The interior-point method of estimators/interior_point.py, compiled after games/elimination.c.
+ *
+ * interior_point.py is the same algorithm in NumPy and explains it; numbers in brackets are the
+ * equations of Waechter and Biegler (2006), as there. Changes of w = (x_1, theta) live on the
+ * tangent of the sums of weights: `basis` (K, K-1) spans it for one player. */
+
+#define SPACE_ARRAYS 16 /* of size (T, SZ) */
+
+enum { CONVERGED, NOT_FINITE, SINGULAR, NO_TIME, NO_CURVATURE, NO_STEP, NO_ITERATIONS, KNOWN };
+
+static const double FEASIBLE = 1e-9, ACCEPTABLE = 1e-6, EPSILON = 2.220446049250313e-16;
+
+/* Mirrored by _Options of interior_point.py, which explains them */
+typedef struct {
+    int players, max_iterations, known;
+    double floor, tie, first_barrier, tolerance, limit, known_change, known_weights;
+    const double *known_objectives, *known_theta; /* (known,), (known, NT) */
+} Options;
+
+typedef struct {
+    double *z, *residual, *gradient; /* (T, SZ) */
+    double theta[NT];
+    double objective, violation, infeasibility; /* |G|_1, max |G| */
+} Point;
+
+typedef struct {
+    double *dz; /* (T, SZ) */
+    double dtheta[NT];
+} Direction;
+
+typedef struct {
+    Work *work;
+    const Options *options;
+    const double *basis;
+    int players, weights, tangents; /* N, K, NX + N (K-1) */
+    double floor, tie, barrier, first_violation, shift, last_shift;
+    Point point, trial;
+    Direction direction, correction;
+    double *multipliers, *next_multipliers, *normal, *curvature, *combined; /* (T, SZ) */
+    double *duals;                                                          /* (NT,) of bounds */
+    double *reduced_gradient;                                               /* (PC,) */
+    double *hessian, *metric, *tangent_hessian, *tangent_metric, *factor;   /* (PC, PC) */
+    double (*filter)[2]; /* pairs of violation and barrier objective */
+    int filtered;
+} Method;
+
+static double sum_of_products(int n, const double *a, const double *b)
+{
+    double sum = 0;
+    for (int i = 0; i < n; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+static int size(const Method *m) { return m->work->horizon * SZ; }
+
+/* out (tangents,) = basis' in (PC,) */
+static void to_tangent(const Method *m, const double *in, double *out)
+{
+    const int K = m->weights, L = K - 1;
+    memcpy(out, in, NX * sizeof(double));
+    for (int i = 0; i < m->players; i++)
+        for (int l = 0; l < L; l++) {
+            double sum = 0;
+            for (int k = 0; k < K; k++) sum += m->basis[k * L + l] * in[NX + i * K + k];
+            out[NX + i * L + l] = sum;
+        }
+}
+
+/* out (PC,) = basis in (tangents,) */
+static void from_tangent(const Method *m, const double *in, double *out)
+{
+    const int K = m->weights, L = K - 1;
+    memcpy(out, in, NX * sizeof(double));
+    for (int i = 0; i < m->players; i++)
+        for (int k = 0; k < K; k++) {
+            double sum = 0;
+            for (int l = 0; l < L; l++) sum += m->basis[k * L + l] * in[NX + i * L + l];
+            out[NX + i * K + k] = sum;
+        }
+}
+
+/* out (tangents, tangents) = basis' in (PC, PC) basis, in symmetric */
+static void matrix_to_tangent(const Method *m, const double *in, double *out)
+{
+    const int n = m->tangents;
+    double rows[PC * PC], column[PC];
+    for (int i = 0; i < PC; i++) to_tangent(m, in + i * PC, rows + i * n);
+    for (int j = 0; j < n; j++) {
+        double transformed[PC];
+        for (int i = 0; i < PC; i++) column[i] = rows[i * n + j];
+        to_tangent(m, column, transformed);
+        memcpy(out + j * n, transformed, n * sizeof(double));
+    }
+}
+
+/* Lower factor of a (n, n) + shift b; 0 where the sum is not positive definite */
+static int cholesky(int n, const double *a, double shift, const double *b, double *factor)
+{
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = a[i * n + j] + (shift ? shift * b[i * n + j] : 0);
+            sum -= sum_of_products(j, factor + i * n, factor + j * n);
+            if (i == j) {
+                if (!(sum > 0)) return 0;
+                factor[i * n + i] = sqrt(sum);
+            } else
+                factor[i * n + j] = sum / factor[j * n + j];
+        }
+    return 1;
+}
+
+static void cholesky_solve(int n, const double *factor, double *b)
+{
+    for (int i = 0; i < n; i++)
+        b[i] = (b[i] - sum_of_products(i, factor + i * n, b)) / factor[i * n + i];
+    for (int i = n - 1; i >= 0; i--) {
+        b[i] /= factor[i * n + i];
+        for (int j = 0; j < i; j++) b[j] -= factor[i * n + j] * b[i];
+    }
+}
+
+/* Values at p->z and p->theta; a point that is no number has a violation that is none */
+static void assess(const Method *m, Point *p)
+{
+    const double uniform = 1.0 / m->weights;
+    evaluate(m->work, p->z, p->theta, p->residual);
+    p->objective = observation_loss(m->work, p->z, p->gradient);
+    for (int k = 0; k < NT; k++)
+        p->objective += m->tie * (p->theta[k] - uniform) * (p->theta[k] - uniform);
+    p->violation = p->infeasibility = 0;
+    for (int i = 0; i < size(m); i++) {
+        const double absolute = fabs(p->residual[i]);
+        p->violation += absolute;
+        p->infeasibility = fmax(p->infeasibility, absolute);
+    }
+}
+
+static double dual_scale(const Method *m) /* s_d and s_c of (6) */
+{
+    double sum = 0;
+    for (int k = 0; k < NT; k++) sum += m->duals[k];
+    return fmax(1, sum / (100 * NT));
+}
+
+static double complementarity(const Method *m, double barrier)
+{
+    double largest = 0;
+    for (int k = 0; k < NT; k++)
+        largest = fmax(largest, fabs((m->point.theta[k] - m->floor) * m->duals[k] - barrier));
+    return largest / dual_scale(m);
+}
+
+/* The parts of E_mu (5) that do not depend on mu; infinite where they are no numbers */
+static double stationarity(const Method *m)
+{
+    double gradient[PC], along[PC], largest = 0, sum = 0;
+    memcpy(gradient, m->reduced_gradient, sizeof(gradient));
+    for (int k = 0; k < NT; k++) gradient[NX + k] -= m->duals[k];
+    to_tangent(m, gradient, along);
+    for (int i = 0; i < m->tangents; i++) {
+        largest = fmax(largest, fabs(along[i]));
+        sum += along[i];
+    }
+    return isfinite(sum) ? fmax(m->point.infeasibility, largest / dual_scale(m)) : INFINITY;
+}
+
+static void reduce_barrier(Method *m) /* (7) */
+{
+    m->barrier =
+        fmax(m->options->tolerance / 10, fmin(0.2 * m->barrier, pow(m->barrier, 1.5)));
+    m->filtered = 0;
+}
+
+/* Cholesky factor of the tangent Hessian, shifted until it is positive definite */
+static int factorise(Method *m)
+{
+    const int n = m->tangents;
+    reduced_hessian(m->work, m->point.z, m->point.theta, m->multipliers, m->hessian);
+    for (int k = 0; k < NT; k++)
+        m->hessian[(NX + k) * (PC + 1)] +=
+            m->duals[k] / (m->point.theta[k] - m->floor) + 2 * m->tie;
+    matrix_to_tangent(m, m->hessian, m->tangent_hessian);
+    double sum = 0;
+    for (int i = 0; i < n * n; i++) sum += m->tangent_hessian[i];
+    if (!isfinite(sum)) return 0;
+    m->shift = 0;
+    if (cholesky(n, m->tangent_hessian, 0, 0, m->factor)) return 1;
+    trajectory_metric(m->work, m->metric);
+    for (int k = NX; k < PC; k++) m->metric[k * (PC + 1)] += 1;
+    matrix_to_tangent(m, m->metric, m->tangent_metric);
+    const int first = m->last_shift == 0;
+    m->shift = first ? 1e-4 : fmax(1e-20, m->last_shift / 3);
+    while (!cholesky(n, m->tangent_hessian, m->shift, m->tangent_metric, m->factor)) {
+        m->shift *= first ? 100 : 8;
+        if (m->shift > 1e20) return 0;
+    }
+    m->last_shift = m->shift;
+    return 1;
+}
+
+/* curvature = (H + shift) dz, curvature_theta = the part of theta */
+static void curve(const Method *m, const double *dz, const double *dtheta, double *curvature_theta)
+{
+    hessian_product(m->work, dz, dtheta, m->curvature, curvature_theta);
+    if (m->shift)
+        for (int t = 0; t < m->work->horizon; t++)
+            for (int k = 0; k < OFF_L; k++)
+                m->curvature[t * SZ + k] += m->shift * dz[t * SZ + k];
+}
+
+/* The Newton step (11) for a right-hand side of G */
+static void newton_step(const Method *m, const double *residual, Direction *out)
+{
+    double gradient[PC], change[PC], along[PC], zero[NT] = {0}, curvature_theta[NT];
+    solve(m->work, 0, residual, m->normal);
+    for (int i = 0; i < size(m); i++) m->normal[i] = -m->normal[i];
+    curve(m, m->normal, zero, curvature_theta);
+    reduce(m->work, m->curvature, gradient);
+    for (int i = 0; i < PC; i++) gradient[i] += m->reduced_gradient[i];
+    for (int k = 0; k < NT; k++)
+        gradient[NX + k] += curvature_theta[k] - m->barrier / (m->point.theta[k] - m->floor);
+    to_tangent(m, gradient, along);
+    for (int i = 0; i < m->tangents; i++) along[i] = -along[i];
+    cholesky_solve(m->tangents, m->factor, along);
+    from_tangent(m, along, change);
+    memcpy(out->dz, m->normal, size(m) * sizeof(double));
+    expand(m->work, change, out->dz);
+    memcpy(out->dtheta, change + NX, NT * sizeof(double));
+}
+
+/* Whether a step would change nothing that floating point can tell; NaN is no such step */
+static int is_rounding(const Method *m, const Direction *d)
+{
+    const double least = 10 * EPSILON;
+    for (int k = 0; k < NT; k++)
+        if (!(fabs(d->dtheta[k]) < least)) return 0;
+    for (int i = 0; i < size(m); i++)
+        if (!(fabs(d->dz[i]) < least * (1 + fabs(m->point.z[i])))) return 0;
+    return 1;
+}
+
+/* Largest step in (0, 1] that leaves a share 1 - boundary of every gap (15) */
+static double longest_step(const double *value, double floor, const double *change, double boundary)
+{
+    double ratio = 0;
+    for (int k = 0; k < NT; k++) ratio = fmax(ratio, -change[k] / (value[k] - floor));
+    return ratio <= boundary ? 1 : boundary / ratio;
+}
+
+static double barrier_objective(const Method *m, const Point *p)
+{
+    double sum = 0;
+    for (int k = 0; k < NT; k++) sum += log(p->theta[k] - m->floor);
+    return p->objective - m->barrier * sum;
+}
+
+static void try_step(Method *m, const Direction *d, double length)
+{
+    for (int i = 0; i < size(m); i++) m->trial.z[i] = m->point.z[i] + length * d->dz[i];
+    for (int k = 0; k < NT; k++)
+        m->trial.theta[k] = m->point.theta[k] + length * d->dtheta[k];
+    assess(m, &m->trial);
+}
+
+/* The switching condition (19), where the point is almost feasible */
+static int switches(const Method *m, double slope, double length)
+{
+    return m->point.violation <= 1e-4 * m->first_violation && slope < 0 &&
+           length * pow(-slope, 2.3) > pow(m->point.violation, 1.1);
+}
+
+/* The trial to the filter, and either of sufficient decrease (20) or of progress (18) */
+static int acceptable(const Method *m, double slope, double length)
+{
+    const double now = barrier_objective(m, &m->point), then = barrier_objective(m, &m->trial);
+    const double rounding = 10 * EPSILON * fabs(now), violation = m->trial.violation;
+    if (!isfinite(then + violation) || violation > 1e4 * m->first_violation) return 0;
+    for (int i = 0; i < m->filtered; i++)
+        if (violation >= m->filter[i][0] && then >= m->filter[i][1]) return 0;
+    if (switches(m, slope, length)) return then <= now + 1e-8 * length * slope + rounding;
+    return violation <= (1 - 1e-5) * m->point.violation ||
+           then <= now - 1e-8 * m->point.violation + rounding;
+}
+
+/* (23) */
+static double shortest_step(const Method *m, double slope, double longest)
+{
+    const double violation = m->point.violation;
+    double shortest = 1e-5;
+    if (slope < 0) {
+        shortest = fmin(shortest, 1e-8 * violation / -slope);
+        if (violation <= 1e-4 * m->first_violation)
+            shortest = fmin(shortest, pow(violation, 1.1) / pow(-slope, 2.3));
+    }
+    return fmax(0.05 * shortest, 1e-12 * longest);
+}
+
+/* Add the point to the filter (22) */
+static void block(Method *m)
+{
+    double *pair = m->filter[m->filtered++];
+    pair[0] = (1 - 1e-5) * m->point.violation;
+    pair[1] = barrier_objective(m, &m->point) - 1e-8 * m->point.violation;
+}
+
+/* Take the trial, with the bounds' duals kept near the central path (16) */
+static void move(Method *m)
+{
+    const Point swap = m->point;
+    m->point = m->trial;
+    m->trial = swap;
+    for (int k = 0; k < NT; k++) {
+        const double central = m->barrier / (m->point.theta[k] - m->floor);
+        m->duals[k] = fmax(central / 1e10, fmin(central * 1e10, m->duals[k]));
+    }
+}
+
+/* Move to the trial, with the multipliers that belong to its direction (14) */
+static void take(Method *m, const Direction *d, double length)
+{
+    double dual_step[NT], curvature_theta[NT];
+    for (int k = 0; k < NT; k++) {
+        const double gap = m->point.theta[k] - m->floor;
+        dual_step[k] = m->barrier / gap - m->duals[k] - m->duals[k] / gap * d->dtheta[k];
+    }
+    const double dual_length = longest_step(m->duals, 0, dual_step, fmax(0.99, 1 - m->barrier));
+    for (int k = 0; k < NT; k++) m->duals[k] += dual_length * dual_step[k];
+    curve(m, d->dz, d->dtheta, curvature_theta);
+    for (int i = 0; i < size(m); i++)
+        m->combined[i] = -(m->point.gradient[i] + m->curvature[i]);
+    solve(m->work, 1, m->combined, m->next_multipliers);
+    for (int i = 0; i < size(m); i++)
+        m->multipliers[i] += length * (m->next_multipliers[i] - m->multipliers[i]);
+    move(m);
+}
+
+static void accept(Method *m, const Direction *d, double slope, double length, double used)
+{
+    if (!(switches(m, slope, length) &&
+          barrier_objective(m, &m->trial) <=
+              barrier_objective(m, &m->point) + 1e-8 * length * slope))
+        block(m);
+    take(m, d, used);
+}
+
+/* Second-order corrections after the trial; the step used, or 0 */
+static double correct(Method *m, double slope, double length, double boundary)
+{
+    double *residual = m->combined, violation = m->trial.violation, step = length;
+    memcpy(residual, m->point.residual, size(m) * sizeof(double));
+    for (int tries = 0; tries < 4; tries++) {
+        for (int i = 0; i < size(m); i++)
+            residual[i] = step * residual[i] + m->trial.residual[i];
+        if (!isfinite(m->trial.violation)) return 0;
+        newton_step(m, residual, &m->correction);
+        step = longest_step(m->point.theta, m->floor, m->correction.dtheta, boundary);
+        try_step(m, &m->correction, step);
+        if (acceptable(m, slope, length)) return step;
+        if (!(m->trial.violation <= 0.99 * violation)) return 0;
+        violation = m->trial.violation;
+    }
+    return 0;
+}
+
+/* Algorithm A, steps; moves the point where a step is accepted */
+static int line_search(Method *m)
+{
+    const Direction *d = &m->direction;
+    const double boundary = fmax(0.99, 1 - m->barrier), uniform = 1.0 / m->weights;
+    double slope = sum_of_products(size(m), m->point.gradient, d->dz);
+    for (int k = 0; k < NT; k++)
+        slope += (2 * m->tie * (m->point.theta[k] - uniform) -
+                  m->barrier / (m->point.theta[k] - m->floor)) *
+                 d->dtheta[k];
+    const double longest = longest_step(m->point.theta, m->floor, d->dtheta, boundary);
+    const double shortest = shortest_step(m, slope, longest);
+    for (double length = longest; length >= shortest; length /= 2) {
+        try_step(m, d, length);
+        if (acceptable(m, slope, length)) {
+            accept(m, d, slope, length, length);
+            return 1;
+        }
+        if (length == longest && m->trial.violation >= m->point.violation) {
+            const double used = correct(m, slope, length, boundary);
+            if (used) {
+                accept(m, &m->correction, slope, length, used);
+                return 1;
+            }
+        }
+    }
+    return 0;
+}
+
+/* Newton on G = 0 at fixed x_1 and weights, in place of IPOPT's restoration phase */
+static int restore(Method *m, double deadline)
+{
+    int iterations;
+    if (m->point.infeasibility <= FEASIBLE) return 0;
+    block(m);
+    memcpy(m->trial.z, m->point.z, size(m) * sizeof(double));
+    memcpy(m->trial.theta, m->point.theta, sizeof(m->point.theta));
+    newton_one(m->work, m->trial.z, m->trial.theta, FEASIBLE / 100, 30, deadline, &iterations);
+    assess(m, &m->trial);
+    if (!(m->trial.violation <= 0.9 * m->point.violation)) return 0;
+    memset(m->multipliers, 0, size(m) * sizeof(double));
+    move(m);
+    return 1;
+}
+
+/* Whether the point is so close to a known optimum that it can but end there */
+static int is_known(const Method *m)
+{
+    const Options *o = m->options;
+    if (m->point.violation > 1e-4 * m->first_violation) return 0;
+    for (int i = 0; i < o->known; i++) {
+        const double *theta = o->known_theta + i * NT, objective = o->known_objectives[i];
+        double change = 0;
+        for (int k = 0; k < NT; k++) change = fmax(change, fabs(m->point.theta[k] - theta[k]));
+        if (change <= o->known_weights &&
+            fabs(m->point.objective - objective) <= o->known_change * objective)
+            return 1;
+    }
+    return 0;
+}
+
+static int iterate(Method *m, double deadline, int *iterations)
+{
+    const double tolerance = m->options->tolerance;
+    assess(m, &m->point);
+    if (!isfinite(m->point.violation + m->point.objective)) return NOT_FINITE;
+    m->first_violation = fmax(1, m->point.violation);
+    for (*iterations = 0; *iterations < m->options->max_iterations; ++*iterations) {
+        if (is_known(m)) return KNOWN;
+        if (linearise(m->work, m->point.z, m->point.theta)) return SINGULAR;
+        sensitivities(m->work);
+        reduce(m->work, m->point.gradient, m->reduced_gradient);
+        for (int k = 0; k < NT; k++)
+            m->reduced_gradient[NX + k] += 2 * m->tie * (m->point.theta[k] - 1.0 / m->weights);
+        const double error = stationarity(m), final = fmax(error, complementarity(m, 0));
+        if (final <= tolerance) return CONVERGED;
+        while (m->barrier > tolerance / 10 &&
+               fmax(error, complementarity(m, m->barrier)) <= 10 * m->barrier)
+            reduce_barrier(m);
+        if (seconds() > deadline) return NO_TIME;
+        if (!factorise(m)) return NO_CURVATURE;
+        newton_step(m, m->point.residual, &m->direction);
+        if (is_rounding(m, &m->direction)) {
+            try_step(m, &m->direction, 1);
+            take(m, &m->direction, 1);
+            reduce_barrier(m);
+        } else if (!line_search(m) && !restore(m, deadline))
+            return final <= ACCEPTABLE ? CONVERGED : NO_STEP;
+    }
+    return NO_ITERATIONS;
+}
+
+/* Doubles of work space that interior_point needs */
+API int interior_point_space(int horizon, int max_iterations)
+{
+    return SPACE_ARRAYS * horizon * SZ + NT + PC + 5 * PC * PC + 4 * (max_iterations + 1);
+}
+
+/* Improves z (T, SZ) and theta (NT,) in place; why it stopped, one of the codes above */
+API int interior_point(Work *w, const Options *options, const double *basis, double *space,
+                       double *z, double *theta, double *objective, int *iterations)
+{
+    const int n = w->horizon * SZ, K = NT / options->players;
+    Method m = {.work = w, .options = options, .basis = basis, .players = options->players,
+                .weights = K, .tangents = NX + options->players * (K - 1),
+                .floor = options->floor, .tie = options->tie, .barrier = options->first_barrier};
+    double **arrays[] = {&m.point.z,      &m.point.residual, &m.point.gradient,
+                         &m.trial.z,      &m.trial.residual, &m.trial.gradient,
+                         &m.direction.dz, &m.correction.dz,  &m.multipliers,
+                         &m.normal,       &m.curvature,      &m.combined,
+                         &m.next_multipliers};
+    for (unsigned i = 0; i < sizeof(arrays) / sizeof(*arrays); i++, space += n) *arrays[i] = space;
+    double **squares[] = {&m.hessian, &m.metric, &m.tangent_hessian, &m.tangent_metric, &m.factor};
+    for (int i = 0; i < 5; i++, space += PC * PC) *squares[i] = space;
+    m.duals = space, space += NT;
+    m.reduced_gradient = space, space += PC;
+    m.filter = (double(*)[2])space;
+    memset(m.multipliers, 0, n * sizeof(double));
+    for (int k = 0; k < NT; k++) m.duals[k] = 1;
+    memcpy(m.point.z, z, n * sizeof(double));
+    memcpy(m.point.theta, theta, NT * sizeof(double));
+    *iterations = 0;
+    const int status = iterate(&m, seconds() + options->limit, iterations);
+    memcpy(z, m.point.z, n * sizeof(double));
+    memcpy(theta, m.point.theta, NT * sizeof(double));
+    *objective = m.point.objective;
+    return status;
+}

@@ -1,0 +1,79 @@
+"""What the harness itself takes of each trial, with an estimator that declines every problem.
+
+    python scripts/harness_cost.py --trials 10000
+    python scripts/harness_cost.py --trials 10000 --dask local:2
+
+Exit code 1 if a trial costs 2 ms or more, or memory grows.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+
+from bench.cluster import run_on_dask
+from bench.executor import run_trials
+from bench.store import open_store
+from bench.suite import load_suite, select
+from bench.trial import expand
+
+LIMIT = 2e-3  # [s]
+GROWTH = 20.0  # [MiB]
+PLUGIN = """
+class Declines:
+    def supports(self, problem):
+        return "never"
+
+    def estimate(self, problem, observation, *, rng, budget):
+        raise AssertionError
+"""
+
+
+def main() -> None:
+    """Measure, once all workers are at work."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=10_000)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--dask", help="as of olne-bench run")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        plugin = Path(folder, "plugin.py")
+        plugin.write_text(PLUGIN)
+        suite = load_suite("paper", (str(plugin),))
+        part = select(suite, scenarios=("two_player",), views=("full",), estimators=("Declines",))
+        model = list(expand(part))[-1]
+        warm = 500
+        trials = (replace(model, seed=seed) for seed in range(warm + arguments.trials))
+        if arguments.dask:
+            ended = run_on_dask(trials, cluster=arguments.dask)
+        else:
+            ended = run_trials(trials, jobs=arguments.jobs)
+        this = psutil.Process()
+        with open_store(Path(folder, "out")) as store:
+            for number, (trial, outcome) in enumerate(ended):
+                if number == warm:
+                    started, cpu, memory = time.monotonic(), time.process_time(), _memory(this)
+                store.add(trial, outcome)
+                if number == warm + arguments.trials - 1:
+                    each = (time.monotonic() - started) / arguments.trials
+                    own = (time.process_time() - cpu) / arguments.trials
+                    growth = {name: size - memory[name] for name, size in _memory(this).items()}
+    print(f"{1e3 * each:.2f} ms a trial, of which the driver computes {1e3 * own:.2f} ms")
+    print(
+        "memory grew by " + ", ".join(f"{size:.1f} MiB ({name})" for name, size in growth.items())
+    )
+    sys.exit(each >= LIMIT or max(growth.values()) > GROWTH)
+
+
+def _memory(driver: psutil.Process) -> dict[str, float]:
+    """Memory [MiB] of the driver and of all workers together."""
+    workers = sum(child.memory_info().rss for child in driver.children(recursive=True))
+    return {"driver": driver.memory_info().rss / 2**20, "workers": workers / 2**20}
+
+
+if __name__ == "__main__":
+    main()

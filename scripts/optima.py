@@ -1,0 +1,111 @@
+"""How often the joint method finds optima as low as IPOPT does, on the paper's sequences.
+
+    python scripts/optima.py [--out results/perf/optima.parquet] [--every 1]
+
+Per sequence of both scenarios and views, the objectives of the joint method as configured, of the
+same with IPOPT as its solver and three starts (``--reference``, slow), and of IPOPT on the compact
+layout with weights started at zero. The rivals' outcomes are kept in the file, so that only ours
+is computed anew.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from rivals import CompactLayout
+from tqdm import tqdm
+
+from bench.sensor import sense
+from bench.suite import load_suite
+from bench.trial import Trial, expand
+from bench.truth import true_recording
+from estimators.joint_problem import JointPoint
+from estimators.kkt_constrained import KktConstrained
+from estimators.protocol import Observation, Problem
+from estimators.trajectory_fit import fit_trajectory
+from games.observation import VIEWS
+
+KEY = ["scenario", "view", "sigma", "seed"]
+RIVALS = ("ipopt", "compact")
+SAME, NOTHING = 1e-4, 1e-9  # relative and absolute difference that makes no other optimum
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/perf/optima.parquet"))
+    parser.add_argument("--every", type=int, default=1, help="take each so-manyth sequence")
+    parser.add_argument("--reference", action="store_true", help="solve what is missing of IPOPT's")
+    options = parser.parse_args()
+    known = pd.read_parquet(options.out).set_index(KEY) if options.out.exists() else None
+    rows = []
+    for trial in tqdm(_sequences()[:: options.every], disable=None):
+        row = dict(zip(KEY, _key(trial), strict=True)) | {"count": trial.count}
+        row["ours"] = _joint(trial, "structured")
+        for rival in RIVALS:
+            row[rival] = np.nan if known is None else known[rival].get(_key(trial), np.nan)
+        if np.isnan(row["compact"]):
+            row["compact"] = _compact(trial)
+        if np.isnan(row["ipopt"]) and options.reference:
+            row["ipopt"] = _joint(trial, "ipopt")
+        rows.append(row)
+    table = pd.DataFrame(rows)
+    if options.every == 1:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        table.to_parquet(options.out)
+    print_shares(table)
+
+
+def print_shares(table: pd.DataFrame) -> None:
+    """Shares of the study's sequences, each counted as often as it stands for."""
+    for scenario, rows in table.groupby("scenario"):
+        for rival in RIVALS:
+            both = rows[rows[rival].notna()]
+            if both.empty:
+                continue
+            margin = SAME * both[rival] + NOTHING
+            same_or_lower = np.average(both.ours <= both[rival] + margin, weights=both["count"])
+            lower = np.average(both.ours < both[rival] - margin, weights=both["count"])
+            print(
+                f"{scenario:20s} against {rival:8s} same or lower {same_or_lower:.2%}, "
+                f"lower {lower:.2%}, of {len(both)} sequences"
+            )
+
+
+def _sequences() -> list[Trial]:
+    found = {_key(trial): trial for trial in expand(load_suite("paper"))}
+    return list(found.values())
+
+
+def _key(trial: Trial) -> tuple[str, str, float, int]:
+    return trial.scenario.label, trial.view, trial.sigma, trial.seed
+
+
+def _observed(trial: Trial) -> tuple[Problem, Observation]:
+    recording, view = true_recording(trial.scenario, trial.seed), VIEWS[trial.view]
+    observation = sense(recording, view, trial.sigma, trial.seed)
+    return Problem(recording.scenario.game, view, trial.sigma), observation
+
+
+def _joint(trial: Trial, solver: str) -> float:
+    """Objective, infinite where the method did not converge."""
+    problem, observation = _observed(trial)
+    estimate = KktConstrained(solver=solver).estimate(
+        problem, observation, rng=np.random.default_rng(0), budget=120.0
+    )
+    return float(estimate.extras["objective"]) if estimate.converged else float("inf")
+
+
+def _compact(trial: Trial) -> float:
+    problem, observation = _observed(trial)
+    game, view = problem.game, problem.view
+    fit = fit_trajectory(game, view, observation.y)
+    start = JointPoint.from_trajectory(game, fit.states, fit.controls)
+    # The solver behind it is cached by game and view.
+    outcome = CompactLayout(game, view).solve(observation.y, start, problem.weight_floor)
+    return outcome.value if outcome.converged else float("inf")
+
+
+if __name__ == "__main__":
+    main()

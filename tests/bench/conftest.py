@@ -1,0 +1,93 @@
+"""A small study with estimators of its own, and a way to run it as a user would."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+SUITE = """
+name = "small"
+scenarios = ["two_player"]
+views = ["full"]
+sigmas = [0.01, 0.1]
+seeds = 4
+time_limit = 20.0
+estimators = ["uniform"]
+"""
+
+PLUGIN = """
+import time
+from types import SimpleNamespace
+import numpy as np
+
+class Drawn:
+    def estimate(self, problem, observation, *, rng, budget):
+        return SimpleNamespace(weights=rng.uniform(0.5, 1, (2, 4)))
+
+class Fails:
+    def estimate(self, problem, observation, *, rng, budget):
+        raise RuntimeError("always")
+
+class Slow(Drawn):
+    def estimate(self, *args, **kwargs):
+        time.sleep(0.4)
+        return super().estimate(*args, **kwargs)
+
+class Hangs(Drawn):
+    def estimate(self, *args, **kwargs):
+        while True:
+            time.sleep(0.1)
+"""
+
+
+class Study:
+    """A folder with a suite, a plugin file and runs, each command in a process of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.suite = folder / "small.toml"
+        self.plugin = folder / "plugin.py"
+        self.suite.write_text(SUITE)
+        self.plugin.write_text(PLUGIN)
+
+    def start(self, *arguments: object, **options: object) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-m", "bench", *map(str, arguments)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            **options,
+        )
+
+    def call(self, *arguments: object, code: int = 0, **options: object) -> str:
+        """Run a command; returns what it says on both streams."""
+        process = self.start(*arguments, **options)
+        try:
+            said, errors = process.communicate(timeout=120)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+        assert process.returncode == code, said + errors
+        return said + errors
+
+    def arguments(self, out: str, *plugins: str) -> list[object]:
+        words: list[object] = ["run", self.suite, "--no-figures", "--out", self.folder / out]
+        for name in plugins:
+            words += ["--plugin", f"{self.plugin}:{name}"]
+        return words
+
+    def run(self, out: str, *plugins: str, options: tuple[str, ...] = (), code: int = 0) -> str:
+        return self.call(*self.arguments(out, *plugins), *options, code=code)
+
+    def rows(self, out: str) -> pd.DataFrame:
+        return pd.read_parquet(self.folder / out / "trials.parquet").drop(columns="solve_seconds")
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Study:
+    return Study(tmp_path)
