@@ -30,16 +30,17 @@ from estimators.forward_model import (
     Played,
     expected_samples,
     first_games,
+    likelihood_covariance,
     played,
     replay,
     sample_sensitivity,
     scaled_samples,
+    squared_error_of,
     uniform_weights,
 )
 from estimators.protocol import Estimate, Observation, Problem, check_observations
 from estimators.simplex import RatioChart
 from estimators.trajectory_fit import warm_up_fit
-from games.information import joint_weight_covariance
 from games.native import elimination
 
 #: Relative change of error and unknowns at which the search ends.
@@ -80,14 +81,14 @@ class Bilevel:
             return Estimate(weights=uniform_weights(problem), converged=False, message=message)
         results = []
         for start in _combinations(starts, self.starts):
-            results.append(_descend(problem, observations, start, self.max_evaluations))
+            results.append(_descend(problem, observations, start, self.max_evaluations, deadline))
             if time.monotonic() > deadline:
                 break
         best = min(results, key=lambda result: (not result.converged, result.objective))
         return Estimate(
             weights=best.games[0].weights,
             states=best.games[0].root.states,
-            covariance=_covariance(problem, observations, best.games),
+            covariance=likelihood_covariance(problem, observations, best.games),
             converged=best.converged,
             message=best.message,
             extras={
@@ -123,38 +124,48 @@ def _descend(
     observations: tuple[Observation, ...],
     games: tuple[Played, ...],
     max_evaluations: int,
+    deadline: float,
 ) -> _Result:
     """Gauss-Newton from one start; charts change where a reference weight runs out."""
-    evaluations = 0
+    evaluations, message = 0, ""
     for _ in range(_MOST_CHARTS):
         chart = RatioChart(games[0].weights, problem.weight_floor)
-        residuals = OuterResiduals(problem, observations, games, chart)
+        residuals = OuterResiduals(problem, observations, games, chart, deadline)
         first = residuals.unknowns(games)
         lower = np.full(first.size, -np.inf)
         lower[: chart.size] = 0.0
-        solution = least_squares(
-            residuals.values,
-            np.maximum(first, lower),
-            jac=residuals.jacobian,
-            bounds=(lower, np.inf),
-            x_scale="jac",
-            ftol=_TOLERANCE,
-            xtol=_TOLERANCE,
-            gtol=_TOLERANCE,
-            max_nfev=max_evaluations,
-        )
-        residuals.jacobian(solution.x)  # moves the games to the solution
-        games, evaluations = residuals.games, evaluations + int(solution.nfev)
-        if chart.holds(games[0].weights):
+        try:
+            solution = least_squares(
+                residuals.values,
+                np.maximum(first, lower),
+                jac=residuals.jacobian,
+                bounds=(lower, np.inf),
+                x_scale="jac",
+                ftol=_TOLERANCE,
+                xtol=_TOLERANCE,
+                gtol=_TOLERANCE,
+                max_nfev=max_evaluations,
+            )
+            residuals.jacobian(solution.x)  # moves the games to the solution
+            evaluations += int(solution.nfev)
+            message = "" if solution.success else "evaluation limit reached"
+        except _StoppedError as error:
+            message = str(error)
+        games = residuals.games
+        if message or chart.holds(games[0].weights):
             break
-    converged = bool(solution.success)
+    pairs = zip(games, observations, strict=True)
     return _Result(
         games=games,
-        objective=float(2 * solution.cost),
-        converged=converged,
-        message="" if converged else "evaluation limit reached",
+        objective=sum(squared_error_of(problem, game.root.states, one.y) for game, one in pairs),
+        converged=not message,
+        message=message,
         evaluations=evaluations,
     )
+
+
+class _StoppedError(Exception):
+    """The search cannot go on; the games are at the last point that was accepted."""
 
 
 class OuterResiduals:
@@ -170,8 +181,10 @@ class OuterResiduals:
         observations: tuple[Observation, ...],
         games: tuple[Played, ...],
         chart: RatioChart,
+        deadline: float = np.inf,
     ) -> None:
         self.games = games
+        self._deadline = deadline
         self._problem, self._chart = problem, chart
         self._samples = [scaled_samples(problem, one.y) for one in observations]
         self._seen = [np.isfinite(samples).ravel() for samples in self._samples]
@@ -183,7 +196,13 @@ class OuterResiduals:
         return np.concatenate([self._chart.ratios(games[0].weights), *initial_states])
 
     def values(self, unknowns: np.ndarray) -> np.ndarray:
-        """Errors of all samples that were seen; infinite where there is no equilibrium."""
+        """Errors of all samples that were seen; infinite where there is no equilibrium.
+
+        Raises:
+            _StoppedError: after the deadline.
+        """
+        if time.monotonic() > self._deadline:
+            raise _StoppedError("time limit reached")
         games = self._play(unknowns)
         errors = []
         for k, (samples, seen) in enumerate(zip(self._samples, self._seen, strict=True)):
@@ -198,19 +217,21 @@ class OuterResiduals:
         """Derivative of ``values``, exact; later games are followed from this point.
 
         Raises:
-            ValueError: where there is no equilibrium, or a singular one.
+            _StoppedError: where the equilibrium is no function of the unknowns.
         """
         games = self._play(unknowns)
-        if games is None:
-            raise ValueError("no equilibrium at the point of the Jacobian")
+        try:
+            if games is None:
+                raise ValueError("no equilibrium here")
+            sensitivities = [sample_sensitivity(self._problem, game) for game in games]
+        except ValueError as error:
+            raise _StoppedError(str(error)) from error
         self.games = games
         weights_by_ratios = self._chart.jacobian(unknowns[: self._chart.size])
         _, players, size = self._starts
         rows = []
-        for k, (game, seen) in enumerate(zip(games, self._seen, strict=True)):
-            by_weights, by_start = np.split(
-                sample_sensitivity(self._problem, game)[seen], [len(weights_by_ratios)], axis=1
-            )
+        for k, (sensitivity, seen) in enumerate(zip(sensitivities, self._seen, strict=True)):
+            by_weights, by_start = np.split(sensitivity[seen], [len(weights_by_ratios)], axis=1)
             row = np.zeros((len(by_weights), unknowns.size))
             row[:, : self._chart.size] = by_weights @ weights_by_ratios
             first = self._chart.size + k * players * size
@@ -228,15 +249,3 @@ class OuterResiduals:
                 return None
             games.append(played(batch, 0, weights))
         return tuple(games)
-
-
-def _covariance(
-    problem: Problem, observations: tuple[Observation, ...], games: tuple[Played, ...]
-) -> np.ndarray | None:
-    """Inverse Fisher information of the weights at the estimate."""
-    sensitivities = [
-        sample_sensitivity(problem, game)[np.isfinite(one.y).ravel()]
-        for one, game in zip(observations, games, strict=True)
-    ]
-    covariance = joint_weight_covariance(problem.game, sensitivities)
-    return None if covariance is None else problem.sigma**2 * covariance

@@ -6,7 +6,7 @@ in (theta, x_1) are predicted to first order and polished by Newton's method
 players pass each other on the sides on which they were seen to.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from estimators.protocol import Observation, Problem
 from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, guess_states
 from games.batch import Batch, solve_batch
 from games.continuation import follow_coupling
-from games.information import observation_sensitivity
+from games.information import joint_weight_covariance, observation_sensitivity
 from games.kkt import consistent_costates
 from games.newton import Root, newton_root
 from games.observation import observe
@@ -182,3 +182,24 @@ def sample_sensitivity(problem: Problem, game: Played) -> np.ndarray:
         game.weights,
         noise_scale=problem.noise_scale,
     )
+
+
+def likelihood_covariance(
+    problem: Problem, observations: Sequence[Observation], games: Sequence[Played]
+) -> np.ndarray | None:
+    """Covariance (N*K, N*K) of the maximum-likelihood weights: inverse Fisher information.
+
+    Taken at the estimate (``games.information``); None where the weights are not identifiable or
+    the data are without noise.
+    """
+    if problem.sigma == 0:
+        return None
+    try:
+        sensitivities = [
+            sample_sensitivity(problem, game)[np.isfinite(one.y).ravel()]
+            for one, game in zip(observations, games, strict=True)
+        ]
+    except ValueError:
+        return None
+    covariance = joint_weight_covariance(problem.game, sensitivities)
+    return None if covariance is None else problem.sigma**2 * covariance

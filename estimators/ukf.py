@@ -31,6 +31,7 @@ valid an unscented transform of the same Gaussian. Where an update takes the mea
 one, a smaller share is taken in; if that does not help the filter has lost its way, and says so.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -74,7 +75,7 @@ Expected = Callable[[int, np.ndarray], np.ndarray]
 
 
 class LostError(Exception):
-    """No equilibrium at the filter's mean."""
+    """The filter cannot go on."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,7 @@ class Ukf:
         budget: float,
     ) -> Estimate:
         observations = check_observations(problem, observation)
+        deadline = time.monotonic() + budget / 2
         count, floor = problem.game.num_weights, problem.weight_floor
         sigma = max(problem.sigma, _LEAST_SIGMA)
         online: list[np.ndarray] = []
@@ -117,7 +119,7 @@ class Ukf:
             for one in observations:
                 start = _first_game(problem, one)
                 prior = _prior(problem, one, start, weights, self.spread, sigma)
-                forward = FollowedGames(problem, start)
+                forward = FollowedGames(problem, start, deadline)
                 samples = scaled_samples(problem, one.y)
                 for belief in filter_samples(prior, forward.expected, samples, sigma, self.alpha):
                     online.append(forward.weights(belief.mean))
@@ -300,8 +302,9 @@ class FollowedGames:
         num_log_ratios: length of phi, N*(K-1).
     """
 
-    def __init__(self, problem: Problem, start: Played) -> None:
+    def __init__(self, problem: Problem, start: Played, deadline: float) -> None:
         game = problem.game
+        self._deadline = deadline
         self.num_log_ratios = game.num_players * (game.num_weights - 1)
         self._problem, self._start = problem, start
 
@@ -311,7 +314,13 @@ class FollowedGames:
         return from_log_ratios(ratios, self._problem.game.num_weights, self._problem.weight_floor)
 
     def expected(self, t: int, points: np.ndarray) -> np.ndarray:
-        """h(x_t) (B, N*d) of points (B, n) whose first is the mean; NaN without equilibrium."""
+        """h(x_t) (B, N*d) of points (B, n) whose first is the mean; NaN without equilibrium.
+
+        Raises:
+            LostError: after the deadline.
+        """
+        if time.monotonic() > self._deadline:
+            raise LostError("time limit reached")
         weights, initial_states = self.weights(points), self._initial_states(points)
         batch = replay(self._problem, self._start, weights, initial_states)
         if batch.converged[0]:
