@@ -21,7 +21,8 @@ def leaderboard(trials: pd.DataFrame) -> pd.DataFrame:
     Returns:
         One row per (scenario, view, estimator): ``trials``, ``failures`` and
         ``published_failures`` (rows counted with their ``count``; skipped ones apart), median
-        and quartiles of both errors, ``limit_ratio`` (mean cosine error over its statistical
+        and quartiles of the errors, ``coverage`` (share of 95% ellipsoids that hold the truth,
+        among estimates with a covariance), ``limit_ratio`` (mean cosine error over its statistical
         limit for small noise) and the median time. The best median position error comes first
         within a scenario and view.
     """
@@ -48,11 +49,17 @@ def _summary(group: pd.DataFrame) -> dict[str, float | int]:
         "published_failures": int(count[published_failures(attempts)].sum()),
         "skipped": int(group["count"].sum() - count.sum()),
     }
-    for error in ("cosine_error", "position_error"):
+    for error in ("cosine_error", "position_error", "held_out_error"):
         values = attempts[error].to_numpy(dtype=float)
         values = np.where(np.isnan(values), np.inf, values)
         for name, share in (("median", 0.5), ("q25", 0.25), ("q75", 0.75)):
             summary[f"{error}_{name}"] = _quantile(values, count, share)
+    told = attempts["covered"].notna()
+    summary["coverage"] = float(
+        np.average(attempts["covered"][told].astype(float), weights=count[told])
+        if told.any()
+        else np.nan
+    )
     summary["limit_ratio"] = _limit_ratio(attempts)
     summary["solve_seconds_median"] = float(attempts["solve_seconds"].median())
     return summary

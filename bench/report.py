@@ -14,8 +14,9 @@ _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
 published_failures: also those where only a longer search than the published one finds a root.
 cosine error: angle between estimated and true weights; position error [m]: prediction by the
-forward game at the estimated weights. /limit: mean cosine error over its statistical limit (the
-Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one estimate.
+forward game at the estimated weights; held out: its median from five other initial states.
+covered: share of the estimates' 95% ellipsoids that hold the true weights.
+/limit: mean cosine error over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one estimate.
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
 
@@ -65,6 +66,8 @@ def format_leaderboard(table: pd.DataFrame) -> str:
             f"{median:.2g} [{low:.2g}, {high:.2g}]"
             for median, low, high in quartiles.itertuples(index=False)
         ]
+    shown["held out"] = table["held_out_error_median"].map("{:.2g}".format)
+    shown["covered"] = table["coverage"].map("{:.0%}".format).replace("nan%", "")
     shown["/limit"] = table["limit_ratio"].map("{:.2f}".format)
     shown["ms"] = (1e3 * table["solve_seconds_median"]).map("{:.1f}".format)
     return f"{shown.to_string(index=False)}\n{_LEGEND}"

@@ -100,7 +100,7 @@ class Bilevel:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
-        elimination(problem.game)
+        elimination(problem.game, problem.view)
         warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
 

@@ -140,7 +140,12 @@ def replay(
 ) -> Batch:
     """Play the game at many weights (B, N, K) and initial states (B, N, n), from a known root."""
     return solve_batch(
-        problem.game, weights, start.root, start.weights, initial_states=initial_states
+        problem.game,
+        weights,
+        start.root,
+        start.weights,
+        initial_states=initial_states,
+        view=problem.view,
     )
 
 

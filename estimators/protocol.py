@@ -125,7 +125,8 @@ class Estimate:
     Attributes:
         weights: (N, K), non-negative; scaled to row sums of one by the harness.
         states: (T, N, n) reconstructed trajectory, the first of several, or None.
-        covariance: (N*K, N*K) covariance of the weights in C order, or None.
+        covariance: (N*K, N*K) covariance of the weights, each row scaled to sum one, in C order,
+            or None.
         converged: whether the method itself considers the result valid.
         message: one line that explains a failure.
         extras: further numbers worth keeping; ``objective`` is stored with the trial.

@@ -141,7 +141,7 @@ class Ukf:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
-        elimination(problem.game)
+        elimination(problem.game, problem.view)
         warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
 
