@@ -11,6 +11,7 @@ def trial(**changes):
         "view": "full",
         "estimator": "e",
         "sigma": 0.01,
+        "seed": 0,
         "status": "ok",
         "cosine_error": 0.1,
         "cosine_limit": 0.05,
