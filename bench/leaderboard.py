@@ -7,41 +7,50 @@ failures at infinity, and a median of ``inf`` says that more than half of the at
 import numpy as np
 import pandas as pd
 
+from bench.statistics.attempts import WORST, attempts_of, errors_of, quantile
+from bench.statistics.comparison import ranks
+from bench.statistics.intervals import mean_by_seed
+
 #: Noise levels up to which errors are compared with the statistical limit, which is a
 #: small-noise expansion.
 LIMIT_SIGMAS = (0.0, 0.01)
 
 
-def leaderboard(trials: pd.DataFrame) -> pd.DataFrame:
+_KEY = ["scenario", "view", "estimator"]
+
+
+def leaderboard(trials: pd.DataFrame, comparisons: pd.DataFrame | None = None) -> pd.DataFrame:
     """Summarise trials.
 
     Args:
-        trials: rows as in ``trials.parquet``.
+        trials: rows as in ``trials.parquet``; ``identifiable_cosine_error`` may be among them.
+        comparisons: from ``bench.statistics.comparison``, for ranks.
 
     Returns:
         One row per (scenario, view, estimator): ``trials``, ``failures`` and
-        ``published_failures`` (rows counted with their ``count``; skipped ones apart), median
-        and quartiles of the errors, ``coverage`` (share of 95% ellipsoids that hold the truth,
-        among estimates with a covariance), ``limit_ratio`` (mean cosine error over its statistical
-        limit for small noise) and the median time. The best median position error comes first
-        within a scenario and view.
+        ``published_failures`` (rows counted with their ``count``; skipped ones apart), of each
+        error the median, quartiles and mean with its 95 % interval over seeds, ``coverage``
+        (share of 95 % ellipsoids that hold the truth, among estimates with one), ``limit_ratio``
+        (mean cosine error over its statistical limit for small noise), the median time, and ranks
+        with ties. In means, a failure has the largest error there is: 1 for angles, infinity for
+        positions. The best median position error comes first within a scenario and view.
     """
-    groups = trials.groupby(["scenario", "view", "estimator"], sort=True)
-    rows = [
-        dict(zip(("scenario", "view", "estimator"), key, strict=True)) | _summary(group)
-        for key, group in groups
-    ]
+    groups = trials.groupby(_KEY, sort=True)
+    rows = [dict(zip(_KEY, key, strict=True)) | _summary(group) for key, group in groups]
     columns = list(rows[0]) if rows else []
     table = pd.DataFrame(rows, columns=columns)
     if table.empty:
         return table
+    if comparisons is not None:
+        for error in ("position_error", "cosine_error"):
+            table[f"{error}_rank"] = ranks(comparisons, table, error)
     order = ["scenario", "view", "position_error_median", "failures", "cosine_error_median"]
     return table.sort_values([*order, "estimator"], ignore_index=True)
 
 
 def _summary(group: pd.DataFrame) -> dict[str, float | int]:
-    attempts = group[group["status"] != "skipped"]
-    count = attempts["count"].to_numpy()
+    attempts = attempts_of(group)
+    count, seeds = attempts["count"].to_numpy(), attempts["seed"].to_numpy()
     failed = (attempts["status"] != "ok").to_numpy()
     summary: dict[str, float | int] = {
         "trials": int(count.sum()),
@@ -49,17 +58,16 @@ def _summary(group: pd.DataFrame) -> dict[str, float | int]:
         "published_failures": int(count[published_failures(attempts)].sum()),
         "skipped": int(group["count"].sum() - count.sum()),
     }
-    for error in ("cosine_error", "position_error", "held_out_error"):
-        values = attempts[error].to_numpy(dtype=float)
-        values = np.where(np.isnan(values), np.inf, values)
+    for error, worst in WORST.items():
+        if error not in attempts:
+            continue
+        values = errors_of(attempts, error)
         for name, share in (("median", 0.5), ("q25", 0.25), ("q75", 0.75)):
-            summary[f"{error}_{name}"] = _quantile(values, count, share)
-    told = attempts["covered"].notna()
-    summary["coverage"] = float(
-        np.average(attempts["covered"][told].astype(float), weights=count[told])
-        if told.any()
-        else np.nan
-    )
+            summary[f"{error}_{name}"] = quantile(values, count, share)
+        mean = mean_by_seed(np.minimum(values, worst), seeds, count)
+        summary[f"{error}_mean"] = mean.estimate
+        summary[f"{error}_mean_low"], summary[f"{error}_mean_high"] = mean.low, mean.high
+    summary["coverage"] = _coverage(attempts)
     summary["limit_ratio"] = _limit_ratio(attempts)
     summary["solve_seconds_median"] = float(attempts["solve_seconds"].median())
     return summary
@@ -75,18 +83,18 @@ def published_failures(attempts: pd.DataFrame) -> np.ndarray:
     return failed.to_numpy(bool)
 
 
-def _quantile(values: np.ndarray, count: np.ndarray, share: float) -> float:
-    """Interpolated quantile of values repeated ``count`` times; infinite values rank last."""
-    if not len(values):
+def _coverage(attempts: pd.DataFrame) -> float:
+    if "covered" not in attempts or not attempts["covered"].notna().any():
         return float("nan")
-    ordered = np.sort(np.repeat(values, count))
-    position = share * (len(ordered) - 1)
-    low, high = ordered[int(np.floor(position))], ordered[int(np.ceil(position))]
-    # inf - inf is undefined, so no interpolation between equal values.
-    return float(low if low == high else low + (high - low) * (position % 1))
+    told = attempts[attempts["covered"].notna()]
+    return float(np.average(told["covered"].to_numpy(float), weights=told["count"]))
 
 
 def _limit_ratio(attempts: pd.DataFrame) -> float:
     small = attempts[attempts["sigma"].between(*LIMIT_SIGMAS, inclusive="right")]
-    ratio = small["cosine_error"] / small["cosine_limit"]
-    return float(np.average(ratio, weights=small["count"])) if len(ratio) else float("nan")
+    errors = np.minimum(errors_of(small, "cosine_error"), WORST["cosine_error"])
+    limits = small["cosine_limit"].to_numpy(float)
+    known = np.isfinite(limits) & (limits > 0)
+    if not known.any():
+        return float("nan")
+    return float(np.average((errors[known] / limits[known]), weights=small["count"][known]))

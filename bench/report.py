@@ -1,27 +1,40 @@
 """What a run leaves to take home: tables and figures, made from the store alone."""
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 from pyarrow import csv, parquet
 
 from bench.errors import UserError
-from bench.leaderboard import leaderboard
+from bench.findings import find
 from bench.outputs import whole_file
+from bench.page.render import render_page
+from bench.provenance import Provenance
 from bench.store import parse_weights, read_store, to_frame
+from bench.tables import latex, markdown
+from games.nearest_root import PUBLISHED_ITERATIONS
 
 _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
 published_failures: also those where only a longer search than the published one finds a root.
 cosine error: angle between estimated and true weights; position error [m]: prediction by the
 forward game at the estimated weights; held out: its median from five other initial states.
-covered: share of the estimates' 95% ellipsoids that hold the true weights.
-/limit: mean cosine error over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one estimate.
+covered: share of the estimates' 95 % ellipsoids that hold the true weights.
+identifiable: median cosine error less what the data of one trajectory cannot show at 0.01 m.
+rank: by position error; differences that are not significant are ties. /limit: mean cosine error
+over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one
+estimate.
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
 
 def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
-    """Write ``trials.csv``, ``trials.parquet``, ``leaderboard.csv`` and ``figures/``.
+    """Write tables, as CSV, the page ``index.html`` and ``figures/``.
+
+    The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
+    in pairs), ``identifiability`` and ``bound_ratios`` (of weights); the leaderboard comes in
+    Markdown and LaTeX, too.
 
     Args:
         folder: a run folder.
@@ -34,7 +47,7 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
         UserError: if the folder holds no run, or cannot be written.
     """
     with read_store(folder) as store:
-        rows = store.table()
+        rows, runs = store.table(), store.runs()
     if not rows.num_rows:
         raise UserError(f"the run in {folder} has no finished trial yet")
     try:
@@ -44,16 +57,32 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
         with whole_file(folder / "trials.parquet") as path:
             parquet.write_table(rows, path, compression="zstd")
         trials = to_frame(rows)
-        table = leaderboard(trials)
-        with whole_file(folder / "leaderboard.csv") as path:
-            table.to_csv(path, index=False)
+        findings = find(trials)
+        for name, table in findings.tables().items():
+            with whole_file(folder / f"{name}.csv") as path:
+                table.to_csv(path, index=False)
+        for name, text in (
+            ("leaderboard.md", markdown(findings.leaderboard)),
+            ("leaderboard.tex", latex(findings.leaderboard)),
+        ):
+            with whole_file(folder / name) as path:
+                path.write_text(text, encoding="utf-8")
+        with whole_file(folder / "index.html") as path:
+            page = render_page(trials, findings, runs, root_iterations(runs))
+            path.write_text(page, encoding="utf-8")
         if figures:
             from bench.figures import draw_figures  # matplotlib is slow to import
 
             draw_figures(trials, folder / "figures")
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
-    return table
+    return findings.leaderboard
+
+
+def root_iterations(runs: Sequence[Provenance]) -> int:
+    """Iterations of the forward game's solver in the last run's suite."""
+    suite = json.loads(runs[-1].suite) if runs else {}
+    return int(suite.get("root_iterations", PUBLISHED_ITERATIONS))
 
 
 def format_leaderboard(table: pd.DataFrame) -> str:
@@ -66,8 +95,12 @@ def format_leaderboard(table: pd.DataFrame) -> str:
             f"{median:.2g} [{low:.2g}, {high:.2g}]"
             for median, low, high in quartiles.itertuples(index=False)
         ]
-    shown["held out"] = table["held_out_error_median"].map("{:.2g}".format)
+    if "held_out_error_median" in table:
+        shown["held out"] = table["held_out_error_median"].map("{:.2g}".format)
     shown["covered"] = table["coverage"].map("{:.0%}".format).replace("nan%", "")
+    if "identifiable_cosine_error_median" in table:
+        shown["identifiable"] = table["identifiable_cosine_error_median"].map("{:.2g}".format)
     shown["/limit"] = table["limit_ratio"].map("{:.2f}".format)
+    shown["rank"] = table["position_error_rank"]
     shown["ms"] = (1e3 * table["solve_seconds_median"]).map("{:.1f}".format)
     return f"{shown.to_string(index=False)}\n{_LEGEND}"

@@ -1,5 +1,6 @@
 """Suites: what to run, as TOML checked against a schema."""
 
+import ast
 import json
 import tomllib
 from pathlib import Path
@@ -16,6 +17,7 @@ from games.observation import VIEWS
 SUITE_FOLDER = Path(__file__).parent / "suites"
 
 Sigma = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Bound = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -45,6 +47,21 @@ class ScenarioEntry(_Strict):
         options = ",".join(f"{key}={value}" for key, value in sorted(named.items()))
         return f"{self.name}({options})" if options else self.name
 
+    @classmethod
+    def from_label(cls, label: str) -> "ScenarioEntry":
+        """The entry that has this label; options that do not look like numbers are text."""
+        name, _, options = label.removesuffix(")").partition("(")
+        pairs = [option.partition("=") for option in options.split(",") if option]
+        values = {key: _value(text) for key, _, text in pairs}
+        return cls(name=name, trajectories=values.pop("trajectories", 1), options=values)
+
+
+def _value(text: str) -> Any:
+    try:
+        return ast.literal_eval(text)
+    except (SyntaxError, ValueError):
+        return text
+
 
 class EstimatorEntry(_Strict):
     """An estimator with its parameters; ``label`` tells apart two settings of the same one.
@@ -64,6 +81,59 @@ class EstimatorEntry(_Strict):
     seeds: int | None = Field(default=None, gt=0)
 
 
+class Limits(_Strict):
+    """What an estimator must keep to be accepted, in each scenario and view by itself.
+
+    Attributes:
+        scenarios: labels of those that count; all where empty.
+        views: names of those that count; all where empty.
+        cosine_error: largest median.
+        identifiable_cosine_error: largest median.
+        position_error: largest median [m].
+        limit_ratio: largest mean cosine error over its statistical limit.
+        failures: most trials without a prediction.
+        published_failures: most failures by the published definition.
+        time_ratio: largest median time over that of the estimator ``time_reference``.
+        time_reference: label of an estimator of the same run.
+    """
+
+    scenarios: tuple[str, ...] = ()
+    views: tuple[str, ...] = ()
+    cosine_error: Bound | None = None
+    identifiable_cosine_error: Bound | None = None
+    position_error: Bound | None = None
+    limit_ratio: Bound | None = None
+    failures: int | None = Field(default=None, ge=0)
+    published_failures: int | None = Field(default=None, ge=0)
+    time_ratio: Bound | None = None
+    time_reference: str = ""
+
+    @model_validator(mode="after")
+    def _times_have_a_reference(self) -> "Limits":
+        if (self.time_ratio is None) != (not self.time_reference):
+            raise ValueError("time_ratio and time_reference belong together")
+        if not self.bounds:
+            raise ValueError(f"no limit is set; there are: {', '.join(_LIMITS)}")
+        return self
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """The limits that are set, by name."""
+        values = {name: getattr(self, name) for name in _LIMITS}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+_LIMITS = (
+    "cosine_error",
+    "identifiable_cosine_error",
+    "position_error",
+    "limit_ratio",
+    "failures",
+    "published_failures",
+    "time_ratio",
+)
+
+
 class Suite(_Strict):
     """A study: every combination of scenario, view, noise level, seed and estimator.
 
@@ -81,6 +151,7 @@ class Suite(_Strict):
             estimated weights; the published study's, where absent.
         trajectories: how many trajectories each trial shows, where a scenario does not say.
         estimators: names or tables with parameters.
+        gate: limits by estimator label, which ``olne-bench gate`` checks.
     """
 
     name: str
@@ -93,6 +164,7 @@ class Suite(_Strict):
     root_iterations: int = Field(default=PUBLISHED_ITERATIONS, gt=0)
     trajectories: int = Field(default=1, gt=0)
     estimators: tuple[EstimatorEntry, ...] = Field(min_length=1)
+    gate: dict[str, Limits] = {}
 
     @model_validator(mode="before")
     @classmethod
@@ -214,6 +286,10 @@ def read_suite_json(text: str) -> Suite:
             "views": tuple(data["views"]),
             "sigmas": tuple(data["sigmas"]),
             "estimators": tuple(EstimatorEntry(**entry) for entry in data["estimators"]),
+            "gate": {
+                label: Limits.model_validate(limits)
+                for label, limits in data.get("gate", {}).items()
+            },
         }
     )
 
@@ -271,6 +347,7 @@ def _first_problem(error: ValidationError) -> str:
         entries: dict[str, type[BaseModel]] = {
             "scenarios": ScenarioEntry,
             "estimators": EstimatorEntry,
+            "gate": Limits,
         }
         model = entries.get(str(problem["loc"][0]), Suite)
         return f"unknown key {place!r}; known are: {', '.join(model.model_fields)}"

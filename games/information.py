@@ -5,9 +5,14 @@ implicit function theorem dz/d(theta, x_1) = -G_z^{-1} G_(theta, x_1). With whit
 standard deviation sigma on h(x), the Fisher information of (theta, x_1) is J'J / sigma^2, where J
 is the sensitivity of all expected observations. Weights are known on the simplex only (each row
 sums to one), so the bound is taken on its tangent space, with x_1 as a nuisance parameter.
+
+Some weights barely show in the motion, or not at all. Whether the data identify one is judged
+against what is known without any: that weights lie on the simplex, where a uniform distribution
+has the variance 1 / (K (K + 1)) in every direction.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -21,6 +26,9 @@ from games.observation import View
 
 #: Above this condition number of the information matrix some weights are not identifiable.
 _LARGEST_CONDITION = 1e14
+
+_IDENTIFIED_BELOW = 0.5  # of the prior variance of a direction
+_BLIND = 1e-9  # squared part of a weight in directions without any information
 
 
 def trajectory_sensitivity(
@@ -106,15 +114,110 @@ def joint_weight_covariance(game: Game, sensitivities: Sequence[np.ndarray]) -> 
     Returns:
         (N*K, N*K), or None if not identifiable.
     """
-    tangent = block_diag(*[null_space(np.ones((1, game.num_weights)))] * game.num_players)
-    free = tangent.shape[1]
-    of_weights = [columns[:, : len(tangent)] @ tangent for columns in sensitivities]
-    of_starts = block_diag(*[columns[:, len(tangent) :] for columns in sensitivities])
-    observed = np.hstack([np.vstack(of_weights), of_starts])
+    tangent = _tangent(game)
+    observed = _on_tangent(tangent, sensitivities)
     information = observed.T @ observed
     if not np.linalg.cond(information) < _LARGEST_CONDITION:
         return None
+    free = tangent.shape[1]
     return tangent @ np.linalg.inv(information)[:free, :free] @ tangent.T
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What observations at one noise level say about each player's weights.
+
+    Attributes:
+        bound: (N, K) Cramer-Rao bound, as a standard deviation; infinite where the bound does not
+            exist.
+        left: (N, K) share of a weight's prior variance that the data leave, in [0, 1]; the prior
+            is Gaussian with the mean and covariance of the uniform distribution on the simplex.
+        projections: (N, K, K) orthogonal projections on the directions of the simplex that are
+            identified: those that the data leave less than half of the prior variance in.
+    """
+
+    bound: np.ndarray
+    left: np.ndarray
+    projections: np.ndarray
+
+    @property
+    def identified(self) -> np.ndarray:
+        """(N, K) whether the bound is below the standard deviation without any data."""
+        count = self.bound.shape[1]
+        return self.bound**2 < (1 - 1 / count) / (count * (count + 1))
+
+
+def identifiability(
+    game: Game,
+    view: View,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+    *,
+    sigma: float,
+    noise_scale: np.ndarray | None = None,
+) -> Identifiability:
+    """Which weights the data identify at a noise level, singular information included.
+
+    The arguments are those of ``weight_covariance``. All other weights and x_1 are unknown, too.
+
+    Args:
+        game: the game.
+        view: the observation model.
+        states: (T, N, n) of the equilibrium.
+        controls: (T-1, N, m).
+        costates: (T-1, N, n).
+        weights: (N, K).
+        sigma: noise level, above 0.
+        noise_scale: (d,) relative standard deviations of the noise.
+    """
+    sensitivity = observation_sensitivity(
+        game, view, states, controls, costates, weights, noise_scale=noise_scale
+    )
+    tangent = _tangent(game)
+    observed = _on_tangent(tangent, [sensitivity])
+    free, count = tangent.shape[1], game.num_weights
+    # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
+    # their information once x_1 is not known.
+    nuisance_first = np.hstack([observed[:, free:], observed[:, :free]])
+    _, triangle = np.linalg.qr(nuisance_first)
+    root = triangle[-free:, -free:] / sigma
+    prior = count * (count + 1.0)
+    # Eigenvalues through singular values: squaring would lose half of the digits.
+    _, singular, directions = np.linalg.svd(root)
+    posterior = (directions.T / (singular**2 + prior)) @ directions
+    lifted = tangent @ directions.T
+    known = singular > singular.max() * np.finfo(float).eps * free
+    bound = (lifted[:, known] / singular[known]) @ (lifted[:, known] / singular[known]).T
+    blind = (lifted[:, ~known] ** 2).sum(axis=1) > _BLIND
+    deviations = np.where(blind, np.inf, np.sqrt(np.diag(bound)))
+    shape = weights.shape
+    prior_variance = (1 - 1 / count) / prior
+    variances = np.einsum("ij,jk,ik->i", tangent, posterior, tangent)
+    return Identifiability(
+        bound=deviations.reshape(shape),
+        left=(variances / prior_variance).reshape(shape).clip(0.0, 1.0),
+        projections=np.stack(
+            [
+                _identified(tangent[ambient, local], posterior[local, local], prior)
+                for ambient, local in zip(
+                    _blocks(shape[0], count), _blocks(shape[0], count - 1), strict=True
+                )
+            ]
+        ),
+    )
+
+
+def _identified(tangent: np.ndarray, posterior: np.ndarray, prior: float) -> np.ndarray:
+    """Projection (K, K) on directions in which the posterior variance is below half the prior's."""
+    values, directions = np.linalg.eigh(posterior)
+    kept = tangent @ directions[:, values * prior < _IDENTIFIED_BELOW]
+    return kept @ kept.T
+
+
+def _blocks(number: int, size: int) -> list[slice]:
+    return [slice(i * size, (i + 1) * size) for i in range(number)]
 
 
 def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
@@ -135,6 +238,18 @@ def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
         projection = np.eye(count) - np.outer(theta, theta) / squared
         errors.append(np.trace(projection @ block) / (2 * squared))
     return float(np.mean(errors))
+
+
+def _tangent(game: Game) -> np.ndarray:
+    """Basis (N*K, N*(K-1)) of the weights' tangent space."""
+    return block_diag(*[null_space(np.ones((1, game.num_weights)))] * game.num_players)
+
+
+def _on_tangent(tangent: np.ndarray, sensitivities: Sequence[np.ndarray]) -> np.ndarray:
+    """Derivatives of all expected observations by the tangent's coordinates and every x_1."""
+    of_weights = [columns[:, : len(tangent)] @ tangent for columns in sensitivities]
+    of_starts = block_diag(*[columns[:, len(tangent) :] for columns in sensitivities])
+    return np.hstack([np.vstack(of_weights), of_starts])
 
 
 @lru_cache(maxsize=16)

@@ -1,10 +1,24 @@
 """Commands of ``olne-bench``, one file each."""
 
-from bench.commands import check, estimate, import_tracks, merge, new, record, report, run, status
+from bench.commands import (
+    check,
+    compare,
+    estimate,
+    gate,
+    import_tracks,
+    merge,
+    new,
+    record,
+    report,
+    run,
+    status,
+)
 
 COMMANDS = (
     check.check,
+    compare.compare,
     estimate.estimate,
+    gate.gate,
     import_tracks.import_tracks,
     merge.merge,
     new.new,

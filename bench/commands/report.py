@@ -22,6 +22,6 @@ def show_report(folder: Path, figures: bool) -> None:
     table = write_report(folder, figures=figures)
     click.echo(format_leaderboard(table))
     click.echo(
-        f"\n{folder}: leaderboard.csv, trials.csv, trials.parquet"
+        f"\n{folder}: index.html, leaderboard.csv, trials.csv, trials.parquet and other tables"
         + (", figures/" if figures else "")
     )

@@ -27,7 +27,7 @@ def draw_figures(trials: pd.DataFrame, directory: Path) -> list[Path]:
         trials: one row per trial, with the columns ``scenario, view, sigma, seed, estimator,
             status, cosine_error, position_error, observation_error, count, weights``. Any part of
             a study will do.
-        directory: where ``<kind>_<scenario>.svg`` and ``.png`` go; made if absent.
+        directory: where ``<kind>_<scenario>.svg``, ``.png`` and ``.pdf`` go; made if absent.
 
     Returns:
         The files written. The same trials give the same bytes.

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import blended_transform_factory
 
 from bench.figures import style
-from bench.figures.rolling import rolling_statistics
+from bench.figures.rolling import RollingStatistics, rolling_statistics
 from bench.figures.series import Series, split
 
 #: Points per rolling window, as in the paper.
@@ -103,11 +103,14 @@ def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
     )
 
 
-def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) -> None:
+def rolling_errors(series: Series, column: str) -> RollingStatistics:
+    """Rolling median and quartiles of an error over the observation error."""
     window = int(np.clip(series.count.sum() // _FEWEST_WINDOWS, _SMALLEST_WINDOW, WINDOW))
-    rolling = rolling_statistics(
-        series.observation_error, series.error(column), series.count, window
-    )
+    return rolling_statistics(series.observation_error, series.error(column), series.count, window)
+
+
+def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) -> None:
+    rolling = rolling_errors(series, column)
     lower, median, upper = (
         np.maximum(q, bottom) for q in (rolling.lower, rolling.median, rolling.upper)
     )

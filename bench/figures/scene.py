@@ -1,7 +1,6 @@
 """The truth behind trials, and the plane in which it is drawn."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from bench.figures import style
-from envs.recording import NoEquilibriumError, Recording, record
-from envs.scenarios import get_scenario
+from bench.suite import ScenarioEntry
+from bench.truth import true_recording
+from envs.recording import NoEquilibriumError, Recording
+from envs.scenarios import is_family
 
 _MARGIN = 0.12  # of its own extent, on each side
 _LEAST_MARGIN = 0.05  # of the larger extent
@@ -22,6 +23,7 @@ class Scene:
     """One recording and the trials that observed it.
 
     Attributes:
+        entry: the scenario with its options.
         recording: the truth.
         trials: rows of the scenario with this truth: all of them in a fixed scenario, one draw's
             in a seeded family.
@@ -29,6 +31,7 @@ class Scene:
         limits: ((low, high) to the right, (low, high) upwards) [m].
     """
 
+    entry: ScenarioEntry
     recording: Recording
     trials: pd.DataFrame
     axes_order: tuple[int, int]
@@ -71,9 +74,9 @@ def scene_of(trials: pd.DataFrame) -> Scene | None:
     name = trials["scenario"].iloc[0]
     seed = int(trials["seed"].min())
     try:
-        recording = _recording(name, seed)
-        same = [s for s in trials["seed"].unique() if _same_truth(name, seed, int(s))]
-    except (ValueError, NoEquilibriumError):
+        entry = ScenarioEntry.from_label(name)
+        recording = true_recording(entry, seed)
+    except (TypeError, ValueError, NoEquilibriumError):
         return None
     positions = recording.states[..., :2].reshape(-1, 2)
     low, high = positions.min(axis=0), positions.max(axis=0)
@@ -82,8 +85,8 @@ def scene_of(trials: pd.DataFrame) -> Scene | None:
     limits = [(float(a), float(b)) for a, b in zip(low - margins, high + margins, strict=True)]
     width, height = (b - a for a, b in limits)
     order = (1, 0) if height > _ELONGATED * width else (0, 1)
-    rows = trials[trials["seed"].isin(same)]
-    return Scene(recording, rows, order, (limits[order[0]], limits[order[1]]))
+    rows = trials[trials["seed"] == seed] if is_family(entry.name) else trials
+    return Scene(entry, recording, rows, order, (limits[order[0]], limits[order[1]]))
 
 
 def estimated_weights(value: Any, scene: Scene) -> np.ndarray | None:
@@ -93,17 +96,3 @@ def estimated_weights(value: Any, scene: Scene) -> np.ndarray | None:
         return scene.recording.scenario.game.check_weights(rows)
     except (TypeError, ValueError):
         return None
-
-
-def _same_truth(name: str, seed: int, other: int) -> bool:
-    a, b = get_scenario(name, seed), get_scenario(name, other)
-    return (
-        a.game == b.game
-        and np.array_equal(a.weights, b.weights)
-        and np.array_equal(a.initial_state, b.initial_state)
-    )
-
-
-@lru_cache(maxsize=8)
-def _recording(name: str, seed: int) -> Recording:
-    return record(get_scenario(name, seed))

@@ -8,6 +8,7 @@ from matplotlib.typing import ColorType, LineStyleType
 
 from bench.figures import style
 from bench.leaderboard import published_failures
+from bench.statistics.attempts import errors_of
 
 #: Views in the order in which they are drawn; others follow.
 _VIEW_ORDER = ("full", "partial")
@@ -56,14 +57,8 @@ class Series:
         return np.where(np.isfinite(measured), measured, expected)
 
     def error(self, column: str) -> np.ndarray:
-        """An error of each row, infinite for failures.
-
-        A forward game without a root (``failed_forward``) is a failure of the prediction only:
-        the weights are there and have a cosine error.
-        """
-        valid = {"ok", "failed_forward"} if column == "cosine_error" else {"ok"}
-        values = self.trials[column].to_numpy(float)
-        return np.where(self.trials["status"].isin(valid) & np.isfinite(values), values, np.inf)
+        """An error of each row, infinite for failures."""
+        return errors_of(self.trials, column)
 
     @property
     def count(self) -> np.ndarray:

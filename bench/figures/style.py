@@ -37,6 +37,7 @@ MARKERS = ("o", "s", "D", "v", "P", "X")
 
 _DPI = 130
 _SVG_DPI = 100  # of the rasterised parts: points and ribbons, to keep files small
+_PDF_DPI = 200  # likewise, for print
 _LONGEST_NAME = 32  # characters
 _MOST_COLUMNS = 6  # of a legend
 _ENTRY_WIDTH, _ENTRY_HEIGHT, _CHARACTER_WIDTH = 0.55, 0.19, 0.077  # [inch] in a legend
@@ -57,6 +58,7 @@ _RC = {
     "legend.frameon": False,
     "lines.linewidth": 1.6,
     "path.simplify_threshold": 0.4,
+    "pdf.fonttype": 42,  # fonts that publishers take
     "svg.fonttype": "path",
     "svg.hashsalt": "olne-bench",  # element ids that do not change from run to run
     "text.parse_math": False,  # names come from authors: a dollar is a dollar
@@ -75,11 +77,12 @@ def applied() -> Iterator[None]:
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write ``<stem>.svg`` and ``<stem>.png``, without a date, and return their paths."""
-    svg, png = (stem.with_name(f"{stem.name}.{ending}") for ending in ("svg", "png"))
+    """Write ``<stem>.svg``, ``.png`` and ``.pdf``, without a date, and return their paths."""
+    svg, png, pdf = (stem.with_name(f"{stem.name}.{ending}") for ending in ("svg", "png", "pdf"))
     figure.savefig(svg, metadata={"Date": None}, dpi=_SVG_DPI)
     figure.savefig(png)
-    return [svg, png]
+    figure.savefig(pdf, metadata={"CreationDate": None}, dpi=_PDF_DPI)
+    return [svg, png, pdf]
 
 
 def printable(name: str) -> str:

@@ -36,7 +36,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     scene = scene_of(attempts)
     if scene is None:
         return None
-    sigma = _largest_with_predictions(scene.trials)
+    sigma = largest_with_predictions(scene.trials)
     seeds = sorted(scene.trials.loc[scene.trials["sigma"] == sigma, "seed"].unique())
     seeds = seeds[:MOST_SEQUENCES]
     shown = scene.trials["seed"].isin(seeds) & (scene.trials["sigma"] == sigma)
@@ -53,7 +53,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     return figure
 
 
-def _largest_with_predictions(trials: pd.DataFrame) -> float:
+def largest_with_predictions(trials: pd.DataFrame) -> float:
     """Largest noise level at which every series has a prediction to show, else the largest."""
     for sigma in sorted(trials["sigma"].unique(), reverse=True):
         series = contenders(split(trials[trials["sigma"] == sigma]))

@@ -37,7 +37,7 @@ def fails(capsys, *arguments):
         (["run", "quick", "--jobs", "0"], "0 is not in the range"),
         (["run", "quick", "--frobnicate"], "known are: --out, --jobs"),
         (["run", "quick", "--plugin", "no.py"], "no estimator file 'no.py'"),
-        (["frobnicate"], "known are: check, estimate, import, list, merge, new, record, report"),
+        (["frobnicate"], "known are: check, compare, estimate, gate, import, list, merge, new"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, expected):

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bench.metrics import cosine_error, position_error
+from bench.metrics import cosine_error, identifiable_cosine_error, position_error
 
 weights = arrays(float, (3, 4), elements=st.floats(0.01, 10))
 scales = arrays(float, (3, 1), elements=st.floats(0.01, 100))
@@ -44,3 +44,31 @@ def test_position_error_looks_at_positions_only():
     other[..., 2:] = 9
     other[..., 0] = 0.5
     assert position_error(states, other) == pytest.approx(0.25)
+
+
+projections = np.stack([np.eye(4) - 0.25] * 3)
+
+
+@deterministic
+@given(weights, weights, scales)
+def test_with_all_identified_the_identifiable_error_is_the_plain_one(true, estimated, scale):
+    found = identifiable_cosine_error(true, (scale * estimated)[None], projections)
+    assert found == pytest.approx(cosine_error(true, estimated), abs=1e-9)
+
+
+@deterministic
+@given(weights, weights, st.permutations(range(3)))
+def test_identifiable_error_ignores_scale_and_order_of_players(true, estimated, order):
+    yaw_unseen = np.array([[0.5, -0.5, 0, 0], [1 / 6, 1 / 6, -1 / 3, 0]])
+    basis = np.linalg.qr(yaw_unseen.T)[0]
+    some = np.stack([basis @ basis.T, projections[0], np.zeros((4, 4))])
+    found = identifiable_cosine_error(true, estimated[None], some)
+    again = identifiable_cosine_error(true[order], 7 * estimated[order][None], some[order])
+    assert again == pytest.approx(found, abs=1e-9)
+
+
+@deterministic
+@given(weights, weights)
+def test_where_nothing_is_identified_all_errors_are_forgiven(true, estimated):
+    found = identifiable_cosine_error(true, estimated[None], np.zeros((3, 4, 4)))
+    assert found == pytest.approx(0, abs=1e-12)

@@ -7,7 +7,12 @@ from envs.scenarios import get_scenario
 from games.dynamics import UNICYCLE
 from games.features import ControlEffort, Proximity, StateDeviation
 from games.game import Game, Player
-from games.information import cosine_error_limit, trajectory_sensitivity, weight_covariance
+from games.information import (
+    cosine_error_limit,
+    identifiability,
+    trajectory_sensitivity,
+    weight_covariance,
+)
 from games.observation import VIEWS, FullView
 from games.olne import Equilibrium, solve_olne
 
@@ -121,3 +126,36 @@ def test_cosine_limit_is_the_mean_error_of_a_gaussian_estimate() -> None:
     norms = np.linalg.norm(samples, axis=2) * np.linalg.norm(weights, axis=1)
     errors = 1 - (np.einsum("sik,ik->si", samples, weights) / norms).mean(axis=1)
     assert cosine_error_limit(covariance, weights) == pytest.approx(errors.mean(), rel=0.02)
+
+
+def test_identifiability_agrees_with_the_bound(
+    crossing: Crossing, crossing_equilibrium: Equilibrium
+) -> None:
+    game, weights, _ = crossing
+    found = crossing_equilibrium
+    arguments = (game, FullView(), found.states, found.controls, found.costates, weights)
+    covariance = weight_covariance(*arguments)
+    assert covariance is not None
+    deviations = np.sqrt(np.diag(covariance)).reshape(weights.shape)
+    fine, coarse = (identifiability(*arguments, sigma=sigma) for sigma in (1e-6, 1e6))
+    np.testing.assert_allclose(fine.bound, 1e-6 * deviations, rtol=1e-6)
+    assert fine.identified.all() and fine.left.max() < 1e-3
+    assert not coarse.identified.any() and coarse.left.min() > 0.99
+    simplex = np.eye(4) - 0.25
+    np.testing.assert_allclose(fine.projections, [simplex] * 3, atol=1e-9)
+    np.testing.assert_allclose(coarse.projections, 0, atol=1e-12)
+
+
+def test_the_rest_is_identified_where_one_weight_is_not() -> None:
+    preferences = (Proximity(), StateDeviation("speed"), ControlEffort("acceleration"))
+    game = Game((Player((*preferences, ControlEffort("yaw_rate"))),), UNICYCLE, 8, 0.25)
+    weights = np.full((1, 4), 0.25)
+    found = solve_olne(game, weights, np.array([[0.0, 0.0, 0.3, 1.0]]))
+    arguments = (game, FullView(), found.states, found.controls, found.costates, weights)
+    known = identifiability(*arguments, sigma=1e-6)
+    assert np.isinf(known.bound[0, 0])
+    assert not known.identified[0, 0]
+    projection = known.projections[0]
+    np.testing.assert_allclose(projection @ projection, projection, atol=1e-9)
+    np.testing.assert_allclose(projection @ np.ones(4), 0, atol=1e-9)
+    assert np.trace(projection) == pytest.approx(1)  # speed against acceleration

@@ -16,7 +16,7 @@ def names(files: list[Path]) -> set[str]:
 
 
 def expected(scenario: str, kinds: tuple[str, ...] = KINDS) -> set[str]:
-    return {f"{kind}_{scenario}.{ending}" for kind in kinds for ending in ("svg", "png")}
+    return {f"{kind}_{scenario}.{ending}" for kind in kinds for ending in ("svg", "png", "pdf")}
 
 
 def assert_drawn(files: list[Path]) -> None:
@@ -25,6 +25,9 @@ def assert_drawn(files: list[Path]) -> None:
         assert file.exists()
         if file.suffix == ".svg":
             assert ET.parse(file).getroot().tag.endswith("svg")
+        elif file.suffix == ".pdf":
+            assert file.read_bytes().startswith(b"%PDF-")
+            assert file.stat().st_size > 5000
         else:
             pixels = matplotlib.image.imread(file)[..., :3]
             inked = (pixels < 0.9).any(axis=-1).mean()

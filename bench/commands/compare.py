@@ -1,0 +1,87 @@
+"""``olne-bench compare``: what got better or worse from one run to another."""
+
+import sys
+from pathlib import Path
+
+import click
+import pandas as pd
+
+from bench.errors import UserError
+from bench.statistics.change import changes
+from bench.store import read_store
+
+
+@click.command()
+@click.argument("before", type=click.Path(path_type=Path))
+@click.argument("after", type=click.Path(path_type=Path))
+@click.option(
+    "--estimator",
+    "estimators",
+    multiple=True,
+    metavar="NAME[=OTHER]",
+    help="Only this estimator, which AFTER calls OTHER (repeatable).",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Write the table as CSV as well.")
+def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | None) -> None:
+    """Compare the run in AFTER with that in BEFORE, trial by trial on the same noise.
+
+    Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if
+    something did, 2 on bad input. Both may be the same folder, to compare two estimators in it.
+    """
+    old, new = (_trials(folder) for folder in (before, after))
+    names = _names(estimators, old, new, before, after)
+    table = changes(old, new, names)
+    if table.empty:
+        raise UserError(f"{before} and {after} have no trial in common, noise-free ones aside")
+    if out is not None:
+        try:
+            table.to_csv(out, index=False)
+        except OSError as error:
+            raise UserError(f"cannot write to {out}: {error.strerror or error}") from error
+    click.echo(_format(table))
+    counts = table["verdict"].value_counts()
+    click.echo(", ".join(f"{counts.get(v, 0)} {v}" for v in ("better", "same", "worse")))
+    sys.exit(1 if counts.get("worse", 0) else 0)
+
+
+def _trials(folder: Path) -> pd.DataFrame:
+    with read_store(folder) as store:
+        trials = store.frame()
+    if trials.empty:
+        raise UserError(f"the run in {folder} has no finished trial yet")
+    return trials
+
+
+def _names(
+    chosen: tuple[str, ...], old: pd.DataFrame, new: pd.DataFrame, before: Path, after: Path
+) -> dict[str, str]:
+    known = [sorted(trials["estimator"].unique()) for trials in (old, new)]
+    if not chosen:
+        return {name: name for name in known[0] if name in known[1]}
+    names = {}
+    for text in chosen:
+        name, _, other = text.partition("=")
+        for label, labels, place in ((name, known[0], before), (other or name, known[1], after)):
+            if label not in labels:
+                raise UserError(
+                    f"--estimator {text}: {place} has no {label!r}; it has: {', '.join(labels)}"
+                )
+        names[name] = other or name
+    return names
+
+
+def _format(table: pd.DataFrame) -> str:
+    shown = table[["verdict", "error", "scenario", "view", "estimator"]].copy()
+    shown["estimator"] = [
+        a if a == b else f"{a} -> {b}"
+        for a, b in table[["estimator", "other"]].itertuples(index=False)
+    ]
+    medians = table[["before", "after"]].itertuples(index=False)
+    shown["median"] = [f"{a:.3g} -> {b:.3g}" for a, b in medians]
+    shares = 100 * table[["better", "better_low", "better_high"]]
+    shown["better on"] = [
+        f"{a:.1f} % [{b:.1f}, {c:.1f}]" for a, b, c in shares.itertuples(index=False)
+    ]
+    shown["p (Holm)"] = table["p_holm"].map("{:.2g}".format)
+    shown["trials"] = table["pairs"]
+    return shown.to_string(index=False)

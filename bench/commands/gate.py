@@ -1,0 +1,43 @@
+"""``olne-bench gate``: is a run good enough?"""
+
+import sys
+from pathlib import Path
+
+import click
+
+from bench.errors import UserError
+from bench.findings import find
+from bench.gate import check_limits
+from bench.store import read_store
+from bench.suite import load_suite, read_suite_json
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--suite", help="Take the limits of this suite, not those the run was started with.")
+def gate(folder: Path, suite: str | None) -> None:
+    """Check the run in FOLDER against the [gate] table of its suite.
+
+    Exit code 0 if every limit is kept, 1 if one is not, 2 on bad input.
+    """
+    with read_store(folder) as store:
+        trials, runs = store.frame(), store.runs()
+    if trials.empty:
+        raise UserError(f"the run in {folder} has no finished trial yet")
+    if suite is None and not runs:
+        raise UserError(f"the run in {folder} noted no suite; name one with --suite")
+    source = load_suite(suite) if suite is not None else read_suite_json(runs[-1].suite)
+    if not source.gate:
+        raise UserError(
+            f"suite {source.name!r} has no [gate] table; it would have limits by estimator, such "
+            f"as [gate.{source.estimators[0].label}] with position_error = 0.1"
+        )
+    checks = check_limits(find(trials).leaderboard, source.gate)
+    for check in checks:
+        click.echo(
+            f"{'holds' if check.passed else 'FAILS'}  {check.estimator}, {check.scenario}, "
+            f"{check.view}: {check.limit} {check.value:.4g}  (at most {check.bound:g})"
+        )
+    failed = sum(not check.passed for check in checks)
+    click.echo(f"{len(checks) - failed} of {len(checks)} limits are kept")
+    sys.exit(1 if failed else 0)

@@ -1,0 +1,64 @@
+"""Two runs against each other, on the same observations."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from bench.statistics.attempts import ERRORS, attempts_of, quantile
+from bench.statistics.comparison import SIGNIFICANCE, compare_pairs, holm, paired_errors
+
+_GROUP = ["scenario", "view"]
+
+
+def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str]) -> pd.DataFrame:
+    """What became of the estimators, in every scenario and view that both runs have.
+
+    Trials without noise, which stand for several, have nothing random in them and take no part.
+
+    Args:
+        before: trials of one run.
+        after: trials of another one, or the same.
+        names: estimators to compare, label in ``before`` to label in ``after``.
+
+    Returns:
+        Columns ``error, scenario, view, estimator, other, pairs``, the medians ``before`` and
+        ``after`` over the pairs, ``better`` (share of pairs that improved, a tie counting half)
+        with ``better_low`` and ``better_high`` (95 %), ``p``, ``p_holm`` and ``verdict``:
+        ``better`` or ``worse`` where significant, else ``same``.
+    """
+    tables = [t[t["count"] == 1] for t in (attempts_of(before), attempts_of(after))]
+    columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after"]
+    columns += ["better", "better_low", "better_high", "p"]
+    rows = []
+    for error in ERRORS:
+        for old, new in names.items():
+            first = tables[0][tables[0]["estimator"] == old]
+            second = tables[1][tables[1]["estimator"] == new]
+            pairs = paired_errors(second, first, error)
+            for (scenario, view), group in pairs.groupby(_GROUP, sort=True):
+                labels = {"error": error, "scenario": scenario, "view": view}
+                rows.append(labels | {"estimator": old, "other": new} | _change(group))
+    table = pd.DataFrame(rows, columns=columns)
+    table["p_holm"] = holm(table["p"].to_numpy(float))
+    told = table["p_holm"] < SIGNIFICANCE
+    table["verdict"] = np.select(
+        [told & (table["better"] > 0.5), told & (table["better"] < 0.5)],
+        ["better", "worse"],
+        "same",
+    )
+    return table
+
+
+def _change(pairs: pd.DataFrame) -> dict[str, float]:
+    found = compare_pairs(pairs)
+    one = np.ones(len(pairs), int)
+    return {
+        "pairs": found["pairs"],
+        "before": quantile(pairs["b"].to_numpy(), one, 0.5),
+        "after": quantile(pairs["a"].to_numpy(), one, 0.5),
+        "better": found["wins"],
+        "better_low": found["wins_low"],
+        "better_high": found["wins_high"],
+        "p": found["p"],
+    }

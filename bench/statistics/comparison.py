@@ -1,0 +1,134 @@
+"""Estimators against each other on the same observations.
+
+Every estimator sees the same noise, so two are compared trial by trial: which one has the smaller
+error, whatever its size. A failure loses to any error, and two failures are a tie.
+"""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from bench.statistics.attempts import ERRORS, attempts_of, errors_of
+from bench.statistics.intervals import share_interval
+from bench.suite import ScenarioEntry
+from envs.scenarios import is_family
+
+#: Comparisons with an adjusted p-value below are significant.
+SIGNIFICANCE = 0.05
+_PERMUTATIONS = 20_000
+_ROUNDING = 1e-12  # differences below are a solver's, and a tie
+_GROUP = ["scenario", "view"]
+_PAIR = [*_GROUP, "sigma", "seed"]
+
+
+def compare_estimators(trials: pd.DataFrame) -> pd.DataFrame:
+    """All pairs of estimators, for both errors, in every scenario and view.
+
+    Rows that stand for several equal sequences (sigma = 0) have nothing random in them and do not
+    take part.
+
+    Returns:
+        Columns ``error, scenario, view, estimator, other``, ``pairs`` (trials that both have
+        attempted), ``wins`` (share in which ``estimator`` has the smaller error, a tie counting
+        half) with ``wins_low`` and ``wins_high`` (95 %), ``p`` of a permutation test and
+        ``p_holm``, adjusted after Holm for all comparisons by the same error.
+    """
+    attempts = attempts_of(trials)
+    attempts = attempts[attempts["count"] == 1]
+    columns = ["error", *_GROUP, "estimator", "other", "pairs", "wins", "wins_low", "wins_high"]
+    rows = [row for error in ERRORS for row in _compare(attempts, error)]
+    table = pd.DataFrame(rows, columns=[*columns, "p"])
+    adjusted = table.groupby("error")["p"].transform(lambda p: holm(p.to_numpy()))
+    return table.assign(p_holm=adjusted.astype(float))
+
+
+def paired_errors(first: pd.DataFrame, second: pd.DataFrame, error: str) -> pd.DataFrame:
+    """Errors ``a`` and ``b`` of two tables of attempts where both have tried the same trial."""
+    tables = [t[_PAIR].assign(**{n: errors_of(t, error)}) for n, t in (("a", first), ("b", second))]
+    return tables[0].merge(tables[1], on=_PAIR)
+
+
+def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
+    """``pairs, wins, wins_low, wins_high, p`` of the pairs (``paired_errors``) of one scenario."""
+    a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
+    with np.errstate(invalid="ignore"):  # two failures
+        tie = (a == b) | (np.abs(a - b) <= _ROUNDING * (1 + np.minimum(a, b)))
+    advantage = np.where(tie, 0, np.where(a < b, 1, -1))
+    # In a family the trials of a seed share one draw; else every trial stands for itself.
+    family = len(pairs) > 0 and _is_family(pairs["scenario"].iloc[0])
+    units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
+    wins = share_interval((1 + advantage) / 2, units)
+    return {
+        "pairs": len(pairs),
+        "wins": wins.estimate,
+        "wins_low": wins.low,
+        "wins_high": wins.high,
+        "p": permutation_p(np.bincount(units, advantage).astype(int)),
+    }
+
+
+def permutation_p(advantages: np.ndarray) -> float:
+    """Two-sided p-value of a sum whose terms would have had either sign with equal chance.
+
+    Args:
+        advantages: whole numbers, one for each independent unit.
+
+    Returns:
+        Share of random signs that give a sum at least as far from zero, the sum itself being one
+        of them; 1 where all are ties.
+    """
+    sizes, numbers = np.unique(np.abs(advantages[advantages != 0]), return_counts=True)
+    if not len(sizes):
+        return 1.0
+    # Units of the same size differ by their number of plus signs only.
+    plus = np.random.default_rng(0).binomial(numbers, 0.5, size=(_PERMUTATIONS, len(sizes)))
+    sums = (2 * plus - numbers) @ sizes
+    extreme = np.count_nonzero(np.abs(sums) >= abs(advantages.sum()))
+    return (1 + extreme) / (1 + _PERMUTATIONS)
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """P-values adjusted for their number (Holm 1979): all errors of the table count at once."""
+    order = np.argsort(p, kind="stable")
+    factors = len(p) - np.arange(len(p))
+    adjusted = np.minimum(1.0, np.maximum.accumulate(p[order] * factors))
+    result = np.empty(len(p))
+    result[order] = adjusted
+    return result
+
+
+def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd.Series:
+    """Rank of each estimator: one more than the number of those significantly better.
+
+    Args:
+        comparisons: from ``compare_estimators``.
+        estimators: rows with ``scenario, view, estimator``.
+        error: which one to rank by.
+
+    Returns:
+        Ranks with the index of ``estimators``; those that cannot be told apart share one.
+    """
+    told = comparisons[(comparisons["error"] == error) & (comparisons["p_holm"] < SIGNIFICANCE)]
+    loses = told["wins"] < 0.5
+    losers = told["estimator"].where(loses, told["other"])
+    beaten = told[_GROUP].assign(estimator=losers).groupby([*_GROUP, "estimator"]).size()
+    keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
+    return pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
+
+
+def _compare(attempts: pd.DataFrame, error: str) -> Iterator[dict[str, object]]:
+    for (scenario, view), rows in attempts.groupby(_GROUP, sort=True):
+        parts = dict(list(rows.groupby("estimator", sort=True)))
+        for first, second in combinations(parts, 2):
+            pairs = paired_errors(parts[first], parts[second], error)
+            labels = {"error": error, "scenario": scenario, "view": view}
+            yield labels | {"estimator": first, "other": second} | compare_pairs(pairs)
+
+
+def _is_family(label: str) -> bool:
+    try:
+        return is_family(ScenarioEntry.from_label(label).name)
+    except ValueError:
+        return True  # unknown here: the careful choice

@@ -1,0 +1,153 @@
+"""The page in a real browser, as a reader would use it."""
+
+import io
+import re
+import shutil
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
+
+HOSTILE = "<img src=x onerror=\"document.title='broken'\"></script><b>&"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    if found is None:
+        pytest.skip("needs Chromium (Debian: apt install chromium)")
+    with sync_playwright() as play:
+        try:
+            browser = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except Error as error:
+            pytest.skip(f"Chromium does not start: {error}")
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def tab(browser: Browser, page: Path) -> Iterator[Page]:
+    """The page, opened from disk; at its end there must have been no complaint."""
+    complaints: list[str] = []
+    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    tab = context.new_page()
+    tab.on("console", lambda message: complaints.append(message.text))
+    tab.on("pageerror", lambda error: complaints.append(str(error)))
+    tab.on("request", lambda r: complaints.append(r.url) if r.url.startswith("http") else None)
+    tab.goto(page.as_uri())
+    yield tab
+    assert tab.title() == "small <study> · OLNE Bench"  # a hostile name would have changed it
+    context.close()
+    assert complaints == []
+
+
+def column(tab: Page, number: int) -> list[str]:
+    cells = tab.locator(f"#board tbody tr:not([hidden]) > :nth-child({number})")
+    return [text.strip() for text in cells.all_inner_texts()]
+
+
+def keys(tab: Page, label: str) -> list[float]:
+    cells = tab.locator(f'#board tbody tr:not([hidden]) > [data-label="{label}"]')
+    return [float(cell.get_attribute("data-key") or "nan") for cell in cells.all()]
+
+
+def pixels(tab: Page, selector: str) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(tab.locator(selector).screenshot())).convert("RGB"))
+
+
+def test_sorting(tab: Page) -> None:
+    given = keys(tab, "Position error [m]")
+    head = tab.locator("#board thead th", has_text="Position error [m]").first
+    head.locator("button").click()
+    assert head.get_attribute("aria-sort") == "ascending"
+    assert keys(tab, "Position error [m]") == sorted(given) != given
+    head.locator("button").press("Enter")
+    assert head.get_attribute("aria-sort") == "descending"
+    assert keys(tab, "Position error [m]") == sorted(given, reverse=True)
+    tab.locator("#board thead th button", has_text="Scenario").click()
+    assert column(tab, 1) == ["highway_overtaking"] * 6 + ["two_player"] * 6
+
+
+def test_filtering(tab: Page) -> None:
+    assert len(column(tab, 1)) == 12
+    tab.fill("#filter", "two_player KKT")
+    assert column(tab, 3) == ["kkt_constrained"] * 2
+    assert tab.locator("#board-count").inner_text() == "2 of 12 rows"
+    tab.select_option("#board-view", "partial")
+    assert column(tab, 2) == ["partial"]
+    tab.fill("#filter", "")
+    assert len(column(tab, 1)) == 6
+    assert HOSTILE in column(tab, 3)
+
+
+def test_slider_and_player(tab: Page) -> None:
+    end = pixels(tab, "#player")
+    assert tab.locator("#values tbody tr").count() == 3
+    tab.locator("#time").focus()
+    tab.keyboard.press("Home")
+    assert tab.locator("#clock").inner_text() == "0 / 19 s"
+    assert {float(x) for x in tab.locator("#values td:nth-child(3)").all_inner_texts()} == {0.0}
+    start = pixels(tab, "#player")
+    assert (start != end).any()
+    tab.keyboard.press("ArrowRight")
+    assert tab.locator("#clock").inner_text() == "1 / 19 s"
+    tab.locator("#play").click()
+    expect(tab.locator("#clock")).to_have_text(re.compile("^[3-9] / 19 s"))
+    tab.locator("#play").click()
+    tab.select_option("#trial", index=5)
+    assert "crash" in tab.locator("#values").inner_text()
+
+
+def test_picking_estimators_and_scenarios(tab: Page) -> None:
+    both = pixels(tab, "#chart-position")
+    assert tab.locator("#bundles figure").count() == 5
+    chip = tab.locator("#estimators button", has_text="kkt_constrained")
+    chip.click()
+    assert chip.get_attribute("aria-pressed") == "false"
+    assert tab.locator("#bundles figure").count() == 3
+    assert (pixels(tab, "#chart-position") != both).any()
+    tab.select_option("#scenario", label="two_player")
+    assert tab.locator("#weights tbody tr:not([hidden])").count() == 16
+    assert tab.locator("#clock").inner_text() == "6 / 6 s"
+
+
+def test_values_on_hover_and_by_keyboard(tab: Page) -> None:
+    tab.locator("#chart-position").scroll_into_view_if_needed()
+    tab.locator("#chart-position").focus()
+    tab.keyboard.press("ArrowRight")
+    said = tab.locator("#tip").inner_text()
+    assert "σ = " in said and "position error" in said
+    tab.keyboard.press("ArrowRight")
+    assert tab.locator("#tip").inner_text() != said
+    tab.keyboard.press("Escape")
+    assert tab.locator("#tip").is_hidden()
+    box = tab.locator("#chart-cosine").bounding_box()
+    assert box is not None
+    found = False
+    for x, y in product(np.arange(0.2, 0.9, 0.05), np.arange(0.1, 0.9, 0.05)):
+        tab.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"])
+        found = found or tab.locator("#tip").is_visible()
+    assert found
+
+
+@pytest.mark.parametrize("width", [390, 1200])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_looks(browser: Browser, page: Path, width: int, scheme: str) -> None:
+    context = browser.new_context(
+        viewport={"width": width, "height": 844},
+        color_scheme=scheme,  # type: ignore[arg-type]
+    )
+    tab = context.new_page()
+    tab.goto(page.as_uri())
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    background = pixels(tab, "header").mean()
+    assert background > 200 if scheme == "light" else background < 90
+    for selector in ("#chart-cosine", "#chart-position", "#player", "#bundles canvas >> nth=1"):
+        shown = pixels(tab, selector)
+        colours = np.unique(shown.reshape(-1, 3), axis=0)
+        assert len(colours) > 50, f"{selector} is blank"
+    context.close()

@@ -1,0 +1,126 @@
+"""Acceptance limits and comparisons of runs, as a project's CI would call them."""
+
+import pandas as pd
+import pytest
+
+from bench.cli import main
+from bench.gate import check_limits
+from bench.statistics.change import changes
+from bench.suite import Limits
+
+SUITE = """
+name = "small"
+scenarios = ["two_player"]
+views = ["full", "partial"]
+sigmas = [0.05]
+seeds = 12
+estimators = ["kkt_residual", "uniform"]
+"""
+GATE = """
+[gate.kkt_residual]
+views = ["full"]
+cosine_error = 0.9
+failures = 12
+time_ratio = 100000
+time_reference = "uniform"
+"""
+
+
+def call(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as caught:
+        main([str(argument) for argument in arguments])
+    return int(caught.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("gate")
+    suite = folder / "small.toml"
+    suite.write_text(SUITE + GATE)
+    main(["run", str(suite), "--out", str(folder / "run"), "--no-figures", "--jobs", "1"])
+    return folder / "run"
+
+
+def test_every_report_comes_with_the_page_and_tables(run):
+    for name in ("index.html", "leaderboard.md", "leaderboard.tex", "comparisons.csv"):
+        assert (run / name).stat().st_size > 200
+    assert len(pd.read_csv(run / "identifiability.csv")) == 2 * 8
+    assert set(pd.read_csv(run / "leaderboard.csv")["position_error_rank"]) == {1, 2}
+
+
+def test_limits_that_are_kept(run, capsys):
+    assert call("gate", run) == 0
+    said = capsys.readouterr().out
+    assert said.count("holds") == 3
+    assert "3 of 3 limits are kept" in said
+
+
+def test_a_limit_that_is_not_kept(run, tmp_path, capsys):
+    suite = tmp_path / "strict.toml"
+    suite.write_text(SUITE + "[gate.kkt_residual]\ncosine_error = 1e-9\n")
+    assert call("gate", run, "--suite", suite) == 1
+    said = capsys.readouterr().out
+    assert said.count("FAILS  kkt_residual, two_player") == 2
+
+
+@pytest.mark.parametrize(
+    ("gate", "expected"),
+    [
+        ("", "has no [gate] table"),
+        ("[gate.kkt_residual]\nerror = 1\n", "unknown key 'gate.kkt_residual.error'; known are"),
+        ("[gate.kkt_residual]\ncosine_error = -1\n", "greater than or equal to 0"),
+        ("[gate.kkt_residual]\ntime_ratio = 2\n", "time_ratio and time_reference belong together"),
+        ("[gate.kkt_residual]\nviews = ['full']\n", "no limit is set; there are: cosine_error"),
+        ("[gate.nobody]\nfailures = 0\n", "the run has none; it has: kkt_residual, uniform"),
+        ("[gate.uniform]\nfailures = 0\nviews = ['x']\n", "it has: full, partial"),
+    ],
+)
+def test_bad_gates_are_one_line(run, tmp_path, capsys, gate, expected):
+    suite = tmp_path / "bad.toml"
+    suite.write_text(SUITE + gate)
+    assert call("gate", run, "--suite", suite) == 2
+    error = capsys.readouterr().err.strip()
+    assert expected in error and "\n" not in error
+
+
+def test_what_is_not_known_does_not_pass():
+    table = pd.DataFrame(
+        {"scenario": ["s"], "view": ["v"], "estimator": ["e"], "trials": [3]}
+        | {"limit_ratio": [float("nan")], "solve_seconds_median": [0.1]}
+    )
+    (check,) = check_limits(table, {"e": Limits(limit_ratio=5.0)})
+    assert not check.passed
+
+
+def test_a_run_is_the_same_as_itself(run, tmp_path, capsys):
+    out = tmp_path / "changes.csv"
+    assert call("compare", run, run, "--out", out) == 0
+    assert "0 better, 8 same, 0 worse" in capsys.readouterr().out
+    assert (pd.read_csv(out)["p_holm"] == 1).all()
+
+
+def test_another_estimator_is_better_one_way_and_worse_the_other(run, capsys):
+    assert call("compare", run, run, "--estimator", "uniform=kkt_residual") == 1
+    assert "0 better, 0 same, 4 worse" in capsys.readouterr().out
+    assert call("compare", run, run, "--estimator", "kkt_residual=uniform") == 0
+    assert "4 better, 0 same, 0 worse" in capsys.readouterr().out
+
+
+def test_bad_comparisons_are_one_line(run, tmp_path, capsys):
+    assert call("compare", run, tmp_path) == 2
+    assert "no run in" in capsys.readouterr().err
+    assert call("compare", run, run, "--estimator", "uniform=x") == 2
+    assert "has no 'x'; it has: kkt_residual, uniform" in capsys.readouterr().err
+
+
+def test_a_new_failure_is_worse():
+    rows = [
+        {"scenario": "two_player", "view": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
+        | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
+        for k in range(20)
+    ]
+    before = pd.DataFrame(rows)
+    after = before.assign(status=["crash"] * 12 + ["ok"] * 8)
+    table = changes(before, after, {"e": "e"})
+    assert (table["verdict"] == "worse").all()
+    assert (table["after"] == float("inf")).all()

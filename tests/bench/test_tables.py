@@ -1,0 +1,69 @@
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.leaderboard import leaderboard
+from bench.statistics.comparison import compare_estimators
+from bench.tables import latex, markdown
+
+ODD = r"50%_of <b>|&$x\y"
+COLUMNS = 10
+
+
+@pytest.fixture
+def table() -> pd.DataFrame:
+    rng = np.random.default_rng(0)
+    rows = [
+        {
+            "scenario": "two_player",
+            "view": "full",
+            "estimator": name,
+            "sigma": 0.01,
+            "seed": seed,
+            "status": "ok" if name != "never" else "timeout",
+            "cosine_error": scale * rng.uniform(1, 2),
+            "identifiable_cosine_error": scale,
+            "cosine_limit": 0.01,
+            "position_error": scale * rng.uniform(1, 2),
+            "published_forward": 1,
+            "solve_seconds": 0.5,
+            "count": 1,
+        }
+        for name, scale in (("good", 0.001), (ODD, 0.1), ("never", 1.0))
+        for seed in range(30)
+    ]
+    trials = pd.DataFrame(rows)
+    return leaderboard(trials, compare_estimators(trials))
+
+
+def test_markdown(table: pd.DataFrame) -> None:
+    text = markdown(table)
+    lines = text.splitlines()
+    assert len(lines) == 2 + 3
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {COLUMNS + 1}
+    assert "| good | 1 | **0.00" in lines[2]
+    assert r"50%\_of \<b\>\|\&$x\\y" in lines[3]
+    assert "∞ [∞, ∞]" in lines[4]
+
+
+def test_latex(table: pd.DataFrame) -> None:
+    text = latex(table)
+    assert text.startswith(r"\begin{tabular}{lllrrrrrrr}")
+    assert r"\toprule" in text
+    assert r"\textbf{0.00" in text
+    assert r"$\infty$" in text
+    assert r"50\%\_of" in text
+    rows = [line for line in text.splitlines() if line.endswith(r"\\")]
+    assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {COLUMNS - 1}
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex")
+def test_latex_compiles(table: pd.DataFrame, tmp_path) -> None:
+    head = r"\documentclass{article}\usepackage{booktabs}\begin{document}"
+    (tmp_path / "t.tex").write_text(head + latex(table) + r"\end{document}", encoding="utf-8")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
