@@ -251,12 +251,6 @@ def _valid(result: Any, problem: Problem) -> np.ndarray:
         estimate = check_estimate(result, problem)
     except InvalidEstimateError as error:
         raise NonConformance(str(error)) from error
-    covariance = getattr(result, "covariance", None)
-    size = estimate.weights.size
-    if covariance is not None and np.shape(covariance) != (size, size):
-        raise NonConformance(
-            f"covariance has the shape {np.shape(covariance)}, expected {(size, size)}"
-        )
     return estimate.weights
 
 

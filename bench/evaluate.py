@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.metrics import cosine_error, position_error
+from bench.metrics import cosine_error, covered, position_error
 from bench.sensor import sense
 from bench.trial import Outcome, Trial
 from bench.truth import (
+    held_out_error,
     observed_noise_scale,
     predict_from_start,
-    true_recording,
+    true_recordings,
     unit_cosine_limit,
 )
 from envs.recording import NoEquilibriumError, Recording
@@ -29,10 +30,14 @@ class InvalidEstimateError(Exception):
 
 @dataclass(frozen=True)
 class CheckedEstimate:
-    """What an estimator returned, well-formed; weights (N, K) with rows that sum to one."""
+    """What an estimator returned, well-formed; weights (N, K) with rows that sum to one.
+
+    The covariance is that of weights so scaled.
+    """
 
     weights: np.ndarray
     states: np.ndarray | None
+    covariance: np.ndarray | None
     converged: bool
     message: str
     objective: float | None
@@ -46,29 +51,38 @@ def evaluate(trial: Trial) -> Outcome:
     """
     view = VIEWS[trial.view]
     try:
-        recording = true_recording(trial.scenario, trial.seed)
+        recordings = true_recordings(trial.scenario, trial.seed)
+        limit = unit_cosine_limit(trial.scenario, trial.seed, view)
     except NoEquilibriumError as error:
         return Outcome("skipped", str(error))
+    recording = recordings[0]
     scale = observed_noise_scale(recording.scenario, view)
     problem = Problem(recording.scenario.game, view, trial.sigma, noise_scale=tuple(scale))
-    observation = _read_only(sense(recording, view, trial.sigma, trial.seed))
-    limit = unit_cosine_limit(trial.scenario, trial.seed, view)
+    observations = tuple(
+        _read_only(sense(one, view, trial.sigma, trial.seed, k)) for k, one in enumerate(recordings)
+    )
     outcome = Outcome(
         status="ok",
         observation_error=_observation_error(recording, trial),
-        truth_objective=_squared_error(recording, problem, observation),
+        truth_objective=sum(
+            _squared_error(one, problem, seen)
+            for one, seen in zip(recordings, observations, strict=True)
+        ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
 
     try:
         estimator = load_estimator(trial.estimator.name, trial.estimator.parameters)
         reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
+        if len(observations) > 1 and not getattr(estimator, "several", False):
+            reason = f"takes one trajectory at a time, not {len(observations)}"
         if reason:
             return replace(outcome, status="skipped", message=_one_line(str(reason)))
         if hasattr(estimator, "warm_up"):
             estimator.warm_up(problem)
         rng = np.random.default_rng(zlib.crc32(repr(trial.key).encode()))
         started = time.perf_counter()
+        observation = observations if len(observations) > 1 else observations[0]
         result = estimator.estimate(problem, observation, rng=rng, budget=trial.time_limit)
         outcome = replace(outcome, solve_seconds=time.perf_counter() - started)
     except (Exception, SystemExit) as error:
@@ -93,6 +107,9 @@ def _judge(
         weights=estimate.weights.tolist(),
         objective=estimate.objective,
     )
+    if estimate.covariance is not None and trial.sigma > 0:
+        inside = covered(scenario.weights, estimate.weights, estimate.covariance)
+        outcome = replace(outcome, covered=None if inside is None else int(inside))
     if estimate.states is not None:
         error = position_error(recording.states, estimate.states)
         outcome = replace(outcome, reconstruction_error=error)
@@ -107,7 +124,14 @@ def _judge(
         message = "no root of the game found at the estimated weights"
         return replace(outcome, status="failed_forward", message=message)
     error = position_error(recording.states, prediction.root.states)
-    return replace(outcome, position_error=error)
+    return replace(outcome, position_error=error, held_out_error=_held_out(trial, estimate.weights))
+
+
+def _held_out(trial: Trial, weights: np.ndarray) -> float | None:
+    try:
+        return held_out_error(trial.scenario, trial.seed, weights)
+    except NoEquilibriumError:  # nothing near this draw to predict
+        return None
 
 
 def check_estimate(result: Any, problem: Problem) -> CheckedEstimate:
@@ -138,10 +162,21 @@ def check_estimate(result: Any, problem: Problem) -> CheckedEstimate:
             )
         if not np.isfinite(states).all():
             raise InvalidEstimateError("states are not finite")
+    covariance = getattr(result, "covariance", None)
+    if covariance is not None:
+        covariance = _as_array("covariance", covariance)
+        if covariance.shape != (weights.size, weights.size):
+            raise InvalidEstimateError(
+                f"covariance has the shape {covariance.shape}, "
+                f"expected {(weights.size, weights.size)}"
+            )
+        if not np.isfinite(covariance).all():
+            raise InvalidEstimateError("covariance is not finite")
     objective = (getattr(result, "extras", None) or {}).get("objective")
     return CheckedEstimate(
         weights=weights / weights.sum(axis=1, keepdims=True),
         states=states,
+        covariance=covariance,
         converged=bool(getattr(result, "converged", True)),
         message=_one_line(str(getattr(result, "message", ""))),
         objective=None if objective is None else float(objective),

@@ -1,6 +1,8 @@
 """Metrics: pure functions of estimate and truth."""
 
 import numpy as np
+from scipy.linalg import block_diag, null_space
+from scipy.stats import chi2
 
 
 def cosine_error(weights: np.ndarray, estimated: np.ndarray) -> float:
@@ -51,3 +53,31 @@ def position_error(states: np.ndarray, other: np.ndarray) -> float:
         other: (T, N, n).
     """
     return float(np.mean(np.abs(states[..., :2] - other[..., :2])))
+
+
+def covered(
+    weights: np.ndarray, estimated: np.ndarray, covariance: np.ndarray, level: float = 0.95
+) -> bool | None:
+    """Whether the truth lies in the ellipsoid of an estimate's covariance.
+
+    Weights of a player sum to one, so the ellipsoid is taken on the tangent of the sums, in
+    N*(K-1) dimensions; its size is the chi-squared quantile of the level.
+
+    Args:
+        weights: (N, K) true weights, rows sum to one.
+        estimated: (N, K), rows sum to one.
+        covariance: (N*K, N*K) of the estimate.
+        level: probability that an ellipsoid should hold the truth.
+
+    Returns:
+        None where the covariance is singular on the tangent, hence no ellipsoid.
+    """
+    players, count = weights.shape
+    tangent = block_diag(*[null_space(np.ones((1, count)))] * players)
+    spread = tangent.T @ covariance @ tangent
+    error = tangent.T @ (estimated - weights).ravel()
+    values, vectors = np.linalg.eigh((spread + spread.T) / 2)
+    if not values[0] > 1e-14 * values[-1]:
+        return None
+    distance = float(np.sum((vectors.T @ error) ** 2 / values))
+    return distance <= chi2.ppf(level, len(error))

@@ -20,10 +20,12 @@ _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
 published_failures: also those where only a longer search than the published one finds a root.
 cosine error: angle between estimated and true weights; position error [m]: prediction by the
-forward game at the estimated weights. identifiable: median cosine error less what the data cannot
-show at 0.01 m. rank: by position error; differences that are not significant are ties. /limit: mean
-cosine error over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time
-of one estimate.
+forward game at the estimated weights; held out: its median from five other initial states.
+covered: share of the estimates' 95 % ellipsoids that hold the true weights.
+identifiable: median cosine error less what the data of one trajectory cannot show at 0.01 m.
+rank: by position error; differences that are not significant are ties. /limit: mean cosine error
+over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one
+estimate.
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
 
@@ -93,6 +95,9 @@ def format_leaderboard(table: pd.DataFrame) -> str:
             f"{median:.2g} [{low:.2g}, {high:.2g}]"
             for median, low, high in quartiles.itertuples(index=False)
         ]
+    if "held_out_error_median" in table:
+        shown["held out"] = table["held_out_error_median"].map("{:.2g}".format)
+    shown["covered"] = table["coverage"].map("{:.0%}".format).replace("nan%", "")
     if "identifiable_cosine_error_median" in table:
         shown["identifiable"] = table["identifiable_cosine_error_median"].map("{:.2g}".format)
     shown["/limit"] = table["limit_ratio"].map("{:.2f}".format)

@@ -9,7 +9,9 @@ from estimators.protocol import Observation
 from games.observation import View, observe
 
 
-def sense(recording: Recording, view: View, sigma: float, seed: int) -> Observation:
+def sense(
+    recording: Recording, view: View, sigma: float, seed: int, trajectory: int = 0
+) -> Observation:
     """Observe a recording through a view, with additive white Gaussian noise.
 
     The standard deviation on each component of the state is sigma times the scenario's
@@ -24,9 +26,11 @@ def sense(recording: Recording, view: View, sigma: float, seed: int) -> Observat
         view: the observation model.
         sigma: noise level.
         seed: of the noise.
+        trajectory: which of several that are observed; each has noise of its own.
     """
     states = np.concatenate([recording.states, recording.extra_state[None]])
     stream = [zlib.crc32(recording.scenario.name.encode()), round(sigma * 1e9), seed]
+    stream += [trajectory] if trajectory else []
     noise = sigma * np.random.default_rng(stream).standard_normal(states.shape)
     noise *= recording.scenario.noise_scale
     y = observe(view, recording.scenario.game.dynamics, states + noise)

@@ -25,15 +25,26 @@ class _Strict(BaseModel):
 
 
 class ScenarioEntry(_Strict):
-    """A scenario with its options, such as ``num_players`` of ``random``."""
+    """A scenario with its options, such as ``num_players`` of ``random``.
+
+    Attributes:
+        name: of the scenario.
+        options: of its own.
+        trajectories: how many times the players are seen, each time from another start
+            (``bench.neighbours``); the suite's where absent.
+    """
 
     name: str
     options: dict[str, Any] = {}
+    trajectories: int = Field(default=1, gt=0)
 
     @property
     def label(self) -> str:
         """Name in tables: options follow in parentheses."""
-        options = ",".join(f"{key}={value}" for key, value in sorted(self.options.items()))
+        named = dict(self.options)
+        if self.trajectories > 1:
+            named["trajectories"] = self.trajectories
+        options = ",".join(f"{key}={value}" for key, value in sorted(named.items()))
         return f"{self.name}({options})" if options else self.name
 
     @classmethod
@@ -41,7 +52,8 @@ class ScenarioEntry(_Strict):
         """The entry that has this label; options that do not look like numbers are text."""
         name, _, options = label.removesuffix(")").partition("(")
         pairs = [option.partition("=") for option in options.split(",") if option]
-        return cls(name=name, options={key: _value(text) for key, _, text in pairs})
+        values = {key: _value(text) for key, _, text in pairs}
+        return cls(name=name, trajectories=values.pop("trajectories", 1), options=values)
 
 
 def _value(text: str) -> Any:
@@ -52,11 +64,21 @@ def _value(text: str) -> Any:
 
 
 class EstimatorEntry(_Strict):
-    """An estimator with its parameters; ``label`` tells apart two settings of the same one."""
+    """An estimator with its parameters; ``label`` tells apart two settings of the same one.
+
+    Attributes:
+        name: of the estimator, or its file.
+        parameters: its own.
+        label: name in tables.
+        scenarios: labels of the scenarios that it is run on; all where absent.
+        seeds: the first so many noise draws only; all where absent.
+    """
 
     name: str
     parameters: dict[str, Any] = {}
     label: str = ""
+    scenarios: tuple[str, ...] = ()
+    seeds: int | None = Field(default=None, gt=0)
 
 
 class Limits(_Strict):
@@ -127,6 +149,7 @@ class Suite(_Strict):
         time_limit: wall-clock seconds after which a trial is killed.
         root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
             estimated weights; the published study's, where absent.
+        trajectories: how many trajectories each trial shows, where a scenario does not say.
         estimators: names or tables with parameters.
         gate: limits by estimator label, which ``olne-bench gate`` checks.
     """
@@ -139,8 +162,19 @@ class Suite(_Strict):
     seeds: int = Field(gt=0)
     time_limit: float = Field(default=60.0, gt=0, allow_inf_nan=False)
     root_iterations: int = Field(default=PUBLISHED_ITERATIONS, gt=0)
+    trajectories: int = Field(default=1, gt=0)
     estimators: tuple[EstimatorEntry, ...] = Field(min_length=1)
     gate: dict[str, Limits] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _trajectories_are_those_of_scenarios(cls, data: Any) -> Any:
+        if not (isinstance(data, dict) and isinstance(data.get("scenarios"), list)):
+            return data
+        common = {"trajectories": data["trajectories"]} if "trajectories" in data else {}
+        named = [{"name": s} if isinstance(s, str) else s for s in data["scenarios"]]
+        scenarios = [common | s if isinstance(s, dict) else s for s in named]
+        return data | {"scenarios": scenarios}
 
     @field_validator("scenarios", "estimators", mode="before")
     @classmethod
@@ -183,6 +217,18 @@ class Suite(_Strict):
             name = absolute_reference(entry.name)
             labelled.append(entry.model_copy(update={"label": label, "name": name}))
         return _distinct(tuple(labelled), "estimator label", [entry.label for entry in labelled])
+
+    @model_validator(mode="after")
+    def _estimators_have_their_scenarios(self) -> "Suite":
+        labels = [scenario.label for scenario in self.scenarios]
+        for entry in self.estimators:
+            for label in entry.scenarios:
+                if label not in labels:
+                    raise ValueError(
+                        f"estimator {entry.label!r} is limited to an unknown scenario {label!r}; "
+                        f"the suite has: {', '.join(labels)}"
+                    )
+        return self
 
 
 def suite_names() -> list[str]:
@@ -309,5 +355,5 @@ def _first_problem(error: ValidationError) -> str:
         return f"key {place!r} is missing"
     cause = problem.get("ctx", {}).get("error")
     if cause is not None:
-        return f"{place}: {cause}"
+        return f"{place}: {cause}" if place else str(cause)
     return f"{place}: {problem['msg']}, got {problem['input']!r}"

@@ -83,6 +83,10 @@ class Outcome:
         cosine_limit: its expectation for an efficient estimator (Cramer-Rao bound).
         position_error: mean absolute position difference [m] of the forward game at the estimated
             weights to the truth.
+        held_out_error: the same from five other initial states nearby; None where the game has no
+            root at one of them.
+        covered: 1 where the truth lies in the 95% ellipsoid of the estimate's covariance, 0 where
+            it does not; None without covariance.
         reconstruction_error: the same of the estimator's own trajectory.
         published_forward: 1 where the published study's own prediction step finds a root at the
             estimated weights, 0 where only a longer search does, or none
@@ -100,6 +104,8 @@ class Outcome:
     cosine_error: float | None = None
     cosine_limit: float | None = None
     position_error: float | None = None
+    held_out_error: float | None = None
+    covered: int | None = None
     reconstruction_error: float | None = None
     published_forward: int | None = None
     observation_error: float | None = None
@@ -134,10 +140,14 @@ def _trials(
 ) -> Iterator[Trial]:
     for view in suite.views:
         for estimator in suite.estimators:
+            if estimator.scenarios and scenario.label not in estimator.scenarios:
+                continue
             code = versions(scenario, estimator)
+            most = suite.seeds if estimator.seeds is None else min(estimator.seeds, suite.seeds)
+            own = [seed for seed in seeds if seed < most]
             for sigma in suite.sigmas:
                 alike = alike_without_noise and sigma == 0
-                for seed in seeds[:1] if alike else seeds:
+                for seed in own[:1] if alike else own:
                     yield Trial(
                         suite=suite.name,
                         scenario=scenario,
@@ -145,7 +155,7 @@ def _trials(
                         sigma=sigma,
                         seed=seed,
                         estimator=estimator,
-                        count=suite.seeds if alike else 1,
+                        count=most if alike else 1,
                         time_limit=suite.time_limit,
                         root_iterations=suite.root_iterations,
                         versions=code,

@@ -15,7 +15,7 @@ _HERE = Path(__file__).parent
 _GAMES = Path(str(games.__file__)).parents[1]
 _ENVS = Path(str(envs.__file__)).parents[1]
 _ESTIMATORS = Path(str(estimators.__file__)).parents[1]
-_SCORING = ("evaluate", "metrics", "sensor", "truth")
+_SCORING = ("evaluate", "metrics", "neighbours", "sensor", "truth")
 
 
 @dataclass(frozen=True)

@@ -18,22 +18,27 @@ are worth their time: the observations with zero controls, the same under a high
 begins by centring the weights, and the solution of the problem with its weights tied to uniform
 by a quadratic term, which is then dropped at once or in two steps.
 
+Several trajectories share one theta (``joint_several``). The covariance of the weights is the
+inverse of the Fisher information at the estimate (``games.information``).
+
 IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which
 is the paper's own start, and the solution of the tied problem.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
+from estimators.forward_model import Played, likelihood_covariance
 from estimators.interior_point import CLOSE_TO_KNOWN, joint_elimination, solve_joint
 from estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from estimators.joint_problem import JointPoint, JointSolution
-from estimators.protocol import Estimate, Observation, Problem, check_observation
+from estimators.joint_several import SeveralSolution, solve_several
+from estimators.protocol import Estimate, Observation, Problem, check_observations
 from estimators.trajectory_fit import (
     fit_trajectory,
     guess_controls,
@@ -41,6 +46,7 @@ from estimators.trajectory_fit import (
     smoothed,
     warm_up_fit,
 )
+from games.newton import Root
 
 _SOLVERS = ("structured", "ipopt")
 
@@ -72,6 +78,7 @@ class KktConstrained:
     """
 
     name: ClassVar[str] = "kkt_constrained"
+    several: ClassVar[bool] = True
     solver: str = "structured"
     max_iterations: int = 300
 
@@ -82,35 +89,73 @@ class KktConstrained:
     def estimate(
         self,
         problem: Problem,
-        observation: Observation,
+        observation: Observation | Sequence[Observation],
         *,
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        check_observation(problem, observation)
+        observations = check_observations(problem, observation)
         deadline = time.monotonic() + budget / 2
-        attempts = []
-        if self.solver == "ipopt":
-            solutions = self._ipopt_attempts(problem, observation.y)
+        if len(observations) > 1:
+            best, starts = self._several(problem, observations, deadline), 2
         else:
-            solutions = self._structured_attempts(problem, observation.y, deadline)
+            attempts = self._attempts(problem, observations[0].y, deadline)
+            one, starts = _lowest(attempts), len(attempts)
+            best = SeveralSolution((one.point,), one.objective, one.converged, one.message)
+        points = best.points
+        seen = [np.isfinite(one.y).any(axis=(0, 2)) for one in observations]
+        unseen = np.flatnonzero(~np.any(seen, axis=0))
+        message = best.message
+        if unseen.size:  # the optimum exists, but says nothing about these players
+            message = f"never seen, hence not identified: player {', '.join(map(str, unseen))}"
+        converged = best.converged and not unseen.size
+        games = [
+            Played(Root(p.states, p.controls, p.costates, residual=0.0), p.weights) for p in points
+        ]
+        return Estimate(
+            weights=points[0].weights,
+            states=points[0].states,
+            covariance=likelihood_covariance(problem, observations, games) if converged else None,
+            converged=converged,
+            message=message,
+            extras={"objective": best.objective, "starts": starts},
+        )
+
+    def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
+        if self.solver == "ipopt":
+            solutions = self._ipopt_attempts(problem, y)
+        else:
+            solutions = self._structured_attempts(problem, y, deadline)
+        attempts = []
         for attempt in solutions:
             attempts.append(attempt)
             if time.monotonic() > deadline:
                 break
-        # A start that did not converge never beats one that did.
-        best = min(attempts, key=lambda attempt: (not attempt.converged, attempt.objective))
-        unseen = np.flatnonzero(~np.isfinite(observation.y).any(axis=(0, 2)))
-        message = best.message
-        if unseen.size:  # the optimum exists, but says nothing about these players
-            message = f"never seen, hence not identified: player {', '.join(map(str, unseen))}"
-        return Estimate(
-            weights=best.point.weights,
-            states=best.point.states,
-            converged=best.converged and not unseen.size,
-            message=message,
-            extras={"objective": best.objective, "starts": len(attempts)},
-        )
+        return attempts
+
+    def _several(
+        self, problem: Problem, observations: Sequence[Observation], deadline: float
+    ) -> SeveralSolution:
+        """One theta for all: from every trajectory's own optimum, and from the observations."""
+        ys = [one.y for one in observations]
+        own = [_lowest(self._attempts(problem, y, deadline)).point for y in ys]
+        guesses = [
+            JointPoint.from_trajectory(problem.game, guess_states(problem.game, problem.view, y))
+            for y in ys
+        ]
+        solutions = [
+            solve_several(
+                problem.game,
+                problem.view,
+                ys,
+                starts,
+                noise_scale=problem.noise_scale,
+                weight_floor=problem.weight_floor,
+                max_iterations=self.max_iterations,
+            )
+            for starts in (own, guesses)
+        ]
+        return min(solutions, key=lambda found: (not found.converged, found.objective))
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
@@ -191,6 +236,11 @@ class KktConstrained:
         yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
         tied = solve(start, tie=_IPOPT_TIE * first.objective)
         yield solve(_inside(tied.point, problem.weight_floor))
+
+
+def _lowest(attempts: list[JointSolution]) -> JointSolution:
+    """The lowest objective; a start that did not converge never beats one that did."""
+    return min(attempts, key=lambda attempt: (not attempt.converged, attempt.objective))
 
 
 def _corner(players: int, weights: int) -> np.ndarray:

@@ -11,6 +11,7 @@ G^i = A^i theta^i + B^i lambda^i. The costates are free, so a QR factorisation o
 them and a non-negative least-squares problem with K columns is left.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
@@ -20,8 +21,8 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import nnls
 
-from estimators.protocol import Estimate, Observation, Problem, check_observation
-from estimators.trajectory_fit import fit_trajectory, warm_up_fit
+from estimators.protocol import Estimate, Observation, Problem, check_observations
+from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, warm_up_fit
 from games.features import Stage
 from games.game import Game
 from games.kkt import kkt_system
@@ -39,34 +40,30 @@ class KktResidual:
     """
 
     name: ClassVar[str] = "kkt_residual"
+    several: ClassVar[bool] = True
 
     def estimate(
         self,
         problem: Problem,
-        observation: Observation,
+        observation: Observation | Sequence[Observation],
         *,
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        check_observation(problem, observation)
-        game = problem.game
-        y = observation.y
-        if observation.extra is not None:
-            y = np.concatenate([y, observation.extra[None]])
-        fit = fit_trajectory(game, problem.view, y, problem.noise_scale)
-        states = fit.states[: game.horizon]
-        controls = fit.controls[: game.horizon - 1]
-        last_controls = fit.controls[game.horizon - 1] if observation.extra is not None else None
-
+        observations = check_observations(problem, observation)
+        fits = [_pre_filter(problem, one) for one in observations]
+        reduced = [_reduced_residuals(problem.game, *trajectory) for trajectory, _ in fits]
+        # The trajectories of a player share its weights: their rows go below one another.
         results = [
-            _player_weights(rows, problem.weight_floor)
-            for rows in _reduced_residuals(game, states, controls, last_controls)
+            _player_weights(np.vstack(rows), problem.weight_floor)
+            for rows in zip(*reduced, strict=True)
         ]
+        failed = [fit.message for _, fit in fits if not fit.converged]
         return Estimate(
             weights=np.array([weights for weights, _ in results]),
-            states=states,
-            converged=fit.converged,
-            message="" if fit.converged else f"pre-filter: {fit.message}",
+            states=fits[0][0][0],
+            converged=not failed,
+            message=f"pre-filter: {failed[0]}" if failed else "",
             extras={"objective": float(sum(residual for _, residual in results))},
         )
 
@@ -75,6 +72,25 @@ class KktResidual:
         _residual_functions(problem.game)
         for steps in (problem.game.horizon, problem.game.horizon + 1):
             warm_up_fit(problem.game, problem.view, steps)
+
+
+def residual_weights(problem: Problem, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """Weights (N, K) of least residual along a trajectory (T, N, n), (T-1, N, m)."""
+    reduced = _reduced_residuals(problem.game, states, controls, None)
+    return np.array([_player_weights(rows, problem.weight_floor)[0] for rows in reduced])
+
+
+_Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+
+
+def _pre_filter(problem: Problem, observation: Observation) -> tuple[_Trajectory, TrajectoryFit]:
+    """States (T, N, n), controls (T-1, N, m) and u_T (N, m) or None; and the fit as a whole."""
+    horizon, y, extra = problem.game.horizon, observation.y, observation.extra
+    if extra is not None:
+        y = np.concatenate([y, extra[None]])
+    fit = fit_trajectory(problem.game, problem.view, y, problem.noise_scale)
+    last_controls = None if extra is None else fit.controls[horizon - 1]
+    return (fit.states[:horizon], fit.controls[: horizon - 1], last_controls), fit
 
 
 def _reduced_residuals(

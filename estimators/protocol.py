@@ -7,7 +7,7 @@ reaches it.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -78,6 +78,22 @@ class Observation:
     extra: np.ndarray | None = None
 
 
+def check_observations(
+    problem: Problem, observation: "Observation | Sequence[Observation]"
+) -> tuple[Observation, ...]:
+    """One observation or several as a tuple, each of them checked.
+
+    Raises:
+        ValueError: on none at all, and as ``check_observation``.
+    """
+    several = tuple(observation) if isinstance(observation, Sequence) else (observation,)
+    if not several:
+        raise ValueError("at least one observation is needed, got none")
+    for one in several:
+        check_observation(problem, one)
+    return several
+
+
 def check_observation(problem: Problem, observation: Observation) -> None:
     """Refuse an observation that does not belong to the problem.
 
@@ -108,8 +124,9 @@ class Estimate:
 
     Attributes:
         weights: (N, K), non-negative; scaled to row sums of one by the harness.
-        states: (T, N, n) reconstructed trajectory, or None.
-        covariance: (N*K, N*K) covariance of the weights in C order, or None.
+        states: (T, N, n) reconstructed trajectory, the first of several, or None.
+        covariance: (N*K, N*K) covariance of the weights, each row scaled to sum one, in C order,
+            or None.
         converged: whether the method itself considers the result valid.
         message: one line that explains a failure.
         extras: further numbers worth keeping; ``objective`` is stored with the trial.
@@ -129,21 +146,27 @@ class Estimator(Protocol):
     Two further methods are used where they exist: ``supports(problem) -> str | None`` returns the
     reason why the estimator cannot take a problem (the trial is then ``skipped``), or None;
     ``warm_up(problem)`` builds solvers before the clock of the first trial starts.
+
+    An estimator that can explain several trajectories of the same players by one set of weights
+    says so by the class attribute ``several = True``: where a study has more than one, it is
+    given a tuple of them. Without it an estimator is only ever given a single ``Observation``,
+    and trials of more are ``skipped``.
     """
 
     def estimate(
         self,
         problem: Problem,
-        observation: Observation,
+        observation: Any,
         *,
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        """Estimate every player's weights from one observation.
+        """Estimate every player's weights.
 
         Args:
             problem: what is known.
-            observation: what was seen; not to be changed.
+            observation: what was seen, not to be changed: an ``Observation``, or with ``several``
+                a tuple of two or more, each from an initial state of its own.
             rng: the only source of randomness, seeded per trial.
             budget: wall-clock seconds until the trial is stopped from outside.
         """

@@ -1,11 +1,12 @@
 """The floor: equal weights, whatever is observed. Every estimator must beat it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from estimators.protocol import Estimate, Observation, Problem, check_observation
+from estimators.protocol import Estimate, Observation, Problem, check_observations
 
 
 @dataclass(frozen=True)
@@ -13,15 +14,16 @@ class Uniform:
     """Gives every cost feature of every player the same weight."""
 
     name: ClassVar[str] = "uniform"
+    several: ClassVar[bool] = True
 
     def estimate(
         self,
         problem: Problem,
-        observation: Observation,
+        observation: Observation | Sequence[Observation],
         *,
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        check_observation(problem, observation)
+        check_observations(problem, observation)
         shape = (problem.game.num_players, problem.game.num_weights)
         return Estimate(weights=np.full(shape, 1 / shape[1]))

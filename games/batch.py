@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from games.game import Game
 from games.newton import Root, linearised, pack, unpack
+from games.observation import View
 from games.olne import RESIDUAL_TOLERANCE, Equilibrium
 
 #: Newton steps within which a good start converges; a bad one is not worth more.
@@ -54,6 +55,7 @@ def solve_batch(
     start_weights: np.ndarray,
     *,
     initial_states: np.ndarray | None = None,
+    view: View | None = None,
     tolerance: float = 1e-10,
     max_iterations: int = 30,
     limit: float = 60.0,
@@ -66,6 +68,8 @@ def solve_batch(
         start: the equilibrium to start from.
         start_weights: (N, K) its weights.
         initial_states: (B, N, n) or (N, n); those of ``start`` where absent.
+        view: the observation model, where the game is to be solved often enough for compiled code
+            of its own (``games.native.elimination``).
         tolerance: stop once max |G| falls below.
         max_iterations: Newton steps per game at most.
         limit: wall-clock seconds for the batch; what is left then has not converged.
@@ -87,7 +91,7 @@ def solve_batch(
     initial_states = np.broadcast_to(initial_states, (count, *first.shape))
     initial_states = initial_states.reshape(count, first.size)
 
-    solver = linearised(game, start.states, start.controls, start.costates, start_weights)
+    solver = linearised(game, start.states, start.controls, start.costates, start_weights, view)
     point = pack(game, start.states, start.controls, start.costates)
     columns = solver.sensitivities().reshape(point.size, -1)
     flat = weights.reshape(count, start_weights.size)

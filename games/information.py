@@ -11,13 +11,13 @@ against what is known without any: that weights lie on the simplex, where a unif
 has the variance 1 / (K (K + 1)) in every direction.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag, null_space
-from scipy.sparse import csc_matrix
 
 from games.game import Game
 from games.kkt import kkt_system
@@ -55,6 +55,32 @@ def trajectory_sensitivity(
     return np.hstack([columns[:, states[0].size :], columns[:, : states[0].size]])
 
 
+def observation_sensitivity(
+    game: Game,
+    view: View,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+    *,
+    noise_scale: Sequence[float] | np.ndarray | None = None,
+) -> np.ndarray:
+    """d(h(states))/d(theta, x_1) at an equilibrium, (T*N*d, N*K + N*n), all in C order.
+
+    The arguments are those of ``trajectory_sensitivity``; ``noise_scale`` (d,) holds the relative
+    standard deviations of the noise on what the view shows of a player, ones where absent, and
+    divides the rows.
+
+    Raises:
+        ValueError: where G_z is singular.
+    """
+    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
+    observed = _view_jacobian(game, view)(states.ravel()).sparse() @ sensitivity
+    if noise_scale is not None:
+        observed /= np.tile(noise_scale, game.horizon * game.num_players)[:, None]
+    return np.asarray(observed)
+
+
 def weight_covariance(
     game: Game,
     view: View,
@@ -67,11 +93,29 @@ def weight_covariance(
 ) -> np.ndarray | None:
     """Cramer-Rao bound of the weights (N*K, N*K) for unit noise; None if not identifiable.
 
-    Multiply by sigma^2. The arguments are those of ``trajectory_sensitivity``; ``noise_scale``
-    (d,) holds the relative standard deviations of the noise on what the view shows of a player,
-    ones where absent.
+    Multiply by sigma^2. The arguments are those of ``observation_sensitivity``.
     """
-    tangent, observed = _observed(game, view, states, controls, costates, weights, noise_scale)
+    sensitivity = observation_sensitivity(
+        game, view, states, controls, costates, weights, noise_scale=noise_scale
+    )
+    return joint_weight_covariance(game, [sensitivity])
+
+
+def joint_weight_covariance(game: Game, sensitivities: Sequence[np.ndarray]) -> np.ndarray | None:
+    """Cramer-Rao bound of weights that several trajectories share, for unit noise.
+
+    Every trajectory has an unknown initial state of its own.
+
+    Args:
+        game: the game.
+        sensitivities: ``observation_sensitivity`` of each trajectory, without the rows of samples
+            that are missing.
+
+    Returns:
+        (N*K, N*K), or None if not identifiable.
+    """
+    tangent = _tangent(game)
+    observed = _on_tangent(tangent, sensitivities)
     information = observed.T @ observed
     if not np.linalg.cond(information) < _LARGEST_CONDITION:
         return None
@@ -128,7 +172,11 @@ def identifiability(
         sigma: noise level, above 0.
         noise_scale: (d,) relative standard deviations of the noise.
     """
-    tangent, observed = _observed(game, view, states, controls, costates, weights, noise_scale)
+    sensitivity = observation_sensitivity(
+        game, view, states, controls, costates, weights, noise_scale=noise_scale
+    )
+    tangent = _tangent(game)
+    observed = _on_tangent(tangent, [sensitivity])
     free, count = tangent.shape[1], game.num_weights
     # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
     # their information once x_1 is not known.
@@ -192,29 +240,16 @@ def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
     return float(np.mean(errors))
 
 
-def _observed(
-    game: Game,
-    view: View,
-    states: np.ndarray,
-    controls: np.ndarray,
-    costates: np.ndarray,
-    weights: np.ndarray,
-    noise_scale: np.ndarray | None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sensitivity of all expected observations, each over its noise scale.
+def _tangent(game: Game) -> np.ndarray:
+    """Basis (N*K, N*(K-1)) of the weights' tangent space."""
+    return block_diag(*[null_space(np.ones((1, game.num_weights)))] * game.num_players)
 
-    Returns:
-        The basis (N*K, N*(K-1)) of the weights' tangent space, and the derivatives
-        (T*N*d, N*(K-1) + N*n) by its coordinates and x_1.
-    """
-    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
-    expected = _view_jacobian(game, view)(states.ravel())
-    tangent = block_diag(*[null_space(np.ones((1, game.num_weights)))] * game.num_players)
-    basis = block_diag(tangent, np.eye(states[0].size))
-    observed = csc_matrix(expected) @ (sensitivity @ basis)
-    if noise_scale is not None:
-        observed /= np.tile(noise_scale, game.horizon * game.num_players)[:, None]
-    return tangent, observed
+
+def _on_tangent(tangent: np.ndarray, sensitivities: Sequence[np.ndarray]) -> np.ndarray:
+    """Derivatives of all expected observations by the tangent's coordinates and every x_1."""
+    of_weights = [columns[:, : len(tangent)] @ tangent for columns in sensitivities]
+    of_starts = block_diag(*[columns[:, len(tangent) :] for columns in sensitivities])
+    return np.hstack([np.vstack(of_weights), of_starts])
 
 
 @lru_cache(maxsize=16)

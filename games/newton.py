@@ -7,6 +7,7 @@ import numpy as np
 from games.elimination import Elimination
 from games.game import Game
 from games.native import elimination
+from games.observation import View
 
 
 @dataclass(frozen=True)
@@ -80,14 +81,19 @@ def unpack(game: Game, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def linearised(
-    game: Game, states: np.ndarray, controls: np.ndarray, costates: np.ndarray, weights: np.ndarray
+    game: Game,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+    view: View | None = None,
 ) -> Elimination:
-    """The game's elimination, factorised at a point.
+    """The game's elimination (for a view, where given), factorised at a point.
 
     Raises:
         ValueError: where the first-order conditions are singular at the point.
     """
-    solver = elimination(game)
+    solver = elimination(game, view)
     z = pack(game, states, controls, costates)
     if not solver.linearise(z, np.asarray(weights, dtype=float).ravel()):
         raise ValueError("the first-order conditions are singular at this trajectory")

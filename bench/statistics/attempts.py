@@ -8,7 +8,12 @@ ERRORS = ("cosine_error", "position_error")
 
 #: The largest error there is. Angles between weights, none of which is negative, end at 90
 #: degrees; a prediction can be any number of metres off.
-WORST = {"cosine_error": 1.0, "identifiable_cosine_error": 1.0, "position_error": np.inf}
+WORST = {
+    "cosine_error": 1.0,
+    "identifiable_cosine_error": 1.0,
+    "position_error": np.inf,
+    "held_out_error": np.inf,
+}
 
 _PREDICTIONS = ("position_error",)
 

@@ -72,3 +72,14 @@ def test_quantiles_agree_with_numpy():
     row = only_row(*[trial(cosine_error=e) for e in errors])
     for name, share in (("q25", 0.25), ("median", 0.5), ("q75", 0.75)):
         assert row[f"cosine_error_{name}"] == pytest.approx(np.quantile(errors, share))
+
+
+def test_coverage_is_over_estimates_with_an_ellipsoid():
+    row = only_row(trial(covered=1, count=3), trial(covered=0), trial(covered=np.nan))
+    assert row["coverage"] == pytest.approx(0.75)
+    assert np.isnan(only_row(trial(covered=np.nan))["coverage"])
+
+
+def test_a_lost_held_out_prediction_ranks_worst():
+    row = only_row(trial(held_out_error=0.1), *[trial(held_out_error=np.nan)] * 2)
+    assert row["held_out_error_median"] == np.inf

@@ -1,7 +1,9 @@
+import re
+
 import pytest
 
 from bench.errors import UserError
-from bench.suite import load_suite, select, suite_names
+from bench.suite import ScenarioEntry, load_suite, select, suite_names
 from bench.trial import expand
 from envs.highway_roads import ROAD_NAMES
 
@@ -58,7 +60,11 @@ def test_paper_suite_is_the_published_study():
         ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
         ("seeds = 3", "seeds = 3\nroot_iterations = 0", "root_iterations: Input should be greater"),
         ('"full"', '"fulll"', "unknown view 'fulll'; known are: full, partial"),
-        ('"uniform"', '"unifrom"', "unknown estimator 'unifrom'; known are: kkt_constrained"),
+        (
+            '"uniform"',
+            '"unifrom"',
+            "unknown estimator 'unifrom'; known are: bilevel, kkt_constrained",
+        ),
         ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
         ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),
         ('["full"]', "[]", "views"),
@@ -112,3 +118,37 @@ def test_two_settings_of_one_estimator_need_labels(tmp_path):
     entries = '{name="uniform", label="a"}, {name="uniform", label="b"}'
     suite = load_suite(write(tmp_path, GOOD.replace('"uniform"', entries)))
     assert [entry.label for entry in suite.estimators] == ["a", "b"]
+
+
+def test_trajectories_of_the_suite_are_those_of_scenarios_that_do_not_say(tmp_path):
+    text = GOOD.replace('["two_player"]', '["two_player", {name = "random", trajectories = 1}]')
+    suite = load_suite(write(tmp_path, text + "trajectories = 4\n"))
+    assert [entry.label for entry in suite.scenarios] == ["two_player(trajectories=4)", "random"]
+    for entry in suite.scenarios:
+        assert ScenarioEntry.from_label(entry.label) == entry
+
+
+def test_an_estimator_may_be_limited_to_scenarios_and_seeds(tmp_path):
+    text = GOOD.replace('["two_player"]', '["two_player", "highway_overtaking"]')
+    entry = '["uniform", {name = "kkt_residual", scenarios = ["two_player"], seeds = 2}]'
+    trials = list(expand(load_suite(write(tmp_path, text.replace('["uniform"]', entry)))))
+    limited = [trial for trial in trials if trial.estimator.name == "kkt_residual"]
+    assert [(t.scenario.name, t.sigma, t.seed, t.count) for t in limited] == [
+        ("two_player", 0.0, 0, 2),
+        ("two_player", 0.1, 0, 1),
+        ("two_player", 0.1, 1, 1),
+    ]
+    assert sum(trial.count for trial in trials if trial.estimator.name == "uniform") == 12
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('scenarios = ["highway"]', "limited to an unknown scenario 'highway'; the suite has: two"),
+        ("seeds = 0", "estimators.0.seeds: Input should be greater than 0, got 0"),
+    ],
+)
+def test_a_malformed_limit_is_refused(tmp_path, entry, message):
+    text = GOOD.replace('["uniform"]', f'[{{name = "uniform", {entry}}}]')
+    with pytest.raises(UserError, match=re.escape(message)):
+        load_suite(write(tmp_path, text))

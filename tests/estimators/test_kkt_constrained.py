@@ -5,6 +5,7 @@ import pytest
 
 from envs.recording import record
 from envs.scenarios import get_scenario
+from estimators.bilevel import Bilevel
 from estimators.kkt_constrained import KktConstrained
 from estimators.protocol import Observation, Problem
 from games.observation import VIEWS, observe
@@ -109,3 +110,22 @@ def test_noise_in_metres_on_highway_env_roads(sigma: float, view: str) -> None:
     assert estimate.states is not None
     positions = np.abs(estimate.states - recording.states)[..., :2]
     assert positions.mean() < 0.5 * sigma
+
+
+def test_several_trajectories_have_the_optimum_of_the_bilevel_method(seen) -> None:
+    problem, observations, _ = seen(1, sigma=0.02, view="partial", count=3)
+    joint = KktConstrained().estimate(problem, observations, rng=RNG, budget=60)
+    bilevel = Bilevel().estimate(problem, observations, rng=RNG, budget=60)
+    assert joint.converged
+    assert joint.extras["objective"] == pytest.approx(bilevel.extras["objective"], abs=1e-6)
+    np.testing.assert_allclose(joint.weights, bilevel.weights, atol=1e-3)
+    single = KktConstrained().estimate(problem, observations[0], rng=RNG, budget=60)
+    assert np.trace(joint.covariance) < 0.7 * np.trace(single.covariance)
+
+
+def test_the_same_trajectory_twice_gives_the_same_weights(seen) -> None:
+    problem, (one,), _ = seen(2, sigma=0.02)
+    single = KktConstrained().estimate(problem, one, rng=RNG, budget=60)
+    twice = KktConstrained().estimate(problem, [one, one], rng=RNG, budget=60)
+    np.testing.assert_allclose(twice.weights, single.weights, atol=1e-4)
+    np.testing.assert_allclose(twice.covariance, single.covariance / 2, rtol=0.05, atol=1e-7)

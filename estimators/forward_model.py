@@ -1,0 +1,210 @@
+"""The forward game as a function of weights and initial state, for methods that play it often.
+
+An equilibrium is followed from a root of the first-order conditions that is known: its neighbours
+in (theta, x_1) are predicted to first order and polished by Newton's method
+(``games.batch.solve_batch``). The first roots are looked for where the observations are, so that
+players pass each other on the sides on which they were seen to.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.kkt_residual import residual_weights
+from estimators.protocol import Observation, Problem
+from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, guess_states
+from games.batch import Batch, solve_batch
+from games.continuation import follow_coupling
+from games.information import joint_weight_covariance, observation_sensitivity
+from games.kkt import consistent_costates
+from games.newton import Root, newton_root
+from games.observation import observe
+from games.olne import RESIDUAL_TOLERANCE
+
+#: Roots this close to each other [m] are one.
+_SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Played:
+    """A root of the first-order conditions and the weights (N, K) that it belongs to."""
+
+    root: Root
+    weights: np.ndarray
+
+    @property
+    def initial_state(self) -> np.ndarray:
+        """x_1 (N, n)."""
+        return self.root.states[0]
+
+
+def uniform_weights(problem: Problem) -> np.ndarray:
+    """(N, K), each 1/K."""
+    game = problem.game
+    return np.full((game.num_players, game.num_weights), 1 / game.num_weights)
+
+
+def first_games(problem: Problem, observation: Observation) -> list[Played]:
+    """Games near an observation, all that are found and differ, the best fit first.
+
+    Their weights are uniform, those of the residual method (``kkt_residual``), or halfway: a game
+    at uniform weights may have no equilibrium on the sides on which players were seen to pass.
+    Newton's method starts at the observations themselves and at the pre-solve (eqn. pre_solve);
+    further roots come from continuation in the coupling between players.
+    """
+    game, view, y = problem.game, problem.view, observation.y
+    guess, fit = guess_states(game, view, y), fit_trajectory(game, view, y, problem.noise_scale)
+    residual = residual_weights(problem, fit.states, fit.controls)
+    uniform = uniform_weights(problem)
+    found: list[Played] = []
+    for weights in (uniform, (uniform + residual) / 2, residual):
+        for root in _roots(problem, guess, fit, weights):
+            new = all(np.abs(root.states - one.root.states).max() > _SAME for one in found)
+            if root.residual < RESIDUAL_TOLERANCE and new:
+                found.append(Played(root, weights))
+    return sorted(found, key=lambda one: squared_error_of(problem, one.root.states, y))
+
+
+def squared_error_of(problem: Problem, states: np.ndarray, y: np.ndarray) -> float:
+    """Sum |y - h(x)|^2 over the samples that were seen, in units of their noise scale."""
+    return float(np.nansum((expected_samples(problem, states) - scaled_samples(problem, y)) ** 2))
+
+
+def _roots(
+    problem: Problem, guess: np.ndarray, fit: TrajectoryFit, weights: np.ndarray
+) -> Iterator[Root]:
+    game = problem.game
+    coasting = np.zeros(game.control_shape)
+    for states, controls in ((guess, coasting), (fit.states, fit.controls)):
+        costates = consistent_costates(game, states, controls, weights)
+        if np.isfinite(costates).all():
+            yield newton_root(game, states, controls, costates, weights)
+    for initial_state in (fit.states[0], guess[0], _calm_start(problem, guess)):
+        root = follow_coupling(game, weights, initial_state, coasting)
+        if root is not None:
+            yield root
+
+
+def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
+    """x_1 (N, n) whose unobserved components are means over the first quarter of a guess.
+
+    A speed that is read off two noisy positions can be far beyond what anybody drives.
+    """
+    start, hidden = guess[0].copy(), _hidden_components(problem)
+    start[:, hidden] = guess[: _quarter(guess)][..., hidden].mean(axis=0)
+    return start
+
+
+def initial_state_prior(
+    problem: Problem, observation: Observation, sigma: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (N, n) of x_1 before the measurements are looked at in turn.
+
+    The mean is read off the first ones. What is observed is known about as well as one
+    measurement knows it, twice its standard deviation, as that measurement is yet to come; what
+    is not, to half its size besides the noise.
+    """
+    guess = guess_states(problem.game, problem.view, observation.y)
+    start = _calm_start(problem, guess)
+    names = list(problem.game.dynamics.state_names)
+    shown = dict(
+        zip(problem.view.component_names(problem.game.dynamics), problem.noise_scale, strict=True)
+    )
+    hidden = _hidden_components(problem)
+    one_step = np.sqrt(2) * max(problem.noise_scale) * sigma / problem.game.dt
+    deviation = np.empty(start.shape)
+    for k, name in enumerate(names):
+        if k in hidden:
+            noise = one_step / np.sqrt(_quarter(guess))
+            deviation[:, k] = np.abs(start[:, k]) / 2 + noise
+        else:
+            deviation[:, k] = 2 * sigma * shown.get(name, max(problem.noise_scale))
+    return start, deviation
+
+
+def _hidden_components(problem: Problem) -> list[int]:
+    """Columns of a state that the view does not show directly."""
+    dynamics = problem.game.dynamics
+    nothing = np.zeros((1, 1, len(problem.noise_scale)))
+    known = problem.view.read_off(nothing, dynamics)
+    return [k for k, name in enumerate(dynamics.state_names) if name not in known]
+
+
+def _quarter(trajectory: np.ndarray) -> int:
+    return max(2, len(trajectory) // 4)
+
+
+def replay(
+    problem: Problem, start: Played, weights: np.ndarray, initial_states: np.ndarray
+) -> Batch:
+    """Play the game at many weights (B, N, K) and initial states (B, N, n), from a known root."""
+    return solve_batch(
+        problem.game,
+        weights,
+        start.root,
+        start.weights,
+        initial_states=initial_states,
+        view=problem.view,
+    )
+
+
+def played(batch: Batch, index: int, weights: np.ndarray) -> Played:
+    """One game of a batch; weights (N, K) are those it was played at."""
+    root = Root(
+        batch.states[index],
+        batch.controls[index],
+        batch.costates[index],
+        float(batch.residuals[index]),
+    )
+    return Played(root, weights)
+
+
+def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
+    """h(x) (..., T, N*d) of states (..., T, N, n), in units of the noise scale."""
+    return scaled_samples(problem, observe(problem.view, problem.game.dynamics, states))
+
+
+def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:
+    """Samples (..., T, N*d) of observations (..., T, N, d): all have the noise sigma now."""
+    scaled = y / np.array(problem.noise_scale)
+    return scaled.reshape(*y.shape[:-2], -1)
+
+
+def sample_sensitivity(problem: Problem, game: Played) -> np.ndarray:
+    """Derivative of h(x) in (theta, x_1) at a game, (T*N*d, N*K + N*n).
+
+    Raises:
+        ValueError: where the equilibrium is no function of them.
+    """
+    root = game.root
+    return observation_sensitivity(
+        problem.game,
+        problem.view,
+        root.states,
+        root.controls,
+        root.costates,
+        game.weights,
+        noise_scale=problem.noise_scale,
+    )
+
+
+def likelihood_covariance(
+    problem: Problem, observations: Sequence[Observation], games: Sequence[Played]
+) -> np.ndarray | None:
+    """Covariance (N*K, N*K) of the maximum-likelihood weights: inverse Fisher information.
+
+    Taken at the estimate (``games.information``); None where the weights are not identifiable or
+    the data are without noise.
+    """
+    if problem.sigma == 0:
+        return None
+    try:
+        sensitivities = [
+            sample_sensitivity(problem, game)[np.isfinite(one.y).ravel()]
+            for one, game in zip(observations, games, strict=True)
+        ]
+    except ValueError:
+        return None
+    covariance = joint_weight_covariance(problem.game, sensitivities)
+    return None if covariance is None else problem.sigma**2 * covariance

@@ -1,0 +1,85 @@
+"""Other starts of the same players."""
+
+import numpy as np
+import pytest
+
+from bench.metrics import position_error
+from bench.neighbours import follow_root, neighbours
+from bench.sensor import sense
+from bench.suite import ScenarioEntry
+from bench.truth import held_out_error, true_recording, true_recordings, unit_cosine_limit
+from envs.recording import NoEquilibriumError
+from games.newton import newton_root
+from games.observation import VIEWS
+from games.olne import solve_olne
+
+TWO = ScenarioEntry(name="two_player")
+THREE_TIMES = ScenarioEntry(name="two_player", trajectories=3)
+
+
+def test_neighbours_are_certified_equilibria_from_other_starts():
+    recording = true_recording(TWO, 0)
+    found = neighbours(recording, 3, "test", 0)
+    assert len(found) == 3
+    for one in found:
+        assert one.certificate.passed
+        start = one.scenario.initial_state
+        assert 0 < np.abs(start - recording.scenario.initial_state).max() < 0.5
+        game, weights = one.scenario.game, one.scenario.weights
+        root = newton_root(game, one.states, one.controls, one.costates, weights)
+        assert root.residual < 1e-9
+        np.testing.assert_allclose(one.states, root.states, atol=1e-9)
+        # Players pass each other as in the scenario itself.
+        assert position_error(one.states, recording.states) < 0.2
+
+
+def test_they_depend_on_seed_and_use_and_on_nothing_else():
+    recording = true_recording(TWO, 0)
+    same, again = (neighbours(recording, 1, "a", 0)[0].states for _ in range(2))
+    np.testing.assert_array_equal(same, again)
+    for stream, seed in (("b", 0), ("a", 1)):
+        assert np.abs(neighbours(recording, 1, stream, seed)[0].states - same).max() > 1e-3
+
+
+def test_too_few_neighbours_are_an_error(monkeypatch):
+    monkeypatch.setattr("bench.neighbours.POSITION", 1e6)
+    with pytest.raises(NoEquilibriumError, match=r"only \d of 2 starts near that of 'two_player'"):
+        neighbours(true_recording(TWO, 0), 2, "test", 0)
+
+
+def test_several_trajectories_begin_with_the_scenario_and_have_noise_of_their_own():
+    recordings = true_recordings(THREE_TIMES, 0)
+    assert len(recordings) == 3
+    np.testing.assert_array_equal(recordings[0].states, true_recording(TWO, 0).states)
+    view = VIEWS["full"]
+    noises = [sense(r, view, 0.01, 0, k).y - r.states for k, r in enumerate(recordings)]
+    np.testing.assert_array_equal(
+        noises[0] + recordings[0].states, sense(recordings[0], view, 0.01, 0).y
+    )
+    assert abs(np.corrcoef(noises[0].ravel(), noises[1].ravel())[0, 1]) < 0.3
+
+
+def test_several_trajectories_have_a_lower_limit():
+    view = VIEWS["full"]
+    one, three = (unit_cosine_limit(entry, 0, view) for entry in (TWO, THREE_TIMES))
+    assert 0.2 < three / one < 0.5
+
+
+def test_held_out_predictions_are_exact_at_the_truth_and_err_elsewhere():
+    weights = true_recording(TWO, 0).scenario.weights
+    assert held_out_error(TWO, 0, weights) < 1e-9
+    other = weights * np.array([1.0, 1.5, 0.7, 1.0])
+    assert held_out_error(TWO, 0, other / other.sum(axis=1, keepdims=True)) > 1e-3
+
+
+def test_a_followed_root_is_the_equilibrium_at_other_weights():
+    recording = true_recording(TWO, 0)
+    weights = np.array([[0.2, 0.3, 0.3, 0.2], [0.3, 0.3, 0.2, 0.2]])
+    root = follow_root(recording, weights, limit=10.0)
+    alone = solve_olne(recording.scenario.game, weights, recording.states[0])
+    assert position_error(root.states, alone.states) < 1e-7
+
+
+def test_no_root_is_none():
+    recording = true_recording(TWO, 0)
+    assert follow_root(recording, np.array([[1.0, 0, 0, 0]] * 2), limit=0.2) is None
