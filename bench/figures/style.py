@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import matplotlib.style
@@ -36,8 +37,15 @@ LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (
 MARKERS = ("o", "s", "D", "v", "P", "X")
 
 _DPI = 130
-_SVG_DPI = 100  # of the rasterised parts: points and ribbons, to keep files small
-_PDF_DPI = 200  # likewise, for print
+_SAVING: dict[str, dict[str, Any]] = {
+    # The resolution is that of the rasterised parts, points and ribbons, which keeps files small.
+    "png": {},
+    "svg": {"metadata": {"Date": None}, "dpi": 100},
+    "pdf": {"metadata": {"CreationDate": None}, "dpi": 200},
+}
+#: What figures can be saved as, and what they are saved as unasked.
+FORMATS = tuple(_SAVING)
+USUAL_FORMATS = ("png", "svg")
 _LONGEST_NAME = 32  # characters
 _MOST_COLUMNS = 6  # of a legend
 _ENTRY_WIDTH, _ENTRY_HEIGHT, _CHARACTER_WIDTH = 0.55, 0.19, 0.077  # [inch] in a legend
@@ -76,13 +84,16 @@ def applied() -> Iterator[None]:
         yield
 
 
-def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write ``<stem>.svg``, ``.png`` and ``.pdf``, without a date, and return their paths."""
-    svg, png, pdf = (stem.with_name(f"{stem.name}.{ending}") for ending in ("svg", "png", "pdf"))
-    figure.savefig(svg, metadata={"Date": None}, dpi=_SVG_DPI)
-    figure.savefig(png)
-    figure.savefig(pdf, metadata={"CreationDate": None}, dpi=_PDF_DPI)
-    return [svg, png, pdf]
+def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> list[Path]:
+    """Write ``<stem>.png`` and so on, without a date, and return their paths."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # worked out once, not anew for each file
+    paths = []
+    for name in formats:
+        path = stem.with_name(f"{stem.name}.{name}")
+        figure.savefig(path, **_SAVING[name])
+        paths.append(path)
+    return paths
 
 
 def printable(name: str) -> str:

@@ -19,7 +19,6 @@ from bench.page.numbers import human
 from bench.provenance import Provenance
 from bench.statistics.comparison import SIGNIFICANCE
 from bench.statistics.identifiability import REFERENCE_SIGMA
-from games.nearest_root import PUBLISHED_ITERATIONS
 
 _FOLDER = Path(__file__).parent
 _SMALLEST_SHOWN = 1e-6  # of errors on bars
@@ -38,7 +37,6 @@ def render_page(
     trials: pd.DataFrame,
     findings: Findings,
     runs: Sequence[Provenance],
-    root_iterations: int = PUBLISHED_ITERATIONS,
 ) -> str:
     """The page as HTML.
 
@@ -46,7 +44,6 @@ def render_page(
         trials: rows of a run.
         findings: its tables.
         runs: where the rows come from, the last one last.
-        root_iterations: of the suite.
     """
     table = findings.leaderboard
     environment = Environment(
@@ -59,7 +56,7 @@ def render_page(
         description=_description(runs),
         css=_own("page.css"),
         script=_own("page.js"),
-        data=chart_data(trials, root_iterations),
+        data=chart_data(trials),
         colours=style.estimator_colours(table["estimator"].unique().tolist()),
         rows=_rows(table),
         bars=_bars(table),

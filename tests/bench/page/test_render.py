@@ -73,7 +73,7 @@ def test_a_large_study_leaves_points_out(small_study: pd.DataFrame, monkeypatch)
     monkeypatch.setattr(data, "_MOST_POINTS", 10)
     monkeypatch.setattr(data, "_FEWEST_POINTS", 5)
     monkeypatch.setattr(data, "scene_data", lambda *_, **__: None)
-    chart = data.chart_data(small_study, 100)
+    chart = data.chart_data(small_study)
     assert {s["every"] for s in chart["scenarios"][0]["series"] if s["points"]} == {3}
 
 
