@@ -15,6 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from matplotlib.typing import LineStyleType
 
+from bench.statistics.attempts import FLOOR
+
 #: Okabe and Ito's palette, told apart by colour-blind readers: one colour per player.
 PLAYER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
@@ -29,8 +31,6 @@ ESTIMATOR_COLOURS = (
 #: Estimators that keep their pair whatever else was run with them.
 _FIXED_COLOURS = {"kkt_constrained": 0, "kkt_residual": 1}
 
-#: The estimator that all others must beat; drawn as a reference, not as a contender.
-FLOOR = "uniform"
 FLOOR_COLOUR = "#8C8C8C"
 
 LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
