@@ -46,12 +46,19 @@ check: setup
 test: check
 	$(BIN)/python -m pytest --numprocesses $(JOBS)
 
+# What the repository keeps of the studies: tables, pictures, and the page where it has fewer bytes.
+PAGE_LIMIT := 1500000
+
 results:
-	mkdir -p results/paper
-	cp -r $(OUT)/paper/leaderboard.csv $(OUT)/paper/trials.parquet $(OUT)/paper/figures results/paper/
-	mkdir -p results/highway/figures
-	cp $(OUT)/highway/leaderboard.csv $(OUT)/highway/trials.parquet results/highway/
-	cp $(OUT)/highway/figures/*.png results/highway/figures/
+	for study in paper highway; do \
+		mkdir -p results/$$study/figures && \
+		cp $(OUT)/$$study/leaderboard.csv $(OUT)/$$study/trials.parquet results/$$study/ && \
+		cp $(OUT)/$$study/figures/*.png results/$$study/figures/ && \
+		rm -f results/$$study/index.html && \
+		find $(OUT)/$$study -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$$study/ \; || exit 1; \
+	done
+	cp $(OUT)/paper/figures/*.svg results/paper/figures/
+	du -sk results | awk '{ if ($$1 > 10240) { print "results/ has " $$1 " KiB; at most 10 MiB are kept"; exit 1 } }'
 
 clean:
 	rm -rf $(VENV) *.egg-info .pytest_cache .mypy_cache .ruff_cache
