@@ -9,11 +9,12 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick perf test check results clean
+.PHONY: help setup bench bench-quick gate perf test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
-	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick"
+	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
+	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
 	@echo "make test         linter, type checker and tests"
 	@echo "make check        linter and type checker"
@@ -34,6 +35,10 @@ bench: setup
 
 bench-quick: setup
 	$(BIN)/olne-bench run quick --out $(OUT)/quick --jobs $(JOBS)
+	$(BIN)/olne-bench gate $(OUT)/quick
+
+gate: setup
+	$(BIN)/olne-bench gate $(OUT)/paper
 
 perf: setup
 	$(BIN)/python scripts/perf.py
