@@ -5,7 +5,7 @@ recording's and certified like any other ground truth.
 """
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 
@@ -25,6 +25,9 @@ POSITION, HEADING, SPEED = 0.05, 0.03, 0.05  # [-], [rad], [-]
 
 #: Draws per start that is wanted, as some have no certified equilibrium nearby.
 _DRAWS = 10
+
+#: Newton steps that a search for a root away from any that is known may take.
+_NEWTON_STEPS, _COUPLING_STEPS = 20, 60
 
 
 def neighbours(recording: Recording, count: int, stream: str, seed: int) -> tuple[Recording, ...]:
@@ -78,7 +81,7 @@ def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[R
     coast = np.zeros((1, *game.control_shape[1:]))
     for start in starts:
         batch = solve_batch(game, weights[None], known, weights, initial_states=start)
-        root = _first(batch)
+        root = _entry(batch, 0)
         certificate = certify(game, root, weights)
         if certificate.passed:
             yield Recording(
@@ -91,7 +94,37 @@ def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[R
             )
 
 
-def follow_root(recording: Recording, weights: np.ndarray, limit: float) -> Root | None:
+def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Root) -> list[Root]:
+    """The game's roots at other weights, from the recordings' initial states.
+
+    Followed from a root that is known at those weights, over the way between the initial states.
+    Where that is lost, from the recording's own motion (``follow_root``).
+
+    Args:
+        recordings: what happened at the true weights, all in one game.
+        weights: (N, K).
+        known: a root at the weights, from another initial state.
+
+    Returns:
+        Those of the first recordings, up to one for which no root is found.
+    """
+    starts = np.stack([one.scenario.initial_state for one in recordings])
+    game, repeated = recordings[0].scenario.game, np.repeat(weights[None], len(recordings), axis=0)
+    try:
+        batch = solve_batch(game, repeated, known, weights, initial_states=starts)
+        followed = [_entry(batch, k) if batch.converged[k] else None for k in range(len(starts))]
+    except ValueError:  # singular at the known root
+        followed = [None] * len(recordings)
+    roots: list[Root] = []
+    for one, root in zip(recordings, followed, strict=True):
+        found = root or follow_root(one, weights)
+        if found is None:
+            break
+        roots.append(found)
+    return roots
+
+
+def follow_root(recording: Recording, weights: np.ndarray) -> Root | None:
     """The game's root at other weights, from the recording's initial state.
 
     Followed from the recording; where that is lost, Newton's method from the recording's motion
@@ -101,21 +134,25 @@ def follow_root(recording: Recording, weights: np.ndarray, limit: float) -> Root
     Args:
         recording: what happened at the true weights.
         weights: (N, K).
-        limit: wall-clock seconds for each of the three.
 
     Returns:
-        None where none of them finds a root.
+        None where none of them finds a root within a few dozen steps: those limits, unlike one in
+        seconds, make a verdict that does not depend on the machine.
     """
     game, known = recording.scenario.game, _root(recording)
-    batch = solve_batch(game, weights[None], known, recording.scenario.weights, limit=limit)
+    batch = solve_batch(game, weights[None], known, recording.scenario.weights)
     if batch.converged[0]:
-        return _first(batch)
+        return _entry(batch, 0)
     costates = consistent_costates(game, known.states, known.controls, weights)
     if np.isfinite(costates).all():
-        root = newton_root(game, known.states, known.controls, costates, weights, limit=limit)
+        root = newton_root(
+            game, known.states, known.controls, costates, weights, max_iterations=_NEWTON_STEPS
+        )
         if root.residual < RESIDUAL_TOLERANCE:
             return root
-    followed = follow_coupling(game, weights, known.states[0], known.controls, limit=limit)
+    followed = follow_coupling(
+        game, weights, known.states[0], known.controls, max_factorisations=_COUPLING_STEPS
+    )
     good = followed is not None and followed.residual < RESIDUAL_TOLERANCE
     return followed if good else None
 
@@ -124,5 +161,5 @@ def _root(recording: Recording) -> Root:
     return Root(recording.states, recording.controls, recording.costates, residual=0.0)
 
 
-def _first(batch: Batch) -> Root:
-    return Root(batch.states[0], batch.controls[0], batch.costates[0], float(batch.residuals[0]))
+def _entry(batch: Batch, k: int) -> Root:
+    return Root(batch.states[k], batch.controls[k], batch.costates[k], float(batch.residuals[k]))
