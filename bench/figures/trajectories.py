@@ -106,9 +106,8 @@ def _predict(trial: dict, scene: Scene) -> np.ndarray | None:
     weights = estimated_weights(trial["weights"], scene)
     if trial["status"] != "ok" or weights is None:
         return None
-    recording = scene.recording
-    game = recording.scenario.game
-    root = predict(game, weights, recording.states, recording.controls).root
+    truth = scene.recording.scenario
+    root = predict(truth.game, weights, scene.recording.root, truth.weights).root
     return None if root is None else root.states
 
 
