@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from games.game import Game
+from games.native import elimination
 from games.newton import Root, linearised, pack, unpack
 from games.observation import View
 from games.olne import RESIDUAL_TOLERANCE, Equilibrium
@@ -100,7 +101,8 @@ def solve_batch(
     initial_states = np.broadcast_to(initial_states, (count, *first.shape))
     initial_states = initial_states.reshape(count, first.size)
 
-    solver = linearised(game, start.states, start.controls, start.costates, start_weights, view)
+    solver = elimination(game, view)
+    linearised(game, start.states, start.controls, start.costates, start_weights, solver)
     point = pack(game, start.states, start.controls, start.costates)
     columns = solver.sensitivities().reshape(point.size, -1)
     flat = weights.reshape(count, start_weights.size)

@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
+from games.elimination import Elimination
 from games.game import Game
 from games.newton import linearised
 from games.observation import View
@@ -36,6 +37,7 @@ def trajectory_sensitivity(
     controls: np.ndarray,
     costates: np.ndarray,
     weights: np.ndarray,
+    solver: Elimination | None = None,
 ) -> np.ndarray:
     """d(states)/d(theta, x_1) at an equilibrium, (T*N*n, N*K + N*n), all in C order.
 
@@ -45,11 +47,12 @@ def trajectory_sensitivity(
         controls: (T-1, N, m).
         costates: (T-1, N, n).
         weights: (N, K).
+        solver: the game's elimination, where one is at hand.
 
     Raises:
         ValueError: where G_z is singular, so that the equilibrium is no function of them.
     """
-    solver = linearised(game, states, controls, costates, weights)
+    solver = linearised(game, states, controls, costates, weights, solver)
     columns = solver.sensitivities()[:, : states[0].size].reshape(states.size, -1)
     return np.hstack([columns[:, states[0].size :], columns[:, : states[0].size]])
 
@@ -63,6 +66,7 @@ def observation_sensitivity(
     weights: np.ndarray,
     *,
     noise_scale: Sequence[float] | np.ndarray | None = None,
+    solver: Elimination | None = None,
 ) -> np.ndarray:
     """d(h(states))/d(theta, x_1) at an equilibrium, (T*N*d, N*K + N*n), all in C order.
 
@@ -73,7 +77,7 @@ def observation_sensitivity(
     Raises:
         ValueError: where G_z is singular.
     """
-    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
+    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights, solver)
     rows = states.reshape(-1, game.dynamics.state_size)
     by_state = np.array(_view_jacobian(game, view)(rows.T))
     by_state = by_state.reshape(-1, len(rows), rows.shape[1]).transpose(1, 0, 2)
