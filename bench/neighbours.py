@@ -12,12 +12,11 @@ from itertools import islice
 import numpy as np
 
 from envs.recording import NoEquilibriumError, Recording
-from games.batch import Batch, solve_batch
-from games.continuation import follow_coupling
+from games.batch import solve_batch
 from games.dynamics import rollout
-from games.kkt import consistent_costates
-from games.newton import Root, newton_root
-from games.olne import RESIDUAL_TOLERANCE, certify
+from games.follow import follow_root
+from games.newton import Root
+from games.olne import certify
 
 #: Standard deviations of starts: positions relative to the least distance between two players
 #: (1 m for a player on its own), speeds relative to the mean one.
@@ -25,9 +24,6 @@ POSITION, HEADING, SPEED = 0.05, 0.03, 0.05  # [-], [rad], [-]
 
 #: Draws per start that is wanted, as some have no certified equilibrium nearby.
 _DRAWS = 10
-
-#: Newton steps that a search for a root away from any that is known may take.
-_NEWTON_STEPS, _COUPLING_STEPS = 20, 60
 
 
 def neighbours(recording: Recording, count: int, stream: str, seed: int) -> tuple[Recording, ...]:
@@ -77,11 +73,11 @@ def _least_distance(states: np.ndarray) -> float:
 def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[Recording]:
     scenario = recording.scenario
     game, weights = scenario.game, scenario.weights
-    known = _root(recording)
+    known = recording.root
     coast = np.zeros((1, *game.control_shape[1:]))
     for start in starts:
         batch = solve_batch(game, weights[None], known, weights, initial_states=start)
-        root = _entry(batch, 0)
+        root = batch.root(0)
         certificate = certify(game, root, weights)
         if certificate.passed:
             yield Recording(
@@ -98,7 +94,7 @@ def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Ro
     """The game's roots at other weights, from the recordings' initial states.
 
     Followed from a root that is known at those weights, over the way between the initial states.
-    Where that is lost, from the recording's own motion (``follow_root``).
+    Where that is lost, from the recording's own motion (``games.follow``).
 
     Args:
         recordings: what happened at the true weights, all in one game.
@@ -112,54 +108,13 @@ def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Ro
     game, repeated = recordings[0].scenario.game, np.repeat(weights[None], len(recordings), axis=0)
     try:
         batch = solve_batch(game, repeated, known, weights, initial_states=starts)
-        followed = [_entry(batch, k) if batch.converged[k] else None for k in range(len(starts))]
+        followed = [batch.root(k) if batch.converged[k] else None for k in range(len(starts))]
     except ValueError:  # singular at the known root
         followed = [None] * len(recordings)
     roots: list[Root] = []
     for one, root in zip(recordings, followed, strict=True):
-        found = root or follow_root(one, weights)
+        found = root or follow_root(game, one.root, one.scenario.weights, weights)
         if found is None:
             break
         roots.append(found)
     return roots
-
-
-def follow_root(recording: Recording, weights: np.ndarray) -> Root | None:
-    """The game's root at other weights, from the recording's initial state.
-
-    Followed from the recording; where that is lost, Newton's method from the recording's motion
-    and continuation in the coupling between players. Far cheaper than the search for the root
-    nearest the truth (``games.nearest_root``), which scores the recording itself.
-
-    Args:
-        recording: what happened at the true weights.
-        weights: (N, K).
-
-    Returns:
-        None where none of them finds a root within a few dozen steps: those limits, unlike one in
-        seconds, make a verdict that does not depend on the machine.
-    """
-    game, known = recording.scenario.game, _root(recording)
-    batch = solve_batch(game, weights[None], known, recording.scenario.weights)
-    if batch.converged[0]:
-        return _entry(batch, 0)
-    costates = consistent_costates(game, known.states, known.controls, weights)
-    if np.isfinite(costates).all():
-        root = newton_root(
-            game, known.states, known.controls, costates, weights, max_iterations=_NEWTON_STEPS
-        )
-        if root.residual < RESIDUAL_TOLERANCE:
-            return root
-    followed = follow_coupling(
-        game, weights, known.states[0], known.controls, max_factorisations=_COUPLING_STEPS
-    )
-    good = followed is not None and followed.residual < RESIDUAL_TOLERANCE
-    return followed if good else None
-
-
-def _root(recording: Recording) -> Root:
-    return Root(recording.states, recording.controls, recording.costates, residual=0.0)
-
-
-def _entry(batch: Batch, k: int) -> Root:
-    return Root(batch.states[k], batch.controls[k], batch.costates[k], float(batch.residuals[k]))

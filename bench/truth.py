@@ -139,8 +139,8 @@ def _unit_limit(key: _Key, trajectories: int, view: View) -> float | None:
 @lru_cache(maxsize=8)
 def _prediction(key: _Key, weights: bytes, root_iterations: int) -> Prediction:
     recording = _recording(key)
-    game = recording.scenario.game
-    shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
+    scenario = recording.scenario
+    shaped = np.frombuffer(weights).reshape(scenario.weights.shape)
     return predict(
-        game, shaped, recording.states, recording.controls, max_iterations=root_iterations
+        scenario.game, shaped, recording.root, scenario.weights, max_iterations=root_iterations
     )

@@ -152,13 +152,7 @@ def replay(
 
 def played(batch: Batch, index: int, weights: np.ndarray) -> Played:
     """One game of a batch; weights (N, K) are those it was played at."""
-    root = Root(
-        batch.states[index],
-        batch.controls[index],
-        batch.costates[index],
-        float(batch.residuals[index]),
-    )
-    return Played(root, weights)
+    return Played(batch.root(index), weights)
 
 
 def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:

@@ -48,6 +48,15 @@ class Batch:
         """(B,) booleans; where False, the trajectory solves nothing."""
         return self.residuals < RESIDUAL_TOLERANCE
 
+    def root(self, index: int) -> Root:
+        """One of them."""
+        return Root(
+            self.states[index],
+            self.controls[index],
+            self.costates[index],
+            float(self.residuals[index]),
+        )
+
 
 def solve_batch(
     game: Game,
