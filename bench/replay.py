@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 
 from bench.metrics import position_error
-from bench.neighbours import follow_root
 from bench.suite import ScenarioEntry
 from bench.truth import true_recording
 from envs.recording import Recording
+from games.follow import follow_root
 from games.game import Game
 from games.kkt import consistent_costates
 from games.nearest_root import nearest_root
 from games.olne import solve_olne
 
 _ITERATIONS = 300  # of IPOPT
-_SECONDS = 0.2  # of each way to follow the root
 _TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known
 
 
@@ -79,7 +78,7 @@ def _ways(
     states, controls = recording.states, recording.controls
 
     def followed() -> np.ndarray | None:
-        root = follow_root(recording, weights, _SECONDS)
+        root = follow_root(game, recording.root, recording.scenario.weights, weights)
         return None if root is None else root.states
 
     def near(costates: np.ndarray) -> np.ndarray | None:

@@ -63,7 +63,7 @@ _SHRINK, _MOST_SHRINKS = 0.5, 6
 _MOST_AT_ONCE = 10.0
 
 #: Into how many shares a measurement is cut at most.
-_MOST_SHARES = 15
+_MOST_SHARES = 40
 
 #: Weights of the first game are at least this share of uniform ones: phi is finite there.
 _LEAST_SHARE = 0.1
@@ -215,7 +215,7 @@ def _take_in(
         if share >= left:
             return
         left -= share
-    raise LostError("a measurement leads where games have no equilibrium")
+    raise LostError("a measurement is too precise for the filter to take in")
 
 
 def _transformed(

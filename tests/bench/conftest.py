@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 
 from bench.metrics import position_error
-from bench.neighbours import follow_root
 from bench.suite import ScenarioEntry
 from bench.truth import true_recording
+from games.follow import follow_root
 
 SUITE = """
 name = "small"
@@ -101,7 +101,8 @@ def prediction_error() -> Callable[[str, int, np.ndarray], float]:
 
     def error(scenario: str, seed: int, weights: np.ndarray) -> float:
         truth = true_recording(ScenarioEntry.from_label(scenario), seed)
-        root = follow_root(truth, weights, 10.0)
+        known = truth.scenario
+        root = follow_root(known.game, truth.root, known.weights, weights)
         assert root is not None
         return position_error(truth.states, root.states)
 
