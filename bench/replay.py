@@ -21,7 +21,8 @@ from games.kkt import consistent_costates
 from games.nearest_root import nearest_root
 from games.olne import solve_olne
 
-_ITERATIONS = 300  # of IPOPT
+#: Of IPOPT, where it is known to have found the motion, and where it may have.
+_KNOWN, _TRIED = 1000, 300
 _TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known
 
 
@@ -81,8 +82,8 @@ def _ways(
         root = follow_root(game, recording.root, recording.scenario.weights, weights)
         return None if root is None else root.states
 
-    def near(costates: np.ndarray) -> np.ndarray | None:
-        found = nearest_root(game, weights, states, controls, costates, max_iterations=_ITERATIONS)
+    def near(costates: np.ndarray, limit: int) -> np.ndarray | None:
+        found = nearest_root(game, weights, states, controls, costates, max_iterations=limit)
         return None if found is None else found.states
 
     def equilibrium() -> np.ndarray | None:
@@ -91,11 +92,12 @@ def _ways(
 
     def consistent() -> np.ndarray | None:
         costates = consistent_costates(game, states, controls, weights)
-        return near(costates) if np.isfinite(costates).all() else None
+        return near(costates, _TRIED) if np.isfinite(costates).all() else None
 
     yield followed
     if published or math.isnan(published):
-        yield lambda: near(np.zeros((game.horizon - 1, *game.state_shape[1:])))
+        zero = np.zeros((game.horizon - 1, *game.state_shape[1:]))
+        yield lambda: near(zero, _KNOWN if published == 1 else _TRIED)
     if not published or math.isnan(published):
         yield equilibrium
         yield consistent
