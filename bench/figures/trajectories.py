@@ -91,12 +91,12 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
     for states in found:
         _bundle(axes, scene, states, linewidth=0.8, alpha=0.45, marker=".", markevery=[-1])
     _truth(axes, scene)
-    without = len(predicted) - len(found)
+    failed = int(series.published_failed.sum())
+    without = len(predicted) - len(found) - failed
     parts = [
         style.printable(series.estimator),
-        f"{style.printable(series.view)} view, "
-        f"{series.published_failed.sum()} of {len(series.trials)} failed",
-        *[f"{without} not drawn"] * bool(without),
+        f"{style.printable(series.view)} view, {failed} of {len(series.trials)} failed",
+        *[f"{without} not drawn"] * (without > 0),
     ]
     axes.set_title((", " if scene.is_wide else "\n").join(parts))
 
