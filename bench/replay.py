@@ -46,7 +46,8 @@ def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
     """Weights (N, K) of a row, or None where the trial left none that the game can take."""
     try:
         rows = np.array([list(row) for row in value], dtype=float)
-        return game.check_weights(rows)
+        game.check_weights(rows)
+        return rows  # to the last digit: scaled once more, the published step may end elsewhere
     except (TypeError, ValueError):
         return None
 

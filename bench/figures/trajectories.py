@@ -43,7 +43,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     series = contenders(split(scene.trials[shown]))
 
     figure, (first, *panels) = scene_panels(
-        scene, [(0, 0), *_places(scene, series)], margin=(0.3, 0.7)
+        scene, [(0, 0), *_places(scene, series)], margin=(0.3, 0.9)
     )
     _observations(first, scene, sigma, seeds)
     for axes, s in zip(panels, series, strict=True):
