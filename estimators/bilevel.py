@@ -37,14 +37,17 @@ from estimators.forward_model import (
     scaled_samples,
     squared_error_of,
     uniform_weights,
+    warm_up_games,
 )
 from estimators.protocol import Estimate, Observation, Problem, check_observations
 from estimators.simplex import RatioChart
-from estimators.trajectory_fit import warm_up_fit
 from games.native import elimination
 
 #: Relative change of error and unknowns at which the search ends.
-_TOLERANCE = 1e-10
+_TOLERANCE = 1e-9
+
+#: Objectives this close, relatively, are one optimum's: two starts that agree are enough.
+_SAME_OPTIMUM = 1e-5
 
 #: How often the reference weights of the chart may change.
 _MOST_CHARTS = 4
@@ -55,7 +58,7 @@ class Bilevel:
     """Gauss-Newton on weights and initial states through the forward game.
 
     Attributes:
-        starts: games to start from, those nearest the observations.
+        starts: games to start from at most, those nearest the observations.
         max_evaluations: forward games per start and trajectory.
     """
 
@@ -82,7 +85,7 @@ class Bilevel:
         results = []
         for start in _combinations(starts, self.starts):
             results.append(_descend(problem, observations, start, self.max_evaluations, deadline))
-            if time.monotonic() > deadline:
+            if time.monotonic() > deadline or _agree(results):
                 break
         best = min(results, key=lambda result: (not result.converged, result.objective))
         solver = elimination(problem.game, problem.view)
@@ -101,8 +104,7 @@ class Bilevel:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
-        elimination(problem.game, problem.view)
-        warm_up_fit(problem.game, problem.view, problem.game.horizon)
+        warm_up_games(problem)
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,13 @@ class _Result:
     converged: bool
     message: str
     evaluations: int
+
+
+def _agree(results: list[_Result]) -> bool:
+    """Whether the last start led to the lowest optimum, and not as the first to do so."""
+    values = [result.objective for result in results if result.converged]
+    lowest = min(values, default=0.0) * (1 + _SAME_OPTIMUM) + 1e-12
+    return results[-1].converged and sum(value <= lowest for value in values) > 1
 
 
 def _combinations(starts: list[list[Played]], most: int) -> list[tuple[Played, ...]]:
@@ -147,9 +156,11 @@ def _descend(
                 gtol=_TOLERANCE,
                 max_nfev=max_evaluations,
             )
-            residuals.jacobian(solution.x)  # moves the games to the solution
             evaluations += int(solution.nfev)
             message = "" if solution.success else "evaluation limit reached"
+            if residuals.blocked:  # a trust region that shrank to nothing is no optimum
+                message = "no equilibrium in the direction of descent"
+            residuals.jacobian(solution.x)  # moves the games to the solution
         except _StoppedError as error:
             message = str(error)
         games = residuals.games
@@ -174,6 +185,7 @@ class OuterResiduals:
 
     Attributes:
         games: the games at the last point of which a Jacobian was asked for; followed from there.
+        blocked: whether there was no equilibrium at some point tried from there.
     """
 
     def __init__(
@@ -184,7 +196,7 @@ class OuterResiduals:
         chart: RatioChart,
         deadline: float = np.inf,
     ) -> None:
-        self.games = games
+        self.games, self.blocked = games, False
         self._deadline = deadline
         self._problem, self._chart = problem, chart
         self._samples = [scaled_samples(problem, one.y) for one in observations]
@@ -205,6 +217,7 @@ class OuterResiduals:
         if time.monotonic() > self._deadline:
             raise _StoppedError("time limit reached")
         games = self._play(unknowns)
+        self.blocked |= games is None
         errors = []
         for k, (samples, seen) in enumerate(zip(self._samples, self._seen, strict=True)):
             if games is None:
@@ -228,7 +241,7 @@ class OuterResiduals:
             sensitivities = [sample_sensitivity(self._problem, game, solver) for game in games]
         except ValueError as error:
             raise _StoppedError(str(error)) from error
-        self.games = games
+        self.games, self.blocked = games, False
         weights_by_ratios = self._chart.jacobian(unknowns[: self._chart.size])
         _, players, size = self._starts
         rows = []

@@ -3,7 +3,10 @@
 An equilibrium is followed from a root of the first-order conditions that is known: its neighbours
 in (theta, x_1) are predicted to first order and polished by Newton's method
 (``games.batch.solve_batch``). The first roots are looked for where the observations are, so that
-players pass each other on the sides on which they were seen to.
+players pass each other on the sides on which they were seen to. The most reliable one is a
+solution of the joint problem (``kkt_constrained``) with its weights tied to uniform: a game whose
+initial state fits as well. Roots from an initial state that is read off noisy observations often
+are of another topology.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,17 +14,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.interior_point import joint_elimination, solve_joint
+from estimators.joint_problem import JointPoint
 from estimators.kkt_residual import residual_weights
 from estimators.protocol import Observation, Problem
-from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, guess_states
+from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, guess_states, warm_up_fit
 from games.batch import Batch, solve_batch
 from games.continuation import follow_coupling
 from games.elimination import Elimination
 from games.information import joint_weight_covariance, observation_sensitivity
 from games.kkt import consistent_costates
+from games.native import elimination
 from games.newton import Root, newton_root
 from games.observation import observe
 from games.olne import RESIDUAL_TOLERANCE
+
+#: Factors of the joint problem's term |theta - 1/K|^2, which ties the weights to uniform. Stronger
+#: ties lead to where the equilibrium ceases to be a function of (theta, x_1): games with five
+#: players that have to fit by their initial state alone end at a fold of the equilibria.
+_TIES = (1.0, 10.0)
+
+#: Iterations of the joint problem for a first game, and its tolerance.
+_MOST_ITERATIONS, _LOOSE = 150, 1e-6
 
 #: Roots this close to each other [m] are one.
 _SAME = 1e-6
@@ -40,6 +54,13 @@ class Played:
         return self.root.states[0]
 
 
+def warm_up_games(problem: Problem) -> None:
+    """Build the solvers that ``first_games`` and ``replay`` need."""
+    joint_elimination(problem.game, problem.view)
+    elimination(problem.game, problem.view)
+    warm_up_fit(problem.game, problem.view, problem.game.horizon)
+
+
 def uniform_weights(problem: Problem) -> np.ndarray:
     """(N, K), each 1/K."""
     game = problem.game
@@ -49,22 +70,54 @@ def uniform_weights(problem: Problem) -> np.ndarray:
 def first_games(problem: Problem, observation: Observation) -> list[Played]:
     """Games near an observation, all that are found and differ, the best fit first.
 
-    Their weights are uniform, those of the residual method (``kkt_residual``), or halfway: a game
-    at uniform weights may have no equilibrium on the sides on which players were seen to pass.
-    Newton's method starts at the observations themselves and at the pre-solve (eqn. pre_solve);
-    further roots come from continuation in the coupling between players.
+    Their weights are uniform, tied to uniform, those of the residual method (``kkt_residual``), or
+    halfway: a game at uniform weights may have no equilibrium on the sides on which players were
+    seen to pass. Besides those of ``fitted_game``, Newton's method starts at the observations
+    themselves and at the pre-solve (eqn. pre_solve); further roots come from continuation in the
+    coupling between players.
     """
     game, view, y = problem.game, problem.view, observation.y
+    fitted = [fitted_game(problem, observation, tie) for tie in _TIES]
+    found = [one for one in fitted if one is not None]
     guess, fit = guess_states(game, view, y), fit_trajectory(game, view, y, problem.noise_scale)
     residual = residual_weights(problem, fit.states, fit.controls)
     uniform = uniform_weights(problem)
-    found: list[Played] = []
     for weights in (uniform, (uniform + residual) / 2, residual):
         for root in _roots(problem, guess, fit, weights):
             new = all(np.abs(root.states - one.root.states).max() > _SAME for one in found)
             if root.residual < RESIDUAL_TOLERANCE and new:
                 found.append(Played(root, weights))
     return sorted(found, key=lambda one: squared_error_of(problem, one.root.states, y))
+
+
+def fitted_game(problem: Problem, observation: Observation, tie: float = _TIES[0]) -> Played | None:
+    """The game that explains an observation best where its weights are tied to uniform.
+
+    Args:
+        problem: what is known.
+        observation: what was seen.
+        tie: factor of the term |theta - 1/K|^2 that is added to the squared error.
+
+    Returns:
+        None where none is found.
+    """
+    game, view, y = problem.game, problem.view, observation.y
+    solution = solve_joint(
+        game,
+        view,
+        y,
+        JointPoint.from_trajectory(game, guess_states(game, view, y)),
+        noise_scale=problem.noise_scale,
+        weight_floor=problem.weight_floor,
+        tie=tie,
+        tolerance=_LOOSE,
+        max_iterations=_MOST_ITERATIONS,
+    )
+    if not solution.converged:
+        return None
+    point = solution.point
+    root = newton_root(game, point.states, point.controls, point.costates, point.weights, view=view)
+    return Played(root, point.weights) if root.residual < RESIDUAL_TOLERANCE else None
 
 
 def squared_error_of(problem: Problem, states: np.ndarray, y: np.ndarray) -> float:

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
+from scipy.special import polygamma
 
 
 def from_log_ratios(log_ratios: np.ndarray, num_weights: int, floor: float) -> np.ndarray:
@@ -26,6 +27,16 @@ def log_ratios_of(weights: np.ndarray, floor: float) -> np.ndarray:
     """Log-ratios (N*(K-1),) of weights (N, K) above the floor."""
     shares = weights - floor
     return np.log(shares[:, :-1] / shares[:, -1:]).ravel()
+
+
+def flat_covariance(players: int, num_weights: int) -> np.ndarray:
+    """Covariance (N*(K-1), N*(K-1)) of the log-ratios of shares that are uniform on the simplex.
+
+    Such shares are proportional to exponential variables; the variance of their logarithm is the
+    trigamma function at 1. The mean of the log-ratios is zero.
+    """
+    free = num_weights - 1
+    return np.kron(np.eye(players), polygamma(1, 1) * (np.eye(free) + np.ones((free, free))))
 
 
 def weight_covariance_of(

@@ -11,7 +11,10 @@ Where this departs from the paper, and why:
   augmented by x_1 and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole
   horizon.
 - Weights live on a simplex, so the filter sees their log-ratios phi (``estimators.simplex``), with
-  the prior phi ~ N(phi_0, spread^2 I) around the weights of the first game.
+  a Gaussian prior around those of a first game that explains the observations with weights tied to
+  uniform. Its covariance is that of a uniform distribution on the simplex times spread^2. A filter
+  started at uniform weights does not get from there to a game of five players: equilibria end on
+  the way.
 
 With the state s = (phi, x_1), constant in time (Wan and van der Merwe 2000; numbers ours):
 
@@ -40,50 +43,34 @@ from typing import ClassVar
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
+from estimators.belief import (
+    LEAST_SIGMA,
+    FollowedGames,
+    Gaussian,
+    LostError,
+    first_game,
+    prior_belief,
+)
 from estimators.forward_model import (
-    Played,
-    expected_samples,
-    first_games,
-    initial_state_prior,
-    played,
-    replay,
     scaled_samples,
     squared_error_of,
     uniform_weights,
+    warm_up_games,
 )
 from estimators.protocol import Estimate, Observation, Problem, check_observations
-from estimators.simplex import from_log_ratios, log_ratios_of, weight_covariance_of
-from estimators.trajectory_fit import warm_up_fit
-from games.native import elimination
+from estimators.simplex import weight_covariance_of
 
 #: Each time a sigma point has no equilibrium the set shrinks by this factor, so many times at most.
 _SHRINK, _MOST_SHRINKS = 0.5, 6
 
-#: Largest ratio of predicted variance to noise that one share of a measurement may have.
+#: Largest ratio that one share of a measurement may have: of the variance that an update with it
+#: removes to its noise.
 _MOST_AT_ONCE = 10.0
 
 #: Into how many shares a measurement is cut at most.
-_MOST_SHARES = 40
+_MOST_SHARES = 30
 
-#: Weights of the first game are at least this share of uniform ones: phi is finite there.
-_LEAST_SHARE = 0.1
-
-#: Noise-free data are filtered as if with this standard deviation.
-_LEAST_SIGMA = 1e-4
-
-Expected = Callable[[int, np.ndarray], np.ndarray]
-
-
-class LostError(Exception):
-    """The filter cannot go on."""
-
-
-@dataclass(frozen=True)
-class Gaussian:
-    """A mean (n,) and a covariance (n, n)."""
-
-    mean: np.ndarray
-    covariance: np.ndarray
+Expected = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -91,13 +78,14 @@ class Ukf:
     """Filters log-ratios of weights and the initial state, one measurement at a time.
 
     Attributes:
-        spread: prior standard deviation of the log-ratios.
+        spread: prior standard deviation of the log-ratios, in units of that of weights that are
+            uniform on the simplex.
         alpha: distance of the sigma points from the mean, in units of sqrt(n) standard deviations.
     """
 
     name: ClassVar[str] = "ukf"
     several: ClassVar[bool] = True
-    spread: float = 1.0
+    spread: float = 0.5
     alpha: float = 0.5
 
     def estimate(
@@ -111,14 +99,14 @@ class Ukf:
         observations = check_observations(problem, observation)
         deadline = time.monotonic() + budget / 2
         count, floor = problem.game.num_weights, problem.weight_floor
-        sigma = max(problem.sigma, _LEAST_SIGMA)
+        sigma = max(problem.sigma, LEAST_SIGMA)
         online: list[np.ndarray] = []
         weights: Gaussian | None = None
         first_states, objective = None, 0.0
         try:
             for one in observations:
-                start = _first_game(problem, one)
-                prior = _prior(problem, one, start, weights, self.spread, sigma)
+                start = first_game(problem, one)
+                prior = prior_belief(problem, one, start, weights, self.spread, sigma)
                 forward = FollowedGames(problem, start, deadline)
                 samples = scaled_samples(problem, one.y)
                 for belief in filter_samples(prior, forward.expected, samples, sigma, self.alpha):
@@ -141,8 +129,7 @@ class Ukf:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
-        elimination(problem.game, problem.view)
-        warm_up_fit(problem.game, problem.view, problem.game.horizon)
+        warm_up_games(problem)
 
 
 def filter_samples(
@@ -152,8 +139,7 @@ def filter_samples(
 
     Args:
         prior: of the state (n,).
-        expected: (t, points (B, n)) -> expected measurement (B, d) at time t, a row of NaN for a
-            point that has none.
+        expected: points (B, n) -> expected measurements (B, T, d), NaN for a point that has none.
         samples: (T, d) measurements, NaN where missing.
         sigma: standard deviation of their noise.
         alpha: as of ``Ukf``.
@@ -178,15 +164,19 @@ def filter_samples(
     for t, sample in enumerate(samples):
         seen = np.isfinite(sample)
         if seen.any():
-            _take_in(kalman, sets, partial(expected, t), sample, sigma)
+            _take_in(kalman, sets, partial(_expected_at, expected, t), sample, sigma)
         beliefs.append(Gaussian(kalman.x.copy(), kalman.P.copy()))
     return beliefs
+
+
+def _expected_at(expected: Expected, t: int, points: np.ndarray) -> np.ndarray:
+    return expected(points)[:, t]
 
 
 def _take_in(
     kalman: UnscentedKalmanFilter,
     sets: list[MerweScaledSigmaPoints],
-    expected: Callable[[np.ndarray], np.ndarray],
+    expected: Expected,
     sample: np.ndarray,
     sigma: float,
 ) -> None:
@@ -199,9 +189,7 @@ def _take_in(
     size = int(seen.sum())
     for _ in range(_MOST_SHARES):
         rows = _transformed(kalman, sets, expected)[:, seen]
-        centred = rows - kalman.Wm @ rows
-        surprise = float(np.linalg.norm(kalman.Wc * centred.T @ centred, 2)) / sigma**2
-        share = min(left, _MOST_AT_ONCE / surprise) if surprise > 0 else left
+        share = min(left, _largest_share(kalman, rows, sigma))
         before = kalman.x.copy(), kalman.P.copy()
         for _ in range(_MOST_SHRINKS):
             kalman.update(sample[seen], R=sigma**2 / share * np.eye(size), hx=_in_turn(rows))
@@ -218,10 +206,25 @@ def _take_in(
     raise LostError("a measurement is too precise for the filter to take in")
 
 
+def _largest_share(kalman: UnscentedKalmanFilter, rows: np.ndarray, sigma: float) -> float:
+    """Share of a measurement, expected as rows (2n+1, d), that is not too precise.
+
+    The part of the prediction's variance that is linear in the state, odd under reflection at the
+    mean, is what an update removes. The rest acts as noise of the measurement.
+    """
+    ahead, behind = np.split(rows[1:], 2)
+    odd, even = (ahead - behind) / 2, (ahead + behind) / 2 - kalman.Wm @ rows
+    weight = 2 * kalman.Wc[1]
+    variances, directions = np.linalg.eigh(weight * odd.T @ odd)
+    rest = weight * float(np.sum((even @ directions[:, -1]) ** 2))
+    excess = variances[-1] - _MOST_AT_ONCE * rest
+    return _MOST_AT_ONCE * sigma**2 / excess if excess > 0 else np.inf
+
+
 def _transformed(
     kalman: UnscentedKalmanFilter,
     sets: list[MerweScaledSigmaPoints],
-    expected: Callable[[np.ndarray], np.ndarray],
+    expected: Expected,
 ) -> np.ndarray:
     """(U1), (U2): z_k (2n+1, d) of the widest set of sigma points that all have one.
 
@@ -261,86 +264,3 @@ def _in_turn(rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """A measurement function for filterpy, which asks for sigma points in their order."""
     remaining = iter(rows)
     return lambda _: next(remaining)
-
-
-def _first_game(problem: Problem, observation: Observation) -> Played:
-    """The game near the observation to follow others from, not far from uniform weights.
-
-    Raises:
-        LostError: where none is found.
-    """
-    games = first_games(problem, observation)
-    central = [game for game in games if game.weights.min() > _LEAST_SHARE / game.weights.shape[1]]
-    if not central:
-        raise LostError("no equilibrium found near the observation")
-    return central[0]
-
-
-def _prior(
-    problem: Problem,
-    observation: Observation,
-    start: Played,
-    weights: Gaussian | None,
-    spread: float,
-    sigma: float,
-) -> Gaussian:
-    """Belief before the first measurement; later trajectories start from known weights."""
-    if weights is None:
-        mean = log_ratios_of(start.weights, problem.weight_floor)
-        weights = Gaussian(mean, spread**2 * np.eye(mean.size))
-    first, deviation = initial_state_prior(problem, observation, sigma)
-    size = len(weights.mean)
-    covariance = np.diag(np.concatenate([np.zeros(size), deviation.ravel() ** 2]))
-    covariance[:size, :size] = weights.covariance
-    return Gaussian(np.concatenate([weights.mean, first.ravel()]), covariance)
-
-
-class FollowedGames:
-    """Expected measurements of points (phi, x_1), each game followed from the mean's last one.
-
-    Attributes:
-        num_log_ratios: length of phi, N*(K-1).
-    """
-
-    def __init__(self, problem: Problem, start: Played, deadline: float) -> None:
-        game = problem.game
-        self._deadline = deadline
-        self.num_log_ratios = game.num_players * (game.num_weights - 1)
-        self._problem, self._start = problem, start
-
-    def weights(self, points: np.ndarray) -> np.ndarray:
-        """Weights (..., N, K) of points (..., n)."""
-        ratios = points[..., : self.num_log_ratios]
-        return from_log_ratios(ratios, self._problem.game.num_weights, self._problem.weight_floor)
-
-    def expected(self, t: int, points: np.ndarray) -> np.ndarray:
-        """h(x_t) (B, N*d) of points (B, n) whose first is the mean; NaN without equilibrium.
-
-        Raises:
-            LostError: after the deadline.
-        """
-        if time.monotonic() > self._deadline:
-            raise LostError("time limit reached")
-        weights, initial_states = self.weights(points), self._initial_states(points)
-        batch = replay(self._problem, self._start, weights, initial_states)
-        if batch.converged[0]:
-            self._start = played(batch, 0, weights[0])
-        samples = expected_samples(self._problem, batch.states[:, t : t + 1])[:, 0]
-        samples[~batch.converged] = np.nan
-        return samples
-
-    def play(self, point: np.ndarray) -> Played:
-        """The game at a point (n,).
-
-        Raises:
-            LostError: where it has no equilibrium.
-        """
-        weights = self.weights(point[None])
-        batch = replay(self._problem, self._start, weights, self._initial_states(point[None]))
-        if not batch.converged[0]:
-            raise LostError("no equilibrium at the filter's last mean")
-        return played(batch, 0, weights[0])
-
-    def _initial_states(self, points: np.ndarray) -> np.ndarray:
-        states = points[:, self.num_log_ratios :]
-        return states.reshape(len(points), *self._problem.game.state_shape[1:])

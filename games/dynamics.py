@@ -138,11 +138,13 @@ def rollout(
     Returns:
         States (T, N, n), the initial state first.
     """
-    step = numeric_step(dynamics, dt)
-    states = [np.asarray(initial_state, dtype=float)]
-    for control in controls:
-        states.append(np.array(step(states[-1].T, np.asarray(control).T)).T)
-    return np.stack(states)
+    first, controls = np.asarray(initial_state, dtype=float), np.asarray(controls, dtype=float)
+    steps, players, size = controls.shape
+    if steps == 0:
+        return first[None]
+    columns = controls.reshape(-1, size).T
+    later = np.array(_steps(dynamics, dt, players, steps)(first.T, columns))
+    return np.concatenate([first[None], later.T.reshape(steps, *first.shape)])
 
 
 @lru_cache(maxsize=16)
@@ -155,3 +157,9 @@ def numeric_step(dynamics: Dynamics, dt: float) -> ca.Function:
     state = ca.SX.sym("state", dynamics.state_size)
     control = ca.SX.sym("control", dynamics.control_size)
     return ca.Function("step", [state, control], [dynamics.step(state, control, dt)])
+
+
+@lru_cache(maxsize=64)
+def _steps(dynamics: Dynamics, dt: float, players: int, steps: int) -> ca.Function:
+    """``(state (n, N), controls (m, N steps)) -> states (n, N steps)``, one step after another."""
+    return numeric_step(dynamics, dt).map(players).mapaccum(steps)

@@ -23,6 +23,7 @@ from bench.suite import ScenarioEntry
 
 RESAMPLES = 2000
 INTERVAL = (2.5, 97.5)  # percentiles
+TICKS = [digit * 10.0**power for power in range(-5, 1) for digit in (1, 2, 5)]
 
 
 def main(run: Path, out: Path) -> None:
@@ -99,13 +100,13 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
     with applied():
         size = 2.6 * len(sigmas), 2.5 * len(views) + 0.5
         figure, panels = plt.subplots(
-            len(views), len(sigmas), figsize=size, sharex=True, squeeze=False
+            len(views), len(sigmas), figsize=size, sharex=True, sharey=True, squeeze=False
         )
         for axes, (view, sigma) in zip(
             panels.flat, ((v, s) for v in views for s in sigmas), strict=True
         ):
             part = errors[(errors["view"] == view) & (errors["sigma"] == sigma)]
-            for shift, name in zip(np.linspace(0.97, 1.03, len(names)), names, strict=True):
+            for shift, name in zip(np.linspace(0.94, 1.06, len(names)), names, strict=True):
                 own = part[part["estimator"] == name]
                 middle = own["weight_error"]
                 axes.errorbar(
@@ -126,6 +127,8 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
             axes.plot(n, ideal, color=FLOOR_COLOUR, linestyle=":", label="1/√n from its first")
             axes.set(xscale="log", yscale="log", title=f"{view} view, σ = {sigma:g}")
             axes.set_xticks(n, [f"{value:g}" for value in n])
+            ticks = [t for t in TICKS if errors["low"].min() / 1.2 < t < errors["high"].max() * 1.2]
+            axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
             axes.minorticks_off()
         for axes in panels[-1]:
             axes.set_xlabel("trajectories n")

@@ -66,3 +66,18 @@ def test_several_trajectories_tell_more(seen):
     one = Bilevel().estimate(problem, observations[0], rng=RNG, budget=60)
     all_of_them = Bilevel().estimate(problem, observations, rng=RNG, budget=60)
     assert np.trace(all_of_them.covariance) < 0.7 * np.trace(one.covariance)
+
+
+def test_a_search_that_equilibria_end_is_no_optimum(seen, monkeypatch):
+    problem, (observation,), _ = seen(1, sigma=0.02)
+    play, calls = OuterResiduals._play, []
+
+    def play_once(self, unknowns):
+        calls.append(unknowns)
+        first = np.array_equal(unknowns, calls[0])
+        return play(self, unknowns) if first else None
+
+    monkeypatch.setattr(OuterResiduals, "_play", play_once)
+    result = Bilevel(starts=1).estimate(problem, observation, rng=RNG, budget=60)
+    assert not result.converged
+    assert result.message == "no equilibrium in the direction of descent"

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from estimators.simplex import RatioChart, from_log_ratios, log_ratios_of, weight_covariance_of
+from estimators.simplex import (
+    RatioChart,
+    flat_covariance,
+    from_log_ratios,
+    log_ratios_of,
+    weight_covariance_of,
+)
 
 WEIGHTS = np.array([[0.4, 0.2, 0.1, 0.3], [0.1, 0.6, 0.25, 0.05]])
 
@@ -18,6 +24,12 @@ def test_any_log_ratios_give_weights_above_the_floor():
     weights = from_log_ratios(phi, 4, 1e-3)
     np.testing.assert_allclose(weights.sum(axis=2), 1)
     assert weights.min() >= 1e-3
+
+
+def test_the_flat_covariance_is_that_of_uniform_samples():
+    shares = np.random.default_rng(0).dirichlet(np.ones(4), (200_000, 2))
+    phi = np.log(shares[..., :-1] / shares[..., -1:]).reshape(-1, 6)
+    np.testing.assert_allclose(flat_covariance(2, 4), np.cov(phi, rowvar=False), atol=0.05)
 
 
 def test_the_covariance_is_that_of_samples():

@@ -1,0 +1,143 @@
+"""Beliefs over (phi, x_1), log-ratios of weights and an initial state, for filters.
+
+What ``ukf`` and ``particle`` share: the belief before the first measurement, and the games that
+points of the belief's support play. One open-loop equilibrium over the whole horizon is observed
+from an initial state that nobody knows, so points stand for both and are constant in time.
+
+Games are followed from a first one. That is found with all observations in hand, and with weights
+tied to uniform; the belief about the weights starts around it. A filter that is told less, uniform
+weights and the first measurement of x_1, does not get to the equilibria of five players: those
+near uniform weights end at folds on the way there. So the weights that a filter has after early
+measurements owe something to later ones: where it starts, not how far it goes.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from estimators.forward_model import (
+    Played,
+    expected_samples,
+    first_games,
+    fitted_game,
+    initial_state_prior,
+    played,
+    replay,
+)
+from estimators.protocol import Observation, Problem
+from estimators.simplex import flat_covariance, from_log_ratios, log_ratios_of
+
+#: Noise-free data are filtered as if with this standard deviation.
+LEAST_SIGMA = 1e-4
+
+#: Weights of the first game are at least this share of uniform ones: phi is finite there.
+_LEAST_SHARE = 0.1
+
+
+class LostError(Exception):
+    """A filter cannot go on."""
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """A mean (n,) and a covariance (n, n)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def first_game(problem: Problem, observation: Observation) -> Played:
+    """The game near the observation to follow others from, not far from uniform weights.
+
+    Raises:
+        LostError: where none is found.
+    """
+    fitted = fitted_game(problem, observation)
+    if fitted is not None:
+        return fitted
+    games = first_games(problem, observation)
+    central = [game for game in games if game.weights.min() > _LEAST_SHARE / game.weights.shape[1]]
+    if not central:
+        raise LostError("no equilibrium found near the observation")
+    return central[0]
+
+
+def prior_belief(
+    problem: Problem,
+    observation: Observation,
+    start: Played,
+    weights: Gaussian | None,
+    spread: float,
+    sigma: float,
+) -> Gaussian:
+    """Belief before the first measurement.
+
+    Args:
+        problem: what is known.
+        observation: its first measurements tell where x_1 is.
+        start: a game to follow others from.
+        weights: belief about the log-ratios after earlier trajectories, None before the first:
+            then a Gaussian around those of the start.
+        spread: its standard deviations then, in units of those of weights that are uniform on the
+            simplex.
+        sigma: noise level.
+    """
+    first, deviation = initial_state_prior(problem, observation, sigma)
+    if weights is None:
+        covariance = spread**2 * flat_covariance(problem.game.num_players, problem.game.num_weights)
+        weights = Gaussian(log_ratios_of(start.weights, problem.weight_floor), covariance)
+    covariance = block_diag(weights.covariance, np.diag(deviation.ravel() ** 2))
+    return Gaussian(np.concatenate([weights.mean, first.ravel()]), covariance)
+
+
+class FollowedGames:
+    """Expected measurements of points (phi, x_1), each game followed from the mean's last one.
+
+    Attributes:
+        num_log_ratios: length of phi, N*(K-1).
+    """
+
+    def __init__(self, problem: Problem, start: Played, deadline: float) -> None:
+        game = problem.game
+        self._deadline = deadline
+        self.num_log_ratios = game.num_players * (game.num_weights - 1)
+        self._problem, self._start = problem, start
+
+    def weights(self, points: np.ndarray) -> np.ndarray:
+        """Weights (..., N, K) of points (..., n)."""
+        ratios = points[..., : self.num_log_ratios]
+        return from_log_ratios(ratios, self._problem.game.num_weights, self._problem.weight_floor)
+
+    def expected(self, points: np.ndarray) -> np.ndarray:
+        """h(x) (B, T, N*d) of points (B, n) whose first is the mean; NaN without equilibrium.
+
+        Raises:
+            LostError: after the deadline.
+        """
+        if time.monotonic() > self._deadline:
+            raise LostError("time limit reached")
+        weights, initial_states = self.weights(points), self._initial_states(points)
+        batch = replay(self._problem, self._start, weights, initial_states)
+        if batch.converged[0]:
+            self._start = played(batch, 0, weights[0])
+        samples = expected_samples(self._problem, batch.states)
+        samples[~batch.converged] = np.nan
+        return samples
+
+    def play(self, point: np.ndarray) -> Played:
+        """The game at a point (n,).
+
+        Raises:
+            LostError: where it has no equilibrium.
+        """
+        weights = self.weights(point[None])
+        batch = replay(self._problem, self._start, weights, self._initial_states(point[None]))
+        if not batch.converged[0]:
+            raise LostError("no equilibrium at the filter's last mean")
+        return played(batch, 0, weights[0])
+
+    def _initial_states(self, points: np.ndarray) -> np.ndarray:
+        states = points[:, self.num_log_ratios :]
+        return states.reshape(len(points), *self._problem.game.state_shape[1:])

@@ -1,0 +1,367 @@
+"""A particle filter over weights (Peters 2020), as sequential Monte Carlo on static parameters.
+
+From the paper ("Accommodating intention uncertainty in general-sum games for human-robot
+interaction"): what a player wants is known as a set of weighted hypotheses; each hypothesis plays
+its own game, and measurements, which arrive one by one, weigh the hypotheses by how well their
+games predicted them.
+
+Where this departs from the paper, and why:
+
+- The paper re-plans a game at every step from a state that it knows. Here one open-loop
+  equilibrium is observed from an initial state that nobody knows, so that a particle is a point
+  s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``
+  (``estimators.belief``): around a first game that all observations were used to find.
+- Nothing moves s between measurements, so the particles that resampling repeats would never part
+  again. They are moved by Metropolis-Hastings steps that leave the posterior so far as it is
+  (Chopin 2002) rather than by noise, which would widen it.
+- One measurement can be so much more precise than the prediction that a single particle would be
+  left. It is taken in by shares, each as large as the effective sample size allows (Del Moral,
+  Doucet and Jasra 2012).
+
+With weights W_k of M particles s_k, and errors e_t(s) = (y_t - h(x_t(s))) / sigma of the samples
+that were seen:
+
+    (P1)  log W_k -= beta |e_t(s_k)|^2 / 2                              a share beta of y_t
+    (P2)  M_eff = (sum W_k)^2 / sum W_k^2                               effective sample size
+    (P3)  beta: the rest of y_t, or less, so that M_eff = M / 2
+    (P4)  if y_t is not used up: resample, systematically, and move:
+    (P5)  s' = m + sqrt(1 - b^2) (s - m) + b C^(1/2) xi,   xi ~ N(0, I)
+    (P6)  accept with  min(1, pi(s') N(s; m, C) / (pi(s) N(s'; m, C)))
+          log pi(s) = log N(s; prior) - sum_{r<t} |e_r|^2 / 2 - (share so far) |e_t|^2 / 2
+
+(P5) is reversible for the Gaussian N(m, C) of the particles' own mean and covariance, so that
+where the posterior is Gaussian every move is accepted, whatever the dimension and the length b
+(preconditioned Crank-Nicolson: Cotter et al. 2013; in this place Kantas, Beskos and Jasra 2014).
+The length b follows the rate of acceptance. The moves end once the particles have gone, summed
+over moves and in the metric of C, as far as independent draws would have, or are too many.
+
+A point whose game has no equilibrium that can be followed from the mean's has a density of zero.
+The least effective sample size that each measurement led to, before resampling, is reported.
+After a trajectory of several, the belief about the weights goes on as a Gaussian.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+from scipy.stats import Covariance, multivariate_normal
+
+from estimators.belief import (
+    LEAST_SIGMA,
+    FollowedGames,
+    Gaussian,
+    LostError,
+    first_game,
+    prior_belief,
+)
+from estimators.forward_model import (
+    scaled_samples,
+    squared_error_of,
+    uniform_weights,
+    warm_up_games,
+)
+from estimators.protocol import Estimate, Observation, Problem, check_observations
+
+#: Resampling takes place where the effective sample size falls to this share of all particles.
+_RESAMPLE_BELOW = 0.5
+
+#: Rates of acceptance below and above which the length b of moves shrinks and grows, and how fast.
+_RARE, _FREQUENT, _LENGTH_FACTOR = 0.2, 0.5, 1.5
+
+#: Shortest length b, of 1 at most.
+_SHORTEST = 1e-3
+
+#: Into how many shares a measurement is cut at most.
+_MOST_SHARES = 100
+
+#: Part of the variances in the covariance C of moves: it is regular even for few particles.
+_RIDGE = 0.01
+
+#: Moves that leave fewer distinct particles than this share of all have failed.
+_LEAST_DISTINCT = 0.1
+
+Expected = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Weighted particles after a measurement.
+
+    Attributes:
+        points: (M, n).
+        shares: (M,) their weights W, which sum to one.
+        effective: least effective sample size since the measurement before.
+    """
+
+    points: np.ndarray
+    shares: np.ndarray
+    effective: float
+
+
+@dataclass(frozen=True)
+class Particle:
+    """Particles over log-ratios of weights and initial states, moved by Metropolis-Hastings.
+
+    Attributes:
+        count: number M of particles.
+        spread: prior standard deviation of the log-ratios, in units of that of weights that are
+            uniform on the simplex.
+        most_moves: moves after a resampling at most.
+
+    Raises:
+        ValueError: on a parameter out of range.
+    """
+
+    name: ClassVar[str] = "particle"
+    several: ClassVar[bool] = True
+    count: int = 200
+    spread: float = 0.5
+    most_moves: int = 6
+
+    def __post_init__(self) -> None:
+        if self.count < 2:
+            raise ValueError(f"count must be at least 2 particles, got {self.count}")
+        if not self.spread > 0:
+            raise ValueError(f"spread must be positive, got {self.spread}")
+        if self.most_moves < 1:
+            raise ValueError(f"most_moves must be at least 1, got {self.most_moves}")
+
+    def estimate(
+        self,
+        problem: Problem,
+        observation: Observation | Sequence[Observation],
+        *,
+        rng: np.random.Generator,
+        budget: float,
+    ) -> Estimate:
+        observations = check_observations(problem, observation)
+        deadline = time.monotonic() + budget / 2
+        sigma = max(problem.sigma, LEAST_SIGMA)
+        online: list[np.ndarray] = []
+        effective: list[float] = []
+        belief: Gaussian | None = None
+        first_states, objective = None, 0.0
+        try:
+            for one in observations:
+                start = first_game(problem, one)
+                prior = prior_belief(problem, one, start, belief, self.spread, sigma)
+                forward = FollowedGames(problem, start, deadline)
+                clouds = filter_particles(
+                    prior,
+                    forward.expected,
+                    scaled_samples(problem, one.y),
+                    sigma,
+                    count=self.count,
+                    most_moves=self.most_moves,
+                    rng=rng,
+                )
+                for cloud in clouds:
+                    online.append(_mean_weights(forward, cloud))
+                    effective.append(cloud.effective)
+                mean = cloud.shares @ cloud.points
+                end = forward.play(mean)
+                objective += squared_error_of(problem, end.root.states, one.y)
+                first_states = end.root.states if first_states is None else first_states
+                size = forward.num_log_ratios
+                covariance = _covariance(cloud.points[:, :size], cloud.shares)
+                belief = Gaussian(mean[:size], covariance)
+        except LostError as error:
+            last = online[-1] if online else uniform_weights(problem)
+            return Estimate(weights=last, converged=False, message=str(error))
+        weights = forward.weights(cloud.points).reshape(self.count, -1)
+        return Estimate(
+            weights=online[-1],
+            states=first_states,
+            covariance=_covariance(weights, cloud.shares),
+            extras={
+                "objective": objective,
+                "online_weights": np.array(online),
+                "effective_sample_size": np.array(effective),
+                "least_effective_sample_size": min(effective),
+            },
+        )
+
+    def warm_up(self, problem: Problem) -> None:
+        """Build the solvers."""
+        warm_up_games(problem)
+
+
+def filter_particles(
+    prior: Gaussian,
+    expected: Expected,
+    samples: np.ndarray,
+    sigma: float,
+    *,
+    count: int,
+    most_moves: int,
+    rng: np.random.Generator,
+) -> Iterator[Cloud]:
+    """Filter a constant state through measurements that arrive one by one.
+
+    Args:
+        prior: of the state (n,).
+        expected: points (B, n), the mean first -> expected measurements (B, T, d), NaN for a point
+            that has none.
+        samples: (T, d) measurements, NaN where missing.
+        sigma: standard deviation of their noise.
+        count: number of particles.
+        most_moves: moves after a resampling at most.
+        rng: the source of randomness.
+
+    Yields:
+        The particles after each of the T measurements.
+
+    Raises:
+        LostError: where no particle explains a measurement, or none moves any more.
+    """
+    particles = _Particles(prior, expected, samples, sigma, count, most_moves, rng)
+    for t in range(len(samples)):
+        yield particles.take_in(t)
+
+
+class _Particles:
+    """Particles, and how far each one's game is from every measurement."""
+
+    def __init__(
+        self,
+        prior: Gaussian,
+        expected: Expected,
+        samples: np.ndarray,
+        sigma: float,
+        count: int,
+        most_moves: int,
+        rng: np.random.Generator,
+    ) -> None:
+        prior_root = np.linalg.cholesky(prior.covariance)
+        known = multivariate_normal(prior.mean, Covariance.from_cholesky(prior_root))
+        self._log_prior, self._expected = known.logpdf, expected
+        self._samples, self._sigma = samples, sigma
+        self._most_moves, self._rng, self._length = most_moves, rng, 1.0
+        self._points = prior.mean + rng.standard_normal((count, len(prior_root))) @ prior_root.T
+        self._squared = self._squared_errors(prior.mean, self._points)
+        self._log_shares = np.where(np.isfinite(self._squared[:, 0]), 0.0, -np.inf)
+        self._squared[~np.isfinite(self._log_shares)] = 0.0
+        if not np.isfinite(self._log_shares).any():
+            raise LostError("no particle has an equilibrium before the first measurement")
+
+    def take_in(self, t: int) -> Cloud:
+        """(P1) to (P4) for the measurement at time t.
+
+        Raises:
+            LostError: where it has to be cut into too many shares.
+        """
+        enough = _RESAMPLE_BELOW * len(self._points)
+        left, least = 1.0, np.inf
+        for _ in range(_MOST_SHARES):
+            half = self._squared[:, t] / 2
+            beta = _largest_share(self._log_shares, half, left, enough)
+            self._log_shares = self._log_shares - beta * half
+            left -= beta
+            effective = effective_sample_size(self._log_shares)
+            least = min(least, effective)
+            if left <= 0 and effective >= enough:
+                return Cloud(self._points, _normalised(self._log_shares), least)
+            self._resample_and_move(t, 1 - left)
+        raise LostError("no particle explains a measurement")
+
+    def _resample_and_move(self, t: int, used: float) -> None:
+        """(P4) to (P6); the share used of the measurement at t belongs to the density."""
+        shares = _normalised(self._log_shares)
+        mean, covariance = shares @ self._points, _covariance(self._points, shares)
+        covariance = (1 - _RIDGE) * covariance + _RIDGE * np.diag(np.diag(covariance))
+        root = np.linalg.cholesky(covariance)
+        reference = multivariate_normal(mean, Covariance.from_cholesky(root))
+
+        def log_ratio(points: np.ndarray, squared: np.ndarray) -> np.ndarray:
+            """Log pi(s) / N(s; m, C)."""
+            playable = np.isfinite(squared[:, 0])
+            squared = np.where(playable[:, None], squared, 0.0)
+            errors = squared[:, :t].sum(axis=1) + used * squared[:, t]
+            ratio = self._log_prior(points) - errors / 2 - reference.logpdf(points)
+            return np.where(playable, ratio, -np.inf)
+
+        chosen = systematic_resample(shares, self._rng)
+        self._points, self._squared = self._points[chosen], self._squared[chosen]
+        self._log_shares = np.zeros(len(chosen))
+        current, gone = log_ratio(self._points, self._squared), 0.0
+        for _ in range(self._most_moves):
+            noise = self._rng.standard_normal(self._points.shape) @ root.T
+            trial = mean + np.sqrt(1 - self._length**2) * (self._points - mean)
+            trial += self._length * noise
+            squared = self._squared_errors(mean, trial)
+            proposed = log_ratio(trial, squared)
+            accepted = np.log(self._rng.random(len(trial))) < proposed - current
+            jumps = np.linalg.solve(root, (trial - self._points)[accepted].T)
+            gone += float(np.sum(jumps**2)) / (2 * trial.size)
+            for mine, theirs in (
+                (self._points, trial),
+                (self._squared, squared),
+                (current, proposed),
+            ):
+                mine[accepted] = theirs[accepted]
+            self._adapt(float(accepted.mean()))
+            if gone >= 1:
+                return
+        distinct = len(np.unique(self._points, axis=0))
+        if distinct < _LEAST_DISTINCT * len(chosen):
+            raise LostError(f"only {distinct} of {len(chosen)} particles are left, and do not move")
+
+    def _adapt(self, acceptance: float) -> None:
+        if acceptance < _RARE:
+            self._length = max(_SHORTEST, self._length / _LENGTH_FACTOR)
+        elif acceptance > _FREQUENT:
+            self._length = min(1.0, self._length * _LENGTH_FACTOR)
+
+    def _squared_errors(self, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """|e_t(s)|^2 (M, T) of points (M, n); infinite where there is no equilibrium."""
+        expected = self._expected(np.vstack([mean, points]))[1:]
+        playable = np.isfinite(expected).all(axis=(1, 2))
+        squared = np.nansum(((expected - self._samples) / self._sigma) ** 2, axis=2)
+        squared[~playable] = np.inf
+        return squared
+
+
+def systematic_resample(shares: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Indices (M,) of particles, each as often as its share of M, rounded up or down.
+
+    That is ``filterpy.monte_carlo.systematic_resample``, which however draws from NumPy's global
+    generator, so that its results would not follow from ``rng``.
+    """
+    count = len(shares)
+    places = (rng.random() + np.arange(count)) / count
+    return np.searchsorted(np.cumsum(shares), places).clip(max=count - 1)
+
+
+def effective_sample_size(log_shares: np.ndarray) -> float:
+    """M_eff (P2) of shares that need not sum to one, by their logarithms."""
+    return float(np.exp(2 * logsumexp(log_shares) - logsumexp(2 * log_shares)))
+
+
+def _largest_share(log_shares: np.ndarray, half: np.ndarray, left: float, enough: float) -> float:
+    """(P3): the share of a measurement, of what is left at most, that leaves enough particles."""
+
+    def excess(beta: float) -> float:
+        return effective_sample_size(log_shares - beta * half) - enough
+
+    if excess(left) >= 0:
+        return left
+    if excess(0.0) <= 0:
+        return 0.0
+    return float(brentq(excess, 0.0, left, rtol=1e-6, xtol=1e-300))
+
+
+def _normalised(log_shares: np.ndarray) -> np.ndarray:
+    return np.exp(log_shares - logsumexp(log_shares))
+
+
+def _covariance(points: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    return np.atleast_2d(np.cov(points, rowvar=False, aweights=shares, ddof=0))
+
+
+def _mean_weights(forward: FollowedGames, cloud: Cloud) -> np.ndarray:
+    """(N, K) mean of the particles' weights, which lies on the simplex as they do."""
+    return np.tensordot(cloud.shares, forward.weights(cloud.points), axes=1)
