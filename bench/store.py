@@ -248,8 +248,12 @@ def open_store(folder: Path) -> Iterator[Store]:
 
 
 @contextmanager
-def read_store(folder: Path) -> Iterator[Store]:
+def read_store(folder: Path, *, check: bool = False) -> Iterator[Store]:
     """Open an existing run folder's store.
+
+    Args:
+        folder: of the run.
+        check: look for damage first, where not all of it is going to be read.
 
     Raises:
         UserError: if there is none, or it is not one of ours.
@@ -257,6 +261,8 @@ def read_store(folder: Path) -> Iterator[Store]:
     if not (folder / FILE_NAME).is_file():
         raise UserError(f"no run in {folder}: it has no {FILE_NAME}")
     with _connect(folder / FILE_NAME) as connection:
+        if check:
+            _check(connection)
         yield Store(connection)
 
 

@@ -22,7 +22,7 @@ def status(folder: Path) -> None:
     done: with a valid result, or declined by the estimator. failed: without. stale: run with
     other code than the present one, of scenario, estimator or scoring. missing: not run.
     """
-    with read_store(folder) as store:
+    with read_store(folder, check=True) as store:
         runs = store.runs()
         records = list(store.records())
     if not runs:

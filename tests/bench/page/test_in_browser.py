@@ -84,6 +84,27 @@ def test_filtering(tab: Page) -> None:
     assert HOSTILE in column(tab, 3)
 
 
+def test_who_comes_first_is_said_before_all_else(tab: Page) -> None:
+    cards = tab.locator(".verdicts article")
+    assert cards.locator("h3").all_inner_texts() == ["highway_overtaking", "two_player"]
+    first = cards.first.locator("dd").first.inner_text()
+    assert re.match(r"(kkt_constrained|<img).* [0-9.]+\sm", first)
+
+
+def test_a_phone_shows_the_main_numbers_and_the_others_on_demand(
+    browser: Browser, page: Path
+) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844})
+    tab = context.new_page()
+    tab.goto(page.as_uri())
+    minor = tab.locator("#board tbody tr >> nth=0").locator(".minor").first
+    assert minor.is_hidden()
+    tab.locator("#board-all").click()
+    assert minor.is_visible()
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+    context.close()
+
+
 def test_slider_and_player(tab: Page) -> None:
     end = pixels(tab, "#player")
     assert tab.locator("#values tbody tr").count() == 3
