@@ -1,4 +1,4 @@
-"""Report on a store of many trials: how long, and with how much memory.
+"""Report on a store of many trials, with its page: how long, and with how much memory.
 
     python scripts/large_report.py --trials 1000000
 
@@ -45,8 +45,13 @@ def main() -> None:
         started = time.monotonic()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         seconds = time.monotonic() - started
-        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
-    print(f"{arguments.trials} trials, {size:.0f} MiB: {seconds:.1f} s, peak {peak:.2f} GiB")
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        computing, peak = used.ru_utime + used.ru_stime, used.ru_maxrss / 2**20
+        page = Path(folder, "index.html").stat().st_size / 2**20
+    print(
+        f"{arguments.trials} trials, {size:.0f} MiB: {seconds:.1f} s, of which {computing:.1f} s "
+        f"computing, peak {peak:.2f} GiB, page {page:.2f} MiB"
+    )
 
 
 def _rows(count: int) -> Iterator[tuple[object, ...]]:

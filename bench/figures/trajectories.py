@@ -43,7 +43,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     series = contenders(split(scene.trials[shown]))
 
     figure, (first, *panels) = scene_panels(
-        scene, [(0, 0), *_places(scene, series)], margin=(0.3, 0.7)
+        scene, [(0, 0), *_places(scene, series)], margin=(0.3, 0.9)
     )
     _observations(first, scene, sigma, seeds)
     for axes, s in zip(panels, series, strict=True):
@@ -91,12 +91,12 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
     for states in found:
         _bundle(axes, scene, states, linewidth=0.8, alpha=0.45, marker=".", markevery=[-1])
     _truth(axes, scene)
-    without = len(predicted) - len(found)
+    failed = int(series.published_failed.sum())
+    without = len(predicted) - len(found) - failed
     parts = [
         style.printable(series.estimator),
-        f"{style.printable(series.view)} view, "
-        f"{series.published_failed.sum()} of {len(series.trials)} failed",
-        *[f"{without} not drawn"] * bool(without),
+        f"{style.printable(series.view)} view, {failed} of {len(series.trials)} failed",
+        *[f"{without} not drawn"] * (without > 0),
     ]
     axes.set_title((", " if scene.is_wide else "\n").join(parts))
 

@@ -25,7 +25,8 @@ def chart_data(trials: pd.DataFrame) -> dict[str, Any]:
         trials: of a run.
     """
     names = sorted(trials["scenario"].unique())
-    parts = {name: split(trials[trials["scenario"] == name]) for name in names}
+    plain = trials.drop(columns="weights")
+    parts = {name: split(plain[plain["scenario"] == name]) for name in names}
     drawn = sum(not s.is_floor for series in parts.values() for s in series)
     most = max(_FEWEST_POINTS, _MOST_POINTS // max(1, drawn))
     estimators = style.estimator_order(trials["estimator"].tolist())

@@ -105,7 +105,8 @@ def _known_truths(
     trials: pd.DataFrame,
 ) -> Iterator[tuple[dict[str, str], Recording, Identifiability]]:
     """Scenario and view as columns, the truth, and what can be known of it."""
-    for scenario, view in sorted(set(zip(trials["scenario"], trials["view"], strict=True))):
+    pairs = trials[_GROUP].drop_duplicates().sort_values(_GROUP)
+    for scenario, view in pairs.itertuples(index=False):
         first = int(trials.loc[trials["scenario"] == scenario, "seed"].min())
         found = _truth(scenario, view, first)
         if found is not None:

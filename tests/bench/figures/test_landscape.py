@@ -67,7 +67,7 @@ def test_bundles_say_how_many_failed(make_trials):
     figure = trajectories.draw(trials)
     assert titles(figure) == [
         "Truth and 3 observed sequences",
-        "a\nfull view, 1 of 3 failed\n1 not drawn",
+        "a\nfull view, 1 of 3 failed",
     ]
     # Truth and start per player, and the two predictions of each.
     assert len(figure.axes[1].lines) == 2 * 2 + 2 * 2
