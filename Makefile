@@ -9,11 +9,12 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick perf test check results clean
+.PHONY: help setup bench bench-quick gate perf test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
-	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick"
+	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
+	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
 	@echo "make test         linter, type checker and tests"
 	@echo "make check        linter and type checker"
@@ -34,6 +35,10 @@ bench: setup
 
 bench-quick: setup
 	$(BIN)/olne-bench run quick --out $(OUT)/quick --jobs $(JOBS)
+	$(BIN)/olne-bench gate $(OUT)/quick
+
+gate: setup
+	$(BIN)/olne-bench gate $(OUT)/paper
 
 perf: setup
 	$(BIN)/python scripts/perf.py
@@ -46,12 +51,19 @@ check: setup
 test: check
 	$(BIN)/python -m pytest --numprocesses $(JOBS)
 
+# What the repository keeps of the studies: tables, pictures, and the page where it has fewer bytes.
+PAGE_LIMIT := 1500000
+
 results:
-	mkdir -p results/paper
-	cp -r $(OUT)/paper/leaderboard.csv $(OUT)/paper/trials.parquet $(OUT)/paper/figures results/paper/
-	mkdir -p results/highway/figures
-	cp $(OUT)/highway/leaderboard.csv $(OUT)/highway/trials.parquet results/highway/
-	cp $(OUT)/highway/figures/*.png results/highway/figures/
+	for study in paper highway; do \
+		mkdir -p results/$$study/figures && \
+		cp $(OUT)/$$study/leaderboard.csv $(OUT)/$$study/trials.parquet results/$$study/ && \
+		cp $(OUT)/$$study/figures/*.png results/$$study/figures/ && \
+		rm -f results/$$study/index.html && \
+		find $(OUT)/$$study -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$$study/ \; || exit 1; \
+	done
+	cp $(OUT)/paper/figures/*.svg results/paper/figures/
+	du -sk results | awk '{ if ($$1 > 10240) { print "results/ has " $$1 " KiB; at most 10 MiB are kept"; exit 1 } }'
 
 clean:
 	rm -rf $(VENV) *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -40,6 +40,8 @@ _COUNT_SECONDS = 5.0
 #: How often a chunk may be lost with its Dask workers, of which each time several have died.
 _LOSSES = 20
 _CONNECT_SECONDS = 20.0
+#: How often a cluster of one's own is started, at most.
+_STARTS = 4
 #: What Dask gets to close in when somebody waits for it [s].
 _STOP_SECONDS = 1.5
 
@@ -247,7 +249,7 @@ def _connect(cluster: str, connected: "Future[tuple[Any, ExitStack]]") -> None:
     # Blocked signals are inherited by the processes that Dask starts: Ctrl-C at a terminal reaches
     # all of them, and is for the driver alone.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    from distributed import Client, LocalCluster  # an optional dependency, and slow to import
+    from distributed import Client  # an optional dependency, and slow to import
 
     # What Dask says about workers that come and go would run into the progress bar.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
@@ -256,12 +258,7 @@ def _connect(cluster: str, connected: "Future[tuple[Any, ExitStack]]") -> None:
         address: Any = cluster
         try:
             if kind == "local":
-                address = LocalCluster(
-                    n_workers=int(rest),
-                    threads_per_worker=1,
-                    dashboard_address=None,
-                    silence_logs=logging.CRITICAL,
-                )
+                address = _local_cluster(int(rest))
                 stack.callback(address.close)
             client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
             stack.callback(client.close)
@@ -270,3 +267,21 @@ def _connect(cluster: str, connected: "Future[tuple[Any, ExitStack]]") -> None:
             connected.set_exception(UserError(f"--dask {cluster}: cannot connect ({message})"))
         else:
             connected.set_result((client, stack.pop_all()))
+
+
+def _local_cluster(workers: int) -> Any:
+    """A cluster on this machine; another try where one of its processes dies as it starts."""
+    from distributed import LocalCluster
+
+    for left in reversed(range(_STARTS)):
+        try:
+            return LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )
+        except RuntimeError:
+            if not left:
+                raise
+    raise AssertionError

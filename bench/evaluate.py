@@ -129,7 +129,7 @@ def _judge(
 
 def _held_out(trial: Trial, weights: np.ndarray) -> float | None:
     try:
-        return held_out_error(trial.scenario, trial.seed, weights)
+        return held_out_error(trial.scenario, trial.seed, weights, trial.root_iterations)
     except NoEquilibriumError:  # nothing near this draw to predict
         return None
 

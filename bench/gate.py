@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from bench.errors import UserError
-from bench.suite import Limits
+from bench.suite import Limits, Suite
 
 #: Columns of the leaderboard that limits are on; times are compared apart.
 _COLUMNS = {
@@ -58,6 +58,31 @@ def check_limits(table: pd.DataFrame, gate: dict[str, Limits]) -> list[Check]:
     return [
         check for estimator, limits in gate.items() for check in _checks(table, estimator, limits)
     ]
+
+
+def missing_trials(table: pd.DataFrame, suite: Suite) -> list[str]:
+    """What a run has not done of what the gate is about, in words: a part may not pass for all.
+
+    Args:
+        table: a leaderboard.
+        suite: the run's own.
+    """
+    counts = table.set_index(["estimator", "scenario", "view"])[["trials", "skipped"]].sum(axis=1)
+    found = []
+    for estimator in suite.estimators:
+        limits = suite.gate.get(estimator.label)
+        if limits is None:
+            continue
+        labels = [s.label for s in suite.scenarios]
+        for scenario in limits.scenarios or estimator.scenarios or labels:
+            for view in limits.views or suite.views:
+                whole = len(suite.sigmas) * min(estimator.seeds or suite.seeds, suite.seeds)
+                done = int(counts.get((estimator.label, scenario, view), 0))
+                if done < whole:
+                    found.append(
+                        f"{estimator.label}, {scenario}, {view}: {done} of {whole} trials are done"
+                    )
+    return found
 
 
 def _checks(table: pd.DataFrame, estimator: str, limits: Limits) -> Iterator[Check]:

@@ -15,7 +15,6 @@ from bench.statistics.intervals import mean_by_seed
 #: small-noise expansion.
 LIMIT_SIGMAS = (0.0, 0.01)
 
-
 _KEY = ["scenario", "view", "estimator"]
 
 
@@ -23,18 +22,22 @@ def leaderboard(trials: pd.DataFrame, comparisons: pd.DataFrame | None = None) -
     """Summarise trials.
 
     Args:
-        trials: rows as in ``trials.parquet``; ``identifiable_cosine_error`` may be among them.
+        trials: rows as in ``trials.parquet``; ``identifiable_cosine_error`` may be among them, of
+            which only rows that have one count.
         comparisons: from ``bench.statistics.comparison``, for ranks.
 
     Returns:
         One row per (scenario, view, estimator): ``trials``, ``failures`` and
         ``published_failures`` (rows counted with their ``count``; skipped ones apart), of each
         error the median, quartiles and mean with its 95 % interval over seeds, ``coverage``
-        (share of 95 % ellipsoids that hold the truth, among estimates with one), ``limit_ratio``
+        (share of 95 % ellipsoids that hold the truth, among the ``coverage_trials`` estimates with
+        one), ``limit_ratio``
         (mean cosine error over its statistical limit for small noise), the median time, and ranks
         with ties. In means, a failure has the largest error there is: 1 for angles, infinity for
         positions. The best median position error comes first within a scenario and view.
     """
+    if "held_out_error" in trials and not trials["held_out_error"].notna().any():
+        trials = trials.drop(columns="held_out_error")  # not measured, which is nobody's failure
     groups = trials.groupby(_KEY, sort=True)
     rows = [dict(zip(_KEY, key, strict=True)) | _summary(group) for key, group in groups]
     columns = list(rows[0]) if rows else []
@@ -61,13 +64,18 @@ def _summary(group: pd.DataFrame) -> dict[str, float | int]:
     for error, worst in WORST.items():
         if error not in attempts:
             continue
-        values = errors_of(attempts, error)
+        if error == "identifiable_cosine_error":
+            values = attempts[error].to_numpy(float)
+            known = ~np.isnan(values)
+        else:
+            values = errors_of(attempts, error)
+            known = np.full(len(values), True)
         for name, share in (("median", 0.5), ("q25", 0.25), ("q75", 0.75)):
-            summary[f"{error}_{name}"] = quantile(values, count, share)
-        mean = mean_by_seed(np.minimum(values, worst), seeds, count)
+            summary[f"{error}_{name}"] = quantile(values[known], count[known], share)
+        mean = mean_by_seed(np.minimum(values, worst)[known], seeds[known], count[known])
         summary[f"{error}_mean"] = mean.estimate
         summary[f"{error}_mean_low"], summary[f"{error}_mean_high"] = mean.low, mean.high
-    summary["coverage"] = _coverage(attempts)
+    summary["coverage"], summary["coverage_trials"] = _coverage(attempts)
     summary["limit_ratio"] = _limit_ratio(attempts)
     summary["solve_seconds_median"] = float(attempts["solve_seconds"].median())
     return summary
@@ -83,11 +91,13 @@ def published_failures(attempts: pd.DataFrame) -> np.ndarray:
     return failed.to_numpy(bool)
 
 
-def _coverage(attempts: pd.DataFrame) -> float:
+def _coverage(attempts: pd.DataFrame) -> tuple[float, int]:
+    """Share of ellipsoids that hold the truth, and how many ellipsoids there are."""
     if "covered" not in attempts or not attempts["covered"].notna().any():
-        return float("nan")
+        return float("nan"), 0
     told = attempts[attempts["covered"].notna()]
-    return float(np.average(told["covered"].to_numpy(float), weights=told["count"]))
+    share = np.average(told["covered"].to_numpy(float), weights=told["count"])
+    return float(share), int(told["count"].sum())
 
 
 def _limit_ratio(attempts: pd.DataFrame) -> float:

@@ -5,19 +5,18 @@ recording's and certified like any other ground truth.
 """
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 
 from envs.recording import NoEquilibriumError, Recording
-from games.batch import Batch, solve_batch
-from games.continuation import follow_coupling
+from games.batch import solve_batch
 from games.dynamics import rollout
-from games.kkt import consistent_costates
-from games.newton import Root, newton_root
-from games.olne import RESIDUAL_TOLERANCE, certify
+from games.follow import follow_root
+from games.newton import Root
+from games.olne import certify
 
 #: Standard deviations of starts: positions relative to the least distance between two players
 #: (1 m for a player on its own), speeds relative to the mean one.
@@ -74,11 +73,11 @@ def _least_distance(states: np.ndarray) -> float:
 def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[Recording]:
     scenario = recording.scenario
     game, weights = scenario.game, scenario.weights
-    known = _root(recording)
+    known = recording.root
     coast = np.zeros((1, *game.control_shape[1:]))
     for start in starts:
         batch = solve_batch(game, weights[None], known, weights, initial_states=start)
-        root = _first(batch)
+        root = batch.root(0)
         certificate = certify(game, root, weights)
         if certificate.passed:
             yield Recording(
@@ -91,38 +90,31 @@ def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[R
             )
 
 
-def follow_root(recording: Recording, weights: np.ndarray, limit: float) -> Root | None:
-    """The game's root at other weights, from the recording's initial state.
+def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Root) -> list[Root]:
+    """The game's roots at other weights, from the recordings' initial states.
 
-    Followed from the recording; where that is lost, Newton's method from the recording's motion
-    and continuation in the coupling between players. Far cheaper than the search for the root
-    nearest the truth (``games.nearest_root``), which scores the recording itself.
+    Followed from a root that is known at those weights, over the way between the initial states.
+    Where that is lost, from the recording's own motion (``games.follow``).
 
     Args:
-        recording: what happened at the true weights.
+        recordings: what happened at the true weights, all in one game.
         weights: (N, K).
-        limit: wall-clock seconds for each of the three.
+        known: a root at the weights, from another initial state.
 
     Returns:
-        None where none of them finds a root.
+        Those of the first recordings, up to one for which no root is found.
     """
-    game, known = recording.scenario.game, _root(recording)
-    batch = solve_batch(game, weights[None], known, recording.scenario.weights, limit=limit)
-    if batch.converged[0]:
-        return _first(batch)
-    costates = consistent_costates(game, known.states, known.controls, weights)
-    if np.isfinite(costates).all():
-        root = newton_root(game, known.states, known.controls, costates, weights, limit=limit)
-        if root.residual < RESIDUAL_TOLERANCE:
-            return root
-    followed = follow_coupling(game, weights, known.states[0], known.controls, limit=limit)
-    good = followed is not None and followed.residual < RESIDUAL_TOLERANCE
-    return followed if good else None
-
-
-def _root(recording: Recording) -> Root:
-    return Root(recording.states, recording.controls, recording.costates, residual=0.0)
-
-
-def _first(batch: Batch) -> Root:
-    return Root(batch.states[0], batch.controls[0], batch.costates[0], float(batch.residuals[0]))
+    starts = np.stack([one.scenario.initial_state for one in recordings])
+    game, repeated = recordings[0].scenario.game, np.repeat(weights[None], len(recordings), axis=0)
+    try:
+        batch = solve_batch(game, repeated, known, weights, initial_states=starts)
+        followed = [batch.root(k) if batch.converged[k] else None for k in range(len(starts))]
+    except ValueError:  # singular at the known root
+        followed = [None] * len(recordings)
+    roots: list[Root] = []
+    for one, root in zip(recordings, followed, strict=True):
+        found = root or follow_root(game, one.root, one.scenario.weights, weights)
+        if found is None:
+            break
+        roots.append(found)
+    return roots

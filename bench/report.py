@@ -1,6 +1,5 @@
 """What a run leaves to take home: tables and figures, made from the store alone."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,13 +7,12 @@ import pandas as pd
 from pyarrow import csv, parquet
 
 from bench.errors import UserError
+from bench.figures import draw_figures
 from bench.findings import find
 from bench.outputs import whole_file
 from bench.page.render import render_page
-from bench.provenance import Provenance
 from bench.store import parse_weights, read_store, to_frame
 from bench.tables import latex, markdown
-from games.nearest_root import PUBLISHED_ITERATIONS
 
 _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
@@ -29,7 +27,7 @@ estimate.
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
 
-def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
+def write_report(folder: Path, formats: Sequence[str]) -> pd.DataFrame:
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
@@ -38,7 +36,7 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
 
     Args:
         folder: a run folder.
-        figures: whether to draw the figures as well.
+        formats: of the figures; none are drawn where it is empty.
 
     Returns:
         The leaderboard.
@@ -68,21 +66,13 @@ def write_report(folder: Path, *, figures: bool = True) -> pd.DataFrame:
             with whole_file(folder / name) as path:
                 path.write_text(text, encoding="utf-8")
         with whole_file(folder / "index.html") as path:
-            page = render_page(trials, findings, runs, root_iterations(runs))
+            page = render_page(trials, findings, runs)
             path.write_text(page, encoding="utf-8")
-        if figures:
-            from bench.figures import draw_figures  # matplotlib is slow to import
-
-            draw_figures(trials, folder / "figures")
+        if formats:
+            draw_figures(trials, folder / "figures", formats)
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
     return findings.leaderboard
-
-
-def root_iterations(runs: Sequence[Provenance]) -> int:
-    """Iterations of the forward game's solver in the last run's suite."""
-    suite = json.loads(runs[-1].suite) if runs else {}
-    return int(suite.get("root_iterations", PUBLISHED_ITERATIONS))
 
 
 def format_leaderboard(table: pd.DataFrame) -> str:

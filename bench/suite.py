@@ -32,11 +32,15 @@ class ScenarioEntry(_Strict):
         options: of its own.
         trajectories: how many times the players are seen, each time from another start
             (``bench.neighbours``); the suite's where absent.
+        sigmas: noise levels; the suite's where empty.
+        seeds: the first so many noise draws only; all where absent.
     """
 
     name: str
     options: dict[str, Any] = {}
     trajectories: int = Field(default=1, gt=0)
+    sigmas: tuple[Sigma, ...] = ()
+    seeds: int | None = Field(default=None, gt=0)
 
     @property
     def label(self) -> str:
@@ -187,6 +191,7 @@ class Suite(_Strict):
     @classmethod
     def _scenarios_exist(cls, value: tuple[ScenarioEntry, ...]) -> tuple[ScenarioEntry, ...]:
         for entry in value:
+            _distinct(entry.sigmas, f"scenario {entry.name!r}: sigma", entry.sigmas)
             try:
                 check_options(entry.name, **entry.options)
             except TypeError as error:
@@ -229,6 +234,24 @@ class Suite(_Strict):
                         f"the suite has: {', '.join(labels)}"
                     )
         return self
+
+    def pairs(self) -> list[tuple[ScenarioEntry, EstimatorEntry]]:
+        """Which estimator is run on which scenario."""
+        return [
+            (scenario, estimator)
+            for scenario in self.scenarios
+            for estimator in self.estimators
+            if not estimator.scenarios or scenario.label in estimator.scenarios
+        ]
+
+    def sigmas_of(self, scenario: ScenarioEntry) -> tuple[float, ...]:
+        """Noise levels of a scenario."""
+        return scenario.sigmas or self.sigmas
+
+    def seeds_of(self, scenario: ScenarioEntry, estimator: EstimatorEntry) -> int:
+        """Noise draws per level that an estimator is run on in a scenario."""
+        limits = (self.seeds, scenario.seeds, estimator.seeds)
+        return min(limit for limit in limits if limit is not None)
 
 
 def suite_names() -> list[str]:
@@ -309,15 +332,21 @@ def select(
     """
     labels = [entry.label for entry in suite.scenarios]
     estimator_labels = [entry.label for entry in suite.estimators]
+    levels = sorted({*suite.sigmas, *(s for entry in suite.scenarios for s in entry.sigmas)})
     _require(suite, "scenario", scenarios, labels)
     _require(suite, "view", views, suite.views)
-    _require(suite, "sigma", sigmas, suite.sigmas)
+    _require(suite, "sigma", sigmas, levels)
     _require(suite, "estimator", estimators, estimator_labels)
+    kept = []
+    for entry in suite.scenarios:
+        own = tuple(s for s in suite.sigmas_of(entry) if s in (sigmas or levels))
+        if own and entry.label in (scenarios or labels):
+            kept.append(entry.model_copy(update={"sigmas": own}) if entry.sigmas else entry)
     return suite.model_copy(
         update={
-            "scenarios": tuple(e for e in suite.scenarios if e.label in (scenarios or labels)),
+            "scenarios": tuple(kept),
             "views": tuple(v for v in suite.views if v in (views or suite.views)),
-            "sigmas": tuple(s for s in suite.sigmas if s in (sigmas or suite.sigmas)),
+            "sigmas": tuple(s for s in suite.sigmas if s in (sigmas or levels)),
             "estimators": tuple(
                 e for e in suite.estimators if e.label in (estimators or estimator_labels)
             ),

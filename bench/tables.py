@@ -14,7 +14,7 @@ _ROUNDING = 1e-9  # below, errors are a solver's rounding
 
 def markdown(table: pd.DataFrame) -> str:
     """The leaderboard as a Markdown table; the best rank of a scenario and view is bold."""
-    shown = _shown(table, number=_plain, bold="**{}**".format)
+    shown = _shown(table, number=_plain, bold="**{}**".format, percent="%")
     for column in ("Scenario", "View", "Estimator"):
         shown[column] = [_markdown_text(text) for text in shown[column]]
     texts = ("Scenario", "View", "Estimator")
@@ -25,14 +25,16 @@ def markdown(table: pd.DataFrame) -> str:
 
 def latex(table: pd.DataFrame) -> str:
     """The leaderboard as a LaTeX ``tabular``, for the package booktabs."""
-    shown = _shown(table, number=_mathematical, bold="\\textbf{{{}}}".format)
+    shown = _shown(table, number=_mathematical, bold="\\textbf{{{}}}".format, percent="\\%")
     style = shown.style.hide(axis="index")
     style = style.format(escape="latex", subset=["Scenario", "View", "Estimator"])
     kinds = "l" * 3 + "r" * (len(shown.columns) - 3)
     return style.to_latex(column_format=kinds, hrules=True)
 
 
-def _shown(table: pd.DataFrame, *, number, bold) -> pd.DataFrame:  # type: ignore[no-untyped-def]
+def _shown(  # type: ignore[no-untyped-def]
+    table: pd.DataFrame, *, number, bold, percent: str
+) -> pd.DataFrame:
     shown = pd.DataFrame(
         {
             "Scenario": table["scenario"],
@@ -52,8 +54,15 @@ def _shown(table: pd.DataFrame, *, number, bold) -> pd.DataFrame:  # type: ignor
             (bold(middle) if best else middle) + rest
             for (middle, rest), best in zip(texts, first, strict=True)
         ]
+    if "held_out_error_median" in table:
+        shown["Held out [m]"] = table["held_out_error_median"].map(number)
     shown["Identifiable"] = table["identifiable_cosine_error_median"].map(number)
     shown["Error / bound"] = table["limit_ratio"].map(number)
+    covered = table[["coverage", "coverage_trials"]].itertuples(index=False)
+    shown["Covered"] = [
+        f"{share:.0%} of {count}".replace("%", percent) if count else number(math.nan)
+        for share, count in covered
+    ]
     counts = table[["failures", "published_failures", "trials"]].itertuples(index=False)
     shown["Failures (published)"] = [f"{a} ({b}) of {n}" for a, b, n in counts]
     shown["Time [ms]"] = (1e3 * table["solve_seconds_median"]).map(number)

@@ -138,19 +138,20 @@ def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
 def _trials(
     suite: Suite, scenario: ScenarioEntry, seeds: Sequence[int], alike_without_noise: bool = False
 ) -> Iterator[Trial]:
+    estimators = [estimator for entry, estimator in suite.pairs() if entry == scenario]
+    # A trial is the same in whatever selection of noise it is run.
+    bare = scenario.model_copy(update={"sigmas": (), "seeds": None})
     for view in suite.views:
-        for estimator in suite.estimators:
-            if estimator.scenarios and scenario.label not in estimator.scenarios:
-                continue
+        for estimator in estimators:
             code = versions(scenario, estimator)
-            most = suite.seeds if estimator.seeds is None else min(estimator.seeds, suite.seeds)
+            most = suite.seeds_of(scenario, estimator)
             own = [seed for seed in seeds if seed < most]
-            for sigma in suite.sigmas:
+            for sigma in suite.sigmas_of(scenario):
                 alike = alike_without_noise and sigma == 0
                 for seed in own[:1] if alike else own:
                     yield Trial(
                         suite=suite.name,
-                        scenario=scenario,
+                        scenario=bare,
                         view=view,
                         sigma=sigma,
                         seed=seed,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from bench.metrics import position_error
-from bench.neighbours import follow_root, neighbours
+from bench.neighbours import follow_start, neighbours
 from bench.suite import ScenarioEntry
 from envs.recording import Recording, record
 from envs.scenarios import Scenario, get_scenario, is_family
@@ -18,8 +18,8 @@ from games.information import (
 from games.nearest_root import Prediction, predict
 from games.observation import View
 
-#: Other initial states that predictions are held to, and seconds that each may take.
-HELD_OUT, HELD_OUT_LIMIT = 5, 0.5
+#: Other initial states that predictions are held to.
+HELD_OUT = 5
 
 _Key = tuple[str, tuple[tuple[str, Any], ...], int]
 
@@ -44,16 +44,20 @@ def true_recordings(scenario: ScenarioEntry, seed: int) -> tuple[Recording, ...]
     return (first, *_neighbours(key, scenario.trajectories - 1, "trajectories"))
 
 
-def held_out_error(scenario: ScenarioEntry, seed: int, weights: np.ndarray) -> float | None:
+def held_out_error(
+    scenario: ScenarioEntry, seed: int, weights: np.ndarray, root_iterations: int
+) -> float | None:
     """Mean absolute position error [m] of predictions from other initial states nearby.
 
-    Of ``HELD_OUT`` certified equilibria, each followed from the true weights to the given ones
-    (N, K) by ``bench.neighbours.follow_root``; None where no root is found for one of them.
+    There are ``HELD_OUT`` of them, each with a certified equilibrium at the true weights. The
+    prediction at the given weights (N, K) from the draw's own initial state
+    (``predict_from_start``) is followed to each (``bench.neighbours.follow_start``); None where
+    there is none, or no root is found for one of them.
 
     Raises:
         NoEquilibriumError: where there are too few certified equilibria nearby.
     """
-    return _held_out_error(_key(scenario, seed), weights.tobytes())
+    return _held_out_error(_key(scenario, seed), weights.tobytes(), root_iterations)
 
 
 def unit_cosine_limit(scenario: ScenarioEntry, seed: int, view: View) -> float | None:
@@ -97,15 +101,17 @@ def _neighbours(key: _Key, count: int, stream: str) -> tuple[Recording, ...]:
 
 
 @lru_cache(maxsize=16)
-def _held_out_error(key: _Key, weights: bytes) -> float | None:
-    errors = []
-    for recording in _neighbours(key, HELD_OUT, "held out"):
-        shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
-        root = follow_root(recording, shaped, HELD_OUT_LIMIT)
-        if root is None:
-            return None
-        errors.append(position_error(recording.states, root.states))
-    return float(np.mean(errors))
+def _held_out_error(key: _Key, weights: bytes, root_iterations: int) -> float | None:
+    recordings = _neighbours(key, HELD_OUT, "held out")
+    known = _prediction(key, weights, root_iterations).root
+    if known is None:
+        return None
+    shaped = np.frombuffer(weights).reshape(recordings[0].scenario.weights.shape)
+    roots = follow_start(recordings, shaped, known)
+    if len(roots) < len(recordings):
+        return None
+    pairs = zip(recordings, roots, strict=True)
+    return float(np.mean([position_error(one.states, root.states) for one, root in pairs]))
 
 
 @lru_cache(maxsize=128)
@@ -133,8 +139,8 @@ def _unit_limit(key: _Key, trajectories: int, view: View) -> float | None:
 @lru_cache(maxsize=8)
 def _prediction(key: _Key, weights: bytes, root_iterations: int) -> Prediction:
     recording = _recording(key)
-    game = recording.scenario.game
-    shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
+    scenario = recording.scenario
+    shaped = np.frombuffer(weights).reshape(scenario.weights.shape)
     return predict(
-        game, shaped, recording.states, recording.controls, max_iterations=root_iterations
+        scenario.game, shaped, recording.root, scenario.weights, max_iterations=root_iterations
     )

@@ -10,6 +10,7 @@ from envs.olne_v0 import OlneWorld
 from envs.scenarios.scenario import Scenario
 from envs.worlds import make_world
 from games.dynamics import rollout
+from games.newton import Root
 from games.olne import Certificate
 
 __all__ = ["NoEquilibriumError", "Recording", "film", "record"]
@@ -38,6 +39,11 @@ class Recording:
     costates: np.ndarray
     extra_state: np.ndarray
     certificate: Certificate
+
+    @property
+    def root(self) -> Root:
+        """The motion as a root of the first-order conditions, which its certificate vouches for."""
+        return Root(self.states, self.controls, self.costates, residual=0.0)
 
 
 def record(scenario: Scenario) -> Recording:

@@ -41,6 +41,7 @@ from estimators.forward_model import (
 )
 from estimators.protocol import Estimate, Observation, Problem, check_observations
 from estimators.simplex import RatioChart
+from games.native import elimination
 
 #: Relative change of error and unknowns at which the search ends.
 _TOLERANCE = 1e-9
@@ -87,10 +88,11 @@ class Bilevel:
             if time.monotonic() > deadline or _agree(results):
                 break
         best = min(results, key=lambda result: (not result.converged, result.objective))
+        solver = elimination(problem.game, problem.view)
         return Estimate(
             weights=best.games[0].weights,
             states=best.games[0].root.states,
-            covariance=likelihood_covariance(problem, observations, best.games),
+            covariance=likelihood_covariance(problem, observations, best.games, solver),
             converged=best.converged,
             message=best.message,
             extras={
@@ -235,7 +237,8 @@ class OuterResiduals:
         try:
             if games is None:
                 raise ValueError("no equilibrium here")
-            sensitivities = [sample_sensitivity(self._problem, game) for game in games]
+            solver = elimination(self._problem.game, self._problem.view)
+            sensitivities = [sample_sensitivity(self._problem, game, solver) for game in games]
         except ValueError as error:
             raise _StoppedError(str(error)) from error
         self.games, self.blocked = games, False

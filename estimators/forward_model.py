@@ -21,6 +21,7 @@ from estimators.protocol import Observation, Problem
 from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, guess_states, warm_up_fit
 from games.batch import Batch, solve_batch
 from games.continuation import follow_coupling
+from games.elimination import Elimination
 from games.information import joint_weight_covariance, observation_sensitivity
 from games.kkt import consistent_costates
 from games.native import elimination
@@ -132,9 +133,9 @@ def _roots(
     for states, controls in ((guess, coasting), (fit.states, fit.controls)):
         costates = consistent_costates(game, states, controls, weights)
         if np.isfinite(costates).all():
-            yield newton_root(game, states, controls, costates, weights)
+            yield newton_root(game, states, controls, costates, weights, view=problem.view)
     for initial_state in (fit.states[0], guess[0], _calm_start(problem, guess)):
-        root = follow_coupling(game, weights, initial_state, coasting)
+        root = follow_coupling(game, weights, initial_state, coasting, view=problem.view)
         if root is not None:
             yield root
 
@@ -204,13 +205,7 @@ def replay(
 
 def played(batch: Batch, index: int, weights: np.ndarray) -> Played:
     """One game of a batch; weights (N, K) are those it was played at."""
-    root = Root(
-        batch.states[index],
-        batch.controls[index],
-        batch.costates[index],
-        float(batch.residuals[index]),
-    )
-    return Played(root, weights)
+    return Played(batch.root(index), weights)
 
 
 def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
@@ -224,8 +219,15 @@ def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:
     return scaled.reshape(*y.shape[:-2], -1)
 
 
-def sample_sensitivity(problem: Problem, game: Played) -> np.ndarray:
+def sample_sensitivity(
+    problem: Problem, game: Played, solver: Elimination | None = None
+) -> np.ndarray:
     """Derivative of h(x) in (theta, x_1) at a game, (T*N*d, N*K + N*n).
+
+    Args:
+        problem: gives game and view.
+        game: where.
+        solver: the game's elimination, where one is at hand.
 
     Raises:
         ValueError: where the equilibrium is no function of them.
@@ -239,22 +241,34 @@ def sample_sensitivity(problem: Problem, game: Played) -> np.ndarray:
         root.costates,
         game.weights,
         noise_scale=problem.noise_scale,
+        solver=solver,
     )
 
 
 def likelihood_covariance(
-    problem: Problem, observations: Sequence[Observation], games: Sequence[Played]
+    problem: Problem,
+    observations: Sequence[Observation],
+    games: Sequence[Played],
+    solver: Elimination | None = None,
 ) -> np.ndarray | None:
     """Covariance (N*K, N*K) of the maximum-likelihood weights: inverse Fisher information.
 
-    Taken at the estimate (``games.information``); None where the weights are not identifiable or
-    the data are without noise.
+    Taken at the estimate (``games.information``), as if no weight were at its floor.
+
+    Args:
+        problem: gives game, view and noise.
+        observations: of each trajectory.
+        games: the estimate of each.
+        solver: the game's elimination, where one is at hand.
+
+    Returns:
+        None where the weights are not identifiable or the data are without noise.
     """
     if problem.sigma == 0:
         return None
     try:
         sensitivities = [
-            sample_sensitivity(problem, game)[np.isfinite(one.y).ravel()]
+            sample_sensitivity(problem, game, solver)[np.isfinite(one.y).ravel()]
             for one, game in zip(observations, games, strict=True)
         ]
     except ValueError:

@@ -112,10 +112,15 @@ class KktConstrained:
         games = [
             Played(Root(p.states, p.controls, p.costates, residual=0.0), p.weights) for p in points
         ]
+        covariance = None
+        if converged:
+            structured = self.solver == "structured"
+            solver = joint_elimination(problem.game, problem.view) if structured else None
+            covariance = likelihood_covariance(problem, observations, games, solver)
         return Estimate(
             weights=points[0].weights,
             states=points[0].states,
-            covariance=likelihood_covariance(problem, observations, games) if converged else None,
+            covariance=covariance,
             converged=converged,
             message=message,
             extras={"objective": best.objective, "starts": starts},

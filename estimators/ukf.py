@@ -68,7 +68,7 @@ _SHRINK, _MOST_SHRINKS = 0.5, 6
 _MOST_AT_ONCE = 10.0
 
 #: Into how many shares a measurement is cut at most.
-_MOST_SHARES = 30
+_MOST_SHARES = 40
 
 Expected = Callable[[np.ndarray], np.ndarray]
 
@@ -203,7 +203,7 @@ def _take_in(
         if share >= left:
             return
         left -= share
-    raise LostError("a measurement leads where games have no equilibrium")
+    raise LostError("a measurement is too precise for the filter to take in")
 
 
 def _largest_share(kalman: UnscentedKalmanFilter, rows: np.ndarray, sigma: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from games.game import Game
+from games.native import elimination
 from games.newton import Root, linearised, pack, unpack
 from games.observation import View
 from games.olne import RESIDUAL_TOLERANCE, Equilibrium
@@ -46,6 +47,15 @@ class Batch:
     def converged(self) -> np.ndarray:
         """(B,) booleans; where False, the trajectory solves nothing."""
         return self.residuals < RESIDUAL_TOLERANCE
+
+    def root(self, index: int) -> Root:
+        """One of them."""
+        return Root(
+            self.states[index],
+            self.controls[index],
+            self.costates[index],
+            float(self.residuals[index]),
+        )
 
 
 def solve_batch(
@@ -91,7 +101,8 @@ def solve_batch(
     initial_states = np.broadcast_to(initial_states, (count, *first.shape))
     initial_states = initial_states.reshape(count, first.size)
 
-    solver = linearised(game, start.states, start.controls, start.costates, start_weights, view)
+    solver = elimination(game, view)
+    linearised(game, start.states, start.controls, start.costates, start_weights, solver)
     point = pack(game, start.states, start.controls, start.costates)
     columns = solver.sensitivities().reshape(point.size, -1)
     flat = weights.reshape(count, start_weights.size)

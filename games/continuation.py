@@ -16,6 +16,7 @@ from games.features import Feature, Stage
 from games.game import Game
 from games.native import elimination
 from games.newton import Root, pack, unpack
+from games.observation import View
 
 #: The continuation gives up below this step of the coupling strength, whose range is 0 to 1.
 _SMALLEST_STEP = 1e-3
@@ -33,6 +34,7 @@ def follow_coupling(
     *,
     max_factorisations: int = 400,
     limit: float = 60.0,
+    view: View | None = None,
 ) -> Root | None:
     """Find a root of G by continuation in the coupling between players.
 
@@ -43,11 +45,12 @@ def follow_coupling(
         controls: (T-1, N, m) first plans.
         max_factorisations: budget of Newton steps.
         limit: wall-clock seconds for any one strength of the coupling.
+        view: as of ``games.newton.newton_root``.
 
     Returns:
         A root (its residual says how good), or None where the path was lost.
     """
-    solver = elimination(game)
+    solver = elimination(game, view)
     states = rollout(game.dynamics, initial_state, controls, game.dt)
     point = pack(game, states, controls, np.zeros_like(states[1:]))[None]
     coupled, used = coupled_features(game), 0

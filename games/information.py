@@ -19,8 +19,8 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
+from games.elimination import Elimination
 from games.game import Game
-from games.kkt import kkt_system
 from games.newton import linearised
 from games.observation import View
 
@@ -37,6 +37,7 @@ def trajectory_sensitivity(
     controls: np.ndarray,
     costates: np.ndarray,
     weights: np.ndarray,
+    solver: Elimination | None = None,
 ) -> np.ndarray:
     """d(states)/d(theta, x_1) at an equilibrium, (T*N*n, N*K + N*n), all in C order.
 
@@ -46,11 +47,12 @@ def trajectory_sensitivity(
         controls: (T-1, N, m).
         costates: (T-1, N, n).
         weights: (N, K).
+        solver: the game's elimination, where one is at hand.
 
     Raises:
         ValueError: where G_z is singular, so that the equilibrium is no function of them.
     """
-    solver = linearised(game, states, controls, costates, weights)
+    solver = linearised(game, states, controls, costates, weights, solver)
     columns = solver.sensitivities()[:, : states[0].size].reshape(states.size, -1)
     return np.hstack([columns[:, states[0].size :], columns[:, : states[0].size]])
 
@@ -64,6 +66,7 @@ def observation_sensitivity(
     weights: np.ndarray,
     *,
     noise_scale: Sequence[float] | np.ndarray | None = None,
+    solver: Elimination | None = None,
 ) -> np.ndarray:
     """d(h(states))/d(theta, x_1) at an equilibrium, (T*N*d, N*K + N*n), all in C order.
 
@@ -74,11 +77,14 @@ def observation_sensitivity(
     Raises:
         ValueError: where G_z is singular.
     """
-    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights)
-    observed = _view_jacobian(game, view)(states.ravel()).sparse() @ sensitivity
+    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights, solver)
+    rows = states.reshape(-1, game.dynamics.state_size)
+    by_state = np.array(_view_jacobian(game, view)(rows.T))
+    by_state = by_state.reshape(-1, len(rows), rows.shape[1]).transpose(1, 0, 2)
     if noise_scale is not None:
-        observed /= np.tile(noise_scale, game.horizon * game.num_players)[:, None]
-    return np.asarray(observed)
+        by_state = by_state / np.asarray(noise_scale)[:, None]
+    observed = by_state @ sensitivity.reshape(*rows.shape, -1)
+    return observed.reshape(-1, sensitivity.shape[1])
 
 
 def weight_covariance(
@@ -114,13 +120,14 @@ def joint_weight_covariance(game: Game, sensitivities: Sequence[np.ndarray]) -> 
     Returns:
         (N*K, N*K), or None if not identifiable.
     """
-    tangent = _tangent(game)
+    tangent = _tangent(game.num_players, game.num_weights)
     observed = _on_tangent(tangent, sensitivities)
-    information = observed.T @ observed
-    if not np.linalg.cond(information) < _LARGEST_CONDITION:
+    # The information matrix is symmetric: its eigenvalues give condition and inverse at once.
+    values, vectors = np.linalg.eigh(observed.T @ observed)
+    if not values[-1] < _LARGEST_CONDITION * values[0]:
         return None
-    free = tangent.shape[1]
-    return tangent @ np.linalg.inv(information)[:free, :free] @ tangent.T
+    lifted = tangent @ vectors[: tangent.shape[1]]
+    return np.asarray((lifted / values) @ lifted.T)
 
 
 @dataclass(frozen=True)
@@ -175,7 +182,7 @@ def identifiability(
     sensitivity = observation_sensitivity(
         game, view, states, controls, costates, weights, noise_scale=noise_scale
     )
-    tangent = _tangent(game)
+    tangent = _tangent(game.num_players, game.num_weights)
     observed = _on_tangent(tangent, [sensitivity])
     free, count = tangent.shape[1], game.num_weights
     # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
@@ -240,24 +247,31 @@ def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
     return float(np.mean(errors))
 
 
-def _tangent(game: Game) -> np.ndarray:
+@lru_cache(maxsize=16)
+def _tangent(players: int, num_weights: int) -> np.ndarray:
     """Basis (N*K, N*(K-1)) of the weights' tangent space."""
-    return block_diag(*[null_space(np.ones((1, game.num_weights)))] * game.num_players)
+    basis = block_diag(*[null_space(np.ones((1, num_weights)))] * players)
+    basis.setflags(write=False)  # shared by all who ask
+    return basis
 
 
 def _on_tangent(tangent: np.ndarray, sensitivities: Sequence[np.ndarray]) -> np.ndarray:
     """Derivatives of all expected observations by the tangent's coordinates and every x_1."""
-    of_weights = [columns[:, : len(tangent)] @ tangent for columns in sensitivities]
-    of_starts = block_diag(*[columns[:, len(tangent) :] for columns in sensitivities])
-    return np.hstack([np.vstack(of_weights), of_starts])
+    free = tangent.shape[1]
+    starts = sensitivities[0].shape[1] - len(tangent)
+    rows = np.cumsum([0, *map(len, sensitivities)])
+    observed = np.zeros((rows[-1], free + starts * len(sensitivities)))
+    for k, columns in enumerate(sensitivities):
+        own = observed[rows[k] : rows[k + 1]]
+        own[:, :free] = columns[:, : len(tangent)] @ tangent
+        own[:, free + k * starts : free + (k + 1) * starts] = columns[:, len(tangent) :]
+    return observed
 
 
 @lru_cache(maxsize=16)
 def _view_jacobian(game: Game, view: View) -> ca.Function:
-    system = kkt_system(game)
-    expected = [
-        view.expected(state, game.dynamics)
-        for state in ca.vertsplit(system.states, game.dynamics.state_size)
-    ]
-    jacobian = ca.jacobian(ca.vertcat(*expected), system.states)
-    return ca.Function("h_x", [system.states], [jacobian])
+    """States (n, S) -> Jacobians h_x (d, S*n) side by side."""
+    state = ca.SX.sym("x", game.dynamics.state_size)
+    jacobian = ca.densify(ca.jacobian(view.expected(state, game.dynamics), state))
+    one = ca.Function("h_x", [state], [jacobian])
+    return one.map(game.horizon * game.num_players)

@@ -8,8 +8,10 @@ limits.
 
 Whether it converges is luck to a good part: perturbing the true trajectory by 1e-13 changes the
 verdict on many estimates (``scripts/forward_luck.py``), although a root is there. So the published
-verdict is kept (``Prediction.published``), and where it is negative the search goes on: from
-costates that make the true trajectory stationary in its states, and with ``solve_olne``.
+verdict is kept (``Prediction.published``), and where it is negative the search goes on: along the
+path of roots from the true weights to the estimated ones, and where that is lost, with
+``solve_olne`` and with IPOPT once more, from costates that make the true trajectory stationary in
+its states.
 """
 
 from dataclasses import dataclass
@@ -18,6 +20,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from games.follow import follow_weights
 from games.game import Game
 from games.ipopt import QUIET
 from games.kkt import consistent_costates, kkt_system
@@ -44,30 +47,34 @@ class Prediction:
 def predict(
     game: Game,
     weights: np.ndarray,
-    states: np.ndarray,
-    controls: np.ndarray,
+    truth: Root,
+    true_weights: np.ndarray,
     *,
     max_iterations: int = PUBLISHED_ITERATIONS,
 ) -> Prediction:
-    """Find the root of G at the given weights nearest a reference trajectory.
+    """Find the root of G at the given weights nearest the true one.
 
     Args:
         game: the game.
         weights: (N, K).
-        states: (T, N, n) reference, its first row the initial state; also the start.
-        controls: (T-1, N, m) start.
+        truth: the true motion, a root at the true weights.
+        true_weights: (N, K).
         max_iterations: of IPOPT in each solve for the nearest root.
 
     Returns:
-        The root of the published solve, or else the nearest of those found otherwise: by the same
-        solve from other costates, and the certified equilibrium of ``solve_olne``.
+        The root of the published solve, or else the one that a path of roots leads to from the
+        truth, or else the nearer of the certified equilibrium of ``solve_olne`` and the root that
+        IPOPT finds from consistent costates.
     """
-    zero = np.zeros((game.horizon - 1, *game.state_shape[1:]))
-    limit = max_iterations
+    states, controls, limit = truth.states, truth.controls, max_iterations
+    zero = np.zeros_like(truth.costates)
     root = nearest_root(game, weights, states, controls, zero, max_iterations=limit)
     if root is not None:
         return Prediction(root, published=True)
-    found = [_equilibrium(game, weights, states[0], controls)]
+    root = follow_weights(game, truth, true_weights, weights)
+    if root is not None:
+        return Prediction(root, published=False)
+    found = [_equilibrium(game, weights, truth)]
     costates = consistent_costates(game, states, controls, weights)
     if np.isfinite(costates).all():
         root = nearest_root(game, weights, states, controls, costates, max_iterations=limit)
@@ -115,10 +122,8 @@ def nearest_root(
     )
 
 
-def _equilibrium(
-    game: Game, weights: np.ndarray, initial_state: np.ndarray, controls: np.ndarray
-) -> Root | None:
-    found = solve_olne(game, weights, initial_state, initial_controls=controls)
+def _equilibrium(game: Game, weights: np.ndarray, truth: Root) -> Root | None:
+    found = solve_olne(game, weights, truth.states[0], initial_controls=truth.controls)
     if not found.certificate.passed:
         return None
     return Root(found.states, found.controls, found.costates, found.residual)
@@ -137,5 +142,8 @@ def _root_solver(game: Game, max_iterations: int) -> ca.Function:
         "f": ca.sumsqr(system.states[initial:] - reference[initial:]),
         "g": residual,
     }
-    options = QUIET | {"ipopt.max_iter": max_iterations}
+    # The ordering and scaling that suit these systems: up to 1.7 times faster, equal iterates up
+    # to rounding.
+    linear_algebra = {"ipopt.mumps_pivot_order": 0, "ipopt.mumps_permuting_scaling": 0}
+    options = QUIET | linear_algebra | {"ipopt.max_iter": max_iterations}
     return ca.nlpsol("nearest_root", "ipopt", problem, options)

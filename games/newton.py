@@ -30,6 +30,7 @@ def newton_root(
     tolerance: float = 1e-12,
     max_iterations: int = 50,
     limit: float = 60.0,
+    view: View | None = None,
 ) -> Root:
     """Polish a trajectory into a root of G by Newton steps with backtracking on |G|_2.
 
@@ -42,12 +43,14 @@ def newton_root(
         tolerance: stop once max |G| falls below.
         max_iterations: stop at the latest after as many steps.
         limit: stop at the latest after as many wall-clock seconds.
+        view: the observation model, where the game is to be solved often enough for compiled code
+            of its own (``games.native.elimination``).
 
     Returns:
         The best point reached; the caller judges its ``residual``.
     """
     points = pack(game, states, controls, costates)[None]
-    residuals, _ = elimination(game).newton(
+    residuals, _ = elimination(game, view).newton(
         points,
         np.asarray(weights, dtype=float).reshape(1, -1),
         tolerance=tolerance,
@@ -86,14 +89,14 @@ def linearised(
     controls: np.ndarray,
     costates: np.ndarray,
     weights: np.ndarray,
-    view: View | None = None,
+    solver: Elimination | None = None,
 ) -> Elimination:
-    """The game's elimination (for a view, where given), factorised at a point.
+    """The game's elimination, factorised at a point; ``solver`` where one is at hand.
 
     Raises:
         ValueError: where the first-order conditions are singular at the point.
     """
-    solver = elimination(game, view)
+    solver = solver or elimination(game)
     z = pack(game, states, controls, costates)
     if not solver.linearise(z, np.asarray(weights, dtype=float).ravel()):
         raise ValueError("the first-order conditions are singular at this trajectory")

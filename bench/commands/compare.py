@@ -39,6 +39,8 @@ def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | 
         except OSError as error:
             raise UserError(f"cannot write to {out}: {error.strerror or error}") from error
     click.echo(_format(table))
+    for note in _notes(old, new, names, before, after):
+        click.echo(f"note: {note}", err=True)
     counts = table["verdict"].value_counts()
     click.echo(", ".join(f"{counts.get(v, 0)} {v}" for v in ("better", "same", "worse")))
     sys.exit(1 if counts.get("worse", 0) else 0)
@@ -50,6 +52,32 @@ def _trials(folder: Path) -> pd.DataFrame:
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
     return trials
+
+
+def _notes(
+    old: pd.DataFrame, new: pd.DataFrame, names: dict[str, str], before: Path, after: Path
+) -> list[str]:
+    """What a comparison of common trials does not see."""
+    notes = []
+    suites = [", ".join(sorted(trials["suite"].unique())) for trials in (old, new)]
+    if suites[0] != suites[1]:
+        notes.append(
+            f"{before} is a run of suite {suites[0]}, {after} of {suites[1]}; compared are the "
+            "trials that both have"
+        )
+    places = ["scenario", "view", "sigma", "seed"]
+    mine = old[old["estimator"].isin(names)]
+    mine = mine.assign(estimator=mine["estimator"].map(names))
+    there = mine.merge(new[[*places, "estimator"]], on=[*places, "estimator"])
+    if len(there) < len(mine):
+        notes.append(
+            f"{len(mine) - len(there)} of {len(mine)} trials in {before} are not in {after}"
+        )
+    gone = sorted(set(old["estimator"]) - set(names)) if len(names) > 1 else []
+    gone = [name for name in gone if name not in set(new["estimator"])]
+    if gone:
+        notes.append(f"{after} has no {', '.join(gone)}")
+    return notes
 
 
 def _names(

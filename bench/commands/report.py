@@ -1,9 +1,12 @@
-"""``olne-bench report``: tables and figures of a run, once more."""
+"""``olne-bench report``: tables, page and figures of a run, once more."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
+from bench.errors import UserError
+from bench.figures import FORMATS, USUAL_FORMATS
 from bench.report import format_leaderboard, write_report
 
 
@@ -12,16 +15,35 @@ from bench.report import format_leaderboard, write_report
 @click.option(
     "--figures/--no-figures", default=True, show_default=True, help="Draw the figures as well."
 )
-def report(folder: Path, figures: bool) -> None:
-    """Write tables and figures of the run in FOLDER once more."""
-    show_report(folder, figures)
+@click.option(
+    "--formats",
+    default=",".join(USUAL_FORMATS),
+    show_default=True,
+    help=f"Formats of the figures, out of {', '.join(FORMATS)}.",
+)
+def report(folder: Path, figures: bool, formats: str) -> None:
+    """Write tables, page and figures of the run in FOLDER once more."""
+    show_report(folder, read_formats(formats) if figures else ())
 
 
-def show_report(folder: Path, figures: bool) -> None:
-    """Write a run's report and print its leaderboard."""
-    table = write_report(folder, figures=figures)
+def read_formats(text: str) -> tuple[str, ...]:
+    """Formats from their names with commas in between.
+
+    Raises:
+        UserError: on one that is not known.
+    """
+    names = tuple(name.strip() for name in text.split(","))
+    for name in names:
+        if name not in FORMATS:
+            raise UserError(f"--formats {text}: unknown {name!r}; known are: {', '.join(FORMATS)}")
+    return names
+
+
+def show_report(folder: Path, formats: Sequence[str]) -> None:
+    """Write a run's report, with figures in these formats, and print its leaderboard."""
+    table = write_report(folder, formats)
     click.echo(format_leaderboard(table))
     click.echo(
         f"\n{folder}: index.html, leaderboard.csv, trials.csv, trials.parquet and other tables"
-        + (", figures/" if figures else "")
+        + (", figures/" if formats else "")
     )

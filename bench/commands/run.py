@@ -12,9 +12,10 @@ import click
 from tqdm import tqdm
 
 from bench.cluster import check_cluster, run_on_dask
-from bench.commands.report import show_report
+from bench.commands.report import read_formats, show_report
 from bench.errors import UserError
 from bench.executor import run_trials
+from bench.figures import FORMATS, USUAL_FORMATS
 from bench.interrupt import stop_request
 from bench.provenance import provenance
 from bench.resume import RETRIES, check_same_suite, pending
@@ -69,6 +70,12 @@ _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome
 @click.option(
     "--figures/--no-figures", default=True, show_default=True, help="Draw the figures at the end."
 )
+@click.option(
+    "--formats",
+    default=",".join(USUAL_FORMATS),
+    show_default=True,
+    help=f"Formats of the figures, out of {', '.join(FORMATS)}.",
+)
 def run(
     suite: str,
     out: Path,
@@ -83,12 +90,14 @@ def run(
     seeds: int | None,
     plugin: tuple[str, ...],
     figures: bool,
+    formats: str,
 ) -> None:
     """Run SUITE, a name or a TOML file, or the part of it that the options select.
 
     Trials that the run folder holds already, with the present code of scenario, estimator and
     scoring, are not run again.
     """
+    drawn = read_formats(formats) if figures else ()
     whole = load_suite(suite, plugin)
     part = select(whole, scenarios=scenario, views=view, sigmas=sigma, estimators=estimator)
     if seeds is not None and seeds > whole.seeds:
@@ -122,7 +131,7 @@ def run(
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(128 + interrupted)  # Dask would wait for its workers first
-    show_report(out, figures)
+    show_report(out, drawn)
 
 
 def _run_all(todo: list[Trial], store: Store, start: _Run, out: Path) -> signal.Signals | None:

@@ -40,16 +40,15 @@ def status(folder: Path) -> None:
 def _table(suite: Suite, records: list[Record]) -> tuple[pd.DataFrame, list[str]]:
     """One row per scenario and estimator, and what is to be said about those without one."""
     rows, notes = [], []
-    for scenario in suite.scenarios:
-        for estimator in suite.estimators:
-            part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
-            try:
-                found = progress(expand(part), records)
-            except (EstimatorError, ValueError) as error:
-                notes.append(f"{estimator.label} on {scenario.label}: not known here: {error}")
-                continue
-            counts = {name: len(trials) for name, trials in vars(found).items()}
-            rows.append({"scenario": scenario.label, "estimator": estimator.label} | counts)
+    for scenario, estimator in suite.pairs():
+        part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
+        try:
+            found = progress(expand(part), records)
+        except (EstimatorError, ValueError) as error:
+            notes.append(f"{estimator.label} on {scenario.label}: not known here: {error}")
+            continue
+        counts = {name: len(trials) for name, trials in vars(found).items()}
+        rows.append({"scenario": scenario.label, "estimator": estimator.label} | counts)
     names = ["scenario", "estimator", "done", "failed", "stale", "missing"]
     return pd.DataFrame(rows, columns=names), notes
 

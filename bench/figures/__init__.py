@@ -4,13 +4,15 @@ One module per kind of figure. Each has ``draw(trials) -> Figure | None``, given
 scenario; None means that the trials hold nothing for it to show.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from bench.figures import errors, failures, landscape, style, trajectories
+from bench.figures.style import FORMATS, USUAL_FORMATS
 
-__all__ = ["draw_figures"]
+__all__ = ["FORMATS", "USUAL_FORMATS", "draw_figures"]
 
 _KINDS = {
     "errors": errors.draw,
@@ -20,14 +22,17 @@ _KINDS = {
 }
 
 
-def draw_figures(trials: pd.DataFrame, directory: Path) -> list[Path]:
+def draw_figures(
+    trials: pd.DataFrame, directory: Path, formats: Sequence[str] = USUAL_FORMATS
+) -> list[Path]:
     """Draw every figure that the trials allow, for each scenario on its own.
 
     Args:
         trials: one row per trial, with the columns ``scenario, view, sigma, seed, estimator,
             status, cosine_error, position_error, observation_error, count, weights``. Any part of
             a study will do.
-        directory: where ``<kind>_<scenario>.svg``, ``.png`` and ``.pdf`` go; made if absent.
+        directory: where ``<kind>_<scenario>.png`` and so on go; made if absent.
+        formats: some of ``FORMATS``.
 
     Returns:
         The files written. The same trials give the same bytes.
@@ -40,5 +45,5 @@ def draw_figures(trials: pd.DataFrame, directory: Path) -> list[Path]:
             for kind, draw in _KINDS.items():
                 figure = draw(rows)
                 if figure is not None:
-                    written += style.save(figure, directory / f"{kind}_{scenario}")
+                    written += style.save(figure, directory / f"{kind}_{scenario}", formats)
     return written

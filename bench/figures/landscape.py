@@ -12,8 +12,9 @@ from matplotlib.lines import Line2D
 
 from bench.figures import style
 from bench.figures.panels import scene_panels
-from bench.figures.scene import Scene, estimated_weights, player_colour, scene_of
+from bench.figures.scene import Scene, player_colour, scene_of
 from bench.figures.series import Series, contenders, split, views_in
+from bench.replay import estimated_weights
 from games.features import Stage
 
 _CELLS = 160  # along the longer side of the slice
@@ -105,7 +106,8 @@ def position_cost(
 def median_weights(series: Series, scene: Scene, sigma: float) -> np.ndarray | None:
     """Componentwise median (N, K) of the estimates at a noise level, rows scaled to sum one."""
     rows = series.trials.loc[series.trials["sigma"] == sigma, "weights"]
-    found = [w for w in (estimated_weights(value, scene) for value in rows) if w is not None]
+    game = scene.recording.scenario.game
+    found = [w for w in (estimated_weights(value, game) for value in rows) if w is not None]
     if not found:
         return None
     median = np.median(found, axis=0)
@@ -114,11 +116,12 @@ def median_weights(series: Series, scene: Scene, sigma: float) -> np.ndarray | N
 
 def _common_sigma(series: Sequence[Series], scene: Scene) -> float | None:
     """Largest noise level at which every estimator left weights, else at which any did."""
+    game = scene.recording.scenario.game
     levels = [
         {
             sigma
             for sigma, value in zip(s.trials["sigma"], s.trials["weights"], strict=True)
-            if estimated_weights(value, scene) is not None
+            if estimated_weights(value, game) is not None
         }
         for s in series
     ]

@@ -1,7 +1,6 @@
 """The truth behind trials, and the plane in which it is drawn."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -87,12 +86,3 @@ def scene_of(trials: pd.DataFrame) -> Scene | None:
     order = (1, 0) if height > _ELONGATED * width else (0, 1)
     rows = trials[trials["seed"] == seed] if is_family(entry.name) else trials
     return Scene(entry, recording, rows, order, (limits[order[0]], limits[order[1]]))
-
-
-def estimated_weights(value: Any, scene: Scene) -> np.ndarray | None:
-    """Weights (N, K) of a row, or None where the trial left none that the game can take."""
-    try:
-        rows = np.array([list(row) for row in value], dtype=float)
-        return scene.recording.scenario.game.check_weights(rows)
-    except (TypeError, ValueError):
-        return None

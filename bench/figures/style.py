@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import matplotlib.style
@@ -13,6 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from matplotlib.typing import LineStyleType
+
+from bench.statistics.attempts import FLOOR
 
 #: Okabe and Ito's palette, told apart by colour-blind readers: one colour per player.
 PLAYER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -28,16 +31,21 @@ ESTIMATOR_COLOURS = (
 #: Estimators that keep their pair whatever else was run with them.
 _FIXED_COLOURS = {"kkt_constrained": 0, "kkt_residual": 1}
 
-#: The estimator that all others must beat; drawn as a reference, not as a contender.
-FLOOR = "uniform"
 FLOOR_COLOUR = "#8C8C8C"
 
 LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
 MARKERS = ("o", "s", "D", "v", "P", "X")
 
 _DPI = 130
-_SVG_DPI = 100  # of the rasterised parts: points and ribbons, to keep files small
-_PDF_DPI = 200  # likewise, for print
+_SAVING: dict[str, dict[str, Any]] = {
+    # The resolution is that of the rasterised parts, points and ribbons, which keeps files small.
+    "png": {},
+    "svg": {"metadata": {"Date": None}, "dpi": 100},
+    "pdf": {"metadata": {"CreationDate": None}, "dpi": 200},
+}
+#: What figures can be saved as, and what they are saved as unasked.
+FORMATS = tuple(_SAVING)
+USUAL_FORMATS = ("png", "svg")
 _LONGEST_NAME = 32  # characters
 _MOST_COLUMNS = 6  # of a legend
 _ENTRY_WIDTH, _ENTRY_HEIGHT, _CHARACTER_WIDTH = 0.55, 0.19, 0.077  # [inch] in a legend
@@ -76,13 +84,16 @@ def applied() -> Iterator[None]:
         yield
 
 
-def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write ``<stem>.svg``, ``.png`` and ``.pdf``, without a date, and return their paths."""
-    svg, png, pdf = (stem.with_name(f"{stem.name}.{ending}") for ending in ("svg", "png", "pdf"))
-    figure.savefig(svg, metadata={"Date": None}, dpi=_SVG_DPI)
-    figure.savefig(png)
-    figure.savefig(pdf, metadata={"CreationDate": None}, dpi=_PDF_DPI)
-    return [svg, png, pdf]
+def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> list[Path]:
+    """Write ``<stem>.png`` and so on, without a date, and return their paths."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # worked out once, not anew for each file
+    paths = []
+    for name in formats:
+        path = stem.with_name(f"{stem.name}.{name}")
+        figure.savefig(path, **_SAVING[name])
+        paths.append(path)
+    return paths
 
 
 def printable(name: str) -> str:

@@ -11,10 +11,10 @@ from matplotlib.lines import Line2D
 
 from bench.figures import style
 from bench.figures.panels import scene_panels
-from bench.figures.scene import Scene, estimated_weights, player_colour, scene_of
+from bench.figures.scene import Scene, player_colour, scene_of
 from bench.figures.series import Series, contenders, split, views_in
+from bench.replay import replay
 from bench.sensor import sense
-from games.nearest_root import predict
 from games.observation import FullView
 
 #: Most sequences in one panel, as in the paper.
@@ -27,8 +27,8 @@ _TRUTH_STYLE = (0, (3, 1.5))
 def draw(trials: pd.DataFrame) -> Figure | None:
     """Truth and observations, then one panel per series.
 
-    Predictions are recomputed from the estimated weights: the root of the forward game nearest
-    the truth, from the true initial state.
+    Predictions are made again from the estimated weights (``bench.replay``), from the true initial
+    state.
     """
     attempts = trials[trials["status"] != "skipped"]
     if attempts.empty:
@@ -86,7 +86,7 @@ def _observations(axes: Axes, scene: Scene, sigma: float, seeds: Sequence[int]) 
 
 
 def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
-    predicted = [_predict(trial, scene) for trial in series.trials.to_dict("records")]
+    predicted = [replay(scene.entry, trial) for trial in series.trials.to_dict("records")]
     found = [states for states in predicted if states is not None]
     for states in found:
         _bundle(axes, scene, states, linewidth=0.8, alpha=0.45, marker=".", markevery=[-1])
@@ -99,17 +99,6 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
         *[f"{without} not drawn"] * bool(without),
     ]
     axes.set_title((", " if scene.is_wide else "\n").join(parts))
-
-
-def _predict(trial: dict, scene: Scene) -> np.ndarray | None:
-    """States of the forward game at the trial's estimate; None for a failure."""
-    weights = estimated_weights(trial["weights"], scene)
-    if trial["status"] != "ok" or weights is None:
-        return None
-    recording = scene.recording
-    game = recording.scenario.game
-    root = predict(game, weights, recording.states, recording.controls).root
-    return None if root is None else root.states
 
 
 def _bundle(axes: Axes, scene: Scene, states: np.ndarray, **line) -> None:  # type: ignore[no-untyped-def]

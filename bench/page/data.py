@@ -18,12 +18,11 @@ _FEWEST_POINTS = 60  # of a series
 _MOST_NODES = 120  # of a rolling line
 
 
-def chart_data(trials: pd.DataFrame, root_iterations: int) -> dict[str, Any]:
+def chart_data(trials: pd.DataFrame) -> dict[str, Any]:
     """Everything that the page's script draws.
 
     Args:
         trials: of a run.
-        root_iterations: of the suite, for predictions that are made again.
     """
     names = sorted(trials["scenario"].unique())
     parts = {name: split(trials[trials["scenario"] == name]) for name in names}
@@ -41,9 +40,7 @@ def chart_data(trials: pd.DataFrame, root_iterations: int) -> dict[str, Any]:
             {
                 "name": name,
                 "series": [_series(s, most) for s in series],
-                "scene": scene_data(
-                    trials[trials["scenario"] == name], root_iterations, number=len(names)
-                ),
+                "scene": scene_data(trials[trials["scenario"] == name], number=len(names)),
             }
             for name, series in parts.items()
         ],

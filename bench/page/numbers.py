@@ -27,7 +27,7 @@ def human(value: float | None) -> str:
         return _power(value)
     if abs(value) >= 99.5:
         return f"{value:.0f}"
-    if abs(value) >= 1e-3:
+    if abs(value) >= 1e-4:
         return f"{value:.2g}"
     return _power(value)
 

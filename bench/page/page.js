@@ -26,10 +26,14 @@
     return `rgb(${mixed.join(",")})`;
   }
 
+  const superscript = (text) => String(text).replace(/[-0-9]/g, (d) => (d === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[d]));
   const number = (value) => {
     if (value === null || value === undefined) return "∞";
     if (value === 0) return "0";
-    return Math.abs(value) >= 1e-3 ? String(Number(value.toPrecision(3))) : value.toExponential(1);
+    if (Math.abs(value) < 1e-9) return "≈ 0"; // a solver's rounding
+    if (Math.abs(value) >= 1e-4) return String(Number(value.toPrecision(3)));
+    const [mantissa, exponent] = value.toExponential(1).split("e");
+    return `${mantissa}·10${superscript(exponent)}`;
   };
 
   function showTip(lines, x, y) {
@@ -121,6 +125,9 @@
       body.append(...rows);
       return rule();
     });
+    byId("board-all").addEventListener("click", (event) => {
+      event.target.setAttribute("aria-pressed", String(table.classList.toggle("all")));
+    });
     byId("filter").addEventListener("input", filter);
     byId("board-view").addEventListener("change", filter);
     filter();
@@ -134,7 +141,7 @@
   const looks = new Map(data.estimators.map((e) => [e.name, e]));
   const visible = () => scenario().series.filter(
     (s) => state.estimators.has(s.estimator) && (state.views.has(s.view) || looks.get(s.estimator).floor));
-  const seriesColour = (s) => shade(looks.get(s.estimator).colours[s.light ? 1 : 0]);
+  const seriesColour = (s) => (isDark() && s.light ? looks.get(s.estimator).colours[1] : shade(looks.get(s.estimator).colours[s.light ? 1 : 0]));
 
   function chips(holder, names, chosen, mark) {
     for (const name of names) {
@@ -192,7 +199,10 @@
       for (const y of values) { high = Math.max(high, y); }
       if (values.length) low = 10 ** Math.floor(Math.log10(values.reduce((a, b) => Math.min(a, b))));
       high = Math.max(high * 1.15, low * 10);
-      const failing = shown.filter((s) => s.points && s.points.published.some(Boolean));
+      /* The published definition of failure speaks of predictions. */
+      const fails = (s, k) => s.points[this.column][k] === null
+        || (this.column === "position_error" && s.points.published[k] === 1);
+      const failing = shown.filter((s) => s.points && s.points.x.some((_, k) => fails(s, k)));
       const box = { left: 50, right: this.width - 10, top: 12 + 11 * failing.length, bottom: this.height - 26 };
       this.x = (x) => box.left + 6 + (x / right) * (box.right - box.left - 12);
       this.y = (y) => box.bottom - (Math.log10(Math.max(y, low) / low) / Math.log10(high / low)) * (box.bottom - box.top);
@@ -202,9 +212,8 @@
         if (!s.points) return;
         s.points.x.forEach((x, k) => {
           const y = s.points[this.column][k];
-          const failed = s.points.published[k] === 1;
           if (y !== null) this.marks.push({ s, k, px: this.x(x), py: this.y(y), failed: false });
-          if (failed || y === null) this.marks.push({ s, k, px: this.x(x), py: 8 + 11 * failing.indexOf(s), failed: true });
+          if (fails(s, k)) this.marks.push({ s, k, px: this.x(x), py: 8 + 11 * failing.indexOf(s), failed: true });
         });
       });
     }
@@ -237,8 +246,7 @@
         c.strokeStyle = css("--grid");
         c.beginPath(); c.moveTo(box.left, y); c.lineTo(box.right, y); c.stroke();
         if (k % every === 0) {
-          const power = String(e).replace(/./g, (d) => (d === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[d]));
-          c.fillText(`${k === 0 ? "≤ " : ""}10${power}`, box.left - 7, y);
+          c.fillText(`${k === 0 ? "≤ " : ""}10${superscript(e)}`, box.left - 7, y);
         }
       }
       c.textAlign = "center";
@@ -445,10 +453,11 @@
         const found = series && sample.predictions.find((p) => p.estimator === series.estimator && p.view === series.view);
         return { sample, found, paths: series ? found && found.paths : sample.observed };
       }).filter((one) => one.sample && (!series || one.found));
-      const without = this.bundle.filter((one) => !one.paths).length;
+      const missing = this.bundle.filter((one) => !one.paths);
+      const without = missing.filter((one) => one.found.status !== "ok").length, undrawn = missing.length - without;
       this.bundle = this.bundle.filter((one) => one.paths);
       const small = document.createElement("small");
-      small.textContent = ` · ${this.bundle.length} sequences${without ? `, ${without} without a prediction` : ""}`;
+      small.textContent = ` · ${this.bundle.length} sequence${this.bundle.length === 1 ? "" : "s"}${without ? `, ${without} without a prediction` : ""}${undrawn ? `, ${undrawn} not drawn` : ""}`;
       caption.append(small);
     }
 
@@ -456,7 +465,8 @@
       const scene = scenario().scene;
       const plane = this.plane = new Plane(this.canvas, scene, isWide(scene) ? 300 : 330);
       const faint = this.at < 0 ? 1 : 0.35;
-      this.bundle.forEach((one, k) => { if (k !== this.at) this.one(one, 0.5 * faint, 1.1); });
+      const [alpha, width] = this.bundle.length > 6 ? [0.5, 1.1] : [0.8, this.series ? 2.6 : 1.6];
+      this.bundle.forEach((one, k) => { if (k !== this.at) this.one(one, alpha * faint, width); });
       scene.truth.forEach((path) => {
         plane.path(path, css("--ink"), { width: 1.4, dash: [5, 4] });
         plane.dot(path[0], css("--ink"), 3.5);
@@ -570,14 +580,19 @@
       swatch.style.setProperty("--b", looks.get(p.estimator).colours[0]);
       name.scope = "row";
       name.append(swatch, p.estimator);
+      if (p.status !== "ok") {
+        const status = document.createElement("small");
+        status.textContent = ` ${p.status}`;
+        name.append(status);
+      }
       row.append(name);
       const off = p.paths && p.paths.reduce((sum, path, i) =>
         sum + Math.hypot(path[t][0] - scene.truth[i][t][0], path[t][1] - scene.truth[i][t][1]), 0) / p.paths.length;
-      const cells = [p.status, p.paths ? off.toFixed(3) : "–", p.paths ? number(p.errors[1]) : "∞", p.errors[0] === null ? "–" : number(p.errors[0])];
-      cells.forEach((text, k) => {
+      const cells = [p.paths ? off.toFixed(3) : "–", number(p.errors[1]), p.errors[0] === null ? "–" : number(p.errors[0])];
+      cells.forEach((text) => {
         const cell = row.insertCell();
         cell.textContent = text;
-        if (k) cell.className = "n";
+        cell.className = "n";
       });
       return row;
     }));
@@ -610,9 +625,28 @@
     new Chart(byId("chart-position"), "position_error", 1e-5),
   ];
 
+  /* What lines and signs of the charts mean; colours are told by the buttons. */
+  function legend() {
+    const shown = visible(), entries = [];
+    for (const view of allViews) {
+      const one = shown.find((s) => s.view === view && !looks.get(s.estimator).floor);
+      if (one) entries.push([one.dashed ? "l-dashed" : "l-solid", `${view} view, median`]);
+    }
+    entries.push(["l-band", "quartiles"], ["l-failed", "failed"]);
+    const floor = shown.find((s) => looks.get(s.estimator).floor);
+    if (floor) entries.push(["l-floor", `${floor.estimator}, the floor`]);
+    byId("chart-legend").replaceChildren(...entries.map(([kind, text]) => {
+      const entry = document.createElement("span");
+      entry.className = kind;
+      entry.textContent = text;
+      return entry;
+    }));
+  }
+
   function redraw() {
     hideTip();
     charts.forEach((chart) => { chart.at = null; chart.draw(); });
+    legend();
     buildBundles();
     drawPlayer();
     filterTables();

@@ -16,10 +16,11 @@ from bench.figures import style
 from bench.findings import Findings
 from bench.page.data import chart_data
 from bench.page.numbers import human
+from bench.page.verdicts import verdicts
 from bench.provenance import Provenance
+from bench.statistics.attempts import FLOOR
 from bench.statistics.comparison import SIGNIFICANCE
 from bench.statistics.identifiability import REFERENCE_SIGMA
-from games.nearest_root import PUBLISHED_ITERATIONS
 
 _FOLDER = Path(__file__).parent
 _SMALLEST_SHOWN = 1e-6  # of errors on bars
@@ -38,7 +39,6 @@ def render_page(
     trials: pd.DataFrame,
     findings: Findings,
     runs: Sequence[Provenance],
-    root_iterations: int = PUBLISHED_ITERATIONS,
 ) -> str:
     """The page as HTML.
 
@@ -46,23 +46,32 @@ def render_page(
         trials: rows of a run.
         findings: its tables.
         runs: where the rows come from, the last one last.
-        root_iterations: of the suite.
     """
     table = findings.leaderboard
     environment = Environment(
         loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    environment.filters |= {"human": human, "percent": _percent, "key": _sort_key}
+    environment.filters |= {
+        "human": human,
+        "percent": _percent,
+        "chance": _chance,
+        "key": _sort_key,
+        "moment": _moment,
+    }
     return environment.get_template("template.html").render(
         title=str(trials["suite"].iloc[0]),
         description=_description(runs),
         css=_own("page.css"),
         script=_own("page.js"),
-        data=chart_data(trials, root_iterations),
+        data=chart_data(trials),
         colours=style.estimator_colours(table["estimator"].unique().tolist()),
-        rows=_rows(table),
-        bars=_bars(table),
+        verdicts=verdicts(table),
+        rows=_board(table),
+        shows={
+            "held_out": "held_out_error_median" in table,
+            "coverage": bool(table["coverage"].notna().any()),
+        },
         comparisons=_rows(findings.comparisons),
         weights=_weights(findings),
         trial_count=int(table["trials"].sum()),
@@ -70,7 +79,7 @@ def render_page(
         written=datetime.now(UTC).isoformat(sep=" ", timespec="minutes"),
         sigma=REFERENCE_SIGMA,
         significance=SIGNIFICANCE,
-        floor=style.FLOOR,
+        floor=FLOOR,
     )
 
 
@@ -86,6 +95,16 @@ def _description(runs: Sequence[Provenance]) -> str:
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(k): v for k, v in row.items()} for row in table.to_dict("records")]
+
+
+def _board(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of the leaderboard with their bars, the floor below those that it measures."""
+    rows = [row | {"bar": bar} for row, bar in zip(_rows(table), _bars(table), strict=True)]
+    groups = list(dict.fromkeys((row["scenario"], row["view"]) for row in rows))
+    place = {group: number for number, group in enumerate(groups)}
+    return sorted(
+        rows, key=lambda row: (place[row["scenario"], row["view"]], row["estimator"] == FLOOR)
+    )
 
 
 def _bars(table: pd.DataFrame) -> list[Bar]:
@@ -117,7 +136,17 @@ def _weights(findings: Findings) -> list[dict[str, Any]]:
 
 
 def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100 * share:.1f} %"
+    return "–" if math.isnan(share) else f"{100 * share:.3g} %"
+
+
+def _chance(p: float) -> str:
+    """A p-value; those of a permutation test end at one over the number of permutations."""
+    return "< 0.001" if p < 0.001 else f"{p:.2g}"
+
+
+def _moment(text: str) -> str:
+    """A time as stored, for people."""
+    return f"{datetime.fromisoformat(text).astimezone(UTC):%Y-%m-%d %H:%M} UTC"
 
 
 def _sort_key(value: float) -> str:

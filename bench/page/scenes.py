@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.figures.scene import Scene, estimated_weights, scene_of
+from bench.figures.scene import Scene, scene_of
 from bench.figures.trajectories import largest_with_predictions
 from bench.page.numbers import decimals, significant
+from bench.replay import replay
 from bench.sensor import sense
 from bench.statistics.attempts import attempts_of
-from bench.truth import predict_from_start
 from games.observation import FullView
 
 #: Coordinates drawn and predictions made, about, for the whole page; most sequences of a bundle.
@@ -23,15 +23,14 @@ _OTHER_SEEDS = 1
 _PLACES = 3  # millimetres
 
 
-def scene_data(trials: pd.DataFrame, root_iterations: int, *, number: int) -> dict[str, Any] | None:
+def scene_data(trials: pd.DataFrame, *, number: int) -> dict[str, Any] | None:
     """Truth and sample trials of one scenario; None where it cannot be played here.
 
     A bundle of sequences at the largest noise level at which everybody has predictions, and a few
-    at other levels. Predictions are made again from the estimated weights.
+    at other levels. Predictions are made again (``bench.replay``).
 
     Args:
         trials: of one scenario.
-        root_iterations: of the suite.
         number: of scenarios that share the page.
     """
     attempts = attempts_of(trials)
@@ -50,7 +49,7 @@ def scene_data(trials: pd.DataFrame, root_iterations: int, *, number: int) -> di
         "dt": scene.recording.scenario.game.dt,
         "truth": _paths(scene, scene.recording.states),
         "bundle": bundle,
-        "samples": [_sample(scene, *one, root_iterations) for one in chosen],
+        "samples": [_sample(scene, *one) for one in chosen],
     }
 
 
@@ -67,7 +66,7 @@ def _chosen(scene: Scene, bundle: float, sequences: int) -> list[tuple[float, in
     ]
 
 
-def _sample(scene: Scene, sigma: float, seed: int, root_iterations: int) -> dict[str, Any]:
+def _sample(scene: Scene, sigma: float, seed: int) -> dict[str, Any]:
     trials = scene.trials
     rows = trials[(trials["sigma"] == sigma) & (trials["seed"] == seed)]
     # All views and estimators meet the same noise, and none hides positions.
@@ -84,21 +83,16 @@ def _sample(scene: Scene, sigma: float, seed: int, root_iterations: int) -> dict
                 "errors": significant(
                     np.array([trial["cosine_error"], trial["position_error"]], dtype=float)
                 ),
-                "paths": _predicted(scene, seed, trial, root_iterations),
+                "paths": _predicted(scene, trial),
             }
             for trial in rows.to_dict("records")
         ],
     }
 
 
-def _predicted(
-    scene: Scene, seed: int, trial: dict[Any, Any], root_iterations: int
-) -> list[list[list[float]]] | None:
-    weights = estimated_weights(trial["weights"], scene)
-    if trial["status"] != "ok" or weights is None:
-        return None
-    root = predict_from_start(scene.entry, seed, weights, root_iterations).root
-    return None if root is None else _paths(scene, root.states)
+def _predicted(scene: Scene, trial: dict[Any, Any]) -> list[list[list[float]]] | None:
+    states = replay(scene.entry, trial)
+    return None if states is None else _paths(scene, states)
 
 
 def _paths(scene: Scene, states: np.ndarray) -> list[list[list[float]]]:

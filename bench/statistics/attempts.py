@@ -3,6 +3,9 @@
 import numpy as np
 import pandas as pd
 
+#: The estimator that all others must beat: a reference, not a contender.
+FLOOR = "uniform"
+
 #: The errors that estimators are compared by.
 ERRORS = ("cosine_error", "position_error")
 

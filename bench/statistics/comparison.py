@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from bench.statistics.attempts import ERRORS, attempts_of, errors_of
+from bench.statistics.attempts import ERRORS, FLOOR, attempts_of, errors_of
 from bench.statistics.intervals import share_interval
 from bench.suite import ScenarioEntry
 from envs.scenarios import is_family
@@ -100,7 +100,9 @@ def holm(p: np.ndarray) -> np.ndarray:
 
 
 def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd.Series:
-    """Rank of each estimator: one more than the number of those significantly better.
+    """Rank of each estimator: one more than the number of contenders significantly better.
+
+    The floor is no contender: it takes nobody's rank, and its own says where it would stand.
 
     Args:
         comparisons: from ``compare_estimators``.
@@ -113,7 +115,9 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
     told = comparisons[(comparisons["error"] == error) & (comparisons["p_holm"] < SIGNIFICANCE)]
     loses = told["wins"] < 0.5
     losers = told["estimator"].where(loses, told["other"])
-    beaten = told[_GROUP].assign(estimator=losers).groupby([*_GROUP, "estimator"]).size()
+    winners = told["other"].where(loses, told["estimator"])
+    told = told[_GROUP].assign(estimator=losers)[winners != FLOOR]
+    beaten = told.groupby([*_GROUP, "estimator"]).size()
     keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
     return pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
 

@@ -71,11 +71,15 @@ def bound_ratios(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def identifiable_errors(trials: pd.DataFrame) -> np.ndarray:
-    """``bench.metrics.identifiable_cosine_error`` of each row; not a number where not known."""
+    """``bench.metrics.identifiable_cosine_error`` of each row.
+
+    Infinite for failures, and not a number where it is not known what can be identified.
+    """
     errors = np.full(len(trials), np.nan)
     places = pd.Series(np.arange(len(trials)), trials.index)
     for labels, truth, known in _known_truths(trials):
         rows = _rows_of(trials, labels)
+        errors[places[rows.index]] = np.inf
         rows = rows[np.isfinite(errors_of(rows, "cosine_error"))]
         shape = truth.scenario.weights.shape
         found = identifiable_cosine_error(

@@ -26,7 +26,7 @@ def fails(capsys, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["run", "nope"], "unknown suite 'nope'; known are: highway, paper, quick"),
+        (["run", "nope"], "unknown suite 'nope'; known are: field, highway, paper, quick"),
         (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
         (["run", "quick", "--view", "x"], "no view 'x'; it has: full, partial"),
         (["run", "quick", "--estimator", "x"], "no estimator 'x'; it has: kkt_constrained"),
@@ -111,3 +111,44 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
         for folder in (killed, whole)
     ]
     pd.testing.assert_frame_equal(*tables, check_exact=True)
+
+
+LIMITED = """
+name = "limited"
+scenarios = ["two_player", {name = "random", options = {num_players = 3}, seeds = 1}]
+views = ["full"]
+sigmas = [0.05]
+seeds = 2
+estimators = ["uniform", {name = "kkt_residual", scenarios = ["two_player"]}]
+
+[gate.kkt_residual]
+cosine_error = 1.0
+"""
+
+
+def test_an_estimator_that_runs_on_some_scenarios_only(tmp_path, capsys):
+    suite, run = tmp_path / "limited.toml", tmp_path / "run"
+    suite.write_text(LIMITED)
+    main(["run", str(suite), "--out", str(run)])
+    board = pd.read_csv(run / "leaderboard.csv")
+    rows = {(row.scenario, row.estimator): row.trials for row in board.itertuples()}
+    elsewhere = "random(num_players=3)"
+    assert rows == {
+        ("two_player", "uniform"): 2,
+        ("two_player", "kkt_residual"): 2,
+        (elsewhere, "uniform"): 1,
+    }
+    assert (run / "index.html").exists()
+    assert any((run / "figures").iterdir())
+    capsys.readouterr()
+    main(["status", str(run)])
+    status = capsys.readouterr().out
+    assert status.count("kkt_residual") == 1
+    assert "'olne-bench run'" not in status, "nothing is missing"
+    for command in (["gate", str(run)], ["compare", str(run), str(run)]):
+        with pytest.raises(SystemExit) as caught:
+            main(command)
+        assert caught.value.code == 0
+    printed = capsys.readouterr().out
+    assert "1 of 1 limits are kept" in printed
+    assert "0 worse" in printed

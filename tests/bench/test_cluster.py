@@ -7,7 +7,7 @@ import pandas as pd
 import psutil
 import pytest
 
-from bench.cluster import check_cluster, run_on_dask
+from bench.cluster import _local_cluster, check_cluster, run_on_dask
 from bench.errors import UserError
 
 DASK = ("--dask", "local:2")
@@ -58,3 +58,21 @@ def test_a_scheduler_that_is_not_there_is_reported(monkeypatch):
 
     with pytest.raises(UserError, match="cannot connect"):
         list(run_on_dask([], cluster="tcp://127.0.0.1:9"))
+
+
+def test_a_worker_that_dies_as_its_cluster_starts_is_started_again(monkeypatch):
+    starts = []
+
+    def fails_twice(**options):
+        starts.append(options["n_workers"])
+        if len(starts) < 3:
+            raise RuntimeError("Nanny failed to start.")
+        return "cluster"
+
+    monkeypatch.setattr("distributed.LocalCluster", fails_twice)
+    assert _local_cluster(2) == "cluster"
+    assert starts == [2, 2, 2]
+    monkeypatch.setattr("bench.cluster._STARTS", 2)
+    starts.clear()
+    with pytest.raises(RuntimeError, match="Nanny"):
+        _local_cluster(2)

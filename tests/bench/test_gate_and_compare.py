@@ -1,11 +1,14 @@
 """Acceptance limits and comparisons of runs, as a project's CI would call them."""
 
+from dataclasses import replace
+
 import pandas as pd
 import pytest
 
 from bench.cli import main
 from bench.gate import check_limits
 from bench.statistics.change import changes
+from bench.store import open_store
 from bench.suite import Limits
 
 SUITE = """
@@ -45,7 +48,8 @@ def test_every_report_comes_with_the_page_and_tables(run):
     for name in ("index.html", "leaderboard.md", "leaderboard.tex", "comparisons.csv"):
         assert (run / name).stat().st_size > 200
     assert len(pd.read_csv(run / "identifiability.csv")) == 2 * 8
-    assert set(pd.read_csv(run / "leaderboard.csv")["position_error_rank"]) == {1, 2}
+    board = pd.read_csv(run / "leaderboard.csv")
+    assert set(board["position_error_rank"]) == {1}  # the floor takes nobody's rank
 
 
 def test_limits_that_are_kept(run, capsys):
@@ -124,3 +128,33 @@ def test_a_new_failure_is_worse():
     table = changes(before, after, {"e": "e"})
     assert (table["verdict"] == "worse").all()
     assert (table["after"] == float("inf")).all()
+
+
+def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
+    suite = tmp_path / "small.toml"
+    suite.write_text(SUITE.replace("seeds = 12", "seeds = 2") + GATE)
+    out = tmp_path / "run"
+    command = ["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"]
+    main([*command, "--seeds", "1"])
+    assert call("gate", out) == 0
+    assert "by the part that was run: --seeds 1" in capsys.readouterr().out
+    with open_store(out) as store:  # as if that had been all that a whole run got done
+        (source,) = store.runs()
+        store.begin_run(replace(source, selection=""), [])
+    assert call("gate", out) == 1
+    said = capsys.readouterr().out
+    assert "FAILS  kkt_residual, two_player, full: 1 of 2 trials are done" in said
+    assert "but the run is not finished" in said
+    main(command)
+    assert call("gate", out) == 0
+
+
+def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):
+    suite = tmp_path / "other.toml"
+    suite.write_text(SUITE.replace("small", "other").replace("seeds = 12", "seeds = 3"))
+    main(["run", str(suite), "--out", str(tmp_path / "b"), "--no-figures", "--jobs", "1"])
+    capsys.readouterr()
+    assert call("compare", run, tmp_path / "b") == 0
+    said = capsys.readouterr().err
+    assert "is a run of suite small" in said and "of other; compared are the trials" in said
+    assert "36 of 48 trials in" in said

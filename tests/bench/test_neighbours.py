@@ -4,17 +4,25 @@ import numpy as np
 import pytest
 
 from bench.metrics import position_error
-from bench.neighbours import follow_root, neighbours
+from bench.neighbours import follow_start, neighbours
 from bench.sensor import sense
 from bench.suite import ScenarioEntry
 from bench.truth import held_out_error, true_recording, true_recordings, unit_cosine_limit
-from envs.recording import NoEquilibriumError
-from games.newton import newton_root
+from envs.recording import NoEquilibriumError, Recording
+from games.follow import follow_root
+from games.nearest_root import Prediction
+from games.newton import Root, newton_root
 from games.observation import VIEWS
-from games.olne import solve_olne
 
 TWO = ScenarioEntry(name="two_player")
 THREE_TIMES = ScenarioEntry(name="two_player", trajectories=3)
+
+
+def followed(recording: Recording, weights: np.ndarray) -> Root:
+    truth = recording.scenario
+    root = follow_root(truth.game, recording.root, truth.weights, weights)
+    assert root is not None
+    return root
 
 
 def test_neighbours_are_certified_equilibria_from_other_starts():
@@ -67,19 +75,42 @@ def test_several_trajectories_have_a_lower_limit():
 
 def test_held_out_predictions_are_exact_at_the_truth_and_err_elsewhere():
     weights = true_recording(TWO, 0).scenario.weights
-    assert held_out_error(TWO, 0, weights) < 1e-9
+    assert held_out_error(TWO, 0, weights, 100) < 1e-9
     other = weights * np.array([1.0, 1.5, 0.7, 1.0])
-    assert held_out_error(TWO, 0, other / other.sum(axis=1, keepdims=True)) > 1e-3
+    assert held_out_error(TWO, 0, other / other.sum(axis=1, keepdims=True), 100) > 1e-3
 
 
-def test_a_followed_root_is_the_equilibrium_at_other_weights():
+HOPELESS = np.array([[1.0, 0, 0, 0]] * 2)  # nothing but to avoid each other, whatever the speed
+
+
+def test_held_out_predictions_are_the_same_equilibrium_from_other_starts():
     recording = true_recording(TWO, 0)
     weights = np.array([[0.2, 0.3, 0.3, 0.2], [0.3, 0.3, 0.2, 0.2]])
-    root = follow_root(recording, weights, limit=10.0)
-    alone = solve_olne(recording.scenario.game, weights, recording.states[0])
-    assert position_error(root.states, alone.states) < 1e-7
+    others = neighbours(recording, 3, "test", 0)
+    roots = follow_start(others, weights, followed(recording, weights))
+    assert len(roots) == 3
+    for other, root in zip(others, roots, strict=True):
+        np.testing.assert_array_equal(root.states[0], other.scenario.initial_state)
+        # From the truth at that start to the other weights: another way to the same root.
+        assert position_error(root.states, followed(other, weights).states) < 1e-9
 
 
-def test_no_root_is_none():
+def test_held_out_predictions_end_at_the_first_that_has_no_root():
     recording = true_recording(TWO, 0)
-    assert follow_root(recording, np.array([[1.0, 0, 0, 0]] * 2), limit=0.2) is None
+    others = neighbours(recording, 3, "test", 0)
+    known = newton_root(
+        recording.scenario.game,
+        recording.states,
+        recording.controls,
+        recording.costates,
+        recording.scenario.weights,
+    )
+    # The truth is no root at these weights, nor is there one: all attempts are made, and bounded.
+    assert follow_start(others, HOPELESS, known) == []
+
+
+def test_without_a_prediction_there_are_no_held_out_ones(monkeypatch):
+    nothing = Prediction(None, published=False)
+    monkeypatch.setattr("bench.truth._prediction", lambda *_: nothing)
+    weights = np.array([[0.4, 0.2, 0.2, 0.2], [0.2, 0.2, 0.2, 0.4]])
+    assert held_out_error(TWO, 0, weights, 100) is None

@@ -11,7 +11,7 @@ from bench.statistics.comparison import compare_estimators
 from bench.tables import latex, markdown
 
 ODD = r"50%_of <b>|&$x\y"
-COLUMNS = 10
+COLUMNS = 12
 
 
 @pytest.fixture
@@ -29,6 +29,8 @@ def table() -> pd.DataFrame:
             "identifiable_cosine_error": scale,
             "cosine_limit": 0.01,
             "position_error": scale * rng.uniform(1, 2),
+            "held_out_error": 2 * scale,
+            "covered": None if name == "never" else int(seed < 27),
             "published_forward": 1,
             "solve_seconds": 0.5,
             "count": 1,
@@ -47,16 +49,20 @@ def test_markdown(table: pd.DataFrame) -> None:
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {COLUMNS + 1}
     assert "| good | 1 | **0.00" in lines[2]
     assert r"50%\_of \<b\>\|\&$x\\y" in lines[3]
+    assert "| 0.002 |" in lines[2]  # held out
+    assert "| 90% of 30 |" in lines[2]
     assert "∞ [∞, ∞]" in lines[4]
+    assert "| – |" in lines[4]  # no ellipsoid
 
 
 def test_latex(table: pd.DataFrame) -> None:
     text = latex(table)
-    assert text.startswith(r"\begin{tabular}{lllrrrrrrr}")
+    assert text.startswith(r"\begin{tabular}{lllrrrrrrrrr}")
     assert r"\toprule" in text
     assert r"\textbf{0.00" in text
     assert r"$\infty$" in text
     assert r"50\%\_of" in text
+    assert r"90\% of 30" in text
     rows = [line for line in text.splitlines() if line.endswith(r"\\")]
     assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {COLUMNS - 1}
 

@@ -21,6 +21,7 @@ SCENARIOS = {
     "three players": lambda: get_scenario("random", 1, num_players=3),
     "highway": lambda: get_scenario("highway_overtaking"),
     "one player": lambda: get_scenario("random", 1, num_players=1),
+    "on lanes": lambda: get_scenario("two_way", 0),  # compiled with other options
 }
 
 

@@ -6,15 +6,20 @@ from games import nearest_root as module
 from games.game import Game
 from games.kkt import kkt_residual_norm
 from games.nearest_root import Prediction, predict
+from games.newton import Root
 from games.olne import Equilibrium, solve_olne
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 
 
+def _root(found: Equilibrium) -> Root:
+    return Root(found.states, found.controls, found.costates, found.residual)
+
+
 def test_true_weights_give_the_truth(crossing: Crossing, crossing_equilibrium: Equilibrium) -> None:
     game, weights, _ = crossing
     found = crossing_equilibrium
-    prediction = predict(game, weights, found.states, found.controls)
+    prediction = predict(game, weights, _root(found), weights)
     assert prediction.published
     root = prediction.root
     assert root is not None
@@ -26,7 +31,7 @@ def test_other_weights_give_their_own_root(
 ) -> None:
     game, weights, initial_state = crossing
     other = game.check_weights(weights + 0.05 * np.eye(3, 4))
-    root = predict(game, other, crossing_equilibrium.states, crossing_equilibrium.controls).root
+    root = predict(game, other, _root(crossing_equilibrium), weights).root
     assert root is not None
     assert kkt_residual_norm(game, root.states, root.controls, root.costates, other) < 1e-6
     np.testing.assert_array_equal(root.states[0], initial_state)
@@ -44,7 +49,7 @@ def test_a_published_failure_is_searched_on() -> None:
     truth = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
     weights = np.array([[0.6853, 0.0463, 1e-5, 0.2683], [0.6267, 1e-5, 1e-5, 0.3733]])
     weights = scenario.game.check_weights(weights)
-    prediction = predict(scenario.game, weights, truth.states, truth.controls)
+    prediction = predict(scenario.game, weights, _root(truth), scenario.weights)
     assert not prediction.published
     root = prediction.root
     assert root is not None
@@ -57,7 +62,32 @@ def test_without_any_root_there_is_no_prediction(
     crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     game, weights, _ = crossing
-    monkeypatch.setattr(module, "nearest_root", lambda *_, **__: None)
-    monkeypatch.setattr(module, "_equilibrium", lambda *_: None)
-    found = crossing_equilibrium
-    assert predict(game, weights, found.states, found.controls) == Prediction(None, False)
+    for name in ("nearest_root", "follow_weights", "_equilibrium"):
+        monkeypatch.setattr(module, name, lambda *_, **__: None)
+    truth = _root(crossing_equilibrium)
+    assert predict(game, weights, truth, weights) == Prediction(None, False)
+
+
+def test_the_search_goes_on_until_one_finds_a_root(
+    crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    game, weights, _ = crossing
+    other, truth = game.check_weights(weights + 0.05 * np.eye(3, 4)), _root(crossing_equilibrium)
+    expected = predict(game, other, truth, weights).root
+    assert expected is not None
+    published = module.nearest_root
+
+    def only_consistent(*arguments, **options) -> Root | None:
+        costates = arguments[4]
+        return published(*arguments, **options) if costates.any() else None
+
+    monkeypatch.setattr(module, "nearest_root", only_consistent)
+    for name in ("follow_weights", "_equilibrium"):
+        prediction = predict(game, other, truth, weights)
+        assert not prediction.published
+        assert prediction.root is not None
+        np.testing.assert_allclose(prediction.root.states, expected.states, atol=1e-6)
+        monkeypatch.setattr(module, name, lambda *_, **__: None)
+    prediction = predict(game, other, truth, weights)
+    assert prediction.root is not None
+    np.testing.assert_allclose(prediction.root.states, expected.states, atol=1e-6)

@@ -10,7 +10,7 @@ Trials = Callable[..., pd.DataFrame]
 
 
 @pytest.fixture(scope="session")
-def make_trials() -> Trials:
+def make_trials(prediction_error) -> Trials:
     """Trials as a study would leave them, with estimates near the truth."""
 
     def make(
@@ -29,6 +29,7 @@ def make_trials() -> Trials:
                     for seed in range(seeds if sigma else 1):
                         truth = get_scenario(scenario, seed).weights
                         weights = truth * np.exp(sigma * rng.standard_normal(truth.shape))
+                        weights /= weights.sum(1, keepdims=True)
                         error = sigma * rng.uniform(0.5, 2)
                         rows.append(
                             {
@@ -42,7 +43,7 @@ def make_trials() -> Trials:
                                 "status": status,
                                 "message": "",
                                 "cosine_error": error,
-                                "position_error": error,
+                                "position_error": prediction_error(scenario, seed, weights),
                                 "reconstruction_error": error,
                                 "observation_error": 0.8 * sigma,
                                 "published_forward": 1,
@@ -50,7 +51,7 @@ def make_trials() -> Trials:
                                 "objective": 1.0,
                                 "truth_objective": 1.0,
                                 "count": 1 if sigma else 40,
-                                "weights": (weights / weights.sum(1, keepdims=True)).tolist(),
+                                "weights": weights.tolist(),
                             }
                         )
         frame = pd.DataFrame(rows)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.figures import draw_figures, errors, style
+from bench.figures import FORMATS, USUAL_FORMATS, draw_figures, errors, style
 
 KINDS = ("errors", "failures", "trajectories", "landscape")
 
@@ -15,8 +15,10 @@ def names(files: list[Path]) -> set[str]:
     return {file.name for file in files}
 
 
-def expected(scenario: str, kinds: tuple[str, ...] = KINDS) -> set[str]:
-    return {f"{kind}_{scenario}.{ending}" for kind in kinds for ending in ("svg", "png", "pdf")}
+def expected(
+    scenario: str, kinds: tuple[str, ...] = KINDS, formats: tuple[str, ...] = USUAL_FORMATS
+) -> set[str]:
+    return {f"{kind}_{scenario}.{ending}" for kind in kinds for ending in formats}
 
 
 def assert_drawn(files: list[Path]) -> None:
@@ -35,15 +37,15 @@ def assert_drawn(files: list[Path]) -> None:
 
 
 def test_a_study_gives_every_figure_small_and_not_blank(make_trials, tmp_path):
-    files = draw_figures(make_trials(), tmp_path / "new" / "folder")
-    assert names(files) == expected("two_player")
+    files = draw_figures(make_trials(), tmp_path / "new" / "folder", FORMATS)
+    assert names(files) == expected("two_player", formats=FORMATS)
     assert_drawn(files)
     assert max(file.stat().st_size for file in files) < 300_000
 
 
 def test_reruns_give_identical_files(make_trials, tmp_path):
     trials = make_trials(seeds=1, sigmas=(0.0, 0.1))
-    first, second = (draw_figures(trials, tmp_path / run) for run in ("a", "b"))
+    first, second = (draw_figures(trials, tmp_path / run, FORMATS) for run in ("a", "b"))
     for a, b in zip(first, second, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
         assert b"<dc:date>" not in a.read_bytes()

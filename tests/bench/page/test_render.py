@@ -73,7 +73,7 @@ def test_a_large_study_leaves_points_out(small_study: pd.DataFrame, monkeypatch)
     monkeypatch.setattr(data, "_MOST_POINTS", 10)
     monkeypatch.setattr(data, "_FEWEST_POINTS", 5)
     monkeypatch.setattr(data, "scene_data", lambda *_, **__: None)
-    chart = data.chart_data(small_study, 100)
+    chart = data.chart_data(small_study)
     assert {s["every"] for s in chart["scenarios"][0]["series"] if s["points"]} == {3}
 
 
@@ -100,7 +100,8 @@ def test_nothing_but_failures_of_a_scenario_that_is_not_known() -> None:
     [
         (0.0, "0"),
         (2e-15, "≈ 0"),
-        (0.00025, "2.5·10⁻⁴"),
+        (0.00025, "0.00025"),
+        (0.000025, "2.5·10⁻⁵"),
         (0.0123, "0.012"),
         (99.7, "100"),
         (502.3, "502"),

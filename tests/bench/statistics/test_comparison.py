@@ -125,3 +125,13 @@ def test_one_estimator_alone_has_the_first_rank() -> None:
     assert comparisons.empty
     table = trials[["scenario", "view", "estimator"]].drop_duplicates()
     assert ranks(comparisons, table, "cosine_error").tolist() == [1]
+
+
+def test_the_floor_takes_nobodys_rank() -> None:
+    """Where equal weights happen to be the truth, the best contender still comes first."""
+    errors = np.zeros((4, 20)), np.full((4, 20), 0.1), np.full((4, 20), 0.5)
+    names = pd.DataFrame({"estimator": ["uniform", "near", "far"]})
+    table = names.assign(scenario="two_player", view="full")
+    for order, expected in (((0, 1, 2), [1, 1, 2]), ((2, 0, 1), [3, 1, 2])):
+        found = study(dict(zip(names["estimator"], (errors[k] for k in order), strict=True)))
+        assert ranks(compare_estimators(found), table, "position_error").tolist() == expected

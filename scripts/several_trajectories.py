@@ -1,0 +1,145 @@
+"""Does the error fall as one over the square root of the number of trajectories?
+
+Usage: olne-bench run several --out runs/several
+       python scripts/several_trajectories.py runs/several [--out results/several_trajectories]
+
+What falls as 1/sqrt(n) is the error of the weights. Cosine error is quadratic in it, so the error
+here is the root of the mean cosine error over noise draws, next to the root of its Cramer-Rao
+limit. The exponent is the slope of log error over log n, its interval a percentile bootstrap over
+noise draws. As a few draws of large error rule a mean, there is the exponent of the root of the
+median as well. Trials without a valid estimate count as failures and in no error.
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from bench.figures.style import FLOOR_COLOUR, applied, estimator_colours, estimator_order, save
+from bench.store import read_store, to_frame
+from bench.suite import ScenarioEntry
+
+RESAMPLES = 2000
+INTERVAL = (2.5, 97.5)  # percentiles
+
+
+def main(run: Path, out: Path) -> None:
+    """Write ``errors.csv``, ``exponents.csv`` and ``errors.png``, and print the exponents."""
+    with read_store(run) as store:
+        trials = to_frame(store.table())
+    entries = trials["scenario"].map(ScenarioEntry.from_label)
+    trials["trajectories"] = [entry.trajectories for entry in entries]
+    trials["scenario"] = [entry.name for entry in entries]
+    errors, exponents = [], []
+    for key, group in trials.groupby(["scenario", "view", "sigma", "estimator"]):
+        named = dict(zip(("scenario", "view", "sigma", "estimator"), key, strict=True))
+        table = squared_errors(group)
+        rms, spread = resampled(table, np.nanmean)
+        median, median_spread = resampled(table, np.nanmedian)
+        limits = np.sqrt(group.groupby("trajectories")["cosine_limit"].first().to_numpy(float))
+        counts = np.array(table.columns)
+        valid, seconds = table.count().to_numpy(), group.groupby("trajectories")["solve_seconds"]
+        for k, n in enumerate(counts):
+            low, high = np.percentile(spread[:, k], INTERVAL)
+            errors.append(
+                named
+                | {"trajectories": n, "trials": len(table), "failures": len(table) - valid[k]}
+                | {"weight_error": rms[k], "low": low, "high": high}
+                | {"weight_error_median": median[k], "limit": limits[k]}
+                | {"seconds": seconds.median()[n]}
+            )
+        row = named | {"limit_exponent": slope(counts, limits)}
+        for name, (value, values) in {
+            "exponent": (rms, spread),
+            "exponent_of_median": (median, median_spread),
+        }.items():
+            low, high = np.percentile([slope(counts, v) for v in values], INTERVAL)
+            row |= {name: slope(counts, value), f"{name}_low": low, f"{name}_high": high}
+        row["over_limit"] = float(np.exp(np.mean(np.log(rms / limits))))
+        row["failures"] = int(len(table) * len(counts) - valid.sum())
+        exponents.append(row)
+    out.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(errors).to_csv(out / "errors.csv", index=False, float_format="%.5g")
+    pd.DataFrame(exponents).to_csv(out / "exponents.csv", index=False, float_format="%.4g")
+    draw(pd.DataFrame(errors), out)
+    print(pd.DataFrame(exponents).to_string(index=False, float_format="{:.3g}".format))
+
+
+def squared_errors(group: pd.DataFrame) -> pd.DataFrame:
+    """Cosine errors, seeds down and numbers of trajectories across; NaN for failures."""
+    valid = group["status"].isin(["ok", "failed_forward"])
+    errors = group["cosine_error"].where(valid).astype(float)
+    return group.assign(error=errors).pivot_table(
+        "error", index="seed", columns="trajectories", aggfunc="first", dropna=False
+    )
+
+
+def resampled(table: pd.DataFrame, middle) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
+    """Root of a mean or median of squared errors per column, and resamples of it (R, columns).
+
+    Seeds are drawn, so that errors of one draw, which share a trajectory, stay together.
+    """
+    values, rng = table.to_numpy(), np.random.default_rng(0)
+    draws = rng.integers(len(values), size=(RESAMPLES, len(values)))
+    return np.sqrt(middle(values, axis=0)), np.sqrt(middle(values[draws], axis=1))
+
+
+def slope(counts: np.ndarray, errors: np.ndarray) -> float:
+    """Exponent of the power of n that fits best, least squares in logarithms."""
+    return float(np.polyfit(np.log(counts), np.log(errors), 1)[0])
+
+
+def draw(errors: pd.DataFrame, out: Path) -> None:
+    """A panel per view and noise level: errors with intervals, the limit, and 1/sqrt(n)."""
+    views, sigmas = sorted(errors["view"].unique()), sorted(errors["sigma"].unique())
+    names = estimator_order(list(errors["estimator"]))
+    colours = estimator_colours(names)
+    with applied():
+        size = 2.6 * len(sigmas), 2.5 * len(views) + 0.5
+        figure, panels = plt.subplots(
+            len(views), len(sigmas), figsize=size, sharex=True, squeeze=False
+        )
+        for axes, (view, sigma) in zip(
+            panels.flat, ((v, s) for v in views for s in sigmas), strict=True
+        ):
+            part = errors[(errors["view"] == view) & (errors["sigma"] == sigma)]
+            for shift, name in zip(np.linspace(0.97, 1.03, len(names)), names, strict=True):
+                own = part[part["estimator"] == name]
+                middle = own["weight_error"]
+                axes.errorbar(
+                    own["trajectories"] * shift,
+                    middle,
+                    yerr=[middle - own["low"], own["high"] - middle],
+                    color=colours[name][0],
+                    marker="o",
+                    markersize=3.5,
+                    linewidth=1.2,
+                    capsize=2,
+                    label=name,
+                )
+            limit = part[part["estimator"] == names[0]]
+            n = limit["trajectories"].to_numpy(float)
+            axes.plot(n, limit["limit"], color="black", linestyle="--", label="Cramér-Rao limit")
+            ideal = limit["limit"].iloc[0] / np.sqrt(n)
+            axes.plot(n, ideal, color=FLOOR_COLOUR, linestyle=":", label="1/√n from its first")
+            axes.set(xscale="log", yscale="log", title=f"{view} view, σ = {sigma:g}")
+            axes.set_xticks(n, [f"{value:g}" for value in n])
+            axes.minorticks_off()
+        for axes in panels[-1]:
+            axes.set_xlabel("trajectories n")
+        for axes in panels[:, 0]:
+            axes.set_ylabel("root mean cosine error")
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        save(figure, out / "errors", ["png"])
+        plt.close(figure)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path, help="folder of a run of the suite 'several'")
+    parser.add_argument("--out", type=Path, default=Path("results/several_trajectories"))
+    arguments = parser.parse_args()
+    main(arguments.run, arguments.out)
