@@ -51,7 +51,7 @@ class KktResidual:
         budget: float,
     ) -> Estimate:
         observations = check_observations(problem, observation)
-        fits = [_pre_filter(problem, one) for one in observations]
+        fits = [pre_filter(problem, one) for one in observations]
         reduced = [_reduced_residuals(problem.game, *trajectory) for trajectory, _ in fits]
         # The trajectories of a player share its weights: their rows go below one another.
         results = [
@@ -83,8 +83,11 @@ def residual_weights(problem: Problem, states: np.ndarray, controls: np.ndarray)
 _Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
 
-def _pre_filter(problem: Problem, observation: Observation) -> tuple[_Trajectory, TrajectoryFit]:
-    """States (T, N, n), controls (T-1, N, m) and u_T (N, m) or None; and the fit as a whole."""
+def pre_filter(problem: Problem, observation: Observation) -> tuple[_Trajectory, TrajectoryFit]:
+    """States (T, N, n), controls (T-1, N, m) and u_T (N, m) or None; and the fit as a whole.
+
+    The pre-filter sees the sample beyond the horizon, where there is one.
+    """
     horizon, y, extra = problem.game.horizon, observation.y, observation.extra
     if extra is not None:
         y = np.concatenate([y, extra[None]])

@@ -61,14 +61,14 @@ from estimators.protocol import Estimate, Observation, Problem, check_observatio
 from estimators.simplex import weight_covariance_of
 
 #: Each time a sigma point has no equilibrium the set shrinks by this factor, so many times at most.
-_SHRINK, _MOST_SHRINKS = 0.5, 6
+_SHRINK, _MOST_SHRINKS = 0.5, 12
 
 #: Largest ratio that one share of a measurement may have: of the variance that an update with it
 #: removes to its noise.
 _MOST_AT_ONCE = 10.0
 
 #: Into how many shares a measurement is cut at most.
-_MOST_SHARES = 30
+_MOST_SHARES = 40
 
 Expected = Callable[[np.ndarray], np.ndarray]
 
