@@ -49,6 +49,8 @@ _TOLERANCE = 1e-9
 #: Objectives this close, relatively, are one optimum's: two starts that agree are enough.
 _SAME_OPTIMUM = 1e-5
 
+_TOO_LONG = "evaluation limit reached"
+
 #: How often the reference weights of the chart may change.
 _MOST_CHARTS = 4
 
@@ -59,7 +61,7 @@ class Bilevel:
 
     Attributes:
         starts: games to start from at most, those nearest the observations.
-        max_evaluations: forward games per start and trajectory.
+        max_evaluations: forward games per start and trajectory, before the next start has its turn.
     """
 
     name: ClassVar[str] = "bilevel"
@@ -87,7 +89,9 @@ class Bilevel:
             results.append(_descend(problem, observations, start, self.max_evaluations, deadline))
             if time.monotonic() > deadline or _agree(results):
                 break
-        best = min(results, key=lambda result: (not result.converged, result.objective))
+        best = _best(results)
+        while best.message == _TOO_LONG and time.monotonic() < deadline:  # the optimum is flat
+            best = _descend(problem, observations, best.games, self.max_evaluations, deadline)
         solver = elimination(problem.game, problem.view)
         return Estimate(
             weights=best.games[0].weights,
@@ -114,6 +118,14 @@ class _Result:
     converged: bool
     message: str
     evaluations: int
+
+
+def _best(results: list[_Result]) -> _Result:
+    """The lowest error; one that did not converge has to be lower by more than a rounding."""
+    lowest = min(results, key=lambda result: result.objective)
+    limit = lowest.objective * (1 + _SAME_OPTIMUM) + 1e-12
+    equal = [result for result in results if result.converged and result.objective <= limit]
+    return min(equal, key=lambda result: result.objective, default=lowest)
 
 
 def _agree(results: list[_Result]) -> bool:
@@ -157,7 +169,7 @@ def _descend(
                 max_nfev=max_evaluations,
             )
             evaluations += int(solution.nfev)
-            message = "" if solution.success else "evaluation limit reached"
+            message = "" if solution.success else _TOO_LONG
             if residuals.blocked:  # a trust region that shrank to nothing is no optimum
                 message = "no equilibrium in the direction of descent"
             residuals.jacobian(solution.x)  # moves the games to the solution
