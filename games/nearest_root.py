@@ -9,8 +9,10 @@ limits.
 Whether it converges is luck to a good part: perturbing the true trajectory by 1e-13 changes the
 verdict on many estimates (``scripts/forward_luck.py``), although a root is there. So the published
 verdict is kept (``Prediction.published``), and where it is negative the search goes on: along the
-path of roots from the true weights to the estimated ones, and where that is lost, with IPOPT once
-more, from costates that make the true trajectory stationary in its states, and with ``solve_olne``.
+path of roots from the true weights to the estimated ones, by continuation in the coupling between
+players (``games.follow``), and with IPOPT once more, from costates that make the true trajectory
+stationary in its states. That a game has an equilibrium far from anything that was seen is not
+looked for: it predicts nothing.
 """
 
 from dataclasses import dataclass
@@ -19,12 +21,11 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from games.follow import follow_weights
+from games.follow import follow_root
 from games.game import Game
 from games.ipopt import QUIET
 from games.kkt import consistent_costates, kkt_system
 from games.newton import Root
-from games.olne import solve_olne
 
 #: IPOPT's default limit, as published.
 PUBLISHED_ITERATIONS = 3000
@@ -64,22 +65,19 @@ def predict(
         max_iterations: of IPOPT in each solve for the nearest root.
 
     Returns:
-        The root of the published solve, or else the one that a path of roots leads to from the
-        truth, or else that of IPOPT from consistent costates, or else the certified equilibrium of
-        ``solve_olne``, which may be far.
+        The root of the published solve, or else that of ``follow_root``, or else that of IPOPT from
+        consistent costates.
     """
     states, controls, zero = truth.states, truth.controls, np.zeros_like(truth.costates)
     root = nearest_root(game, weights, states, controls, zero, max_iterations=max_iterations)
     if root is not None:
         return Prediction(root, published=True)
-    root = follow_weights(game, truth, true_weights, weights)
-    if root is not None:
-        return Prediction(root, published=False)
+    root = follow_root(game, truth, true_weights, weights)
     costates = consistent_costates(game, states, controls, weights)
-    if np.isfinite(costates).all():
+    if root is None and np.isfinite(costates).all():
         limit = min(max_iterations, _SEARCH_ITERATIONS)
         root = nearest_root(game, weights, states, controls, costates, max_iterations=limit)
-    return Prediction(root or _equilibrium(game, weights, truth), published=False)
+    return Prediction(root, published=False)
 
 
 def nearest_root(
@@ -118,13 +116,6 @@ def nearest_root(
         costates=point[tail:].reshape(costates.shape),
         residual=float(np.abs(np.array(solution["g"])).max()),
     )
-
-
-def _equilibrium(game: Game, weights: np.ndarray, truth: Root) -> Root | None:
-    found = solve_olne(game, weights, truth.states[0], initial_controls=truth.controls)
-    if not found.certificate.passed:
-        return None
-    return Root(found.states, found.controls, found.costates, found.residual)
 
 
 @lru_cache(maxsize=32)
