@@ -54,7 +54,8 @@ test: check
 # What the repository keeps of the studies: tables, pictures, and the page where it has fewer bytes.
 PAGE_LIMIT := 1500000
 
-results:
+results: setup
+	$(BIN)/olne-bench report $(OUT)/paper
 	for study in paper highway; do \
 		mkdir -p results/$$study/figures && \
 		cp $(OUT)/$$study/leaderboard.csv $(OUT)/$$study/trials.parquet results/$$study/ && \

@@ -6,6 +6,7 @@ reach the next one, so a worker in a doubtful state says so and is replaced.
 
 import contextlib
 import ctypes
+import gc
 import io
 import os
 import resource
@@ -63,6 +64,7 @@ def serve(descriptor: int, parent: int, memory: int | None) -> None:
     # A log that cannot be written to is not an estimator's failure.
     sys.stdout = sys.stderr = io.TextIOWrapper(_BestEffort(1, "w"), write_through=True)
     own = os.getpid()
+    gc.freeze()  # what is imported stays; to look through it again and again takes time
     connection = Connection(descriptor)
     connection.send(READY)
     while True:

@@ -15,7 +15,7 @@ from bench.cluster import check_cluster, run_on_dask
 from bench.commands.report import read_formats, show_report
 from bench.errors import UserError
 from bench.executor import run_trials
-from bench.figures import FORMATS, USUAL_FORMATS
+from bench.figures import FORMATS
 from bench.interrupt import stop_request
 from bench.provenance import provenance
 from bench.resume import RETRIES, check_same_suite, pending
@@ -72,7 +72,7 @@ _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome
 )
 @click.option(
     "--formats",
-    default=",".join(USUAL_FORMATS),
+    default="png",
     show_default=True,
     help=f"Formats of the figures, out of {', '.join(FORMATS)}.",
 )
