@@ -1,7 +1,7 @@
 """Predictions of stored trials, made again for pictures.
 
 A store keeps of each prediction its error alone, so the same motion is looked for again, cheapest
-way first, and known by that error. What a few hundred iterations do not find is not drawn, nor is
+way first, and known by that error. What a few dozen iterations do not find is not drawn, nor is
 what the published step does not find, as in the study's own figures.
 """
 
@@ -19,7 +19,7 @@ from games.follow import follow_weights
 from games.game import Game
 from games.nearest_root import nearest_root
 
-_ITERATIONS = 200  # of IPOPT
+_ITERATIONS = 60  # of IPOPT
 _TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known
 
 
