@@ -86,7 +86,8 @@ def applied() -> Iterator[None]:
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> list[Path]:
     """Write ``<stem>.png`` and so on, without a date, and return their paths."""
-    for _ in range(2):  # panels of equal aspect settle in the second round
+    equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
+    for _ in range(2 if equal else 1):  # panels of equal aspect settle in the second round
         figure.draw_without_rendering()
     figure.set_layout_engine("none")  # worked out once, not anew for each file
     paths = []
