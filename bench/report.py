@@ -11,6 +11,7 @@ from bench.figures import draw_figures
 from bench.findings import find
 from bench.outputs import whole_file
 from bench.page.render import render_page
+from bench.statistics.attempts import FLOOR
 from bench.store import parse_weights, read_store, to_frame
 from bench.tables import latex, markdown
 
@@ -23,7 +24,8 @@ covered: share of the estimates' 95 % ellipsoids that hold the true weights.
 identifiable: median cosine error less what the data of one trajectory cannot show at 0.01 m.
 rank: by position error; differences that are not significant are ties. /limit: mean cosine error
 over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one
-estimate.
+estimate."""
+_FLOOR_LEGEND = """
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
 
@@ -93,4 +95,5 @@ def format_leaderboard(table: pd.DataFrame) -> str:
     shown["/limit"] = table["limit_ratio"].map("{:.2f}".format)
     shown["rank"] = table["position_error_rank"]
     shown["ms"] = (1e3 * table["solve_seconds_median"]).map("{:.1f}".format)
-    return f"{shown.to_string(index=False)}\n{_LEGEND}"
+    legend = _LEGEND + (_FLOOR_LEGEND if FLOOR in set(table["estimator"]) else "")
+    return f"{shown.to_string(index=False)}\n{legend}"

@@ -1,8 +1,8 @@
 """Report on a store of many trials, with its page: how long, and with how much memory.
 
-    python scripts/large_report.py --trials 1000000
+    python scripts/large_report.py --trials 1000000 [--figures]
 
-The rows are made up; the store is one of the ``paper`` suite with more noise draws.
+The rows are those of ``results/paper``, again and again, as of more noise draws.
 """
 
 import argparse
@@ -17,17 +17,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from bench.store import COLUMNS, FILE_NAME, open_store
-from bench.suite import load_suite
 
-STATUSES = ("ok", "ok", "ok", "ok", "ok", "ok", "ok", "ok", "failed_forward", "not_converged")
+SEEDS = 1000  # more than the study has
 
 
 def main() -> None:
     """Make the store and report on it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=1_000_000)
+    parser.add_argument("--table", type=Path, default=Path("results/paper/trials.parquet"))
     parser.add_argument("--figures", action="store_true", help="draw the figures as well")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -37,7 +38,8 @@ def main() -> None:
         places = ", ".join("?" for _ in COLUMNS)
         with sqlite3.connect(Path(folder, FILE_NAME)) as connection:
             connection.executemany(
-                f"INSERT INTO trials ({names}) VALUES ({places})", _rows(arguments.trials)
+                f"INSERT INTO trials ({names}) VALUES ({places})",
+                _rows(arguments.table, arguments.trials),
             )
         size = Path(folder, FILE_NAME).stat().st_size / 2**20
         command = [sys.executable, "-m", "bench", "report", folder]
@@ -54,39 +56,18 @@ def main() -> None:
     )
 
 
-def _rows(count: int) -> Iterator[tuple[object, ...]]:
-    suite = load_suite("paper")
-    players = {"two_player": 2, "highway_overtaking": 5}
-    cells = [
-        (scenario.label, view, sigma, estimator.label)
-        for scenario in suite.scenarios
-        for view in suite.views
-        for estimator in suite.estimators
-        for sigma in suite.sigmas
+def _rows(table: Path, count: int) -> Iterator[tuple[object, ...]]:
+    known = pd.read_parquet(table)
+    known["weights"] = [
+        None if w is None else json.dumps(np.stack(w).tolist()) for w in known["weights"]
     ]
-    rng = np.random.default_rng(0)
+    known = known.astype(object).where(known.notna(), None)
+    templates = known[list(COLUMNS)].to_dict("records")
     for number in range(count):
-        scenario, view, sigma, estimator = cells[number % len(cells)]
-        status = STATUSES[rng.integers(len(STATUSES))]
-        errors = iter(rng.uniform(size=len(COLUMNS)).tolist())
-        known = {
-            "suite": suite.name,
-            "scenario": scenario,
-            "view": view,
-            "sigma": sigma,
-            "seed": number // len(cells),
-            "estimator": estimator,
-            "parameters": "{}",
-            "count": 1,
-            "status": status,
-            "message": "" if status == "ok" else "a line that says what was wrong",
-            "weights": json.dumps(rng.dirichlet(np.ones(4), players[scenario]).tolist()),
-        }
-        text = "00112233aabb"  # versions
-        yield tuple(
-            known.get(name, text if kind == "TEXT" else next(errors))
-            for name, kind in COLUMNS.items()
-        )
+        copy, place = divmod(number, len(templates))
+        row = templates[place]
+        # Every copy is of other noise draws.
+        yield tuple((row | {"seed": row["seed"] + SEEDS * copy}).values())
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ WINDOW = 60
 _FEWEST_WINDOWS = 8  # that fit side by side
 _SMALLEST_WINDOW = 5
 _MANY = 150  # points of a series, from which on they are drawn small and faint
+_MOST = 4000  # points and windows of a series that are drawn; more would look no different
 
 _PANELS = {
     "cosine_error": "Cosine error of the weights [-]",
@@ -86,11 +87,11 @@ def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
     if series.is_floor:
         return
     error = series.error(column)
-    finite = np.isfinite(error)
+    shown = _thinned(np.isfinite(error))
     size, alpha = (2.6, 0.3) if len(error) > _MANY else (4, 0.6)
     axes.plot(
-        series.observation_error[finite],
-        np.maximum(error[finite], bottom),
+        series.observation_error[shown],
+        np.maximum(error[shown], bottom),
         linestyle="none",
         marker=series.marker,
         markersize=size,
@@ -101,6 +102,12 @@ def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
         clip_on=False,  # the outermost are drawn whole
         in_layout=False,  # they lie in the panel, and take no room beside it
     )
+
+
+def _thinned(mask: np.ndarray) -> np.ndarray:
+    """Places where a mask holds; of many, some all along it."""
+    places = np.flatnonzero(mask)
+    return places[:: 1 + len(places) // _MOST]
 
 
 def rolling_errors(series: Series, column: str, most: int | None = None) -> RollingStatistics:
@@ -115,7 +122,7 @@ def rolling_errors(series: Series, column: str, most: int | None = None) -> Roll
 
 
 def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) -> None:
-    rolling = rolling_errors(series, column)
+    rolling = rolling_errors(series, column, _MOST)
     lower, median, upper = (
         np.maximum(q, bottom) for q in (rolling.lower, rolling.median, rolling.upper)
     )
@@ -141,10 +148,10 @@ def _failed(series: Series, column: str) -> np.ndarray:
 
 
 def _triangles(axes: Axes, series: Series, column: str, height: float) -> None:
-    failed = _failed(series, column)
+    failed = _thinned(_failed(series, column))
     axes.plot(
         series.observation_error[failed],
-        np.full(failed.sum(), height),
+        np.full(len(failed), height),
         transform=blended_transform_factory(axes.transData, axes.transAxes),
         linestyle="none",
         marker="^",

@@ -117,15 +117,17 @@ def median_weights(series: Series, scene: Scene, sigma: float) -> np.ndarray | N
 def _common_sigma(series: Sequence[Series], scene: Scene) -> float | None:
     """Largest noise level at which every estimator left weights, else at which any did."""
     game = scene.recording.scenario.game
-    levels = [
-        {
-            sigma
-            for sigma, value in zip(s.trials["sigma"], s.trials["weights"], strict=True)
-            if estimated_weights(value, game) is not None
-        }
-        for s in series
-    ]
-    return max(set.intersection(*levels) or set.union(*levels), default=None)
+
+    def left_weights(one: Series, sigma: float) -> bool:
+        values = one.trials.loc[one.trials["sigma"] == sigma, "weights"]
+        return any(estimated_weights(value, game) is not None for value in values)
+
+    levels = sorted({sigma for s in series for sigma in s.trials["sigma"]}, reverse=True)
+    for enough in (all, any):
+        for sigma in levels:
+            if enough(left_weights(s, sigma) for s in series):
+                return float(sigma)
+    return None
 
 
 def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,8 @@
 """Estimators against each other on the same observations.
 
 Every estimator sees the same noise, so two are compared trial by trial: which one has the smaller
-error, whatever its size. A failure loses to any error, and two failures are a tie.
+error, whatever its size. Errors within a thousandth of each other are a tie. A failure loses to any
+error, and two failures are a tie.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,9 @@ from envs.scenarios import is_family
 #: Comparisons with an adjusted p-value below are significant.
 SIGNIFICANCE = 0.05
 _PERMUTATIONS = 20_000
-_ROUNDING = 1e-12  # differences below are a solver's, and a tie
+#: Differences below are ties: absolute, of rounding; relative to the smaller error, too small to
+#: matter, as of two solvers that end at the same optimum.
+_ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
 _GROUP = ["scenario", "view"]
 _PAIR = [*_GROUP, "sigma", "seed"]
 
@@ -54,7 +57,7 @@ def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
     """``pairs, wins, wins_low, wins_high, p`` of the pairs (``paired_errors``) of one scenario."""
     a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
     with np.errstate(invalid="ignore"):  # two failures
-        tie = (a == b) | (np.abs(a - b) <= _ROUNDING * (1 + np.minimum(a, b)))
+        tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
     advantage = np.where(tie, 0, np.where(a < b, 1, -1))
     # In a family the trials of a seed share one draw; else every trial stands for itself.
     family = len(pairs) > 0 and _is_family(pairs["scenario"].iloc[0])

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from bench.leaderboard import leaderboard
+from bench.report import format_leaderboard
 from bench.statistics.comparison import compare_estimators
 from bench.tables import latex, markdown
 
@@ -76,3 +77,10 @@ def test_latex_compiles(table: pd.DataFrame, tmp_path) -> None:
     (tmp_path / "t.tex").write_text(head + latex(table) + r"\end{document}", encoding="utf-8")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+
+def test_the_terminal_explains_what_it_shows(table: pd.DataFrame) -> None:
+    assert "good" in format_leaderboard(table)
+    assert "uniform" not in format_leaderboard(table)
+    floor = table.assign(estimator="uniform")
+    assert "uniform is the floor" in format_leaderboard(floor)

@@ -46,6 +46,14 @@ def test_failures_lose_and_ties_count_half() -> None:
     assert row["p"] == 1.0
 
 
+@pytest.mark.parametrize(("excess", "wins"), [(1e-9, 0.5), (9e-4, 0.5), (1.2e-3, 0.0)])
+def test_errors_within_a_thousandth_are_a_tie(excess: float, wins: float) -> None:
+    best = np.random.default_rng(0).uniform(size=(3, 10))
+    row = only(compare_estimators(study({"a": best * (1 + excess), "b": best})))
+    assert row["wins"] == wins
+    assert (row["p"] < 1e-3) == (wins == 0)
+
+
 @given(scale=st.floats(1e-6, 1e6))
 def test_only_the_order_of_errors_counts(scale: float) -> None:
     rng = np.random.default_rng(0)
