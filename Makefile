@@ -9,16 +9,17 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick gate perf test check results clean
+.PHONY: help setup bench bench-quick field gate perf test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
+	@echo "make field        every estimator on every scenario, and several trajectories"
 	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
 	@echo "make test         linter, type checker and tests"
 	@echo "make check        linter and type checker"
-	@echo "make results      copy the studies' tables and figures to results/"
+	@echo "make results      copy tables and figures of bench and field to results/"
 	@echo "make clean        remove the virtual environment and caches, keep runs"
 
 $(VENV)/.installed: pyproject.toml constraints.txt
@@ -37,6 +38,11 @@ bench-quick: setup
 	$(BIN)/olne-bench run quick --out $(OUT)/quick --jobs $(JOBS)
 	$(BIN)/olne-bench gate $(OUT)/quick
 
+field: setup
+	$(BIN)/olne-bench run field --out $(OUT)/field --jobs $(JOBS)
+	$(BIN)/olne-bench run several --out $(OUT)/several --jobs $(JOBS)
+	$(BIN)/python scripts/several_trajectories.py $(OUT)/several
+
 gate: setup
 	$(BIN)/olne-bench gate $(OUT)/paper
 
@@ -51,19 +57,21 @@ check: setup
 test: check
 	$(BIN)/python -m pytest --numprocesses $(JOBS)
 
-# What the repository keeps of the studies: tables, pictures, and the page where it has fewer bytes.
+# What the repository keeps of a study: tables, some figures, and the page where it has fewer bytes.
 PAGE_LIMIT := 1500000
+define keep
+	$(BIN)/olne-bench report $(OUT)/$(1)
+	rm -rf results/$(1)
+	mkdir -p results/$(1)/figures
+	cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md trials.parquet) results/$(1)/
+	cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/
+	find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \;
+endef
 
 results: setup
-	$(BIN)/olne-bench report $(OUT)/paper
-	for study in paper highway; do \
-		mkdir -p results/$$study/figures && \
-		cp $(OUT)/$$study/leaderboard.csv $(OUT)/$$study/trials.parquet results/$$study/ && \
-		cp $(OUT)/$$study/figures/*.png results/$$study/figures/ && \
-		rm -f results/$$study/index.html && \
-		find $(OUT)/$$study -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$$study/ \; || exit 1; \
-	done
-	cp $(OUT)/paper/figures/*.svg results/paper/figures/
+	$(call keep,paper,*.png errors_*.svg)
+	$(call keep,highway,*.png)
+	$(call keep,field,errors_*.png)
 	du -sk results | awk '{ if ($$1 > 10240) { print "results/ has " $$1 " KiB; at most 10 MiB are kept"; exit 1 } }'
 
 clean:

@@ -65,10 +65,10 @@ _SHRINK, _MOST_SHRINKS = 0.5, 12
 
 #: Largest ratio that one share of a measurement may have: of the variance that an update with it
 #: removes to its noise.
-_MOST_AT_ONCE = 10.0
+_MOST_AT_ONCE = 1.0
 
 #: Into how many shares a measurement is cut at most.
-_MOST_SHARES = 40
+_MOST_SHARES = 200
 
 Expected = Callable[[np.ndarray], np.ndarray]
 

@@ -1,11 +1,12 @@
-"""Whether two runs of the joint method found the same optima, sequence by sequence.
+"""Whether two estimators that minimise the squared error found the same optima.
 
     olne-bench run scripts/paper_ipopt.toml --out runs/ipopt      (half an hour)
     python scripts/same_optima.py runs/ipopt runs/paper
+    python scripts/same_optima.py runs/field runs/field --estimators bilevel kkt_constrained
 
-Prints, per scenario and view: how many sequences have the same objective (to a relative 1e-6), how
-far the weights of those are apart, how often the second run's objective is lower or higher, and
-the medians of both leaderboards.
+Sequence by sequence, of those on which both end well. Prints, per scenario and view: how many
+sequences have the same objective (to a relative 1e-6), how far the weights of those are apart, how
+often the second one's objective is lower or higher, and the medians of their errors.
 """
 
 import argparse
@@ -22,17 +23,22 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("runs", type=Path, nargs=2, help="folders of two runs")
+    parser.add_argument(
+        "--estimators", nargs=2, default=["kkt_constrained"] * 2, help="one of each run"
+    )
     options = parser.parse_args()
-    first, second = (_joint(folder) for folder in options.runs)
+    first, second = map(_solved, options.runs, options.estimators)
     rows = first.merge(second, on=KEY, suffixes=("_1", "_2"))
     table = rows.groupby(KEY[:2]).apply(_compare)
     print(table.to_string(float_format=lambda value: f"{value:.3g}"))
 
 
-def _joint(folder: Path) -> pd.DataFrame:
+def _solved(folder: Path, estimator: str) -> pd.DataFrame:
     trials = pd.read_parquet(folder / "trials.parquet")
-    joint = trials[trials.estimator.str.startswith("kkt_constrained") & (trials.status == "ok")]
-    return joint[[*KEY, "count", "objective", "weights", "cosine_error", "position_error"]]
+    known = trials.estimator.str.split("(").str[0]  # the label without parameters
+    ended = trials.status.isin(["ok", "failed_forward"])
+    solved = trials[(known == estimator) & ended]
+    return solved[[*KEY, "count", "objective", "weights", "cosine_error", "position_error"]]
 
 
 def _compare(rows: pd.DataFrame) -> pd.Series:
@@ -59,7 +65,7 @@ def _compare(rows: pd.DataFrame) -> pd.Series:
 def _apart(rows: pd.DataFrame) -> float:
     """Largest difference of any weight."""
     pairs = zip(rows.weights_1, rows.weights_2, strict=True)
-    return max(np.abs(np.stack(one) - np.stack(two)).max() for one, two in pairs)
+    return max((np.abs(np.stack(one) - np.stack(two)).max() for one, two in pairs), default=np.nan)
 
 
 if __name__ == "__main__":
