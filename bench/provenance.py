@@ -1,15 +1,18 @@
 """Where rows come from: software, commit, machine and the suite as it was."""
 
+import json
 import os
 import platform
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from packaging.requirements import Requirement
+
+from bench.errors import UserError
 
 _DISTRIBUTION = "olne-bench"
 
@@ -57,6 +60,22 @@ def provenance(
         commit=_commit(),
         machine=_machine(),
     )
+
+
+def read_provenance(text: str) -> Provenance:
+    """A provenance as a run has stored it; what later versions add to it is left out.
+
+    Raises:
+        UserError: where it is none.
+    """
+    try:
+        stored = json.loads(text)
+        return Provenance(**{f.name: stored[f.name] for f in fields(Provenance)})
+    except (ValueError, TypeError, KeyError) as error:
+        raise UserError(
+            f"what the store says of its runs cannot be read ({error!r}): it is damaged, or of "
+            "another version of olne-bench"
+        ) from error
 
 
 def _versions() -> dict[str, str]:

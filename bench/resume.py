@@ -20,7 +20,7 @@ class Progress:
     Attributes:
         done: with the present code, and its result is valid or the estimator had declined.
         failed: with the present code.
-        stale: with former code only.
+        stale: with former code or parameters only.
         missing: not at all.
     """
 
@@ -34,11 +34,13 @@ def progress(trials: Iterable[Trial], records: Iterable[Record]) -> Progress:
     """Sort trials by what is stored of them."""
     stored: dict[tuple[str, ...], dict[object, str]] = {}
     for record in records:
-        stored.setdefault(record.key, {})[record.versions] = record.status
+        *place, parameters = record.key
+        stored.setdefault(tuple(place), {})[parameters, record.versions] = record.status
     sorted_out = Progress([], [], [], [])
     for trial in trials:
-        found = stored.get(trial.key, {})
-        status = found.get(trial.versions)
+        *place, parameters = trial.key
+        found = stored.get(tuple(place), {})
+        status = found.get((parameters, trial.versions))
         if status is None:
             (sorted_out.stale if found else sorted_out.missing).append(trial)
         else:
@@ -64,10 +66,18 @@ def pending(
     return [trial for trial in trials if (trial.key, trial.versions) not in finished]
 
 
-def check_same_suite(suite: Suite, runs: Iterable[Provenance], place: object) -> None:
+def check_same_suite(
+    suite: Suite, runs: Iterable[Provenance], place: object, instead: str = "use another --out"
+) -> None:
     """Refuse to go on where the suite has changed in a way that would mix two studies.
 
     A suite may gain scenarios, views, noise levels and estimators.
+
+    Args:
+        suite: the present one.
+        runs: former ones.
+        place: where they are.
+        instead: what else could be done.
 
     Raises:
         UserError: if it differs in anything else from that of a former run, with the difference.
@@ -75,13 +85,14 @@ def check_same_suite(suite: Suite, runs: Iterable[Provenance], place: object) ->
     for run in runs:
         former = read_suite_json(run.suite)
         if former.name != suite.name:
-            raise UserError(f"{place} holds a run of suite {former.name!r}; use another --out")
+            raise UserError(
+                f"{place} holds a run of suite {former.name!r}, not {suite.name!r}; {instead}"
+            )
         difference = _difference(former, suite)
         if difference is not None:
             raise UserError(
                 f"suite {suite.name!r} has changed since the run in {place} of {run.started}: "
-                f"{difference}; rows of both would be mixed: use another --out, or take the "
-                "change back"
+                f"{difference}; rows of both would be mixed: {instead}, or take the change back"
             )
 
 

@@ -2,10 +2,11 @@
 
 The file is in WAL mode, so a run that is killed at any moment leaves every finished trial behind
 and nothing half written. Rows of former versions of the code stay; tables show those of the
-version that was run last.
+version that was run last, and of the parameters.
 """
 
 import json
+import os
 import sqlite3
 import sys
 from collections.abc import Iterable, Iterator
@@ -20,14 +21,14 @@ import pyarrow as pa
 from filelock import FileLock, Timeout
 
 from bench.errors import UserError
-from bench.provenance import Provenance
+from bench.provenance import Provenance, read_provenance
 from bench.trial import KEY_COLUMNS, Outcome, Trial
 from bench.versions import Versions
 
 FILE_NAME = "trials.sqlite"
 #: Marks the file as ours, and which layout it has.
 APPLICATION_ID = 0x4F4C4E45  # "OLNE"
-VERSION = 2
+VERSION = 3
 
 _LABELS = {
     "suite": "TEXT",
@@ -44,8 +45,9 @@ _OUTCOMES = {f.name: "TEXT" if f.name in _TEXT_OUTCOMES else "REAL" for f in fie
 _VERSIONS = {f"{f.name}_version": "TEXT" for f in fields(Versions)}
 COLUMNS = _LABELS | _OUTCOMES | _VERSIONS
 
-#: What versions belong to, and so which rows are the current ones.
-_VERSIONED = ("scenario", "estimator", "parameters")
+#: Rows are current where what was run last under the same names had these.
+_NAMED = ("scenario", "estimator")
+_CURRENT = ("parameters", *_VERSIONS)
 _ARROW_TYPES = {"TEXT": pa.string(), "REAL": pa.float64(), "INTEGER": pa.int64()}
 _WEIGHTS = pa.list_(pa.list_(pa.float64()))
 _BATCH = 50_000
@@ -110,19 +112,15 @@ class Store:
     def runs(self) -> list[Provenance]:
         """Every run that has written here, the first one first."""
         rows = self._connection.execute("SELECT provenance FROM runs ORDER BY id")
-        return [Provenance(**json.loads(text)) for (text,) in rows]
-
-    def suites(self) -> set[str]:
-        """Names of the suites that rows belong to."""
-        return {row[0] for row in self._connection.execute("SELECT DISTINCT suite FROM trials")}
+        return [read_provenance(text) for (text,) in rows]
 
     def table(self) -> pa.Table:
         """Current rows, in an order that does not depend on when they were written.
 
         The weights are JSON text.
         """
-        same = " AND ".join(f"t.{name} = c.{name}" for name in _VERSIONED)
-        current = " AND ".join(f"t.{name} = c.{name}" for name in _VERSIONS)
+        same = " AND ".join(f"t.{name} = c.{name}" for name in _NAMED)
+        current = " AND ".join(f"t.{name} = c.{name}" for name in _CURRENT)
         order = ", ".join(f"t.{name}" for name in KEY_COLUMNS)
         cursor = self._connection.execute(
             f"SELECT {_names(COLUMNS, 't.')} FROM trials t LEFT JOIN current c ON {same} "
@@ -161,18 +159,19 @@ class Store:
             self._connection.execute("DETACH DATABASE other")
 
     def _refuse_other_versions(self, other: Path) -> None:
-        match = " AND ".join(f"a.{name} = b.{name}" for name in _VERSIONED)
-        for what in _VERSIONS:
+        match = " AND ".join(f"a.{name} = b.{name}" for name in _NAMED)
+        for what in _CURRENT:
             found = self._connection.execute(
                 f"SELECT a.scenario, a.estimator, a.{what}, b.{what} FROM main.current a "
                 f"JOIN other.current b ON {match} WHERE a.{what} != b.{what}"
             ).fetchone()
             if found:
                 scenario, estimator, here, there = found
+                verb = "are" if what == "parameters" else "is"
                 raise UserError(
                     f"cannot merge {other}: {what.replace('_', ' ')} of {estimator!r} on "
-                    f"{scenario!r} is {there or 'unknown'} there and {here or 'unknown'} here; "
-                    "run one of the two again with the other's code"
+                    f"{scenario!r} {verb} {there or 'unknown'} there and {here or 'unknown'} here; "
+                    "run one of the two again with the other's"
                 )
 
     def _merge(self) -> tuple[int, int]:
@@ -195,13 +194,22 @@ class Store:
 
 
 def parse_weights(table: pa.Table) -> pa.Table:
-    """``Store.table()`` with weights as nested lists."""
+    """``Store.table()`` with weights as nested lists.
+
+    Raises:
+        UserError: on weights that are none.
+    """
     place = table.schema.get_field_index("weights")
-    chunks = [
-        # One call of the parser for a whole chunk takes a fraction of the time.
-        pa.array(json.loads(f"[{','.join(t or 'null' for t in chunk.to_pylist())}]"), type=_WEIGHTS)
-        for chunk in table.column(place).chunks
-    ]
+    try:
+        chunks = [
+            # One call of the parser for a whole chunk takes a fraction of the time.
+            pa.array(
+                json.loads(f"[{','.join(t or 'null' for t in chunk.to_pylist())}]"), type=_WEIGHTS
+            )
+            for chunk in table.column(place).chunks
+        ]
+    except (ValueError, pa.ArrowException) as error:
+        raise UserError(f"the store is damaged: weights that cannot be read ({error})") from error
     return table.set_column(place, "weights", pa.chunked_array(chunks, type=_WEIGHTS))
 
 
@@ -258,22 +266,34 @@ def read_store(folder: Path, *, check: bool = False) -> Iterator[Store]:
     Raises:
         UserError: if there is none, or it is not one of ours.
     """
-    if not (folder / FILE_NAME).is_file():
+    path = folder / FILE_NAME
+    if folder.is_file():
+        raise UserError(f"no run in {folder}: it is a file; name the run's folder")
+    if not path.is_file():
         raise UserError(f"no run in {folder}: it has no {FILE_NAME}")
-    with _connect(folder / FILE_NAME) as connection:
+    if not path.stat().st_size:
+        raise UserError(f"no run in {folder}: its {FILE_NAME} is empty")
+    with _connect(path, read_only=True) as connection:
+        former = _is_former(connection)
+    if former:
+        with open_store(folder):  # brings it up to date
+            pass
+    with _connect(path, read_only=True) as connection:
         if check:
             _check(connection)
         yield Store(connection)
 
 
 @contextmanager
-def _connect(path: Path) -> Iterator[sqlite3.Connection]:
+def _connect(path: Path, *, read_only: bool = False) -> Iterator[sqlite3.Connection]:
     try:
-        connection = sqlite3.connect(path, timeout=30)
+        connection = _reader(path) if read_only else sqlite3.connect(path, timeout=30)
     except sqlite3.Error as error:
         raise UserError(f"cannot open {path}: {error}") from error
     try:
-        _prepare(connection, path)
+        _refuse_foreign(connection, path)
+        if not read_only:
+            _prepare(connection)
         yield connection
     except sqlite3.OperationalError as error:
         raise UserError(f"cannot use {path}: {error}; nothing stored is lost") from error
@@ -286,6 +306,16 @@ def _connect(path: Path) -> Iterator[sqlite3.Connection]:
         connection.close()
 
 
+def _reader(path: Path) -> sqlite3.Connection:
+    """A connection that changes nothing."""
+    if os.access(path.parent, os.W_OK) or path.with_name(f"{path.name}-wal").exists():
+        connection = sqlite3.connect(path, timeout=30)
+        connection.execute("PRAGMA query_only = 1")
+        return connection
+    # SQLite would keep notes beside the file.
+    return sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", timeout=30, uri=True)
+
+
 def _check(connection: sqlite3.Connection) -> None:
     """Find damage before anything is added to it."""
     (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
@@ -293,28 +323,45 @@ def _check(connection: sqlite3.Connection) -> None:
         raise sqlite3.DatabaseError(" ".join(result.split()))
 
 
-def _prepare(connection: sqlite3.Connection, path: Path) -> None:
+def _refuse_foreign(connection: sqlite3.Connection, path: Path) -> None:
     application = connection.execute("PRAGMA application_id").fetchone()[0]
     version = connection.execute("PRAGMA user_version").fetchone()[0]
-    empty = not connection.execute("SELECT 1 FROM sqlite_master").fetchone()
-    if empty and application == 0:
+    if not _is_empty(connection) and application != APPLICATION_ID:
+        raise sqlite3.DatabaseError("another program's database")
+    if version > VERSION:
+        raise UserError(
+            f"{path} was written by a newer version of olne-bench: it has the layout {version}, "
+            f"this one knows {VERSION}; update olne-bench, or use another folder"
+        )
+
+
+def _is_empty(connection: sqlite3.Connection) -> bool:
+    return not connection.execute("SELECT 1 FROM sqlite_master").fetchone()
+
+
+def _is_former(connection: sqlite3.Connection) -> bool:
+    """Whether the file lacks anything that this version's files have."""
+    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    return version < VERSION or bool(_missing_columns(connection))
+
+
+def _prepare(connection: sqlite3.Connection) -> None:
+    """Create what is not there, and bring a former layout up to date."""
+    if _is_empty(connection):
         connection.execute("PRAGMA journal_mode = WAL")
         with connection:
             connection.execute("BEGIN IMMEDIATE")
             _create(connection)
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-    elif application != APPLICATION_ID:
-        raise sqlite3.DatabaseError("another program's database")
-    elif version > VERSION:
-        raise UserError(
-            f"{path} was written by a newer version of olne-bench: it has the layout {version}, "
-            f"this one knows {VERSION}; update olne-bench, or use another folder"
-        )
-    elif version == 1:
-        with connection:
-            connection.execute("BEGIN IMMEDIATE")
-            _upgrade(connection)
-    _add_missing_columns(connection)
+    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    with connection:
+        connection.execute("BEGIN IMMEDIATE")
+        if version == 1:
+            _upgrade_1(connection)
+        elif version == 2:
+            _upgrade_2(connection)
+        for name in _missing_columns(connection):  # of older rows they are not known
+            connection.execute(f'ALTER TABLE trials ADD COLUMN "{name}" {_OUTCOMES[name]}')
     connection.execute("PRAGMA synchronous = NORMAL")
 
 
@@ -323,14 +370,18 @@ def _create(connection: sqlite3.Connection) -> None:
     key = _names((*KEY_COLUMNS, *_VERSIONS))
     connection.execute(f"CREATE TABLE trials ({columns}, run INTEGER, PRIMARY KEY ({key}))")
     connection.execute("CREATE TABLE runs (id INTEGER PRIMARY KEY, provenance TEXT)")
-    columns = _names((*_VERSIONED, *_VERSIONS))
+    _create_current(connection)
+
+
+def _create_current(connection: sqlite3.Connection) -> None:
+    columns = _names((*_NAMED, *_CURRENT))
     connection.execute(
-        f"CREATE TABLE current ({columns}, PRIMARY KEY ({_names(_VERSIONED)})) WITHOUT ROWID"
+        f"CREATE TABLE current ({columns}, PRIMARY KEY ({_names(_NAMED)})) WITHOUT ROWID"
     )
     connection.execute(f"PRAGMA user_version = {VERSION}")
 
 
-def _upgrade(connection: sqlite3.Connection) -> None:
+def _upgrade_1(connection: sqlite3.Connection) -> None:
     """Layout 1 knew no versions: its rows stay, and count as those of an unknown one."""
     connection.execute("ALTER TABLE trials RENAME TO former")
     _create(connection)
@@ -342,15 +393,25 @@ def _upgrade(connection: sqlite3.Connection) -> None:
         f"SELECT {names}, {unknown}, 0 FROM former"
     )
     connection.execute(
-        f"INSERT INTO current SELECT DISTINCT {_names(_VERSIONED)}, {unknown} FROM former"
+        f"INSERT OR REPLACE INTO current SELECT {_names((*_NAMED, 'parameters'))}, {unknown} "
+        "FROM former ORDER BY rowid"
     )
     connection.execute("DROP TABLE former")
 
 
-def _add_missing_columns(connection: sqlite3.Connection) -> None:
-    """Outcomes gain numbers over time; older rows do not have them."""
+def _upgrade_2(connection: sqlite3.Connection) -> None:
+    """Layout 2 took several parameters under one name for current; those of the last run are."""
+    connection.execute("ALTER TABLE current RENAME TO former")
+    _create_current(connection)
+    names = (*_NAMED, *_CURRENT)
+    same = " AND ".join(f"t.{name} = f.{name}" for name in names)
+    connection.execute(
+        f"INSERT OR REPLACE INTO current SELECT {_names(names, 'f.')} FROM former f "
+        f"ORDER BY (SELECT max(run) FROM trials t WHERE {same})"
+    )
+    connection.execute("DROP TABLE former")
+
+
+def _missing_columns(connection: sqlite3.Connection) -> list[str]:
     known = {row[1] for row in connection.execute("PRAGMA table_info(trials)")}
-    for name, kind in _OUTCOMES.items():
-        if name not in known:
-            with connection:
-                connection.execute(f'ALTER TABLE trials ADD COLUMN "{name}" {kind}')
+    return [name for name in _OUTCOMES if name not in known]

@@ -300,21 +300,31 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
 
 
 def read_suite_json(text: str) -> Suite:
-    """A suite as a run has stored it, whether or not all it names still exists."""
-    data = json.loads(text)
-    return Suite.model_construct(
-        **data
-        | {
-            "scenarios": tuple(ScenarioEntry(**entry) for entry in data["scenarios"]),
-            "views": tuple(data["views"]),
-            "sigmas": tuple(data["sigmas"]),
-            "estimators": tuple(EstimatorEntry(**entry) for entry in data["estimators"]),
-            "gate": {
-                label: Limits.model_validate(limits)
-                for label, limits in data.get("gate", {}).items()
-            },
-        }
-    )
+    """A suite as a run has stored it, whether or not all it names still exists.
+
+    Raises:
+        UserError: where it is none.
+    """
+    try:
+        data = json.loads(text)
+        return Suite.model_construct(
+            **data
+            | {
+                "scenarios": tuple(ScenarioEntry(**entry) for entry in data["scenarios"]),
+                "views": tuple(data["views"]),
+                "sigmas": tuple(data["sigmas"]),
+                "estimators": tuple(EstimatorEntry(**entry) for entry in data["estimators"]),
+                "gate": {
+                    label: Limits.model_validate(limits)
+                    for label, limits in data.get("gate", {}).items()
+                },
+            }
+        )
+    except (ValueError, TypeError, KeyError) as error:  # pydantic's are ValueErrors
+        raise UserError(
+            "the suite that the store holds cannot be read: it is damaged, or of another version "
+            f"of olne-bench ({' '.join(str(error).split())})"
+        ) from error
 
 
 def select(

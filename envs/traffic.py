@@ -114,10 +114,6 @@ class TrafficReport:
     braked: int = 0
     seconds: dict[int, deque[float]] = field(default_factory=dict)
 
-    def median_seconds(self, players: int) -> float:
-        """Median solving time [s] of games of that many players; NaN where there were none."""
-        return float(np.median(self.seconds[players])) if players in self.seconds else np.nan
-
 
 _REPORTS: WeakKeyDictionary[Road, TrafficReport] = WeakKeyDictionary()
 

@@ -5,9 +5,10 @@ from pathlib import Path
 import click
 
 from bench.errors import UserError
+from bench.provenance import Provenance
 from bench.resume import check_same_suite
 from bench.store import FILE_NAME, open_store, read_store
-from bench.suite import read_suite_json
+from bench.suite import Suite, read_suite_json
 
 
 @click.command()
@@ -19,25 +20,31 @@ from bench.suite import read_suite_json
 def merge(first: Path, second: Path, out: Path | None) -> None:
     """Add the trials of the run in SECOND to those of the run in FIRST.
 
-    Both have to be of the same suite, and of the same code where they share an estimator and a
-    scenario. Of a trial that both have, the row of FIRST stays. SECOND is left as it is.
+    Both have to be of the same suite, and of the same code and parameters where they share an
+    estimator and a scenario; the suite of SECOND may have more in it. Of a trial that both have,
+    the row of FIRST stays. SECOND is left as it is.
     """
-    for folder in (first, second):
-        with read_store(folder) as store:
-            runs = store.runs()
-        if not runs:
-            raise UserError(f"the run in {folder} was written by a version that noted no suite")
-    suite = read_suite_json(runs[-1].suite)
     if first.resolve() == second.resolve():
         raise UserError(f"cannot merge {first} with itself")
-    with read_store(first) as store:
-        check_same_suite(suite, store.runs(), first)
+    check_same_suite(_suite(second), _runs(first), first, f"leave {second} on its own")
     if out is None:
         _add(first, [second])
         return
     if (out / FILE_NAME).exists():
         raise UserError(f"--out {out} holds a run already; name a new folder")
     _add(out, [first, second])
+
+
+def _runs(folder: Path) -> list[Provenance]:
+    with read_store(folder) as store:
+        runs = store.runs()
+    if not runs:
+        raise UserError(f"the run in {folder} was written by a version that noted no suite")
+    return runs
+
+
+def _suite(folder: Path) -> Suite:
+    return read_suite_json(_runs(folder)[-1].suite)
 
 
 def _add(target: Path, sources: list[Path]) -> None:

@@ -20,7 +20,8 @@ def status(folder: Path) -> None:
     """Show what the run in FOLDER has done.
 
     done: with a valid result, or declined by the estimator. failed: without. stale: run with
-    other code than the present one, of scenario, estimator or scoring. missing: not run.
+    other parameters, or other code than the present one, of scenario, estimator or scoring.
+    missing: not run.
     """
     with read_store(folder, check=True) as store:
         runs = store.runs()

@@ -1,11 +1,12 @@
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
 
 from bench.errors import UserError
 from bench.provenance import Provenance
-from bench.resume import pending
+from bench.resume import pending, progress
 from bench.store import APPLICATION_ID, FILE_NAME, VERSION, open_store, read_store
 from bench.suite import load_suite, select
 from bench.trial import Outcome, expand
@@ -151,3 +152,82 @@ def test_rows_of_former_code_are_kept_apart(tmp_path, trials):
         store.begin_run(SOURCE, [old])
         assert list(store.frame()["message"]) == ["old"]
         assert len(store.runs()) == 3
+
+
+def test_rows_of_former_parameters_are_kept_apart(tmp_path, trials):
+    old = trials[0]
+    new = replace(old, estimator=old.estimator.model_copy(update={"parameters": {"a": 1.5}}))
+    with open_store(tmp_path / "a") as store:
+        for trial in (old, new):
+            store.begin_run(SOURCE, [trial])
+            store.add(trial, Outcome("ok"))
+        assert list(store.frame()["parameters"]) == [new.labels["parameters"]]
+        assert progress([old], store.records()).done == [old]
+    with open_store(tmp_path / "b") as store:
+        store.begin_run(SOURCE, [old])
+        store.add(old, Outcome("ok"))
+        assert progress([new], store.records()).stale == [new]
+        with pytest.raises(UserError, match=r"parameters of 'uniform' .* are .*1.5.* there and {}"):
+            store.merge(tmp_path / "a" / FILE_NAME)
+
+
+def test_a_store_of_layout_2_takes_the_parameters_of_its_last_run(tmp_path, trials):
+    with open_store(tmp_path) as store:
+        for text in ("x", "y"):
+            entry = trials[0].estimator.model_copy(update={"parameters": {"a": text}})
+            trial = replace(trials[0], estimator=entry)
+            store.begin_run(SOURCE, [trial])
+            store.add(trial, Outcome("ok", text))
+    with closing(sqlite3.connect(tmp_path / FILE_NAME)) as connection, connection:
+        names = "scenario, estimator, parameters, estimator_version, scenario_version"
+        names += ", scoring_version"
+        connection.execute("DROP TABLE current")
+        connection.execute(
+            f"CREATE TABLE current ({names}, PRIMARY KEY (scenario, estimator, parameters)) "
+            "WITHOUT ROWID"
+        )
+        connection.execute(f"INSERT INTO current SELECT {names} FROM trials ORDER BY run DESC")
+        connection.execute("PRAGMA user_version = 2")
+    with read_store(tmp_path) as store:
+        assert list(store.frame()["message"]) == ["y"]
+
+
+@pytest.mark.parametrize("writable", [True, False])
+def test_reading_leaves_a_folder_as_it_is(tmp_path, trials, monkeypatch, writable):
+    with open_store(tmp_path) as store:
+        store.add(trials[0], Outcome("ok"))
+    monkeypatch.setattr("os.access", lambda *_: writable)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(UserError, match="readonly"), read_store(tmp_path) as store:
+        assert len(store.frame()) == 1
+        store.add(trials[0], Outcome("ok"))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_there_is_no_run_in_a_file_or_an_empty_store(tmp_path):
+    (tmp_path / FILE_NAME).touch()
+    with pytest.raises(UserError, match=r"its trials\.sqlite is empty"):
+        read_store(tmp_path).__enter__()
+    with pytest.raises(UserError, match="it is a file; name the run's folder"):
+        read_store(tmp_path / FILE_NAME).__enter__()
+
+
+def test_content_that_cannot_be_read_is_one_line(tmp_path, trials):
+    with open_store(tmp_path) as store:
+        store.begin_run(SOURCE, trials[:1])
+        store.add(trials[0], Outcome("ok", weights=[[0.5, 0.5]]))
+    change(tmp_path, "UPDATE runs SET provenance = json_set(provenance, '$.later', 1)")
+    with read_store(tmp_path) as store:
+        assert store.runs() == [SOURCE]  # a later version knows more
+    change(tmp_path, "UPDATE runs SET provenance = json_remove(provenance, '$.suite')")
+    change(tmp_path, "UPDATE trials SET weights = '[[0.5'")
+    with read_store(tmp_path) as store:
+        with pytest.raises(UserError, match=r"of its runs cannot be read \(KeyError\('suite'"):
+            store.runs()
+        with pytest.raises(UserError, match="weights that cannot be read"):
+            store.frame()
+
+
+def change(folder, statement):
+    with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
+        connection.execute(statement)
