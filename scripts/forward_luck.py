@@ -1,11 +1,13 @@
 """How much of the published study's failures is luck.
 
     python scripts/forward_luck.py results/paper
+    python scripts/forward_luck.py results/paper --consistent-costates --repeats 1
 
 Repeats the published prediction step (one IPOPT solve, started at the true trajectory) for every
 estimate of a run, with the start perturbed by 1e-13 in every state: far below what any estimator
 or simulator could notice. Prints how many estimates fail each time, how many fail every time and
-how many at least once. Five repeats of two players take about ten minutes.
+how many at least once. Costates start at zero, or where they make the true trajectory stationary in
+its states at the estimated weights. Five repeats of two players take about ten minutes.
 """
 
 import argparse
@@ -18,15 +20,16 @@ from tqdm import tqdm
 
 from bench.suite import ScenarioEntry
 from bench.truth import true_recording
+from games.kkt import consistent_costates
 from games.nearest_root import nearest_root
 
 PERTURBATION = 1e-13
 
 
-def failures(trials: pd.DataFrame, scenario: str, repeats: int) -> pd.DataFrame:
+def failures(trials: pd.DataFrame, scenario: str, repeats: int, consistent: bool) -> pd.DataFrame:
     """Rows (estimator, view) of failure counts, one column a repeat."""
     recording = true_recording(ScenarioEntry(name=scenario), 0)
-    game, costates = recording.scenario.game, np.zeros_like(recording.costates)
+    game = recording.scenario.game
     starts = []
     for repeat in range(repeats):
         noise = np.random.default_rng(repeat).standard_normal(recording.states.shape)
@@ -36,6 +39,9 @@ def failures(trials: pd.DataFrame, scenario: str, repeats: int) -> pd.DataFrame:
     verdicts = defaultdict(list)
     for row in tqdm(rows.itertuples(), total=len(rows), desc=scenario):
         weights = game.check_weights(np.stack(row.weights))
+        costates = np.zeros_like(recording.costates)
+        if consistent:
+            costates = consistent_costates(game, recording.states, recording.controls, weights)
         failed = [
             nearest_root(game, weights, start, recording.controls, costates) is None
             for start in starts
@@ -61,10 +67,12 @@ def main() -> None:
     parser.add_argument("--scenario", default="two_player")
     parser.add_argument("--estimators", nargs="+", default=["kkt_constrained", "kkt_residual"])
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--consistent-costates", action="store_true")
     arguments = parser.parse_args()
     trials = pd.read_parquet(arguments.folder / "trials.parquet")
     trials = trials[trials["estimator"].isin(arguments.estimators)]
-    print(failures(trials, arguments.scenario, arguments.repeats).to_string())
+    table = failures(trials, arguments.scenario, arguments.repeats, arguments.consistent_costates)
+    print(table.to_string())
 
 
 if __name__ == "__main__":
