@@ -60,7 +60,7 @@ def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
         tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
     advantage = np.where(tie, 0, np.where(a < b, 1, -1))
     # In a family the trials of a seed share one draw; else every trial stands for itself.
-    family = len(pairs) > 0 and _is_family(pairs["scenario"].iloc[0])
+    family = len(pairs) > 0 and is_family_label(pairs["scenario"].iloc[0])
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
     wins = share_interval((1 + advantage) / 2, units)
     return {
@@ -134,7 +134,8 @@ def _compare(attempts: pd.DataFrame, error: str) -> Iterator[dict[str, object]]:
             yield labels | {"estimator": first, "other": second} | compare_pairs(pairs)
 
 
-def _is_family(label: str) -> bool:
+def is_family_label(label: str) -> bool:
+    """Whether every seed of the scenario with this label has a draw of its own."""
     try:
         return is_family(ScenarioEntry.from_label(label).name)
     except ValueError:

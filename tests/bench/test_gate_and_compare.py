@@ -1,5 +1,6 @@
 """Acceptance limits and comparisons of runs, as a project's CI would call them."""
 
+import sqlite3
 from dataclasses import replace
 
 import pandas as pd
@@ -137,16 +138,58 @@ def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
     command = ["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"]
     main([*command, "--seeds", "1"])
     assert call("gate", out) == 0
-    assert "by the part that was run: --seeds 1" in capsys.readouterr().out
+    assert "by the parts that were run: --seeds 1" in capsys.readouterr().out
     with open_store(out) as store:  # as if that had been all that a whole run got done
         (source,) = store.runs()
-        store.begin_run(replace(source, selection=""), [])
+        store.begin_run(replace(source, selection="", seeds=2), [])
     assert call("gate", out) == 1
     said = capsys.readouterr().out
     assert "FAILS  kkt_residual, two_player, full: 1 of 2 trials are done" in said
     assert "but the run is not finished" in said
     main(command)
     assert call("gate", out) == 0
+
+
+def test_limits_of_scenarios_and_estimators_are_not_missed(tmp_path, capsys):
+    """Noise levels and draws of their own are all that was to be done."""
+    suite = tmp_path / "small.toml"
+    suite.write_text(
+        SUITE.replace('["two_player"]', '[{name = "two_player", sigmas = [0.0, 0.05], seeds = 2}]')
+        .replace('["kkt_residual", "uniform"]', '[{name = "kkt_residual", seeds = 1}, "uniform"]')
+        .replace("sigmas = [0.05]", "sigmas = [0.01, 0.02, 0.05]")
+        + GATE
+    )
+    out = tmp_path / "run"
+    main(["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"])
+    assert call("gate", out) == 0
+    assert "3 of 3 limits are kept\n" in capsys.readouterr().out
+
+
+def lose(folder, condition):
+    with sqlite3.connect(folder / "trials.sqlite") as connection:
+        connection.execute(f"DELETE FROM trials WHERE {condition}")
+    connection.close()
+
+
+def test_a_selection_has_to_be_done_as_well(tmp_path, capsys):
+    suite = tmp_path / "small.toml"
+    suite.write_text(SUITE.replace("seeds = 12", "seeds = 2") + GATE)
+    halves = tmp_path / "a", tmp_path / "b"
+    for half, view in zip(halves, ("full", "partial"), strict=True):
+        command = ["run", str(suite), "--out", str(half), "--no-figures", "--jobs", "1"]
+        main([*command, "--view", view])
+    assert call("gate", halves[0]) == 0
+    lose(halves[1], "estimator = 'kkt_residual' AND seed = 1")
+    lacking = "FAILS  kkt_residual, two_player, partial: 1 of 2 trials are done"
+    gate = tmp_path / "gate.toml"
+    gate.write_text(SUITE + "[gate.kkt_residual]\nfailures = 12\n")
+    assert call("gate", halves[1], "--suite", gate) == 1
+    assert lacking in capsys.readouterr().out
+    main(["merge", *map(str, halves), "--out", str(tmp_path / "whole")])
+    assert call("gate", tmp_path / "whole") == 1
+    said = capsys.readouterr().out
+    assert lacking in said
+    assert "by the parts that were run: --view full; --view partial" in said
 
 
 def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):
