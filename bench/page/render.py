@@ -140,7 +140,7 @@ def _percent(share: float) -> str:
 
 
 def _chance(p: float) -> str:
-    """A p-value; those of a permutation test end at one over the number of permutations."""
+    """A p-value for people."""
     return "< 0.001" if p < 0.001 else f"{p:.2g}"
 
 
