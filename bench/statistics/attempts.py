@@ -18,6 +18,9 @@ WORST = {
     "held_out_error": np.inf,
 }
 
+#: Compared like an error: 1 for an attempt without a prediction, else 0.
+FAILURES = "failures"
+
 _PREDICTIONS = ("position_error",)
 
 
@@ -30,8 +33,10 @@ def errors_of(attempts: pd.DataFrame, column: str) -> np.ndarray:
     """An error of each row, infinite for failures.
 
     A forward game without a root (``failed_forward``) is a failure of the prediction only: the
-    weights are there and have a cosine error.
+    weights are there and have a cosine error. Of ``FAILURES``, which rows are failures.
     """
+    if column == FAILURES:
+        return attempts["status"].ne("ok").to_numpy(float)
     valid = ["ok"] if column in _PREDICTIONS else ["ok", "failed_forward"]
     values = attempts[column].to_numpy(dtype=float, na_value=np.nan)
     return np.where(attempts["status"].isin(valid) & np.isfinite(values), values, np.inf)

@@ -100,15 +100,15 @@ def test_what_is_not_known_does_not_pass():
 def test_a_run_is_the_same_as_itself(run, tmp_path, capsys):
     out = tmp_path / "changes.csv"
     assert call("compare", run, run, "--out", out) == 0
-    assert "0 better, 8 same, 0 worse" in capsys.readouterr().out
+    assert "0 better, 12 same, 0 worse" in capsys.readouterr().out
     assert (pd.read_csv(out)["p_holm"] == 1).all()
 
 
 def test_another_estimator_is_better_one_way_and_worse_the_other(run, capsys):
     assert call("compare", run, run, "--estimator", "uniform=kkt_residual") == 1
-    assert "0 better, 0 same, 4 worse" in capsys.readouterr().out
+    assert "0 better, 2 same, 4 worse" in capsys.readouterr().out
     assert call("compare", run, run, "--estimator", "kkt_residual=uniform") == 0
-    assert "4 better, 0 same, 0 worse" in capsys.readouterr().out
+    assert "4 better, 2 same, 0 worse" in capsys.readouterr().out
 
 
 def test_bad_comparisons_are_one_line(run, tmp_path, capsys):
@@ -128,7 +128,30 @@ def test_a_new_failure_is_worse():
     after = before.assign(status=["crash"] * 12 + ["ok"] * 8)
     table = changes(before, after, {"e": "e"})
     assert (table["verdict"] == "worse").all()
-    assert (table["after"] == float("inf")).all()
+    after = table.set_index("error")["after"]
+    assert after["cosine_error"] == after["position_error"] == float("inf")
+    assert after["failures"] == 0.6
+
+
+def test_small_gains_do_not_make_up_for_new_failures():
+    """28 trials are slightly better, 12 of 40 crash: better by sign, and worse."""
+    rows = [
+        {"scenario": "two_player", "view": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
+        | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
+        for k in range(40)
+    ]
+    before = pd.DataFrame(rows)
+    after = before.assign(
+        status=["crash"] * 12 + ["ok"] * 28, cosine_error=0.099, position_error=0.99
+    )
+    table = changes(before, after, {"e": "e"}).set_index("error")
+    assert table["verdict"].to_dict() == {
+        "cosine_error": "better",
+        "position_error": "better",
+        "failures": "worse",
+    }
+    assert table.loc["failures", "p"] == pytest.approx(2 * 0.5**12)
+    assert table.loc["failures", ["before", "after"]].tolist() == [0.0, 0.3]
 
 
 def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
