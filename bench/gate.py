@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
+import numpy as np
 import pandas as pd
 
 from bench.errors import UserError
@@ -147,7 +148,8 @@ def _time(table: pd.DataFrame, row: dict, reference: str) -> float:
     _require("time_reference", [reference], table["estimator"])
     same = (table["scenario"] == row["scenario"]) & (table["view"] == row["view"])
     found = table.loc[same & (table["estimator"] == reference), "solve_seconds_median"]
-    return float(found.iloc[0]) if len(found) else float("nan")
+    # More than half of the reference's attempts without an end are no measure of anything.
+    return float(found.iloc[0]) if len(found) and np.isfinite(found.iloc[0]) else float("nan")
 
 
 def _require(what: str, names: list[str] | tuple[str, ...], known: pd.Series) -> None:

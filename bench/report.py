@@ -1,6 +1,8 @@
 """What a run leaves to take home: tables and figures, made from the store alone."""
 
+import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -24,7 +26,7 @@ covered: share of the estimates' 95 % ellipsoids that hold the true weights.
 identifiable: median cosine error less what the data of one trajectory cannot show at 0.01 m.
 rank: by position error; differences that are not significant are ties. /limit: mean cosine error
 over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one
-estimate."""
+estimate; those that were stopped or broke off count as infinitely slow."""
 _FLOOR_LEGEND = """
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
@@ -84,16 +86,22 @@ def format_leaderboard(table: pd.DataFrame) -> str:
     for error in ("cosine_error", "position_error"):
         quartiles = table[[f"{error}_median", f"{error}_q25", f"{error}_q75"]]
         shown[f"{error.replace('_', ' ')} [IQR]"] = [
-            f"{median:.2g} [{low:.2g}, {high:.2g}]"
+            f"{_short(median)} [{_short(low)}, {_short(high)}]"
             for median, low, high in quartiles.itertuples(index=False)
         ]
     if "held_out_error_median" in table:
-        shown["held out"] = table["held_out_error_median"].map("{:.2g}".format)
+        shown["held out"] = table["held_out_error_median"].map(_short)
     shown["covered"] = table["coverage"].map("{:.0%}".format).replace("nan%", "")
     if "identifiable_cosine_error_median" in table:
-        shown["identifiable"] = table["identifiable_cosine_error_median"].map("{:.2g}".format)
-    shown["/limit"] = table["limit_ratio"].map("{:.2f}".format)
+        shown["identifiable"] = table["identifiable_cosine_error_median"].map(_short)
+    shown["/limit"] = table["limit_ratio"].map(partial(_short, digits=".2f"))
     shown["rank"] = table["position_error_rank"]
-    shown["ms"] = (1e3 * table["solve_seconds_median"]).map("{:.1f}".format)
+    shown["ms"] = (1e3 * table["solve_seconds_median"]).map(partial(_short, digits=".1f"))
     legend = _LEGEND + (_FLOOR_LEGEND if FLOOR in set(table["estimator"]) else "")
     return f"{shown.to_string(index=False)}\n{legend}"
+
+
+def _short(value: float, digits: str = ".2g") -> str:
+    if math.isnan(value):
+        return "-"
+    return "∞" if math.isinf(value) else f"{value:{digits}}"

@@ -182,11 +182,26 @@ def identifiability(
     sensitivity = observation_sensitivity(
         game, view, states, controls, costates, weights, noise_scale=noise_scale
     )
+    return joint_identifiability(game, [sensitivity], sigma=sigma)
+
+
+def joint_identifiability(
+    game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
+) -> Identifiability:
+    """Which weights several trajectories identify together at a noise level.
+
+    Every trajectory has an unknown initial state of its own.
+
+    Args:
+        game: the game.
+        sensitivities: ``observation_sensitivity`` of each trajectory.
+        sigma: noise level, above 0.
+    """
     tangent = _tangent(game.num_players, game.num_weights)
-    observed = _on_tangent(tangent, [sensitivity])
+    observed = _on_tangent(tangent, sensitivities)
     free, count = tangent.shape[1], game.num_weights
     # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
-    # their information once x_1 is not known.
+    # their information once no x_1 is known.
     nuisance_first = np.hstack([observed[:, free:], observed[:, :free]])
     _, triangle = np.linalg.qr(nuisance_first)
     root = triangle[-free:, -free:] / sigma
@@ -199,7 +214,7 @@ def identifiability(
     bound = (lifted[:, known] / singular[known]) @ (lifted[:, known] / singular[known]).T
     blind = (lifted[:, ~known] ** 2).sum(axis=1) > _BLIND
     deviations = np.where(blind, np.inf, np.sqrt(np.diag(bound)))
-    shape = weights.shape
+    shape = game.num_players, count
     prior_variance = (1 - 1 / count) / prior
     variances = np.einsum("ij,jk,ik->i", tangent, posterior, tangent)
     return Identifiability(

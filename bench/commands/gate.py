@@ -1,5 +1,6 @@
 """``olne-bench gate``: is a run good enough?"""
 
+import math
 import sys
 from pathlib import Path
 
@@ -38,9 +39,10 @@ def gate(folder: Path, suite: str | None) -> None:
     plans = [plan_of(run) for run in runs] or [Plan(source, source.seeds)]
     unfinished = missing_trials(trials, plans)
     for check in checks:
+        value = "∞" if math.isinf(check.value) else f"{check.value:.4g}"
         click.echo(
             f"{'holds' if check.passed else 'FAILS'}  {check.estimator}, {check.scenario}, "
-            f"{check.view}: {check.limit} {check.value:.4g}  (at most {check.bound:g})"
+            f"{check.view}: {check.limit} {value}  (at most {check.bound:g})"
         )
     for line in unfinished:
         click.echo(f"FAILS  {line}")

@@ -1,7 +1,8 @@
 """Which weights a scenario lets one know, and how close estimators come to the limit.
 
 Fixed scenarios have one truth. Of a family every seed has its own; its first draw stands for it
-here, and only that draw's trials are looked at.
+here, and only that draw's trials are looked at. Where a scenario shows several trajectories, all
+of them count.
 """
 
 from collections.abc import Iterator
@@ -15,10 +16,14 @@ from bench.leaderboard import LIMIT_SIGMAS
 from bench.metrics import identifiable_cosine_error
 from bench.statistics.attempts import attempts_of, errors_of
 from bench.suite import ScenarioEntry
-from bench.truth import observed_noise_scale, true_recording
+from bench.truth import observed_noise_scale, true_recordings
 from envs.recording import NoEquilibriumError, Recording
 from envs.scenarios import is_family
-from games.information import Identifiability, identifiability
+from games.information import (
+    Identifiability,
+    joint_identifiability,
+    observation_sensitivity,
+)
 from games.observation import VIEWS
 
 #: Noise level [m] at which parameters are said to be identified or not.
@@ -116,20 +121,24 @@ def _known_truths(
 @lru_cache(maxsize=64)
 def _truth(label: str, view: str, seed: int) -> tuple[Recording, Identifiability] | None:
     try:
-        recording = true_recording(ScenarioEntry.from_label(label), seed)
-        known = identifiability(
-            recording.scenario.game,
-            VIEWS[view],
-            recording.states,
-            recording.controls,
-            recording.costates,
-            recording.scenario.weights,
-            sigma=REFERENCE_SIGMA,
-            noise_scale=observed_noise_scale(recording.scenario, VIEWS[view]),
-        )
+        recordings = true_recordings(ScenarioEntry.from_label(label), seed)
+        game = recordings[0].scenario.game
+        sensitivities = [
+            observation_sensitivity(
+                game,
+                VIEWS[view],
+                one.states,
+                one.controls,
+                one.costates,
+                one.scenario.weights,
+                noise_scale=observed_noise_scale(one.scenario, VIEWS[view]),
+            )
+            for one in recordings
+        ]
+        known = joint_identifiability(game, sensitivities, sigma=REFERENCE_SIGMA)
     except (KeyError, TypeError, ValueError, NoEquilibriumError):
         return None  # a scenario or view of another version, or a truth that cannot be varied
-    return recording, known
+    return recordings[0], known
 
 
 def _rows_of(trials: pd.DataFrame, labels: dict[str, str]) -> pd.DataFrame:

@@ -28,6 +28,7 @@ failures = 12
 time_ratio = 100000
 time_reference = "uniform"
 """
+INF, NAN = float("inf"), float("nan")
 
 
 def call(*arguments: object) -> int:
@@ -95,6 +96,17 @@ def test_what_is_not_known_does_not_pass():
     )
     (check,) = check_limits(table, {"e": Limits(limit_ratio=5.0)})
     assert not check.passed
+
+
+@pytest.mark.parametrize(
+    ("own", "reference", "ratio"), [(4.0, 2.0, 2.0), (INF, 2.0, INF), (4.0, INF, NAN)]
+)
+def test_times_without_an_end_do_not_pass(own, reference, ratio):
+    table = pd.DataFrame({"estimator": ["e", "r"], "solve_seconds_median": [own, reference]})
+    table = table.assign(scenario="s", view="v", trials=3)
+    (check,) = check_limits(table, {"e": Limits(time_ratio=3.0, time_reference="r")})
+    assert check.value == pytest.approx(ratio, nan_ok=True)
+    assert check.passed == (ratio == 2)
 
 
 def test_a_run_is_the_same_as_itself(run, tmp_path, capsys):

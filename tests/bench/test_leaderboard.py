@@ -83,3 +83,18 @@ def test_coverage_is_over_estimates_with_an_ellipsoid():
 def test_a_lost_held_out_prediction_ranks_worst():
     row = only_row(trial(held_out_error=0.1), *[trial(held_out_error=np.nan)] * 2)
     assert row["held_out_error_median"] == np.inf
+
+
+def test_those_who_never_finish_are_the_slowest():
+    ended = [trial(solve_seconds=0.1), trial(solve_seconds=0.3, status="not_converged")]
+    assert only_row(*ended)["solve_seconds_median"] == pytest.approx(0.2)
+    stopped = [trial(status=s, solve_seconds=np.nan) for s in ("timeout", "crash", "timeout")]
+    assert only_row(*ended, stopped[0])["solve_seconds_median"] == 0.3
+    assert only_row(*ended, *stopped)["solve_seconds_median"] == np.inf
+    skipped = trial(status="skipped", solve_seconds=np.nan)
+    assert only_row(*ended, skipped, skipped)["solve_seconds_median"] == pytest.approx(0.2)
+
+
+def test_times_count_as_often_as_their_rows():
+    fast = trial(sigma=0.0, solve_seconds=0.1, count=5)
+    assert only_row(fast, *[trial(solve_seconds=0.9)] * 4)["solve_seconds_median"] == 0.1
