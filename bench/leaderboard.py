@@ -32,8 +32,9 @@ def leaderboard(trials: pd.DataFrame, comparisons: pd.DataFrame | None = None) -
         error the median, quartiles and mean with its 95 % interval over seeds, ``coverage``
         (share of 95 % ellipsoids that hold the truth, among the ``coverage_trials`` estimates with
         one), ``limit_ratio`` (mean cosine error over its statistical limit for small noise), the
-        median time, infinite for attempts that never came to an end, and ranks with ties. In means, a failure has the largest error there is: 1 for angles, infinity for
-        positions. The best median position error comes first within a scenario and view.
+        median time, infinite for attempts that never came to an end, and ranks with ties. In means,
+        a failure has the largest error there is: 1 for angles, infinity for positions. The best
+        median position error comes first within a scenario and view.
     """
     if "held_out_error" in trials and not trials["held_out_error"].notna().any():
         trials = trials.drop(columns="held_out_error")  # not measured, which is nobody's failure

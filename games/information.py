@@ -155,42 +155,11 @@ class Identifiability:
 
 
 def identifiability(
-    game: Game,
-    view: View,
-    states: np.ndarray,
-    controls: np.ndarray,
-    costates: np.ndarray,
-    weights: np.ndarray,
-    *,
-    sigma: float,
-    noise_scale: np.ndarray | None = None,
-) -> Identifiability:
-    """Which weights the data identify at a noise level, singular information included.
-
-    The arguments are those of ``weight_covariance``. All other weights and x_1 are unknown, too.
-
-    Args:
-        game: the game.
-        view: the observation model.
-        states: (T, N, n) of the equilibrium.
-        controls: (T-1, N, m).
-        costates: (T-1, N, n).
-        weights: (N, K).
-        sigma: noise level, above 0.
-        noise_scale: (d,) relative standard deviations of the noise.
-    """
-    sensitivity = observation_sensitivity(
-        game, view, states, controls, costates, weights, noise_scale=noise_scale
-    )
-    return joint_identifiability(game, [sensitivity], sigma=sigma)
-
-
-def joint_identifiability(
     game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
 ) -> Identifiability:
-    """Which weights several trajectories identify together at a noise level.
+    """Which weights trajectories identify at a noise level, singular information included.
 
-    Every trajectory has an unknown initial state of its own.
+    All other weights and the initial state of every trajectory are unknown, too.
 
     Args:
         game: the game.

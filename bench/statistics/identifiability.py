@@ -16,14 +16,10 @@ from bench.leaderboard import LIMIT_SIGMAS
 from bench.metrics import identifiable_cosine_error
 from bench.statistics.attempts import attempts_of, errors_of
 from bench.suite import ScenarioEntry
-from bench.truth import observed_noise_scale, true_recordings
+from bench.truth import sensitivities_of, true_recordings
 from envs.recording import NoEquilibriumError, Recording
 from envs.scenarios import is_family
-from games.information import (
-    Identifiability,
-    joint_identifiability,
-    observation_sensitivity,
-)
+from games.information import Identifiability, identifiability
 from games.observation import VIEWS
 
 #: Noise level [m] at which parameters are said to be identified or not.
@@ -122,20 +118,11 @@ def _known_truths(
 def _truth(label: str, view: str, seed: int) -> tuple[Recording, Identifiability] | None:
     try:
         recordings = true_recordings(ScenarioEntry.from_label(label), seed)
-        game = recordings[0].scenario.game
-        sensitivities = [
-            observation_sensitivity(
-                game,
-                VIEWS[view],
-                one.states,
-                one.controls,
-                one.costates,
-                one.scenario.weights,
-                noise_scale=observed_noise_scale(one.scenario, VIEWS[view]),
-            )
-            for one in recordings
-        ]
-        known = joint_identifiability(game, sensitivities, sigma=REFERENCE_SIGMA)
+        known = identifiability(
+            recordings[0].scenario.game,
+            sensitivities_of(recordings, VIEWS[view]),
+            sigma=REFERENCE_SIGMA,
+        )
     except (KeyError, TypeError, ValueError, NoEquilibriumError):
         return None  # a scenario or view of another version, or a truth that cannot be varied
     return recordings[0], known
