@@ -24,7 +24,8 @@ cosine error: angle between estimated and true weights; position error [m]: pred
 forward game at the estimated weights; held out: its median from five other initial states.
 covered: share of the estimates' 95 % ellipsoids that hold the true weights.
 identifiable: median cosine error less what the data of one trajectory cannot show at 0.01 m.
-rank: by position error; differences that are not significant are ties. /limit: mean cosine error
+rank: by position error; differences that are not significant are ties, and where so few trials
+are independent that none could be, there is none. /limit: mean cosine error
 over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one
 estimate; those that were stopped or broke off count as infinitely slow."""
 _FLOOR_LEGEND = """
@@ -95,7 +96,7 @@ def format_leaderboard(table: pd.DataFrame) -> str:
     if "identifiable_cosine_error_median" in table:
         shown["identifiable"] = table["identifiable_cosine_error_median"].map(_short)
     shown["/limit"] = table["limit_ratio"].map(partial(_short, digits=".2f"))
-    shown["rank"] = table["position_error_rank"]
+    shown["rank"] = table["position_error_rank"].astype("string").fillna("-")
     shown["ms"] = (1e3 * table["solve_seconds_median"]).map(partial(_short, digits=".1f"))
     legend = _LEGEND + (_FLOOR_LEGEND if FLOOR in set(table["estimator"]) else "")
     return f"{shown.to_string(index=False)}\n{legend}"

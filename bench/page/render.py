@@ -19,7 +19,7 @@ from bench.page.numbers import human
 from bench.page.verdicts import verdicts
 from bench.provenance import Provenance
 from bench.statistics.attempts import FLOOR
-from bench.statistics.comparison import SIGNIFICANCE
+from bench.statistics.comparison import SIGNIFICANCE, leaders
 from bench.statistics.identifiability import REFERENCE_SIGMA
 
 _FOLDER = Path(__file__).parent
@@ -66,7 +66,7 @@ def render_page(
         script=_own("page.js"),
         data=chart_data(trials),
         colours=style.estimator_colours(table["estimator"].unique().tolist()),
-        verdicts=verdicts(table),
+        verdicts=verdicts(table, findings.comparisons),
         rows=_board(table),
         shows={
             "held_out": "held_out_error_median" in table,
@@ -99,6 +99,8 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def _board(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows of the leaderboard with their bars, the floor below those that it measures."""
+    ranked = table["position_error_rank"].astype("Float64").to_numpy(float, na_value=math.nan)
+    table = table.assign(position_error_rank=ranked, first=leaders(table, "position_error"))
     rows = [row | {"bar": bar} for row, bar in zip(_rows(table), _bars(table), strict=True)]
     groups = list(dict.fromkeys((row["scenario"], row["view"]) for row in rows))
     place = {group: number for number, group in enumerate(groups)}

@@ -21,6 +21,8 @@ from envs.scenarios import is_family
 
 #: Comparisons with an adjusted p-value below are significant.
 SIGNIFICANCE = 0.05
+#: With fewer independent units no p-value can be that small, whatever they say: 2 / 2**5 is more.
+_LEAST_UNITS = 6
 #: Differences below are ties: absolute, of rounding; relative to the smaller error, too small to
 #: matter, as of two solvers that end at the same optimum.
 _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
@@ -36,15 +38,17 @@ def compare_estimators(trials: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
         Columns ``error, scenario, view, estimator, other``, ``pairs`` (trials that both have
-        attempted), ``wins`` (share in which ``estimator`` has the smaller error, a tie counting
-        half) with ``wins_low`` and ``wins_high`` (95 %), ``p`` of a permutation test and
-        ``p_holm``, adjusted after Holm for all comparisons of the table, by both errors.
+        attempted), ``units`` (how many of them are independent: in a family, its draws), ``wins``
+        (share in which ``estimator`` has the smaller error, a tie counting half) with ``wins_low``
+        and ``wins_high`` (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm
+        for all comparisons of the table, by both errors.
     """
     attempts = attempts_of(trials)
     attempts = attempts[attempts["count"] == 1]
-    columns = ["error", *_GROUP, "estimator", "other", "pairs", "wins", "wins_low", "wins_high"]
+    columns = ["error", *_GROUP, "estimator", "other", "pairs", "units"]
+    columns += ["wins", "wins_low", "wins_high", "p"]
     rows = [row for error in ERRORS for row in _compare(attempts, error)]
-    table = pd.DataFrame(rows, columns=[*columns, "p"])
+    table = pd.DataFrame(rows, columns=columns)
     return table.assign(p_holm=holm(table["p"].to_numpy(float)))
 
 
@@ -55,7 +59,7 @@ def paired_errors(first: pd.DataFrame, second: pd.DataFrame, error: str) -> pd.D
 
 
 def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
-    """``pairs, wins, wins_low, wins_high, p`` of the pairs (``paired_errors``) of one scenario."""
+    """``pairs, units, wins, wins_low, wins_high, p`` of ``paired_errors`` of one scenario."""
     a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
     with np.errstate(invalid="ignore"):  # two failures
         tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
@@ -66,6 +70,7 @@ def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
     wins = share_interval((1 + advantage) / 2, units)
     return {
         "pairs": len(pairs),
+        "units": len(np.unique(units)),
         "wins": wins.estimate,
         "wins_low": wins.low,
         "wins_high": wins.high,
@@ -122,16 +127,34 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
         error: which one to rank by.
 
     Returns:
-        Ranks with the index of ``estimators``; those that cannot be told apart share one.
+        Ranks with the index of ``estimators``; those that cannot be told apart share one. Missing
+        where there are so few independent units that nobody could be told apart.
     """
-    told = comparisons[(comparisons["error"] == error) & (comparisons["p_holm"] < SIGNIFICANCE)]
+    of_error = comparisons[comparisons["error"] == error]
+    told = of_error[of_error["p_holm"] < SIGNIFICANCE]
     loses = told["wins"] < 0.5
     losers = told["estimator"].where(loses, told["other"])
     winners = told["other"].where(loses, told["estimator"])
     told = told[_GROUP].assign(estimator=losers)[winners != FLOOR]
     beaten = told.groupby([*_GROUP, "estimator"]).size()
     keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
-    return pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
+    found = pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
+    enough = of_error[of_error["units"] >= _LEAST_UNITS]
+    judged = pd.concat([enough, enough.assign(estimator=enough["other"])])
+    alone = estimators.groupby(_GROUP)["estimator"].transform("size") == 1
+    known = alone | keys.isin(pd.MultiIndex.from_frame(judged[[*_GROUP, "estimator"]]))
+    return found.astype("Int64").where(known)
+
+
+def leaders(table: pd.DataFrame, error: str) -> pd.Series:
+    """Which rows of a leaderboard to show as the best ones by an error.
+
+    Those of rank 1 that have a median, the floor aside, where anybody is significantly worse.
+    """
+    ranked = table[f"{error}_rank"]
+    told = ranked.gt(1).fillna(False).groupby([table[name] for name in _GROUP]).transform("any")
+    first = ranked.eq(1).fillna(False) & told & np.isfinite(table[f"{error}_median"])
+    return (first & (table["estimator"] != FLOOR)).astype(bool)
 
 
 def _compare(attempts: pd.DataFrame, error: str) -> Iterator[dict[str, object]]:

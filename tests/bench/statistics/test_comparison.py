@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, false_discovery_control
 
-from bench.statistics.comparison import compare_estimators, holm, permutation_p, ranks
+from bench.statistics.comparison import compare_estimators, holm, leaders, permutation_p, ranks
 
 
 def study(errors: dict[str, np.ndarray], scenario: str = "two_player") -> pd.DataFrame:
@@ -158,3 +158,37 @@ def test_the_floor_takes_nobodys_rank() -> None:
     for order, expected in (((0, 1, 2), [1, 1, 2]), ((2, 0, 1), [3, 1, 2])):
         found = study(dict(zip(names["estimator"], (errors[k] for k in order), strict=True)))
         assert ranks(compare_estimators(found), table, "position_error").tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("scenario", "seeds", "ranked"),
+    [
+        ("random(num_players=3)", 5, False),
+        ("random(num_players=3)", 6, True),
+        ("two_player", 1, False),
+        ("two_player", 2, True),
+    ],
+)
+def test_too_few_units_have_no_rank(scenario: str, seeds: int, ranked: bool) -> None:
+    """Three levels of two draws are six trials, but two draws of a family."""
+    trials = study({"a": np.zeros((3, seeds)), "b": np.ones((3, seeds))}, scenario)
+    names = pd.DataFrame({"estimator": ["a", "b"]}).assign(scenario=scenario, view="full")
+    found = ranks(compare_estimators(trials), names, "position_error")
+    assert found.notna().tolist() == [ranked] * 2
+
+
+def test_leaders_are_better_than_somebody() -> None:
+    table = pd.DataFrame(
+        [
+            ("one", "best", 1, 0.1, True),
+            ("one", "fails", 1, np.inf, False),
+            ("one", "uniform", 1, 0.0, False),
+            ("one", "worse", 3, 0.5, False),
+            ("two", "a", 1, 0.1, False),
+            ("two", "b", 1, 0.2, False),
+            ("few", "a", pd.NA, 0.1, False),
+        ],
+        columns=["scenario", "estimator", "cosine_error_rank", "cosine_error_median", "leads"],
+    ).assign(view="full")
+    table = table.astype({"cosine_error_rank": "Int64"})
+    assert leaders(table, "cosine_error").tolist() == table["leads"].tolist()
