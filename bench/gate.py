@@ -11,7 +11,7 @@ import pandas as pd
 
 from bench.errors import UserError
 from bench.provenance import Provenance
-from bench.statistics.comparison import is_family_label
+from bench.statistics.attempts import is_family_label
 from bench.suite import Limits, Suite, read_suite_json, select
 
 _KEY = ["estimator", "scenario", "view", "sigma", "seed"]

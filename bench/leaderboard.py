@@ -7,7 +7,7 @@ failures at infinity, and a median of ``inf`` says that more than half of the at
 import numpy as np
 import pandas as pd
 
-from bench.statistics.attempts import WORST, attempts_of, errors_of, quantile
+from bench.statistics.attempts import WORST, attempts_of, errors_of, lacks_held_out, quantile
 from bench.statistics.comparison import ranks
 from bench.statistics.intervals import mean_by_seed
 
@@ -36,8 +36,13 @@ def leaderboard(trials: pd.DataFrame, comparisons: pd.DataFrame | None = None) -
         a failure has the largest error there is: 1 for angles, infinity for positions. The best
         median position error comes first within a scenario and view.
     """
-    if "held_out_error" in trials and not trials["held_out_error"].notna().any():
-        trials = trials.drop(columns="held_out_error")  # not measured, which is nobody's failure
+    if "held_out_error" in trials:
+        lacks = lacks_held_out(trials)
+        trials = (
+            trials.assign(lacks_held_out=lacks)
+            if trials["held_out_error"].notna().any()
+            else trials.drop(columns="held_out_error")  # not measured, which is nobody's failure
+        )
     groups = trials.groupby(_KEY, sort=True)
     rows = [dict(zip(_KEY, key, strict=True)) | _summary(group) for key, group in groups]
     columns = list(rows[0]) if rows else []
@@ -64,12 +69,14 @@ def _summary(group: pd.DataFrame) -> dict[str, float | int]:
     for error, worst in WORST.items():
         if error not in attempts:
             continue
+        known = np.full(len(attempts), True)
         if error == "identifiable_cosine_error":
             values = attempts[error].to_numpy(float)
             known = ~np.isnan(values)
         else:
             values = errors_of(attempts, error)
-            known = np.full(len(values), True)
+        if error == "held_out_error":
+            known = ~attempts["lacks_held_out"].to_numpy(bool)
         for name, share in (("median", 0.5), ("q25", 0.25), ("q75", 0.75)):
             summary[f"{error}_{name}"] = quantile(values[known], count[known], share)
         mean = mean_by_seed(np.minimum(values, worst)[known], seeds[known], count[known])

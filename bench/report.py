@@ -13,7 +13,7 @@ from bench.figures import draw_figures
 from bench.findings import find
 from bench.outputs import whole_file
 from bench.page.render import render_page
-from bench.statistics.attempts import FLOOR
+from bench.statistics.attempts import FLOOR, weighed
 from bench.store import parse_weights, read_store, to_frame
 from bench.tables import latex, markdown
 
@@ -23,7 +23,7 @@ published_failures: also those where only a longer search than the published one
 cosine error: angle between estimated and true weights; position error [m]: prediction by the
 forward game at the estimated weights; held out: its median from five other initial states.
 covered: share of the estimates' 95 % ellipsoids that hold the true weights.
-identifiable: median cosine error less what the data of one trajectory cannot show at 0.01 m.
+identifiable: median cosine error less what the data cannot show at 0.01 m.
 rank: by position error; differences that are not significant are ties, and where so few trials
 are independent that none could be, there is none. /limit: mean cosine error
 over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one
@@ -59,7 +59,7 @@ def write_report(folder: Path, formats: Sequence[str]) -> pd.DataFrame:
         rows = parse_weights(rows)
         with whole_file(folder / "trials.parquet") as path:
             parquet.write_table(rows, path, compression="zstd")
-        trials = to_frame(rows)
+        trials = weighed(to_frame(rows))
         findings = find(trials)
         for name, table in findings.tables().items():
             with whole_file(folder / f"{name}.csv") as path:

@@ -9,6 +9,7 @@ import click
 from bench.errors import UserError
 from bench.findings import find
 from bench.gate import Plan, check_limits, missing_trials, plan_of
+from bench.statistics.attempts import weighed
 from bench.store import read_store
 from bench.suite import load_suite, read_suite_json
 
@@ -33,7 +34,7 @@ def gate(folder: Path, suite: str | None) -> None:
             f"suite {source.name!r} has no [gate] table; it would have limits by estimator, such "
             f"as [gate.{source.estimators[0].label}] with position_error = 0.1"
         )
-    table = find(trials).leaderboard
+    table = find(weighed(trials)).leaderboard
     checks = check_limits(table, source.gate)
     # Other limits do not make a run whole that is not.
     plans = [plan_of(run) for run in runs] or [Plan(source, source.seeds)]

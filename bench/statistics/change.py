@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pandas as pd
 
-from bench.statistics.attempts import ERRORS, FAILURES, attempts_of, quantile
+from bench.statistics.attempts import ERRORS, FAILURES, attempts_of, noisy, quantile
 from bench.statistics.comparison import SIGNIFICANCE, compare_pairs, holm, paired_errors
 
 _GROUP = ["scenario", "view"]
@@ -14,7 +14,7 @@ _GROUP = ["scenario", "view"]
 def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str]) -> pd.DataFrame:
     """What became of the estimators, in every scenario and view that both runs have.
 
-    Trials without noise, which stand for several, have nothing random in them and take no part.
+    Trials without noise have nothing random in them and take no part, unless of a family's draws.
 
     Args:
         before: trials of one run.
@@ -28,7 +28,7 @@ def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str])
         ``better_high`` (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or ``worse`` where
         significant, else ``same``.
     """
-    tables = [t[t["count"] == 1] for t in (attempts_of(before), attempts_of(after))]
+    tables = [noisy(attempts_of(trials)) for trials in (before, after)]
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after"]
     columns += ["better", "better_low", "better_high", "p"]
     rows = []

@@ -14,10 +14,8 @@ import pandas as pd
 from scipy.signal import convolve
 from scipy.stats import binom
 
-from bench.statistics.attempts import ERRORS, FLOOR, attempts_of, errors_of
+from bench.statistics.attempts import ERRORS, FLOOR, attempts_of, errors_of, is_family_label, noisy
 from bench.statistics.intervals import share_interval
-from bench.suite import ScenarioEntry
-from envs.scenarios import is_family
 
 #: Comparisons with an adjusted p-value below are significant.
 SIGNIFICANCE = 0.05
@@ -33,8 +31,8 @@ _PAIR = [*_GROUP, "sigma", "seed"]
 def compare_estimators(trials: pd.DataFrame) -> pd.DataFrame:
     """All pairs of estimators, for both errors, in every scenario and view.
 
-    Rows that stand for several equal sequences (sigma = 0) have nothing random in them and do not
-    take part.
+    Rows without noise have nothing random in them and do not take part, unless they are of a
+    family's draws.
 
     Returns:
         Columns ``error, scenario, view, estimator, other``, ``pairs`` (trials that both have
@@ -43,8 +41,7 @@ def compare_estimators(trials: pd.DataFrame) -> pd.DataFrame:
         and ``wins_high`` (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm
         for all comparisons of the table, by both errors.
     """
-    attempts = attempts_of(trials)
-    attempts = attempts[attempts["count"] == 1]
+    attempts = noisy(attempts_of(trials))
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "units"]
     columns += ["wins", "wins_low", "wins_high", "p"]
     rows = [row for error in ERRORS for row in _compare(attempts, error)]
@@ -164,11 +161,3 @@ def _compare(attempts: pd.DataFrame, error: str) -> Iterator[dict[str, object]]:
             pairs = paired_errors(parts[first], parts[second], error)
             labels = {"error": error, "scenario": scenario, "view": view}
             yield labels | {"estimator": first, "other": second} | compare_pairs(pairs)
-
-
-def is_family_label(label: str) -> bool:
-    """Whether every seed of the scenario with this label has a draw of its own."""
-    try:
-        return is_family(ScenarioEntry.from_label(label).name)
-    except ValueError:
-        return True  # unknown here: the careful choice
