@@ -18,7 +18,7 @@ from bench.page.data import chart_data
 from bench.page.numbers import human
 from bench.page.verdicts import verdicts
 from bench.provenance import Provenance
-from bench.statistics.attempts import FLOOR
+from bench.statistics.attempts import ERRORS, FLOOR
 from bench.statistics.comparison import SIGNIFICANCE, leaders
 from bench.statistics.identifiability import REFERENCE_SIGMA
 
@@ -100,7 +100,10 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 def _board(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows of the leaderboard with their bars, the floor below those that it measures."""
     ranked = table["position_error_rank"].astype("Float64").to_numpy(float, na_value=math.nan)
-    table = table.assign(position_error_rank=ranked, first=leaders(table, "position_error"))
+    table = table.assign(
+        position_error_rank=ranked,
+        **{f"{error}_leads": leaders(table, error) for error in ERRORS},
+    )
     rows = [row | {"bar": bar} for row, bar in zip(_rows(table), _bars(table), strict=True)]
     groups = list(dict.fromkeys((row["scenario"], row["view"]) for row in rows))
     place = {group: number for number, group in enumerate(groups)}
