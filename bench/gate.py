@@ -1,12 +1,20 @@
 """Acceptance: a run against the limits of its suite."""
 
-from collections.abc import Iterator
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import product
 
+import numpy as np
 import pandas as pd
 
 from bench.errors import UserError
-from bench.suite import Limits, Suite
+from bench.provenance import Provenance
+from bench.statistics.attempts import is_family_label
+from bench.suite import Limits, Suite, read_suite_json, select
+
+_KEY = ["estimator", "scenario", "view", "sigma", "seed"]
 
 #: Columns of the leaderboard that limits are on; times are compared apart.
 _COLUMNS = {
@@ -17,6 +25,35 @@ _COLUMNS = {
     "failures": "failures",
     "published_failures": "published_failures",
 }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run set out to do.
+
+    Attributes:
+        suite: the part of its suite that was asked for.
+        seeds: the first so many noise draws.
+    """
+
+    suite: Suite
+    seeds: int
+
+
+def plan_of(run: Provenance) -> Plan:
+    """What a stored run was asked to do."""
+    words = shlex.split(run.selection)
+    chosen: dict[str, list[str]] = {}
+    for option, value in zip(words[::2], words[1::2], strict=True):
+        chosen.setdefault(option.removeprefix("--"), []).append(value)
+    part = select(
+        read_suite_json(run.suite),
+        scenarios=tuple(chosen.get("scenario", ())),
+        views=tuple(chosen.get("view", ())),
+        sigmas=tuple(float(sigma) for sigma in chosen.get("sigma", ())),
+        estimators=tuple(chosen.get("estimator", ())),
+    )
+    return Plan(part, run.seeds)
 
 
 @dataclass(frozen=True)
@@ -60,29 +97,32 @@ def check_limits(table: pd.DataFrame, gate: dict[str, Limits]) -> list[Check]:
     ]
 
 
-def missing_trials(table: pd.DataFrame, suite: Suite) -> list[str]:
-    """What a run has not done of what the gate is about, in words: a part may not pass for all.
+def missing_trials(trials: pd.DataFrame, plans: Iterable[Plan]) -> list[str]:
+    """What has not been done of what was set out to be done, in words.
 
     Args:
-        table: a leaderboard.
-        suite: the run's own.
+        trials: rows of a run.
+        plans: of all that wrote to it; what they share counts once.
     """
-    counts = table.set_index(["estimator", "scenario", "view"])[["trials", "skipped"]].sum(axis=1)
-    found = []
-    for estimator in suite.estimators:
-        limits = suite.gate.get(estimator.label)
-        if limits is None:
-            continue
-        labels = [s.label for s in suite.scenarios]
-        for scenario in limits.scenarios or estimator.scenarios or labels:
-            for view in limits.views or suite.views:
-                whole = len(suite.sigmas) * min(estimator.seeds or suite.seeds, suite.seeds)
-                done = int(counts.get((estimator.label, scenario, view), 0))
-                if done < whole:
-                    found.append(
-                        f"{estimator.label}, {scenario}, {view}: {done} of {whole} trials are done"
-                    )
-    return found
+    planned = {key for plan in plans for key in _keys(plan)}
+    done = set(trials[_KEY].itertuples(index=False, name=None))
+    whole = Counter(key[:3] for key in planned)
+    missing = Counter(key[:3] for key in planned - done)
+    return [
+        f"{', '.join(place)}: {whole[place] - number} of {whole[place]} trials are done"
+        for place, number in sorted(missing.items())
+    ]
+
+
+def _keys(plan: Plan) -> Iterator[tuple[str, str, str, float, int]]:
+    """The trials of a plan, as ``bench.trial.expand`` has them, be all they name here or not."""
+    suite = plan.suite
+    for scenario, estimator in suite.pairs():
+        seeds = range(min(plan.seeds, suite.seeds_of(scenario, estimator)))
+        fixed = not is_family_label(scenario.label)
+        for view, sigma in product(suite.views, suite.sigmas_of(scenario)):
+            for seed in seeds[:1] if fixed and sigma == 0 else seeds:
+                yield estimator.label, scenario.label, view, sigma, seed
 
 
 def _checks(table: pd.DataFrame, estimator: str, limits: Limits) -> Iterator[Check]:
@@ -108,7 +148,8 @@ def _time(table: pd.DataFrame, row: dict, reference: str) -> float:
     _require("time_reference", [reference], table["estimator"])
     same = (table["scenario"] == row["scenario"]) & (table["view"] == row["view"])
     found = table.loc[same & (table["estimator"] == reference), "solve_seconds_median"]
-    return float(found.iloc[0]) if len(found) else float("nan")
+    # More than half of the reference's attempts without an end are no measure of anything.
+    return float(found.iloc[0]) if len(found) and np.isfinite(found.iloc[0]) else float("nan")
 
 
 def _require(what: str, names: list[str] | tuple[str, ...], known: pd.Series) -> None:

@@ -7,7 +7,7 @@ failures at infinity, and a median of ``inf`` says that more than half of the at
 import numpy as np
 import pandas as pd
 
-from bench.statistics.attempts import WORST, attempts_of, errors_of, quantile
+from bench.statistics.attempts import WORST, attempts_of, errors_of, lacks_held_out, quantile
 from bench.statistics.comparison import ranks
 from bench.statistics.intervals import mean_by_seed
 
@@ -31,13 +31,18 @@ def leaderboard(trials: pd.DataFrame, comparisons: pd.DataFrame | None = None) -
         ``published_failures`` (rows counted with their ``count``; skipped ones apart), of each
         error the median, quartiles and mean with its 95 % interval over seeds, ``coverage``
         (share of 95 % ellipsoids that hold the truth, among the ``coverage_trials`` estimates with
-        one), ``limit_ratio``
-        (mean cosine error over its statistical limit for small noise), the median time, and ranks
-        with ties. In means, a failure has the largest error there is: 1 for angles, infinity for
-        positions. The best median position error comes first within a scenario and view.
+        one), ``limit_ratio`` (mean cosine error over its statistical limit for small noise), the
+        median time, infinite for attempts that never came to an end, and ranks with ties. In means,
+        a failure has the largest error there is: 1 for angles, infinity for positions. The best
+        median position error comes first within a scenario and view.
     """
-    if "held_out_error" in trials and not trials["held_out_error"].notna().any():
-        trials = trials.drop(columns="held_out_error")  # not measured, which is nobody's failure
+    if "held_out_error" in trials:
+        lacks = lacks_held_out(trials)
+        trials = (
+            trials.assign(lacks_held_out=lacks)
+            if trials["held_out_error"].notna().any()
+            else trials.drop(columns="held_out_error")  # not measured, which is nobody's failure
+        )
     groups = trials.groupby(_KEY, sort=True)
     rows = [dict(zip(_KEY, key, strict=True)) | _summary(group) for key, group in groups]
     columns = list(rows[0]) if rows else []
@@ -64,20 +69,23 @@ def _summary(group: pd.DataFrame) -> dict[str, float | int]:
     for error, worst in WORST.items():
         if error not in attempts:
             continue
+        known = np.full(len(attempts), True)
         if error == "identifiable_cosine_error":
             values = attempts[error].to_numpy(float)
             known = ~np.isnan(values)
         else:
             values = errors_of(attempts, error)
-            known = np.full(len(values), True)
+        if error == "held_out_error":
+            known = ~attempts["lacks_held_out"].to_numpy(bool)
         for name, share in (("median", 0.5), ("q25", 0.25), ("q75", 0.75)):
             summary[f"{error}_{name}"] = quantile(values[known], count[known], share)
         mean = mean_by_seed(np.minimum(values, worst)[known], seeds[known], count[known])
         summary[f"{error}_mean"] = mean.estimate
-        summary[f"{error}_mean_low"], summary[f"{error}_mean_high"] = mean.low, mean.high
+        summary[f"{error}_mean_low"] = mean.low
+        summary[f"{error}_mean_high"] = float(np.minimum(mean.high, worst))
     summary["coverage"], summary["coverage_trials"] = _coverage(attempts)
     summary["limit_ratio"] = _limit_ratio(attempts)
-    summary["solve_seconds_median"] = float(attempts["solve_seconds"].median())
+    summary["solve_seconds_median"] = quantile(_times(attempts), count, 0.5)
     return summary
 
 
@@ -89,6 +97,11 @@ def published_failures(attempts: pd.DataFrame) -> np.ndarray:
     """
     failed = attempts["status"].ne("ok") | attempts["published_forward"].eq(0)
     return failed.to_numpy(bool)
+
+
+def _times(attempts: pd.DataFrame) -> np.ndarray:
+    """Times [s]; infinite for attempts that were stopped or broke off, as they never got there."""
+    return attempts["solve_seconds"].fillna(np.inf).to_numpy(float)
 
 
 def _coverage(attempts: pd.DataFrame) -> tuple[float, int]:

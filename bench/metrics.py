@@ -4,6 +4,9 @@ import numpy as np
 from scipy.linalg import block_diag, null_space
 from scipy.stats import chi2
 
+_SINGULAR = 1e-14  # variances, relative to the largest one
+_EXACT = 1e-9  # errors of weights, which sum to one
+
 
 def cosine_error(weights: np.ndarray, estimated: np.ndarray) -> float:
     """Mean over players of 1 - cos(angle) between true and estimated weights.
@@ -57,7 +60,7 @@ def position_error(states: np.ndarray, other: np.ndarray) -> float:
 
 def covered(
     weights: np.ndarray, estimated: np.ndarray, covariance: np.ndarray, level: float = 0.95
-) -> bool | None:
+) -> bool:
     """Whether the truth lies in the ellipsoid of an estimate's covariance.
 
     Weights of a player sum to one, so the ellipsoid is taken on the tangent of the sums, in
@@ -70,14 +73,17 @@ def covered(
         level: probability that an ellipsoid should hold the truth.
 
     Returns:
-        None where the covariance is singular on the tangent, hence no ellipsoid.
+        Whether the truth is inside. Directions of the tangent in which the covariance is singular
+        say that the estimate is exact, so one that is wrong there is outside.
     """
     players, count = weights.shape
     tangent = block_diag(*[null_space(np.ones((1, count)))] * players)
     spread = tangent.T @ covariance @ tangent
     error = tangent.T @ (estimated - weights).ravel()
     values, vectors = np.linalg.eigh((spread + spread.T) / 2)
-    if not values[0] > 1e-14 * values[-1]:
-        return None
-    distance = float(np.sum((vectors.T @ error) ** 2 / values))
-    return distance <= chi2.ppf(level, len(error))
+    along = vectors.T @ error
+    flat = values <= _SINGULAR * max(values[-1], 0.0)
+    if (np.abs(along[flat]) > _EXACT).any():
+        return False
+    distance = float(np.sum(along[~flat] ** 2 / values[~flat]))
+    return bool(flat.all() or distance <= chi2.ppf(level, np.count_nonzero(~flat)))

@@ -1,6 +1,8 @@
 """What a run leaves to take home: tables and figures, made from the store alone."""
 
+import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -11,7 +13,7 @@ from bench.figures import draw_figures
 from bench.findings import find
 from bench.outputs import whole_file
 from bench.page.render import render_page
-from bench.statistics.attempts import FLOOR
+from bench.statistics.attempts import FLOOR, weighed
 from bench.store import parse_weights, read_store, to_frame
 from bench.tables import latex, markdown
 
@@ -21,10 +23,11 @@ published_failures: also those where only a longer search than the published one
 cosine error: angle between estimated and true weights; position error [m]: prediction by the
 forward game at the estimated weights; held out: its median from five other initial states.
 covered: share of the estimates' 95 % ellipsoids that hold the true weights.
-identifiable: median cosine error less what the data of one trajectory cannot show at 0.01 m.
-rank: by position error; differences that are not significant are ties. /limit: mean cosine error
+identifiable: median cosine error less what the data cannot show at 0.01 m.
+rank: by position error; differences that are not significant are ties, and where so few trials
+are independent that none could be, there is none. /limit: mean cosine error
 over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one
-estimate."""
+estimate; those that were stopped or broke off count as infinitely slow."""
 _FLOOR_LEGEND = """
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
@@ -56,7 +59,7 @@ def write_report(folder: Path, formats: Sequence[str]) -> pd.DataFrame:
         rows = parse_weights(rows)
         with whole_file(folder / "trials.parquet") as path:
             parquet.write_table(rows, path, compression="zstd")
-        trials = to_frame(rows)
+        trials = weighed(to_frame(rows))
         findings = find(trials)
         for name, table in findings.tables().items():
             with whole_file(folder / f"{name}.csv") as path:
@@ -84,16 +87,22 @@ def format_leaderboard(table: pd.DataFrame) -> str:
     for error in ("cosine_error", "position_error"):
         quartiles = table[[f"{error}_median", f"{error}_q25", f"{error}_q75"]]
         shown[f"{error.replace('_', ' ')} [IQR]"] = [
-            f"{median:.2g} [{low:.2g}, {high:.2g}]"
+            f"{_short(median)} [{_short(low)}, {_short(high)}]"
             for median, low, high in quartiles.itertuples(index=False)
         ]
     if "held_out_error_median" in table:
-        shown["held out"] = table["held_out_error_median"].map("{:.2g}".format)
+        shown["held out"] = table["held_out_error_median"].map(_short)
     shown["covered"] = table["coverage"].map("{:.0%}".format).replace("nan%", "")
     if "identifiable_cosine_error_median" in table:
-        shown["identifiable"] = table["identifiable_cosine_error_median"].map("{:.2g}".format)
-    shown["/limit"] = table["limit_ratio"].map("{:.2f}".format)
-    shown["rank"] = table["position_error_rank"]
-    shown["ms"] = (1e3 * table["solve_seconds_median"]).map("{:.1f}".format)
+        shown["identifiable"] = table["identifiable_cosine_error_median"].map(_short)
+    shown["/limit"] = table["limit_ratio"].map(partial(_short, digits=".2f"))
+    shown["rank"] = table["position_error_rank"].astype("string").fillna("-")
+    shown["ms"] = (1e3 * table["solve_seconds_median"]).map(partial(_short, digits=".1f"))
     legend = _LEGEND + (_FLOOR_LEGEND if FLOOR in set(table["estimator"]) else "")
     return f"{shown.to_string(index=False)}\n{legend}"
+
+
+def _short(value: float, digits: str = ".2g") -> str:
+    if math.isnan(value):
+        return "-"
+    return "∞" if math.isinf(value) else f"{value:{digits}}"

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pandas as pd
 
+from bench.statistics.comparison import leaders
+
 _ERRORS = {
     "position_error": "Position error [m]",
     "cosine_error": "Cosine error",
@@ -13,7 +15,7 @@ _ROUNDING = 1e-9  # below, errors are a solver's rounding
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """The leaderboard as a Markdown table; the best rank of a scenario and view is bold."""
+    """The leaderboard as a Markdown table; the leaders of a scenario and view are bold."""
     shown = _shown(table, number=_plain, bold="**{}**".format, percent="%")
     for column in ("Scenario", "View", "Estimator"):
         shown[column] = [_markdown_text(text) for text in shown[column]]
@@ -40,7 +42,7 @@ def _shown(  # type: ignore[no-untyped-def]
             "Scenario": table["scenario"],
             "View": table["view"],
             "Estimator": table["estimator"],
-            "Rank": table["position_error_rank"].astype(str),
+            "Rank": table["position_error_rank"].astype("string").fillna(number(math.nan)),
         }
     )
     for error, title in _ERRORS.items():
@@ -49,10 +51,9 @@ def _shown(  # type: ignore[no-untyped-def]
             (number(middle), f" [{number(low)}, {number(high)}]")
             for middle, low, high in table[columns].itertuples(index=False)
         ]
-        first = table[f"{error}_rank"] == 1
         shown[title] = [
             (bold(middle) if best else middle) + rest
-            for (middle, rest), best in zip(texts, first, strict=True)
+            for (middle, rest), best in zip(texts, leaders(table, error), strict=True)
         ]
     if "held_out_error_median" in table:
         shown["Held out [m]"] = table["held_out_error_median"].map(number)

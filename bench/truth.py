@@ -1,5 +1,6 @@
 """Ground truth of scenarios, worked out once per process."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -89,6 +90,22 @@ def observed_noise_scale(scenario: Scenario, view: View) -> np.ndarray:
     return view.noise_scale(np.array(scenario.noise_scale), scenario.game.dynamics)
 
 
+def sensitivities_of(recordings: Sequence[Recording], view: View) -> list[np.ndarray]:
+    """Of each recording's observations, over their noise (``observation_sensitivity``)."""
+    return [
+        observation_sensitivity(
+            one.scenario.game,
+            view,
+            one.states,
+            one.controls,
+            one.costates,
+            one.scenario.weights,
+            noise_scale=observed_noise_scale(one.scenario, view),
+        )
+        for one in recordings
+    ]
+
+
 @lru_cache(maxsize=64)
 def _recording(key: _Key) -> Recording:
     name, options, seed = key
@@ -118,18 +135,7 @@ def _held_out_error(key: _Key, weights: bytes, root_iterations: int) -> float | 
 def _unit_limit(key: _Key, trajectories: int, view: View) -> float | None:
     recordings = (_recording(key), *_neighbours(key, trajectories - 1, "trajectories"))
     recording = recordings[0]
-    sensitivities = [
-        observation_sensitivity(
-            one.scenario.game,
-            view,
-            one.states,
-            one.controls,
-            one.costates,
-            one.scenario.weights,
-            noise_scale=observed_noise_scale(one.scenario, view),
-        )
-        for one in recordings
-    ]
+    sensitivities = sensitivities_of(recordings, view)
     covariance = joint_weight_covariance(recording.scenario.game, sensitivities)
     if covariance is None:
         return None

@@ -155,38 +155,22 @@ class Identifiability:
 
 
 def identifiability(
-    game: Game,
-    view: View,
-    states: np.ndarray,
-    controls: np.ndarray,
-    costates: np.ndarray,
-    weights: np.ndarray,
-    *,
-    sigma: float,
-    noise_scale: np.ndarray | None = None,
+    game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
 ) -> Identifiability:
-    """Which weights the data identify at a noise level, singular information included.
+    """Which weights trajectories identify at a noise level, singular information included.
 
-    The arguments are those of ``weight_covariance``. All other weights and x_1 are unknown, too.
+    All other weights and the initial state of every trajectory are unknown, too.
 
     Args:
         game: the game.
-        view: the observation model.
-        states: (T, N, n) of the equilibrium.
-        controls: (T-1, N, m).
-        costates: (T-1, N, n).
-        weights: (N, K).
+        sensitivities: ``observation_sensitivity`` of each trajectory.
         sigma: noise level, above 0.
-        noise_scale: (d,) relative standard deviations of the noise.
     """
-    sensitivity = observation_sensitivity(
-        game, view, states, controls, costates, weights, noise_scale=noise_scale
-    )
     tangent = _tangent(game.num_players, game.num_weights)
-    observed = _on_tangent(tangent, [sensitivity])
+    observed = _on_tangent(tangent, sensitivities)
     free, count = tangent.shape[1], game.num_weights
     # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
-    # their information once x_1 is not known.
+    # their information once no x_1 is known.
     nuisance_first = np.hstack([observed[:, free:], observed[:, :free]])
     _, triangle = np.linalg.qr(nuisance_first)
     root = triangle[-free:, -free:] / sigma
@@ -199,7 +183,7 @@ def identifiability(
     bound = (lifted[:, known] / singular[known]) @ (lifted[:, known] / singular[known]).T
     blind = (lifted[:, ~known] ** 2).sum(axis=1) > _BLIND
     deviations = np.where(blind, np.inf, np.sqrt(np.diag(bound)))
-    shape = weights.shape
+    shape = game.num_players, count
     prior_variance = (1 - 1 / count) / prior
     variances = np.einsum("ij,jk,ik->i", tangent, posterior, tangent)
     return Identifiability(

@@ -7,6 +7,7 @@ import click
 import pandas as pd
 
 from bench.errors import UserError
+from bench.statistics.attempts import FAILURES
 from bench.statistics.change import changes
 from bench.store import read_store
 
@@ -24,6 +25,8 @@ from bench.store import read_store
 @click.option("--out", type=click.Path(path_type=Path), help="Write the table as CSV as well.")
 def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | None) -> None:
     """Compare the run in AFTER with that in BEFORE, trial by trial on the same noise.
+
+    Compared are both errors and which trials fail.
 
     Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if
     something did, 2 on bad input. Both may be the same folder, to compare two estimators in it.
@@ -104,8 +107,11 @@ def _format(table: pd.DataFrame) -> str:
         a if a == b else f"{a} -> {b}"
         for a, b in table[["estimator", "other"]].itertuples(index=False)
     ]
-    medians = table[["before", "after"]].itertuples(index=False)
-    shown["median"] = [f"{a:.3g} -> {b:.3g}" for a, b in medians]
+    values = table[["error", "before", "after", "pairs"]].itertuples(index=False)
+    shown["median, or failures"] = [
+        f"{a * n:.0f} of {n} -> {b * n:.0f} of {n}" if error == FAILURES else f"{a:.3g} -> {b:.3g}"
+        for error, a, b, n in values
+    ]
     shares = 100 * table[["better", "better_low", "better_high"]]
     shown["better on"] = [
         f"{a:.1f} % [{b:.1f}, {c:.1f}]" for a, b, c in shares.itertuples(index=False)

@@ -1,5 +1,6 @@
 """``olne-bench gate``: is a run good enough?"""
 
+import math
 import sys
 from pathlib import Path
 
@@ -7,7 +8,8 @@ import click
 
 from bench.errors import UserError
 from bench.findings import find
-from bench.gate import check_limits, missing_trials
+from bench.gate import Plan, check_limits, missing_trials, plan_of
+from bench.statistics.attempts import weighed
 from bench.store import read_store
 from bench.suite import load_suite, read_suite_json
 
@@ -32,22 +34,25 @@ def gate(folder: Path, suite: str | None) -> None:
             f"suite {source.name!r} has no [gate] table; it would have limits by estimator, such "
             f"as [gate.{source.estimators[0].label}] with position_error = 0.1"
         )
-    table = find(trials).leaderboard
+    table = find(weighed(trials)).leaderboard
     checks = check_limits(table, source.gate)
-    # Who names other limits, or asked for a part of the suite, knows what was run.
-    partial = suite is not None or bool(runs[-1].selection)
-    unfinished = [] if partial else missing_trials(table, source)
+    # Other limits do not make a run whole that is not.
+    plans = [plan_of(run) for run in runs] or [Plan(source, source.seeds)]
+    unfinished = missing_trials(trials, plans)
     for check in checks:
+        value = "∞" if math.isinf(check.value) else f"{check.value:.4g}"
         click.echo(
             f"{'holds' if check.passed else 'FAILS'}  {check.estimator}, {check.scenario}, "
-            f"{check.view}: {check.limit} {check.value:.4g}  (at most {check.bound:g})"
+            f"{check.view}: {check.limit} {value}  (at most {check.bound:g})"
         )
     for line in unfinished:
         click.echo(f"FAILS  {line}")
+    selections = [run.selection for run in runs]
+    parts = "" if "" in selections else "; ".join(dict.fromkeys(selections))
     failed = sum(not check.passed for check in checks)
     click.echo(
         f"{len(checks) - failed} of {len(checks)} limits are kept"
         + (", but the run is not finished" if unfinished else "")
-        + (f" by the part that was run: {runs[-1].selection}" if partial and suite is None else "")
+        + (f" by the parts that were run: {parts}" if parts else "")
     )
     sys.exit(1 if failed or unfinished else 0)

@@ -18,8 +18,8 @@ from bench.page.data import chart_data
 from bench.page.numbers import human
 from bench.page.verdicts import verdicts
 from bench.provenance import Provenance
-from bench.statistics.attempts import FLOOR
-from bench.statistics.comparison import SIGNIFICANCE
+from bench.statistics.attempts import ERRORS, FLOOR
+from bench.statistics.comparison import SIGNIFICANCE, leaders
 from bench.statistics.identifiability import REFERENCE_SIGMA
 
 _FOLDER = Path(__file__).parent
@@ -66,7 +66,7 @@ def render_page(
         script=_own("page.js"),
         data=chart_data(trials),
         colours=style.estimator_colours(table["estimator"].unique().tolist()),
-        verdicts=verdicts(table),
+        verdicts=verdicts(table, findings.comparisons),
         rows=_board(table),
         shows={
             "held_out": "held_out_error_median" in table,
@@ -99,6 +99,11 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def _board(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows of the leaderboard with their bars, the floor below those that it measures."""
+    ranked = table["position_error_rank"].astype("Float64").to_numpy(float, na_value=math.nan)
+    table = table.assign(
+        position_error_rank=ranked,
+        **{f"{error}_leads": leaders(table, error) for error in ERRORS},
+    )
     rows = [row | {"bar": bar} for row, bar in zip(_rows(table), _bars(table), strict=True)]
     groups = list(dict.fromkeys((row["scenario"], row["view"]) for row in rows))
     place = {group: number for number, group in enumerate(groups)}
@@ -140,7 +145,7 @@ def _percent(share: float) -> str:
 
 
 def _chance(p: float) -> str:
-    """A p-value; those of a permutation test end at one over the number of permutations."""
+    """A p-value for people."""
     return "< 0.001" if p < 0.001 else f"{p:.2g}"
 
 

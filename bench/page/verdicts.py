@@ -9,6 +9,7 @@ import pandas as pd
 
 from bench.page.numbers import human
 from bench.statistics.attempts import FLOOR
+from bench.statistics.comparison import SIGNIFICANCE
 
 
 @dataclass(frozen=True)
@@ -37,30 +38,53 @@ class Verdict:
     lines: list[Line]
 
 
-def verdicts(table: pd.DataFrame) -> list[Verdict]:
-    """The outcome of every scenario of a leaderboard."""
+def verdicts(table: pd.DataFrame, comparisons: pd.DataFrame) -> list[Verdict]:
+    """The outcome of every scenario of a leaderboard.
+
+    Args:
+        table: a leaderboard.
+        comparisons: of the same trials, from ``bench.statistics.comparison``.
+    """
+    told = comparisons[
+        (comparisons["error"] == "position_error") & (comparisons["p_holm"] < SIGNIFICANCE)
+    ]
+    winners = told["estimator"].where(told["wins"] > 0.5, told["other"])
+    losers = told["other"].where(told["wins"] > 0.5, told["estimator"])
+    beaten = set(zip(told["scenario"], told["view"], winners, losers, strict=True))
     return [
-        Verdict(str(scenario), [_line(str(view), group) for view, group in rows.groupby("view")])
+        Verdict(str(scenario), [_line(group, beaten) for _, group in rows.groupby("view")])
         for scenario, rows in table.groupby("scenario")
     ]
 
 
-def _line(view: str, rows: pd.DataFrame) -> Line:
-    """The floor is first, or next, where there is nobody else."""
+def _line(rows: pd.DataFrame, beaten: set[tuple[Any, ...]]) -> Line:
+    """The floor is first, or next, where there is nobody else.
+
+    Args:
+        rows: of one scenario and view.
+        beaten: scenario, view, winner and loser of every significant comparison.
+    """
     rows = rows.assign(floor=rows["estimator"] == FLOOR)
     first, *others = rows.sort_values(["floor", "position_error_median"]).to_dict("records")
-    error = first["position_error_median"]
+    error, view = first["position_error_median"], str(first["view"])
     if math.isinf(error):
         return Line(view, "", error, "")
-    return Line(view, first["estimator"], error, _against(error, others[0]) if others else "")
+    return Line(
+        view, first["estimator"], error, _against(first, others[0], beaten) if others else ""
+    )
 
 
-def _against(error: float, other: dict[Hashable, Any]) -> str:
+def _against(
+    first: dict[Hashable, Any], other: dict[Hashable, Any], beaten: set[tuple[Any, ...]]
+) -> str:
     name, theirs = other["estimator"], other["position_error_median"]
+    error, place = first["position_error_median"], (first["scenario"], first["view"])
     size = "half of its attempts fail" if math.isinf(theirs) else f"{human(theirs)} m"
     if theirs < error:
         return f"{name}: {size}"
-    if other["position_error_rank"] == 1:
+    if (*place, name, first["estimator"]) in beaten:  # medians and most trials can disagree
+        return f"{name}: {size}, but better in most trials"
+    if (*place, first["estimator"], name) not in beaten:
         return f"{name}: {size}, no significant difference"
     factor = theirs / error if error > 0 else math.inf
     return f"{name}: {size}" + (f", {human(factor)} times as much" if factor < math.inf else "")

@@ -1,11 +1,11 @@
 """Two runs against each other, on the same observations."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
 
-from bench.statistics.attempts import ERRORS, attempts_of, quantile
+from bench.statistics.attempts import ERRORS, FAILURES, attempts_of, noisy, quantile
 from bench.statistics.comparison import SIGNIFICANCE, compare_pairs, holm, paired_errors
 
 _GROUP = ["scenario", "view"]
@@ -14,7 +14,7 @@ _GROUP = ["scenario", "view"]
 def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str]) -> pd.DataFrame:
     """What became of the estimators, in every scenario and view that both runs have.
 
-    Trials without noise, which stand for several, have nothing random in them and take no part.
+    Trials without noise have nothing random in them and take no part, unless of a family's draws.
 
     Args:
         before: trials of one run.
@@ -22,23 +22,25 @@ def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str])
         names: estimators to compare, label in ``before`` to label in ``after``.
 
     Returns:
-        Columns ``error, scenario, view, estimator, other, pairs``, the medians ``before`` and
-        ``after`` over the pairs, ``better`` (share of pairs that improved, a tie counting half)
-        with ``better_low`` and ``better_high`` (95 %), ``p``, ``p_holm`` and ``verdict``:
-        ``better`` or ``worse`` where significant, else ``same``.
+        Columns ``error`` (one of ``ERRORS``, or ``failures``), ``scenario, view, estimator, other,
+        pairs``, the medians ``before`` and ``after`` over the pairs (of failures, their shares),
+        ``better`` (share of pairs that improved, a tie counting half) with ``better_low`` and
+        ``better_high`` (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or ``worse`` where
+        significant, else ``same``.
     """
-    tables = [t[t["count"] == 1] for t in (attempts_of(before), attempts_of(after))]
+    tables = [noisy(attempts_of(trials)) for trials in (before, after)]
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after"]
     columns += ["better", "better_low", "better_high", "p"]
     rows = []
-    for error in ERRORS:
+    for error in (*ERRORS, FAILURES):
         for old, new in names.items():
             first = tables[0][tables[0]["estimator"] == old]
             second = tables[1][tables[1]["estimator"] == new]
             pairs = paired_errors(second, first, error)
+            middle = np.mean if error == FAILURES else _median
             for (scenario, view), group in pairs.groupby(_GROUP, sort=True):
                 labels = {"error": error, "scenario": scenario, "view": view}
-                rows.append(labels | {"estimator": old, "other": new} | _change(group))
+                rows.append(labels | {"estimator": old, "other": new} | _change(group, middle))
     table = pd.DataFrame(rows, columns=columns)
     table["p_holm"] = holm(table["p"].to_numpy(float))
     told = table["p_holm"] < SIGNIFICANCE
@@ -50,15 +52,20 @@ def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str])
     return table
 
 
-def _change(pairs: pd.DataFrame) -> dict[str, float]:
+def _change(
+    pairs: pd.DataFrame, middle: Callable[[np.ndarray], np.floating | float]
+) -> dict[str, float]:
     found = compare_pairs(pairs)
-    one = np.ones(len(pairs), int)
     return {
         "pairs": found["pairs"],
-        "before": quantile(pairs["b"].to_numpy(), one, 0.5),
-        "after": quantile(pairs["a"].to_numpy(), one, 0.5),
+        "before": float(middle(pairs["b"].to_numpy())),
+        "after": float(middle(pairs["a"].to_numpy())),
         "better": found["wins"],
         "better_low": found["wins_low"],
         "better_high": found["wins_high"],
         "p": found["p"],
     }
+
+
+def _median(values: np.ndarray) -> float:
+    return quantile(values, np.ones(len(values), int), 0.5)

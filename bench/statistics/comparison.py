@@ -6,19 +6,21 @@ error, and two failures are a tie.
 """
 
 from collections.abc import Iterator
+from functools import reduce
 from itertools import combinations
 
 import numpy as np
 import pandas as pd
+from scipy.signal import convolve
+from scipy.stats import binom
 
-from bench.statistics.attempts import ERRORS, FLOOR, attempts_of, errors_of
+from bench.statistics.attempts import ERRORS, FLOOR, attempts_of, errors_of, is_family_label, noisy
 from bench.statistics.intervals import share_interval
-from bench.suite import ScenarioEntry
-from envs.scenarios import is_family
 
 #: Comparisons with an adjusted p-value below are significant.
 SIGNIFICANCE = 0.05
-_PERMUTATIONS = 20_000
+#: With fewer independent units no p-value can be that small, whatever they say: 2 / 2**5 is more.
+_LEAST_UNITS = 6
 #: Differences below are ties: absolute, of rounding; relative to the smaller error, too small to
 #: matter, as of two solvers that end at the same optimum.
 _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
@@ -29,22 +31,22 @@ _PAIR = [*_GROUP, "sigma", "seed"]
 def compare_estimators(trials: pd.DataFrame) -> pd.DataFrame:
     """All pairs of estimators, for both errors, in every scenario and view.
 
-    Rows that stand for several equal sequences (sigma = 0) have nothing random in them and do not
-    take part.
+    Rows without noise have nothing random in them and do not take part, unless they are of a
+    family's draws.
 
     Returns:
         Columns ``error, scenario, view, estimator, other``, ``pairs`` (trials that both have
-        attempted), ``wins`` (share in which ``estimator`` has the smaller error, a tie counting
-        half) with ``wins_low`` and ``wins_high`` (95 %), ``p`` of a permutation test and
-        ``p_holm``, adjusted after Holm for all comparisons by the same error.
+        attempted), ``units`` (how many of them are independent: in a family, its draws), ``wins``
+        (share in which ``estimator`` has the smaller error, a tie counting half) with ``wins_low``
+        and ``wins_high`` (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm
+        for all comparisons of the table, by both errors.
     """
-    attempts = attempts_of(trials)
-    attempts = attempts[attempts["count"] == 1]
-    columns = ["error", *_GROUP, "estimator", "other", "pairs", "wins", "wins_low", "wins_high"]
+    attempts = noisy(attempts_of(trials))
+    columns = ["error", *_GROUP, "estimator", "other", "pairs", "units"]
+    columns += ["wins", "wins_low", "wins_high", "p"]
     rows = [row for error in ERRORS for row in _compare(attempts, error)]
-    table = pd.DataFrame(rows, columns=[*columns, "p"])
-    adjusted = table.groupby("error")["p"].transform(lambda p: holm(p.to_numpy()))
-    return table.assign(p_holm=adjusted.astype(float))
+    table = pd.DataFrame(rows, columns=columns)
+    return table.assign(p_holm=holm(table["p"].to_numpy(float)))
 
 
 def paired_errors(first: pd.DataFrame, second: pd.DataFrame, error: str) -> pd.DataFrame:
@@ -54,17 +56,18 @@ def paired_errors(first: pd.DataFrame, second: pd.DataFrame, error: str) -> pd.D
 
 
 def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
-    """``pairs, wins, wins_low, wins_high, p`` of the pairs (``paired_errors``) of one scenario."""
+    """``pairs, units, wins, wins_low, wins_high, p`` of ``paired_errors`` of one scenario."""
     a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
     with np.errstate(invalid="ignore"):  # two failures
         tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
     advantage = np.where(tie, 0, np.where(a < b, 1, -1))
     # In a family the trials of a seed share one draw; else every trial stands for itself.
-    family = len(pairs) > 0 and _is_family(pairs["scenario"].iloc[0])
+    family = len(pairs) > 0 and is_family_label(pairs["scenario"].iloc[0])
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
     wins = share_interval((1 + advantage) / 2, units)
     return {
         "pairs": len(pairs),
+        "units": len(np.unique(units)),
         "wins": wins.estimate,
         "wins_low": wins.low,
         "wins_high": wins.high,
@@ -73,23 +76,31 @@ def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
 
 
 def permutation_p(advantages: np.ndarray) -> float:
-    """Two-sided p-value of a sum whose terms would have had either sign with equal chance.
+    """Exact two-sided p-value of a sum whose terms would have had either sign with equal chance.
 
     Args:
         advantages: whole numbers, one for each independent unit.
 
     Returns:
-        Share of random signs that give a sum at least as far from zero, the sum itself being one
-        of them; 1 where all are ties.
+        Share of all signs that give a sum at least as far from zero; 1 where all are ties.
     """
     sizes, numbers = np.unique(np.abs(advantages[advantages != 0]), return_counts=True)
     if not len(sizes):
         return 1.0
+    sizes = sizes // np.gcd.reduce(advantages)
+    total, far = int(sizes @ numbers), abs(int(advantages.sum())) // np.gcd.reduce(advantages)
+    if len(sizes) == 1:
+        return min(1.0, 2 * float(binom.cdf((total - far) // 2, total, 0.5)))
     # Units of the same size differ by their number of plus signs only.
-    plus = np.random.default_rng(0).binomial(numbers, 0.5, size=(_PERMUTATIONS, len(sizes)))
-    sums = (2 * plus - numbers) @ sizes
-    extreme = np.count_nonzero(np.abs(sums) >= abs(advantages.sum()))
-    return (1 + extreme) / (1 + _PERMUTATIONS)
+    parts = []
+    for size, number in zip(sizes, numbers, strict=True):
+        parts.append(np.zeros(size * number + 1))
+        parts[-1][::size] = binom.pmf(np.arange(number + 1), number, 0.5)
+    while len(parts) > 1:  # equal lengths are the fastest
+        parts = [reduce(convolve, parts[k : k + 2]) for k in range(0, len(parts), 2)]
+    tail = float(parts[0][: (total - far) // 2 + 1].sum())
+    # The least chance there is; Fourier transforms of long sums round to less than nothing.
+    return float(np.clip(2 * tail, 2.0 ** (1 - numbers.sum()), 1.0))
 
 
 def holm(p: np.ndarray) -> np.ndarray:
@@ -113,16 +124,34 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
         error: which one to rank by.
 
     Returns:
-        Ranks with the index of ``estimators``; those that cannot be told apart share one.
+        Ranks with the index of ``estimators``; those that cannot be told apart share one. Missing
+        where there are so few independent units that nobody could be told apart.
     """
-    told = comparisons[(comparisons["error"] == error) & (comparisons["p_holm"] < SIGNIFICANCE)]
+    of_error = comparisons[comparisons["error"] == error]
+    told = of_error[of_error["p_holm"] < SIGNIFICANCE]
     loses = told["wins"] < 0.5
     losers = told["estimator"].where(loses, told["other"])
     winners = told["other"].where(loses, told["estimator"])
     told = told[_GROUP].assign(estimator=losers)[winners != FLOOR]
     beaten = told.groupby([*_GROUP, "estimator"]).size()
     keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
-    return pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
+    found = pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
+    enough = of_error[of_error["units"] >= _LEAST_UNITS]
+    judged = pd.concat([enough, enough.assign(estimator=enough["other"])])
+    alone = estimators.groupby(_GROUP)["estimator"].transform("size") == 1
+    known = alone | keys.isin(pd.MultiIndex.from_frame(judged[[*_GROUP, "estimator"]]))
+    return found.astype("Int64").where(known)
+
+
+def leaders(table: pd.DataFrame, error: str) -> pd.Series:
+    """Which rows of a leaderboard to show as the best ones by an error.
+
+    Those of rank 1 that have a median, the floor aside, where anybody is significantly worse.
+    """
+    ranked = table[f"{error}_rank"]
+    told = ranked.gt(1).fillna(False).groupby([table[name] for name in _GROUP]).transform("any")
+    first = ranked.eq(1).fillna(False) & told & np.isfinite(table[f"{error}_median"])
+    return (first & (table["estimator"] != FLOOR)).astype(bool)
 
 
 def _compare(attempts: pd.DataFrame, error: str) -> Iterator[dict[str, object]]:
@@ -132,10 +161,3 @@ def _compare(attempts: pd.DataFrame, error: str) -> Iterator[dict[str, object]]:
             pairs = paired_errors(parts[first], parts[second], error)
             labels = {"error": error, "scenario": scenario, "view": view}
             yield labels | {"estimator": first, "other": second} | compare_pairs(pairs)
-
-
-def _is_family(label: str) -> bool:
-    try:
-        return is_family(ScenarioEntry.from_label(label).name)
-    except ValueError:
-        return True  # unknown here: the careful choice

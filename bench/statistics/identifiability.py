@@ -1,7 +1,8 @@
 """Which weights a scenario lets one know, and how close estimators come to the limit.
 
 Fixed scenarios have one truth. Of a family every seed has its own; its first draw stands for it
-here, and only that draw's trials are looked at.
+here, and only that draw's trials are looked at. Where a scenario shows several trajectories, all
+of them count.
 """
 
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from bench.leaderboard import LIMIT_SIGMAS
 from bench.metrics import identifiable_cosine_error
 from bench.statistics.attempts import attempts_of, errors_of
 from bench.suite import ScenarioEntry
-from bench.truth import observed_noise_scale, true_recording
+from bench.truth import sensitivities_of, true_recordings
 from envs.recording import NoEquilibriumError, Recording
 from envs.scenarios import is_family
 from games.information import Identifiability, identifiability
@@ -116,20 +117,15 @@ def _known_truths(
 @lru_cache(maxsize=64)
 def _truth(label: str, view: str, seed: int) -> tuple[Recording, Identifiability] | None:
     try:
-        recording = true_recording(ScenarioEntry.from_label(label), seed)
+        recordings = true_recordings(ScenarioEntry.from_label(label), seed)
         known = identifiability(
-            recording.scenario.game,
-            VIEWS[view],
-            recording.states,
-            recording.controls,
-            recording.costates,
-            recording.scenario.weights,
+            recordings[0].scenario.game,
+            sensitivities_of(recordings, VIEWS[view]),
             sigma=REFERENCE_SIGMA,
-            noise_scale=observed_noise_scale(recording.scenario, VIEWS[view]),
         )
     except (KeyError, TypeError, ValueError, NoEquilibriumError):
         return None  # a scenario or view of another version, or a truth that cannot be varied
-    return recording, known
+    return recordings[0], known
 
 
 def _rows_of(trials: pd.DataFrame, labels: dict[str, str]) -> pd.DataFrame:

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 CONFIDENCE = 0.95
-_RESAMPLES = 4000
-_BLOCK = 500_000  # numbers drawn at once
-_LEAST_ERROR = 1e-9  # of the standard error; below it is rounding
+#: Fewer seeds say too little of their own spread for an interval that keeps what it promises.
+LEAST_SEEDS_OF_MEANS, LEAST_SEEDS_OF_SHARES = 3, 5
 
 
 @dataclass(frozen=True)
@@ -22,11 +21,12 @@ class Interval:
 
 
 def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> Interval:
-    """Mean of errors with a studentised bootstrap interval that resamples seeds.
+    """Mean of errors with an interval from the spread between seeds.
 
-    Errors are skewed, which bootstrap-t follows and percentiles of few seeds do not (Efron and
-    Tibshirani 1993, ch. 12). A seed's trials at all noise levels are kept together, as in a
-    family of scenarios they share one draw.
+    A seed's trials at all noise levels are kept together, as in a family of scenarios they share
+    one draw. Errors are skewed, so the interval is a t-interval of the mean's logarithm, and few
+    seeds see too little of the tail, so the variance has a second term: that of the log-normal
+    mean (Cox; Zhou and Gao 1997), doubled, with the shape from the moments, as errors may be 0.
 
     Args:
         values: (R,) at least 0, one per row; an infinite one makes the mean infinite, without an
@@ -39,32 +39,23 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
     sums, sizes = _by_seed(values, seeds, count)
     number = len(sums)
     estimate = float(sums.sum() / sizes.sum())
-    if number < 2 or not np.isfinite(estimate):
+    if number < LEAST_SEEDS_OF_MEANS or not np.isfinite(estimate):
         return Interval(estimate, np.nan, np.nan)
-    error = float(_standard_error(sums, sizes))
-    rng = np.random.default_rng(0)
-    deviations, errors = np.empty(_RESAMPLES), np.empty(_RESAMPLES)
-    block = max(1, _BLOCK // number)
-    for start in range(0, _RESAMPLES, block):
-        part = slice(start, min(start + block, _RESAMPLES))
-        chosen = rng.integers(number, size=(part.stop - start, number))
-        drawn_sums, drawn_sizes = sums[chosen], sizes[chosen]
-        deviations[part] = drawn_sums.sum(axis=1) / drawn_sizes.sum(axis=1) - estimate
-        errors[part] = _standard_error(drawn_sums, drawn_sizes)
-    usable = errors > _LEAST_ERROR * error  # the same seed drawn each time tells no spread
-    if not usable.any():
-        return Interval(estimate, estimate, estimate)
-    studentised = deviations[usable] / errors[usable]
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(studentised, [tail, 1 - tail])
-    return Interval(estimate, max(0.0, estimate - high * error), float(estimate - low * error))
+    if estimate == 0:
+        return Interval(0.0, 0.0, 0.0)
+    relative = (_standard_error(sums, sizes) / estimate) ** 2
+    shape = np.log1p(number * relative)
+    quantile = t.ppf((1 + CONFIDENCE) / 2, number - 1)
+    reach = np.exp(quantile * np.sqrt(relative + shape**2 / (number - 1)))
+    return Interval(estimate, float(estimate / reach), float(estimate * reach))
 
 
 def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
     """Share with Wilson's interval at the effective number of trials.
 
     That number is what would give independent trials the variance seen between units (Korn and
-    Graubard 1998): at least one per unit, and at most as many as there are.
+    Graubard 1998): at least one per unit, and at most as many as there are. As few units tell
+    little of that variance, one that has all its trials alike is added to them.
 
     Args:
         values: (R,) in [0, 1], one per trial.
@@ -74,13 +65,14 @@ def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
         return Interval(np.nan, np.nan, np.nan)
     sums, sizes = _by_seed(values, units, np.ones(len(values), int))
     share, number = float(values.mean()), len(sums)
-    if number < 2:
+    if number < LEAST_SEEDS_OF_SHARES:
         return Interval(share, np.nan, np.nan)
-    variance = float(_standard_error(sums, sizes)) ** 2
     binomial = share * (1 - share)
+    seen = _standard_error(sums, sizes) ** 2
+    variance = ((number - 1) * seen + binomial / number) / number
     effective = binomial / variance if variance > 0 else float(number)
-    effective = float(np.clip(effective, number, len(values)))
-    z = float(-norm.ppf((1 - CONFIDENCE) / 2))
+    z, student = float(norm.ppf((1 + CONFIDENCE) / 2)), t.ppf((1 + CONFIDENCE) / 2, number)
+    effective = float(np.clip(min(effective, len(values)) * (z / student) ** 2, number, None))
     centre = (share + z**2 / (2 * effective)) / (1 + z**2 / effective)
     reach = z * np.sqrt(binomial / effective + z**2 / (4 * effective**2)) / (1 + z**2 / effective)
     # Rounding must not take a share of all or none out of its own interval.
@@ -101,10 +93,8 @@ def _by_seed(
     return sums + (shared * each).sum(), sizes + each.sum()
 
 
-def _standard_error(sums: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Standard error of the ratio of totals, by linearisation; seeds along the last axis."""
-    number = sums.shape[-1]
-    totals = sizes.sum(axis=-1, keepdims=True)
-    residuals = sums - sums.sum(axis=-1, keepdims=True) / totals * sizes
-    variance = number / (number - 1) * (residuals**2).sum(axis=-1) / totals[..., 0] ** 2
-    return np.sqrt(variance)
+def _standard_error(sums: np.ndarray, sizes: np.ndarray) -> float:
+    """Standard error of the ratio of totals, by linearisation."""
+    number = len(sums)
+    residuals = sums - sums.sum() / sizes.sum() * sizes
+    return float(np.sqrt(number / (number - 1) * (residuals**2).sum()) / sizes.sum())

@@ -28,7 +28,19 @@ def test_the_centre_is_inside_and_a_far_point_outside():
     assert not covered(WEIGHTS, far, covariance)
 
 
-def test_a_covariance_without_extent_has_no_ellipsoid():
-    assert covered(WEIGHTS, WEIGHTS, np.zeros((8, 8))) is None
-    flat = block_diag(CENTRED[:4, :4], np.zeros((4, 4)))
-    assert covered(WEIGHTS, WEIGHTS, flat) is None
+def test_a_covariance_without_extent_holds_what_is_exact_only():
+    """It is singular everywhere, or on one player's weights, beyond their sums."""
+    flat = block_diag(1e-4 * CENTRED[:4, :4], np.zeros((4, 4)))
+    step = np.array([0.001, -0.001, 0, 0])
+    nobody, first, second = 0 * WEIGHTS, np.stack([step, 0 * step]), np.stack([0 * step, step])
+    for covariance, inside in (
+        (np.zeros((8, 8)), (True, False, False)),
+        (flat, (True, True, False)),
+    ):
+        found = [covered(WEIGHTS, WEIGHTS + e, covariance) for e in (nobody, first, second)]
+        assert tuple(found) == inside
+    assert not covered(WEIGHTS, WEIGHTS + 100 * first, flat)
+
+
+def test_what_is_no_covariance_holds_nothing():
+    assert not covered(WEIGHTS, WEIGHTS[:, ::-1], -1e-4 * CENTRED)

@@ -1,5 +1,6 @@
 """Acceptance limits and comparisons of runs, as a project's CI would call them."""
 
+import sqlite3
 from dataclasses import replace
 
 import pandas as pd
@@ -27,6 +28,7 @@ failures = 12
 time_ratio = 100000
 time_reference = "uniform"
 """
+INF, NAN = float("inf"), float("nan")
 
 
 def call(*arguments: object) -> int:
@@ -96,18 +98,29 @@ def test_what_is_not_known_does_not_pass():
     assert not check.passed
 
 
+@pytest.mark.parametrize(
+    ("own", "reference", "ratio"), [(4.0, 2.0, 2.0), (INF, 2.0, INF), (4.0, INF, NAN)]
+)
+def test_times_without_an_end_do_not_pass(own, reference, ratio):
+    table = pd.DataFrame({"estimator": ["e", "r"], "solve_seconds_median": [own, reference]})
+    table = table.assign(scenario="s", view="v", trials=3)
+    (check,) = check_limits(table, {"e": Limits(time_ratio=3.0, time_reference="r")})
+    assert check.value == pytest.approx(ratio, nan_ok=True)
+    assert check.passed == (ratio == 2)
+
+
 def test_a_run_is_the_same_as_itself(run, tmp_path, capsys):
     out = tmp_path / "changes.csv"
     assert call("compare", run, run, "--out", out) == 0
-    assert "0 better, 8 same, 0 worse" in capsys.readouterr().out
+    assert "0 better, 12 same, 0 worse" in capsys.readouterr().out
     assert (pd.read_csv(out)["p_holm"] == 1).all()
 
 
 def test_another_estimator_is_better_one_way_and_worse_the_other(run, capsys):
     assert call("compare", run, run, "--estimator", "uniform=kkt_residual") == 1
-    assert "0 better, 0 same, 4 worse" in capsys.readouterr().out
+    assert "0 better, 2 same, 4 worse" in capsys.readouterr().out
     assert call("compare", run, run, "--estimator", "kkt_residual=uniform") == 0
-    assert "4 better, 0 same, 0 worse" in capsys.readouterr().out
+    assert "4 better, 2 same, 0 worse" in capsys.readouterr().out
 
 
 def test_bad_comparisons_are_one_line(run, tmp_path, capsys):
@@ -127,7 +140,30 @@ def test_a_new_failure_is_worse():
     after = before.assign(status=["crash"] * 12 + ["ok"] * 8)
     table = changes(before, after, {"e": "e"})
     assert (table["verdict"] == "worse").all()
-    assert (table["after"] == float("inf")).all()
+    after = table.set_index("error")["after"]
+    assert after["cosine_error"] == after["position_error"] == float("inf")
+    assert after["failures"] == 0.6
+
+
+def test_small_gains_do_not_make_up_for_new_failures():
+    """28 trials are slightly better, 12 of 40 crash: better by sign, and worse."""
+    rows = [
+        {"scenario": "two_player", "view": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
+        | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
+        for k in range(40)
+    ]
+    before = pd.DataFrame(rows)
+    after = before.assign(
+        status=["crash"] * 12 + ["ok"] * 28, cosine_error=0.099, position_error=0.99
+    )
+    table = changes(before, after, {"e": "e"}).set_index("error")
+    assert table["verdict"].to_dict() == {
+        "cosine_error": "better",
+        "position_error": "better",
+        "failures": "worse",
+    }
+    assert table.loc["failures", "p"] == pytest.approx(2 * 0.5**12)
+    assert table.loc["failures", ["before", "after"]].tolist() == [0.0, 0.3]
 
 
 def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
@@ -137,16 +173,58 @@ def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
     command = ["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"]
     main([*command, "--seeds", "1"])
     assert call("gate", out) == 0
-    assert "by the part that was run: --seeds 1" in capsys.readouterr().out
+    assert "by the parts that were run: --seeds 1" in capsys.readouterr().out
     with open_store(out) as store:  # as if that had been all that a whole run got done
         (source,) = store.runs()
-        store.begin_run(replace(source, selection=""), [])
+        store.begin_run(replace(source, selection="", seeds=2), [])
     assert call("gate", out) == 1
     said = capsys.readouterr().out
     assert "FAILS  kkt_residual, two_player, full: 1 of 2 trials are done" in said
     assert "but the run is not finished" in said
     main(command)
     assert call("gate", out) == 0
+
+
+def test_limits_of_scenarios_and_estimators_are_not_missed(tmp_path, capsys):
+    """Noise levels and draws of their own are all that was to be done."""
+    suite = tmp_path / "small.toml"
+    suite.write_text(
+        SUITE.replace('["two_player"]', '[{name = "two_player", sigmas = [0.0, 0.05], seeds = 2}]')
+        .replace('["kkt_residual", "uniform"]', '[{name = "kkt_residual", seeds = 1}, "uniform"]')
+        .replace("sigmas = [0.05]", "sigmas = [0.01, 0.02, 0.05]")
+        + GATE
+    )
+    out = tmp_path / "run"
+    main(["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"])
+    assert call("gate", out) == 0
+    assert "3 of 3 limits are kept\n" in capsys.readouterr().out
+
+
+def lose(folder, condition):
+    with sqlite3.connect(folder / "trials.sqlite") as connection:
+        connection.execute(f"DELETE FROM trials WHERE {condition}")
+    connection.close()
+
+
+def test_a_selection_has_to_be_done_as_well(tmp_path, capsys):
+    suite = tmp_path / "small.toml"
+    suite.write_text(SUITE.replace("seeds = 12", "seeds = 2") + GATE)
+    halves = tmp_path / "a", tmp_path / "b"
+    for half, view in zip(halves, ("full", "partial"), strict=True):
+        command = ["run", str(suite), "--out", str(half), "--no-figures", "--jobs", "1"]
+        main([*command, "--view", view])
+    assert call("gate", halves[0]) == 0
+    lose(halves[1], "estimator = 'kkt_residual' AND seed = 1")
+    lacking = "FAILS  kkt_residual, two_player, partial: 1 of 2 trials are done"
+    gate = tmp_path / "gate.toml"
+    gate.write_text(SUITE + "[gate.kkt_residual]\nfailures = 12\n")
+    assert call("gate", halves[1], "--suite", gate) == 1
+    assert lacking in capsys.readouterr().out
+    main(["merge", *map(str, halves), "--out", str(tmp_path / "whole")])
+    assert call("gate", tmp_path / "whole") == 1
+    said = capsys.readouterr().out
+    assert lacking in said
+    assert "by the parts that were run: --view full; --view partial" in said
 
 
 def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):

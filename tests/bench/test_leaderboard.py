@@ -83,3 +83,39 @@ def test_coverage_is_over_estimates_with_an_ellipsoid():
 def test_a_lost_held_out_prediction_ranks_worst():
     row = only_row(trial(held_out_error=0.1), *[trial(held_out_error=np.nan)] * 2)
     assert row["held_out_error_median"] == np.inf
+
+
+def test_those_who_never_finish_are_the_slowest():
+    ended = [trial(solve_seconds=0.1), trial(solve_seconds=0.3, status="not_converged")]
+    assert only_row(*ended)["solve_seconds_median"] == pytest.approx(0.2)
+    stopped = [trial(status=s, solve_seconds=np.nan) for s in ("timeout", "crash", "timeout")]
+    assert only_row(*ended, stopped[0])["solve_seconds_median"] == 0.3
+    assert only_row(*ended, *stopped)["solve_seconds_median"] == np.inf
+    skipped = trial(status="skipped", solve_seconds=np.nan)
+    assert only_row(*ended, skipped, skipped)["solve_seconds_median"] == pytest.approx(0.2)
+
+
+def test_times_count_as_often_as_their_rows():
+    fast = trial(sigma=0.0, solve_seconds=0.1, count=5)
+    assert only_row(fast, *[trial(solve_seconds=0.9)] * 4)["solve_seconds_median"] == 0.1
+
+
+def test_draws_without_anything_to_hold_out_are_not_measured():
+    """Of a family: where no estimate has a held-out error, there is none to be had."""
+    name, nan = "random(num_players=3)", np.nan
+    rows = [
+        trial(scenario=name, seed=seed, estimator=estimator, held_out_error=error)
+        for estimator, errors in (("a", (0.1, 0.3, nan, nan)), ("b", (0.2, nan, 0.4, nan)))
+        for seed, error in enumerate(errors)
+    ]
+    rows.append(trial(scenario=name, seed=3, estimator="c", status="crash", held_out_error=nan))
+    median = leaderboard(pd.DataFrame(rows)).set_index("estimator")["held_out_error_median"]
+    # Each has lost one of the first three draws; at the last one only the crash is a failure.
+    assert median.to_dict() == {"a": 0.3, "b": 0.4, "c": np.inf}
+
+
+def test_in_a_fixed_scenario_all_seeds_have_the_same_starts():
+    rows = [
+        trial(scenario="two_player", seed=k, held_out_error=e) for k, e in ((0, 0.1), (1, None))
+    ]
+    assert only_row(*rows)["held_out_error_q75"] == np.inf

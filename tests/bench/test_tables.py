@@ -33,7 +33,7 @@ def table() -> pd.DataFrame:
             "held_out_error": 2 * scale,
             "covered": None if name == "never" else int(seed < 27),
             "published_forward": 1,
-            "solve_seconds": 0.5,
+            "solve_seconds": None if name == "never" else 0.5,
             "count": 1,
         }
         for name, scale in (("good", 0.001), (ODD, 0.1), ("never", 1.0))
@@ -54,6 +54,7 @@ def test_markdown(table: pd.DataFrame) -> None:
     assert "| 90% of 30 |" in lines[2]
     assert "∞ [∞, ∞]" in lines[4]
     assert "| – |" in lines[4]  # no ellipsoid
+    assert lines[4].endswith("| ∞ |")  # no time
 
 
 def test_latex(table: pd.DataFrame) -> None:
@@ -82,5 +83,7 @@ def test_latex_compiles(table: pd.DataFrame, tmp_path) -> None:
 def test_the_terminal_explains_what_it_shows(table: pd.DataFrame) -> None:
     assert "good" in format_leaderboard(table)
     assert "uniform" not in format_leaderboard(table)
+    never = next(line for line in format_leaderboard(table).splitlines() if "never" in line)
+    assert never.endswith("∞") and "inf" not in never and "nan" not in never
     floor = table.assign(estimator="uniform")
     assert "uniform is the floor" in format_leaderboard(floor)

@@ -10,6 +10,7 @@ from games.game import Game, Player
 from games.information import (
     cosine_error_limit,
     identifiability,
+    observation_sensitivity,
     trajectory_sensitivity,
     weight_covariance,
 )
@@ -137,7 +138,8 @@ def test_identifiability_agrees_with_the_bound(
     covariance = weight_covariance(*arguments)
     assert covariance is not None
     deviations = np.sqrt(np.diag(covariance)).reshape(weights.shape)
-    fine, coarse = (identifiability(*arguments, sigma=sigma) for sigma in (1e-6, 1e6))
+    seen = [observation_sensitivity(*arguments)]
+    fine, coarse = (identifiability(game, seen, sigma=sigma) for sigma in (1e-6, 1e6))
     np.testing.assert_allclose(fine.bound, 1e-6 * deviations, rtol=1e-6)
     assert fine.identified.all() and fine.left.max() < 1e-3
     assert not coarse.identified.any() and coarse.left.min() > 0.99
@@ -152,7 +154,7 @@ def test_the_rest_is_identified_where_one_weight_is_not() -> None:
     weights = np.full((1, 4), 0.25)
     found = solve_olne(game, weights, np.array([[0.0, 0.0, 0.3, 1.0]]))
     arguments = (game, FullView(), found.states, found.controls, found.costates, weights)
-    known = identifiability(*arguments, sigma=1e-6)
+    known = identifiability(game, [observation_sensitivity(*arguments)], sigma=1e-6)
     assert np.isinf(known.bound[0, 0])
     assert not known.identified[0, 0]
     projection = known.projections[0]

@@ -95,6 +95,28 @@ def test_nothing_but_failures_of_a_scenario_that_is_not_known() -> None:
     assert "kept no provenance" in html
 
 
+def test_only_leaders_are_bold(small_study: pd.DataFrame) -> None:
+    """Never the floor, an infinite median, or anybody where nobody is told apart."""
+
+    def bold(trials: pd.DataFrame) -> list[str]:
+        findings = find(trials)
+        html = render_page(trials, findings, [])
+        cells = re.findall(r'<td class="n half"[^>]*>\s*(<b>)?', html)
+        assert len(cells) == 2 * len(findings.leaderboard)
+        leads = html.count('class="rank first"')
+        assert leads == sum(cell != "" for cell in cells[::2])
+        return [cell for cell in cells if cell]
+
+    one = small_study[small_study["scenario"] == "highway_overtaking"]
+    known = one["estimator"].isin(["kkt_constrained", "uniform"])
+    worse = one["position_error"].where(known, 50.0)
+    told = one.assign(position_error=worse.where(one["status"] == "ok"))
+    assert len(bold(told)) == 2  # by position error, in each view
+    few = told[told["seed"] < 2]
+    assert bold(few) == []
+    assert find(few).leaderboard["position_error_rank"].isna().all()
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.statistics.attempts import errors_of, quantile
+from bench.statistics.attempts import errors_of, noisy, quantile, weighed
 
 errors = st.lists(st.floats(0, 10) | st.just(float("inf")), min_size=1, max_size=12)
 shares = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -49,3 +49,32 @@ def test_a_forward_game_without_a_root_is_a_failure_of_the_prediction_only():
     )
     assert errors_of(rows, "cosine_error").tolist() == [0.1, 0.2, np.inf, np.inf]
     assert errors_of(rows, "position_error").tolist() == [0.3, np.inf, np.inf, 0.4]
+
+
+def counted(rows) -> pd.DataFrame:
+    columns = ["scenario", "estimator", "sigma", "seed", "count"]
+    return pd.DataFrame(rows, columns=columns).assign(view="full")
+
+
+def test_rows_without_noise_count_as_often_as_draws_were_run():
+    rows = [("two_player", "a", 0.0, 0, 40)]
+    rows += [("two_player", "a", sigma, seed, 1) for sigma in (0.1, 0.2) for seed in (0, 3)]
+    rows += [("two_player", "b", 0.0, 0, 40), ("highway_overtaking", "a", 0.0, 0, 40)]
+    trials = counted(rows)
+    found = weighed(trials)
+    assert found["count"].tolist() == [2, 1, 1, 1, 1, 1, 1]
+    assert trials["count"].max() == 40
+    whole = counted([rows[0], *[("two_player", "a", 0.1, seed, 1) for seed in range(40)]])
+    assert weighed(whole).equals(whole)
+
+
+def test_chance_has_no_part_in_rows_without_noise():
+    trials = counted(
+        [
+            ("two_player", "a", 0.0, 0, 1),
+            ("two_player", "a", 0.1, 0, 1),
+            ("two_player", "a", 0.0, 0, 40),
+            ("random(num_players=3)", "a", 0.0, 0, 1),
+        ]
+    )
+    assert noisy(trials).index.tolist() == [1, 3]

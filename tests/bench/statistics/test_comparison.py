@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, false_discovery_control
 
-from bench.statistics.comparison import compare_estimators, holm, permutation_p, ranks
+from bench.statistics.comparison import compare_estimators, holm, leaders, permutation_p, ranks
 
 
 def study(errors: dict[str, np.ndarray], scenario: str = "two_player") -> pd.DataFrame:
@@ -68,27 +68,34 @@ def test_only_the_order_of_errors_counts(scale: float) -> None:
     assert turned["p"] == plain["p"]
 
 
+@given(st.lists(st.integers(-7, 7), min_size=1, max_size=9))
+def test_permutations_of_units_agree_with_all_of_them(advantages: list[int]) -> None:
+    sums = [np.dot(signs, advantages) for signs in product((1, -1), repeat=len(advantages))]
+    exact = np.mean(np.abs(sums) >= abs(sum(advantages)))
+    assert permutation_p(np.array(advantages)) == pytest.approx(exact, rel=1e-9)
+
+
+def test_there_is_no_floor_that_many_comparisons_cannot_pass() -> None:
+    assert permutation_p(np.ones(100, int)) == pytest.approx(2.0**-99)
+    assert permutation_p(np.array([2] * 50 + [3] * 50)) == pytest.approx(2.0**-99)
+    large = np.random.default_rng(0).integers(1, 500, size=2000)
+    assert 0 < permutation_p(large) < 1e-12
+
+
 @given(wins=st.integers(0, 60))
 def test_without_clusters_it_is_the_sign_test(wins: int) -> None:
     advantages = np.repeat([1, -1], [wins, 60 - wins])
     exact = binomtest(wins, 60).pvalue
-    assert permutation_p(advantages) == pytest.approx(exact, abs=4 / np.sqrt(20_000) + 1e-4)
-
-
-def test_permutations_of_clusters_agree_with_all_of_them() -> None:
-    advantages = np.array([6, -2, 4, 0, 5, 3, 1])
-    sums = [np.dot(signs, advantages) for signs in product((1, -1), repeat=len(advantages))]
-    exact = np.mean(np.abs(sums) >= abs(advantages.sum()))
-    assert permutation_p(advantages) == pytest.approx(exact, abs=0.015)
+    assert permutation_p(advantages) == pytest.approx(exact, rel=1e-9)
 
 
 def test_a_family_is_compared_draw_by_draw() -> None:
-    """Six levels of three draws are three pieces of evidence, not eighteen."""
-    a, b = np.zeros((6, 3)), np.ones((6, 3))
+    """Six levels of five draws are five pieces of evidence, not thirty."""
+    a, b = np.zeros((6, 5)), np.ones((6, 5))
     fixed = only(compare_estimators(study({"a": a, "b": b})))
     family = only(compare_estimators(study({"a": a, "b": b}, "random(num_players=3)")))
     assert fixed["p"] < 0.001
-    assert family["p"] == pytest.approx(0.25, abs=0.02)
+    assert family["p"] == pytest.approx(2 / 2**5)
     assert family["wins_low"] < fixed["wins_low"]
 
 
@@ -113,6 +120,14 @@ def test_holm(p: list[float]) -> None:
     # Never more lenient than Benjamini and Hochberg, never stricter than Bonferroni.
     assert (adjusted >= false_discovery_control(p) - 1e-12).all()
     assert (adjusted <= np.minimum(1, len(p) * np.array(p)) + 1e-12).all()
+
+
+def test_the_whole_table_is_adjusted_at_once() -> None:
+    rng = np.random.default_rng(0)
+    trials = study({"a": rng.uniform(size=(3, 10)), "b": rng.uniform(size=(3, 10))})
+    table = compare_estimators(pd.concat([trials, trials.assign(view="partial")]))
+    assert len(table) == 4
+    np.testing.assert_allclose(table["p_holm"], holm(table["p"].to_numpy()))
 
 
 def test_ranks_tie_what_cannot_be_told_apart() -> None:
@@ -143,3 +158,37 @@ def test_the_floor_takes_nobodys_rank() -> None:
     for order, expected in (((0, 1, 2), [1, 1, 2]), ((2, 0, 1), [3, 1, 2])):
         found = study(dict(zip(names["estimator"], (errors[k] for k in order), strict=True)))
         assert ranks(compare_estimators(found), table, "position_error").tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("scenario", "seeds", "ranked"),
+    [
+        ("random(num_players=3)", 5, False),
+        ("random(num_players=3)", 6, True),
+        ("two_player", 1, False),
+        ("two_player", 2, True),
+    ],
+)
+def test_too_few_units_have_no_rank(scenario: str, seeds: int, ranked: bool) -> None:
+    """Three levels of two draws are six trials, but two draws of a family."""
+    trials = study({"a": np.zeros((3, seeds)), "b": np.ones((3, seeds))}, scenario)
+    names = pd.DataFrame({"estimator": ["a", "b"]}).assign(scenario=scenario, view="full")
+    found = ranks(compare_estimators(trials), names, "position_error")
+    assert found.notna().tolist() == [ranked] * 2
+
+
+def test_leaders_are_better_than_somebody() -> None:
+    table = pd.DataFrame(
+        [
+            ("one", "best", 1, 0.1, True),
+            ("one", "fails", 1, np.inf, False),
+            ("one", "uniform", 1, 0.0, False),
+            ("one", "worse", 3, 0.5, False),
+            ("two", "a", 1, 0.1, False),
+            ("two", "b", 1, 0.2, False),
+            ("few", "a", pd.NA, 0.1, False),
+        ],
+        columns=["scenario", "estimator", "cosine_error_rank", "cosine_error_median", "leads"],
+    ).assign(view="full")
+    table = table.astype({"cosine_error_rank": "Int64"})
+    assert leaders(table, "cosine_error").tolist() == table["leads"].tolist()

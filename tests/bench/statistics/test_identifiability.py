@@ -43,6 +43,20 @@ def test_all_is_identified_where_all_shows() -> None:
     np.testing.assert_allclose(identifiable_errors(rows), rows["cosine_error"], rtol=1e-9)
 
 
+def test_several_trajectories_tell_more_than_one() -> None:
+    """By about the square root of their number, as all are of the same players."""
+    truth = get_scenario("two_player").weights
+    one, four = (
+        trials("two_player", truth[None] + [[0.1, -0.1, 0, 0]]).assign(scenario=label)
+        for label in ("two_player", "two_player(trajectories=4)")
+    )
+    less, more = (identifiability_table(rows)["bound"].to_numpy() for rows in (one, four))
+    assert (more < less).all()
+    assert 1.2 < np.median(less / more) < 5
+    ratios = [bound_ratios(rows)["ratio"].to_numpy() for rows in (one, four)]
+    np.testing.assert_allclose(ratios[1] * more, ratios[0] * less)
+
+
 def test_the_yaw_weight_of_a_car_that_never_steers_is_forgiven() -> None:
     scenario = get_scenario("highway_overtaking")
     wrong = scenario.weights.copy()
