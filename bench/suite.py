@@ -150,7 +150,8 @@ class Suite(_Strict):
             ``noise_scale`` on the other components of the state.
         seeds: noise draws per level; at sigma 0 a fixed scenario has only one, which counts as
             that many.
-        time_limit: wall-clock seconds after which a trial is killed.
+        time_limit: wall-clock seconds after which a stage of a trial (set-up, estimate, scoring) is
+            killed.
         root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
             estimated weights; the published study's, where absent.
         trajectories: how many trajectories each trial shows, where a scenario does not say.

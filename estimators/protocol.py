@@ -164,9 +164,10 @@ class Estimator(Protocol):
         """Estimate every player's weights.
 
         Args:
-            problem: what is known.
+            problem: what is known, not to be changed; a copy of the estimator's own.
             observation: what was seen, not to be changed: an ``Observation``, or with ``several``
                 a tuple of two or more, each from an initial state of its own.
             rng: the only source of randomness, seeded per trial.
-            budget: wall-clock seconds until the trial is stopped from outside.
+            budget: wall-clock seconds until this call is stopped from outside. Set-up before it
+                (``warm_up`` and all else) and scoring after it have as much, each for itself.
         """

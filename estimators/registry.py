@@ -81,6 +81,11 @@ def is_file_reference(reference: str) -> bool:
     return reference.partition(":")[0].endswith(".py")
 
 
+def is_built_in(reference: str) -> bool:
+    """Whether a reference names an estimator of this package."""
+    return not is_file_reference(reference) and reference in _built_in()
+
+
 def absolute_reference(reference: str) -> str:
     """The reference as it can be used from another folder as well."""
     if not is_file_reference(reference):

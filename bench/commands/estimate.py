@@ -7,8 +7,8 @@ import click
 import numpy as np
 import pandas as pd
 
+from bench.checked_estimate import CheckedEstimate, InvalidEstimateError, check_estimate
 from bench.errors import UserError
-from bench.evaluate import CheckedEstimate, InvalidEstimateError, check_estimate
 from bench.outputs import check_new_file
 from bench.truth import observed_noise_scale
 from envs.recording import NoEquilibriumError

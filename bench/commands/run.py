@@ -122,6 +122,8 @@ def run(
     with open_store(out) as store:
         check_same_suite(whole, store.runs(), out)
         todo = pending(trials, store.records(), retry)
+        # A process that has run foreign code is not given to others: so there are few changes.
+        todo.sort(key=lambda trial: trial.plugin)
         if len(todo) < len(trials):
             done = len(trials) - len(todo)
             click.echo(f"{done} of {len(trials)} trials are done already", err=True)

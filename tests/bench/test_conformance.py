@@ -61,8 +61,12 @@ class Writes(Good):
 
 class IsLate(Good):
     def estimate(self, problem, observation, *, rng, budget):
-        time.sleep(budget + 1.2)
+        time.sleep(budget + 0.1)
         return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class BuildsForLong(Good):
+    def warm_up(self, problem):
+        time.sleep(0.4)
 
 class PassesGapsOn(Good):
     def estimate(self, problem, observation, **kwargs):
@@ -112,7 +116,7 @@ def check(reference, name, budget=0.3):
         ("HoldsALambda", "pickling", "it cannot be pickled"),
         ("Forgets", "pickling", "a pickled copy estimates otherwise"),
         ("Writes", "inputs are not mutated", "it writes into observation.y"),
-        ("IsLate", "deadline is kept", "it took 1."),
+        ("IsLate", "deadline is kept", "it took 0.4"),
         ("PassesGapsOn", "missing samples", "weights are not finite"),
         (
             "Overrates",
@@ -133,6 +137,10 @@ def test_every_check_finds_its_fault(plugin, estimator, name, expected):
 @pytest.mark.parametrize("name", [name for name in CHECKS if name != "recovers a noise-free toy"])
 def test_harmless_estimators_pass(plugin, name):
     assert check(f"{plugin}:Good", name).status == "ok"
+
+
+def test_building_solvers_takes_nothing_from_the_budget(plugin):
+    assert check(f"{plugin}:BuildsForLong", "deadline is kept").status == "ok"
 
 
 def test_an_honest_word_on_gaps_passes(plugin):
