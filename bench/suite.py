@@ -215,6 +215,9 @@ class Suite(_Strict):
     @field_validator("estimators")
     @classmethod
     def _estimators_exist(cls, value: tuple[EstimatorEntry, ...]) -> tuple[EstimatorEntry, ...]:
+        from bench.probe import probe  # it runs trials, which are made of suites
+
+        probe((entry.name, entry.parameters) for entry in value)
         labelled = []
         for entry in value:
             load_estimator(entry.name, entry.parameters)
@@ -296,7 +299,7 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
         return Suite.model_validate(data)
     except ValidationError as error:
         raise UserError(f"suite {path}: {_first_problem(error)}") from error
-    except EstimatorError as error:
+    except (EstimatorError, UserError) as error:
         raise UserError(f"suite {path}: {error}") from error
 
 

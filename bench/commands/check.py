@@ -5,6 +5,7 @@ import sys
 import click
 
 from bench.conformance import run_checks
+from bench.probe import probe
 from estimators.registry import absolute_reference, load_estimator
 
 
@@ -30,7 +31,8 @@ def check(estimator: str, budget: float, memory: float) -> None:
 
     A line for each check; exit code 1 if one of them fails.
     """
-    load_estimator(estimator)  # bad input ends here
+    probe([(estimator, {})])  # bad input ends here
+    load_estimator(estimator)
     failed = 0
     limit = int(memory * 2**30)
     for name, outcome in run_checks(absolute_reference(estimator), budget=budget, memory=limit):

@@ -10,6 +10,7 @@ import pandas as pd
 from bench.checked_estimate import CheckedEstimate, InvalidEstimateError, check_estimate
 from bench.errors import UserError
 from bench.outputs import check_new_file
+from bench.probe import probe
 from bench.truth import observed_noise_scale
 from envs.recording import NoEquilibriumError
 from envs.recording_file import RecordingFile, RecordingFileError, read_recording
@@ -151,6 +152,7 @@ def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View
 def _estimate(
     reference: str, problem: Problem, observation: Observation, budget: float
 ) -> CheckedEstimate:
+    probe([(reference, {})])
     estimator = load_estimator(reference)
     reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
     if reason:
