@@ -5,6 +5,7 @@ import sys
 import click
 
 from bench.conformance import run_checks
+from bench.options import BUDGET, MEMORY
 from bench.probe import probe
 from estimators.registry import absolute_reference, load_estimator
 
@@ -13,14 +14,14 @@ from estimators.registry import absolute_reference, load_estimator
 @click.argument("estimator", metavar="ESTIMATOR")
 @click.option(
     "--budget",
-    type=click.FloatRange(min=0, min_open=True),
+    type=BUDGET,
     default=20.0,
     show_default=True,
     help="Seconds that it has for each estimate.",
 )
 @click.option(
     "--memory",
-    type=click.FloatRange(min=0, min_open=True),
+    type=MEMORY,
     default=4.0,
     show_default=True,
     metavar="GIB",

@@ -17,6 +17,7 @@ from bench.errors import UserError
 from bench.executor import run_trials
 from bench.figures import FORMATS
 from bench.interrupt import stop_request
+from bench.options import MEMORY
 from bench.provenance import provenance
 from bench.resume import RETRIES, check_same_suite, pending
 from bench.store import Store, open_store
@@ -44,7 +45,7 @@ _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome
 )
 @click.option(
     "--memory",
-    type=click.FloatRange(min=0, min_open=True),
+    type=MEMORY,
     default=4.0,
     show_default=True,
     metavar="GIB",
