@@ -25,7 +25,7 @@ import estimators
 from estimators.protocol import Estimator
 
 ENTRY_POINT_GROUP = "olne_bench.estimators"
-_NOT_ESTIMATORS = {"protocol", "registry"}
+_NOT_ESTIMATORS = {"parameters", "protocol", "registry"}
 
 
 class EstimatorError(ValueError):
