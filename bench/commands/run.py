@@ -21,7 +21,7 @@ from bench.options import MEMORY
 from bench.provenance import provenance
 from bench.resume import RETRIES, check_same_suite, pending
 from bench.store import Store, open_store
-from bench.suite import load_suite, select, suite_file
+from bench.suite import check_gate, load_suite, select, suite_file
 from bench.trial import Outcome, Trial, expand
 
 _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome]]]
@@ -100,6 +100,7 @@ def run(
     """
     drawn = read_formats(formats) if figures else ()
     whole = load_suite(suite, plugin)
+    check_gate(whole)
     part = select(whole, scenarios=scenario, views=view, sigmas=sigma, estimators=estimator)
     if seeds is not None and seeds > whole.seeds:
         raise UserError(f"--seeds {seeds}: suite {whole.name!r} has {whole.seeds}")
