@@ -219,6 +219,13 @@ UNMADE = """class Unmade:
         (["new", "class"], "cannot call an estimator 'class'"),
         (["new", "uniform"], "there is an estimator 'uniform' already"),
         (["new", "taken"], "taken exists already"),
+        (["new", "caf\u00e9"], "use lower-case letters a to z, digits and underscores"),
+        (["new", "_x"], "use lower-case letters a to z, digits and underscores"),
+        (["new", "numpy"], "there is a package or module of this name"),
+        (["new", "json"], "there is a package or module of this name"),
+        (["new", "bench"], "there is a package or module of this name"),
+        (["new", "test"], "there is a package or module of this name"),
+        (["new", "olne_bench"], "there is a package or module of this name"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, arguments, expected):
