@@ -108,6 +108,7 @@ def _judge(
         cosine_error=cosine_error(scenario.weights, estimate.weights),
         weights=estimate.weights.tolist(),
         objective=estimate.objective,
+        extras=estimate.extras,
     )
     if estimate.covariance is not None and trial.sigma > 0:
         inside = covered(scenario.weights, estimate.weights, estimate.covariance)

@@ -103,6 +103,8 @@ class Outcome:
             noise scale.
         solve_seconds: wall-clock time of the estimate, solver construction excluded.
         weights: (N, K) nested list of estimated weights.
+        extras: JSON text of what else the estimator says in finite numbers and short texts; None
+            without any.
     """
 
     status: str
@@ -119,6 +121,7 @@ class Outcome:
     truth_objective: float | None = None
     solve_seconds: float | None = None
     weights: list[list[float]] | None = None
+    extras: str | None = None
 
 
 def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:

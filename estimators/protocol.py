@@ -129,7 +129,8 @@ class Estimate:
             or None.
         converged: whether the method itself considers the result valid.
         message: one line that explains a failure.
-        extras: further numbers worth keeping; ``objective`` is stored with the trial.
+        extras: further things worth keeping, by name. ``objective`` is stored with the trial, and
+            so are other finite numbers and short texts, twenty at most; arrays are not.
     """
 
     weights: np.ndarray
