@@ -3,13 +3,17 @@
 import time
 import traceback
 import zlib
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 
+from bench.changes import find_change
+from bench.checked_estimate import CheckedEstimate, InvalidEstimateError, check_estimate
 from bench.metrics import cosine_error, covered, position_error
 from bench.sensor import sense
+from bench.text import one_line
 from bench.trial import Outcome, Trial
 from bench.truth import (
     held_out_error,
@@ -24,31 +28,22 @@ from estimators.registry import load_estimator
 from games.observation import VIEWS, FullView, observe
 
 
-class InvalidEstimateError(Exception):
-    """An estimator returned something that is not an estimate."""
+def no_stages(name: str) -> None:
+    """Takes the names of stages, for nobody."""
 
 
-@dataclass(frozen=True)
-class CheckedEstimate:
-    """What an estimator returned, well-formed; weights (N, K) with rows that sum to one.
-
-    The covariance is that of weights so scaled.
-    """
-
-    weights: np.ndarray
-    states: np.ndarray | None
-    covariance: np.ndarray | None
-    converged: bool
-    message: str
-    objective: float | None
-
-
-def evaluate(trial: Trial) -> Outcome:
+def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
     """Run a trial in this process.
 
-    An estimator's exceptions become an outcome. Its hanging or dying does not: that is for the
+    Whatever an estimator raises becomes an outcome. Its hanging or dying does not: that is for the
     executor to see to.
+
+    Args:
+        trial: what to run.
+        begin: told the name of each stage as it begins: set-up, estimate, scoring. Each of them has
+            the trial's time limit for itself.
     """
+    begin("set-up")
     view = VIEWS[trial.view]
     try:
         recordings = true_recordings(trial.scenario, trial.seed)
@@ -71,27 +66,34 @@ def evaluate(trial: Trial) -> Outcome:
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
 
+    # The truth behind the problem is kept for other trials, so an estimator gets a copy.
+    handed = deepcopy(problem)
     try:
         estimator = load_estimator(trial.estimator.name, trial.estimator.parameters)
-        reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
+        reason = estimator.supports(handed) if hasattr(estimator, "supports") else None
         if len(observations) > 1 and not getattr(estimator, "several", False):
             reason = f"takes one trajectory at a time, not {len(observations)}"
         if reason:
-            return replace(outcome, status="skipped", message=_one_line(str(reason)))
+            return replace(outcome, status="skipped", message=one_line(str(reason)))
         if hasattr(estimator, "warm_up"):
-            estimator.warm_up(problem)
+            estimator.warm_up(handed)
         rng = np.random.default_rng(zlib.crc32(repr(trial.key).encode()))
-        started = time.perf_counter()
         observation = observations if len(observations) > 1 else observations[0]
-        result = estimator.estimate(problem, observation, rng=rng, budget=trial.time_limit)
+        begin("estimate")
+        started = time.perf_counter()
+        result = estimator.estimate(handed, observation, rng=rng, budget=trial.time_limit)
         outcome = replace(outcome, solve_seconds=time.perf_counter() - started)
-    except (Exception, SystemExit) as error:
+    except BaseException as error:  # nobody else raises here: a worker does not hear of Ctrl-C
         return replace(outcome, status="crash", message=describe_error(error))
 
+    begin("scoring")
     try:
+        changed = find_change(problem, handed, "problem")
+        if changed is not None:
+            raise InvalidEstimateError(f"it changed the problem: {changed}")
         estimate = check_estimate(result, problem)
     except InvalidEstimateError as error:
-        return replace(outcome, status="invalid", message=_one_line(str(error)))
+        return replace(outcome, status="invalid", message=one_line(str(error)))
     return _judge(estimate, trial, recording, outcome)
 
 
@@ -106,6 +108,7 @@ def _judge(
         cosine_error=cosine_error(scenario.weights, estimate.weights),
         weights=estimate.weights.tolist(),
         objective=estimate.objective,
+        extras=estimate.extras,
     )
     if estimate.covariance is not None and trial.sigma > 0:
         inside = covered(scenario.weights, estimate.weights, estimate.covariance)
@@ -134,62 +137,6 @@ def _held_out(trial: Trial, weights: np.ndarray) -> float | None:
         return None
 
 
-def check_estimate(result: Any, problem: Problem) -> CheckedEstimate:
-    """Read an estimate attribute by attribute, as plugins need not use our class.
-
-    Raises:
-        InvalidEstimateError: on one that is not an estimate of the problem.
-    """
-    if not hasattr(result, "weights"):
-        raise InvalidEstimateError(f"returned {type(result).__name__} without 'weights'")
-    weights = _as_array("weights", result.weights)
-    expected = (problem.game.num_players, problem.game.num_weights)
-    if weights.shape != expected:
-        raise InvalidEstimateError(f"weights have the shape {weights.shape}, expected {expected}")
-    if not np.isfinite(weights).all():
-        raise InvalidEstimateError("weights are not finite")
-    if (weights < 0).any():
-        raise InvalidEstimateError(f"weights are negative: the least is {weights.min():g}")
-    if (weights.sum(axis=1) <= 0).any():
-        raise InvalidEstimateError("a player's weights are all zero")
-
-    states = getattr(result, "states", None)
-    if states is not None:
-        states = _as_array("states", states)
-        if states.shape != problem.game.state_shape:
-            raise InvalidEstimateError(
-                f"states have the shape {states.shape}, expected {problem.game.state_shape}"
-            )
-        if not np.isfinite(states).all():
-            raise InvalidEstimateError("states are not finite")
-    covariance = getattr(result, "covariance", None)
-    if covariance is not None:
-        covariance = _as_array("covariance", covariance)
-        if covariance.shape != (weights.size, weights.size):
-            raise InvalidEstimateError(
-                f"covariance has the shape {covariance.shape}, "
-                f"expected {(weights.size, weights.size)}"
-            )
-        if not np.isfinite(covariance).all():
-            raise InvalidEstimateError("covariance is not finite")
-    objective = (getattr(result, "extras", None) or {}).get("objective")
-    return CheckedEstimate(
-        weights=weights / weights.sum(axis=1, keepdims=True),
-        states=states,
-        covariance=covariance,
-        converged=bool(getattr(result, "converged", True)),
-        message=_one_line(str(getattr(result, "message", ""))),
-        objective=None if objective is None else float(objective),
-    )
-
-
-def _as_array(what: str, value: Any) -> np.ndarray:
-    try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InvalidEstimateError(f"{what} are not an array of numbers: {error}") from error
-
-
 def _observation_error(recording: Recording, trial: Trial) -> float:
     seen = sense(recording, FullView(), trial.sigma, trial.seed)
     return position_error(recording.states, seen.y)
@@ -211,8 +158,8 @@ def _read_only(observation: Observation) -> Observation:
 def describe_error(error: BaseException) -> str:
     """One line: what was raised, and where."""
     place = traceback.extract_tb(error.__traceback__)[-1]
-    return _one_line(f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})")
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    try:
+        text = str(error)
+    except Exception:  # an exception class may be foreign code too
+        text = "no text"
+    return one_line(f"{type(error).__name__}: {text} ({place.filename}:{place.lineno})")

@@ -40,7 +40,7 @@ _LABELS = {
     "parameters": "TEXT",
     "count": "INTEGER",
 }
-_TEXT_OUTCOMES = {"status", "message", "weights"}
+_TEXT_OUTCOMES = {"status", "message", "weights", "extras"}
 _OUTCOMES = {f.name: "TEXT" if f.name in _TEXT_OUTCOMES else "REAL" for f in fields(Outcome)}
 _VERSIONS = {f"{f.name}_version": "TEXT" for f in fields(Versions)}
 COLUMNS = _LABELS | _OUTCOMES | _VERSIONS

@@ -3,6 +3,7 @@
 import ast
 import json
 import tomllib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,8 +17,10 @@ from games.observation import VIEWS
 
 SUITE_FOLDER = Path(__file__).parent / "suites"
 
-Sigma = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Bound = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+# Strict, as TOML has types: true is no number, and 3.5 no count.
+Sigma = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+Bound = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+Count = Annotated[int, Field(gt=0, strict=True)]
 
 
 class _Strict(BaseModel):
@@ -38,9 +41,9 @@ class ScenarioEntry(_Strict):
 
     name: str
     options: dict[str, Any] = {}
-    trajectories: int = Field(default=1, gt=0)
+    trajectories: Count = 1
     sigmas: tuple[Sigma, ...] = ()
-    seeds: int | None = Field(default=None, gt=0)
+    seeds: Count | None = None
 
     @property
     def label(self) -> str:
@@ -82,7 +85,7 @@ class EstimatorEntry(_Strict):
     parameters: dict[str, Any] = {}
     label: str = ""
     scenarios: tuple[str, ...] = ()
-    seeds: int | None = Field(default=None, gt=0)
+    seeds: Count | None = None
 
 
 class Limits(_Strict):
@@ -107,8 +110,8 @@ class Limits(_Strict):
     identifiable_cosine_error: Bound | None = None
     position_error: Bound | None = None
     limit_ratio: Bound | None = None
-    failures: int | None = Field(default=None, ge=0)
-    published_failures: int | None = Field(default=None, ge=0)
+    failures: int | None = Field(default=None, ge=0, strict=True)
+    published_failures: int | None = Field(default=None, ge=0, strict=True)
     time_ratio: Bound | None = None
     time_reference: str = ""
 
@@ -150,7 +153,8 @@ class Suite(_Strict):
             ``noise_scale`` on the other components of the state.
         seeds: noise draws per level; at sigma 0 a fixed scenario has only one, which counts as
             that many.
-        time_limit: wall-clock seconds after which a trial is killed.
+        time_limit: wall-clock seconds after which a stage of a trial (set-up, estimate, scoring) is
+            killed.
         root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
             estimated weights; the published study's, where absent.
         trajectories: how many trajectories each trial shows, where a scenario does not say.
@@ -163,10 +167,10 @@ class Suite(_Strict):
     scenarios: tuple[ScenarioEntry, ...] = Field(min_length=1)
     views: tuple[str, ...] = Field(min_length=1)
     sigmas: tuple[Sigma, ...] = Field(min_length=1)
-    seeds: int = Field(gt=0)
-    time_limit: float = Field(default=60.0, gt=0, allow_inf_nan=False)
-    root_iterations: int = Field(default=PUBLISHED_ITERATIONS, gt=0)
-    trajectories: int = Field(default=1, gt=0)
+    seeds: Count
+    time_limit: float = Field(default=60.0, gt=0, allow_inf_nan=False, strict=True)
+    root_iterations: Count = PUBLISHED_ITERATIONS
+    trajectories: Count = 1
     estimators: tuple[EstimatorEntry, ...] = Field(min_length=1)
     gate: dict[str, Limits] = {}
 
@@ -179,6 +183,13 @@ class Suite(_Strict):
         named = [{"name": s} if isinstance(s, str) else s for s in data["scenarios"]]
         scenarios = [common | s if isinstance(s, dict) else s for s in named]
         return data | {"scenarios": scenarios}
+
+    @field_validator("name")
+    @classmethod
+    def _has_a_name(cls, value: str) -> str:
+        if not value.strip():
+            raise ValueError(f"a suite needs a name that is not empty, got {value!r}")
+        return value
 
     @field_validator("scenarios", "estimators", mode="before")
     @classmethod
@@ -214,6 +225,9 @@ class Suite(_Strict):
     @field_validator("estimators")
     @classmethod
     def _estimators_exist(cls, value: tuple[EstimatorEntry, ...]) -> tuple[EstimatorEntry, ...]:
+        from bench.probe import probe  # it runs trials, which are made of suites
+
+        probe((entry.name, entry.parameters) for entry in value)
         labelled = []
         for entry in value:
             load_estimator(entry.name, entry.parameters)
@@ -227,12 +241,22 @@ class Suite(_Strict):
     def _estimators_have_their_scenarios(self) -> "Suite":
         labels = [scenario.label for scenario in self.scenarios]
         for entry in self.estimators:
-            for label in entry.scenarios:
-                if label not in labels:
-                    raise ValueError(
-                        f"estimator {entry.label!r} is limited to an unknown scenario {label!r}; "
-                        f"the suite has: {', '.join(labels)}"
-                    )
+            complaint = f"estimator {entry.label!r} is limited to an unknown scenario"
+            _named(complaint, entry.scenarios, labels)
+        return self
+
+    @model_validator(mode="after")
+    def _parts_fit_the_whole(self) -> "Suite":
+        entries: list[tuple[str, ScenarioEntry | EstimatorEntry]] = [
+            *(("scenario", entry) for entry in self.scenarios),
+            *(("estimator", entry) for entry in self.estimators),
+        ]
+        for what, entry in entries:
+            if entry.seeds is not None and entry.seeds > self.seeds:
+                raise ValueError(
+                    f"{what} {entry.label!r} has seeds = {entry.seeds}, the suite has only "
+                    f"{self.seeds}"
+                )
         return self
 
     def pairs(self) -> list[tuple[ScenarioEntry, EstimatorEntry]]:
@@ -295,8 +319,28 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
         return Suite.model_validate(data)
     except ValidationError as error:
         raise UserError(f"suite {path}: {_first_problem(error)}") from error
-    except EstimatorError as error:
+    except (EstimatorError, UserError) as error:
         raise UserError(f"suite {path}: {error}") from error
+
+
+def check_gate(suite: Suite) -> None:
+    """Refuse limits on what a suite, with the plugins added to it, does not run.
+
+    Raises:
+        UserError: naming the table and what the suite has.
+    """
+    labels = [entry.label for entry in suite.estimators]
+    scenarios = [entry.label for entry in suite.scenarios]
+    for label, limits in suite.gate.items():
+        place = f"suite {suite.name!r}: [gate.{label}]"
+        reference = (limits.time_reference,) if limits.time_reference else ()
+        try:
+            _named(f"{place} is for an unknown estimator", (label,), labels)
+            _named(f"{place}: unknown time_reference", reference, labels)
+            _named(f"{place}: unknown scenario", limits.scenarios, scenarios)
+            _named(f"{place}: unknown view", limits.views, suite.views)
+        except ValueError as error:
+            raise UserError(str(error)) from error
 
 
 def read_suite_json(text: str) -> Suite:
@@ -369,6 +413,12 @@ def _require(suite: Suite, what: str, wanted: Any, available: Any) -> None:
         if value not in available:
             choice = ", ".join(str(item) for item in available)
             raise UserError(f"suite {suite.name!r} has no {what} {value!r}; it has: {choice}")
+
+
+def _named(complaint: str, names: Iterable[str], known: Sequence[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{complaint} {name!r}; the suite has: {', '.join(known)}")
 
 
 def _distinct(value: Any, what: str, keys: Any) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 from bench.suite import EstimatorEntry, ScenarioEntry, Suite
 from bench.versions import Versions, versions
 from envs.scenarios import is_family
+from estimators.registry import is_built_in
 
 #: What can become of a trial. Everything but ``ok`` and ``skipped`` is a failure.
 STATUSES = (
@@ -33,7 +34,7 @@ class Trial:
         seed: of the noise, and of the draw where the scenario is a family.
         estimator: estimator with parameters and label.
         count: how many trials of the study this one stands for.
-        time_limit: wall-clock seconds.
+        time_limit: wall-clock seconds for each of its stages (``bench.evaluate``).
         root_iterations: as in ``Suite``.
         versions: of the code that it is to be run with.
     """
@@ -48,6 +49,11 @@ class Trial:
     time_limit: float
     root_iterations: int
     versions: Versions = field(default_factory=Versions)
+
+    @property
+    def plugin(self) -> str:
+        """What tells apart estimators that are not built in; empty where it is."""
+        return "" if is_built_in(self.estimator.name) else self.estimator.label
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -97,6 +103,8 @@ class Outcome:
             noise scale.
         solve_seconds: wall-clock time of the estimate, solver construction excluded.
         weights: (N, K) nested list of estimated weights.
+        extras: JSON text of what else the estimator says in finite numbers and short texts; None
+            without any.
     """
 
     status: str
@@ -113,6 +121,7 @@ class Outcome:
     truth_objective: float | None = None
     solve_seconds: float | None = None
     weights: list[list[float]] | None = None
+    extras: str | None = None
 
 
 def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:

@@ -15,7 +15,16 @@ _HERE = Path(__file__).parent
 _GAMES = Path(str(games.__file__)).parents[1]
 _ENVS = Path(str(envs.__file__)).parents[1]
 _ESTIMATORS = Path(str(estimators.__file__)).parents[1]
-_SCORING = ("evaluate", "metrics", "neighbours", "sensor", "truth")
+_SCORING = (
+    "changes",
+    "checked_estimate",
+    "evaluate",
+    "metrics",
+    "neighbours",
+    "sensor",
+    "text",
+    "truth",
+)
 
 
 @dataclass(frozen=True)

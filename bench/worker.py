@@ -38,6 +38,13 @@ class OtherCodeError(Exception):
 
 
 @dataclass(frozen=True)
+class Stage:
+    """What a worker says as a stage of a task begins; each has the time limit for itself."""
+
+    name: str
+
+
+@dataclass(frozen=True)
 class Answer:
     """What a worker says about a task.
 
@@ -59,6 +66,7 @@ def serve(descriptor: int, parent: int, memory: int | None) -> None:
         memory: limit [bytes] of this process's memory, None for no limit.
     """
     _tie_to_parent(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, which ends this
     if memory is not None:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     # A log that cannot be written to is not an estimator's failure.
@@ -67,19 +75,26 @@ def serve(descriptor: int, parent: int, memory: int | None) -> None:
     gc.freeze()  # what is imported stays; to look through it again and again takes time
     connection = Connection(descriptor)
     connection.send(READY)
+
+    def say(message: Answer | Stage | str) -> None:
+        if os.getpid() != own:  # the estimator forked, and its child came back here
+            os._exit(0)
+        connection.send(message)
+
     while True:
         try:
             function, task = connection.recv()
         except (EOFError, ConnectionResetError):
             return
-        answer = _answer(function, task, memory)
-        if os.getpid() != own:  # the estimator forked, and its child came back here
-            os._exit(0)
-        connection.send(answer)
+        say(_answer(function, task, lambda name: say(Stage(name)), memory))
 
 
-def run_trial(trial: Trial) -> Outcome:
+def run_trial(trial: Trial, begin: Callable[[str], None]) -> Outcome:
     """Run a trial with the code that it was made for.
+
+    Args:
+        trial: what to run.
+        begin: as in ``evaluate``.
 
     Raises:
         OtherCodeError: if the code here is not the same.
@@ -87,14 +102,19 @@ def run_trial(trial: Trial) -> Outcome:
     difference = explain_difference(trial.scenario, trial.estimator, trial.versions)
     if difference is not None:
         raise OtherCodeError(difference)
-    return evaluate(trial)
+    return evaluate(trial, begin)
 
 
-def _answer(function: Callable[[Any], Outcome], task: Any, memory: int | None) -> Answer | str:
+def _answer(
+    function: Callable[[Any, Callable[[str], None]], Outcome],
+    task: Any,
+    begin: Callable[[str], None],
+    memory: int | None,
+) -> Answer | str:
     """The answer to a task, or the line that ends the run."""
     threads = threading.active_count()
     try:
-        outcome = function(task)
+        outcome = function(task, begin)
     except (OtherCodeError, EstimatorError) as error:
         return str(error)
     except MemoryError as error:  # of ours, but with what the estimator has left

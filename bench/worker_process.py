@@ -21,7 +21,7 @@ from typing import Generic, Protocol, TypeVar
 
 from bench.errors import UserError
 from bench.trial import Outcome
-from bench.worker import READY, Answer
+from bench.worker import READY, Answer, Stage
 
 #: Seconds that a process may take to import everything, from a slow network file system too.
 START_LIMIT = 300.0
@@ -49,7 +49,11 @@ class Task(Protocol):
 
     @property
     def time_limit(self) -> float:
-        """Wall-clock seconds."""
+        """Wall-clock seconds that each of its stages may take."""
+
+    @property
+    def plugin(self) -> str:
+        """What foreign code it runs, empty for none: a process gets to know no two of them."""
 
 
 T = TypeVar("T", bound=Task)
@@ -58,17 +62,25 @@ T = TypeVar("T", bound=Task)
 class WorkerProcess(Generic[T]):
     """One worker; its process is started with its first task and replaced when it dies.
 
+    It is replaced too before a task with other foreign code, or with none, than it has run: what
+    that has changed in the process is not for others.
+
     Attributes:
         task: what it is at, None while idle.
     """
 
     def __init__(
-        self, function: Callable[[T], Outcome], *, log: Path | None, memory: int | None
+        self,
+        function: Callable[[T, Callable[[str], None]], Outcome],
+        *,
+        log: Path | None,
+        memory: int | None,
     ) -> None:
         """Nothing is started yet.
 
         Args:
-            function: what is done with each task; a module has to hold it.
+            function: what is done with each task; a module has to hold it. It is given the task
+                and what it may tell the names of stages as they begin.
             log: file for whatever estimators print; this process's standard error where absent.
             memory: limit [bytes] of each process, None for no limit.
         """
@@ -82,6 +94,8 @@ class WorkerProcess(Generic[T]):
         self._served = 0
         self._attempts = 0
         self._deadline = 0.0
+        self._stage = ""
+        self._plugin = ""
 
     @property
     def connection(self) -> Connection:
@@ -105,9 +119,12 @@ class WorkerProcess(Generic[T]):
         try:
             while self.connection.poll():
                 message = self.connection.recv()
-                if message != READY:
+                if isinstance(message, Stage):
+                    self._stage = message.name
+                elif message == READY:
+                    self._ready = True
+                else:
                     return self._take(message)
-                self._ready = True
                 self._deadline = time.monotonic() + self.task.time_limit
         except (EOFError, OSError, UnpicklingError):
             return self._bury("closed its connection")
@@ -133,11 +150,16 @@ class WorkerProcess(Generic[T]):
             self._process.wait()
             self.connection.close()
         self._process = self._connection = None
+        self._plugin = ""
 
     def _send(self, task: T) -> None:
         self.task = task
+        if self._plugin not in ("", task.plugin):
+            self.stop()
         if self._process is None:
             self._start()
+        self._plugin = task.plugin
+        self._stage = ""
         limit = task.time_limit if self._ready else START_LIMIT
         self._deadline = time.monotonic() + limit
         with suppress(OSError):  # it is dead already, which ``poll`` will find
@@ -178,6 +200,8 @@ class WorkerProcess(Generic[T]):
             self.stop()
             raise UserError(f"a worker process did not start within {START_LIMIT:g} s")
         message = f"killed after {self.task.time_limit:g} s"
+        if self._stage:
+            message += f" of {self._stage}"
         self.stop()
         self.task = None
         return Outcome("timeout", message)

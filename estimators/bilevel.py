@@ -39,6 +39,7 @@ from estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
+from estimators.parameters import check_count
 from estimators.protocol import Estimate, Observation, Problem, check_observations
 from estimators.simplex import RatioChart
 from games.native import elimination
@@ -62,12 +63,19 @@ class Bilevel:
     Attributes:
         starts: games to start from at most, those nearest the observations.
         max_evaluations: forward games per start and trajectory, before the next start has its turn.
+
+    Raises:
+        ValueError: on a parameter out of range.
     """
 
     name: ClassVar[str] = "bilevel"
     several: ClassVar[bool] = True
     starts: int = 4
     max_evaluations: int = 200
+
+    def __post_init__(self) -> None:
+        check_count("starts", self.starts)
+        check_count("max_evaluations", self.max_evaluations)
 
     def estimate(
         self,

@@ -38,6 +38,7 @@ from estimators.interior_point import CLOSE_TO_KNOWN, joint_elimination, solve_j
 from estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from estimators.joint_problem import JointPoint, JointSolution
 from estimators.joint_several import SeveralSolution, solve_several
+from estimators.parameters import check_count
 from estimators.protocol import Estimate, Observation, Problem, check_observations
 from estimators.trajectory_fit import (
     fit_trajectory,
@@ -74,7 +75,7 @@ class KktConstrained:
             lost its way, and another start is the better use of the time.
 
     Raises:
-        ValueError: on an unknown solver.
+        ValueError: on an unknown solver, or iterations out of range.
     """
 
     name: ClassVar[str] = "kkt_constrained"
@@ -85,6 +86,7 @@ class KktConstrained:
     def __post_init__(self) -> None:
         if self.solver not in _SOLVERS:
             raise ValueError(f"unknown solver {self.solver!r}; known are: {', '.join(_SOLVERS)}")
+        check_count("max_iterations", self.max_iterations)
 
     def estimate(
         self,

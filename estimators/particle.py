@@ -64,6 +64,7 @@ from estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
+from estimators.parameters import check_count, check_number
 from estimators.protocol import Estimate, Observation, Problem, check_observations
 
 #: Resampling takes place where the effective sample size falls to this share of all particles.
@@ -123,12 +124,9 @@ class Particle:
     most_moves: int = 6
 
     def __post_init__(self) -> None:
-        if self.count < 2:
-            raise ValueError(f"count must be at least 2 particles, got {self.count}")
-        if not self.spread > 0:
-            raise ValueError(f"spread must be positive, got {self.spread}")
-        if self.most_moves < 1:
-            raise ValueError(f"most_moves must be at least 1, got {self.most_moves}")
+        check_count("count", self.count, least=2)
+        check_number("spread", self.spread)
+        check_count("most_moves", self.most_moves)
 
     def estimate(
         self,

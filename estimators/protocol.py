@@ -129,7 +129,8 @@ class Estimate:
             or None.
         converged: whether the method itself considers the result valid.
         message: one line that explains a failure.
-        extras: further numbers worth keeping; ``objective`` is stored with the trial.
+        extras: further things worth keeping, by name. ``objective`` is stored with the trial, and
+            so are other finite numbers and short texts, twenty at most; arrays are not.
     """
 
     weights: np.ndarray
@@ -164,9 +165,10 @@ class Estimator(Protocol):
         """Estimate every player's weights.
 
         Args:
-            problem: what is known.
+            problem: what is known, not to be changed; a copy of the estimator's own.
             observation: what was seen, not to be changed: an ``Observation``, or with ``several``
                 a tuple of two or more, each from an initial state of its own.
             rng: the only source of randomness, seeded per trial.
-            budget: wall-clock seconds until the trial is stopped from outside.
+            budget: wall-clock seconds until this call is stopped from outside. Set-up before it
+                (``warm_up`` and all else) and scoring after it have as much, each for itself.
         """

@@ -25,7 +25,7 @@ import estimators
 from estimators.protocol import Estimator
 
 ENTRY_POINT_GROUP = "olne_bench.estimators"
-_NOT_ESTIMATORS = {"protocol", "registry"}
+_NOT_ESTIMATORS = {"parameters", "protocol", "registry"}
 
 
 class EstimatorError(ValueError):
@@ -55,12 +55,26 @@ def load_estimator(reference: str, parameters: Mapping[str, Any] | None = None) 
         raise EstimatorError(
             f"estimator {reference!r} refuses its parameters: {error}; its parameters: {known}"
         ) from error
+    except (Exception, SystemExit) as error:
+        raise EstimatorError(
+            f"estimator {reference!r} cannot be made: {_describe(error)}"
+        ) from error
 
 
 def estimator_label(reference: str) -> str:
-    """The name that tables show for a reference: the class attribute ``name``, or its name."""
+    """The name that tables show for a reference: the class attribute ``name``, or its name.
+
+    Raises:
+        EstimatorError: as ``load_estimator``, and on a ``name`` that is no text or empty.
+    """
     estimator_class = _find_class(reference)
-    return str(getattr(estimator_class, "name", estimator_class.__name__))
+    label = getattr(estimator_class, "name", estimator_class.__name__)
+    if not (isinstance(label, str) and label.strip()):
+        raise EstimatorError(
+            f"estimator {reference!r} has the name {label!r}: its class attribute 'name' has to be "
+            "a text that is not empty, or absent"
+        )
+    return label
 
 
 def estimator_source(reference: str) -> tuple[str, Path]:
@@ -79,6 +93,11 @@ def estimator_source(reference: str) -> tuple[str, Path]:
 def is_file_reference(reference: str) -> bool:
     """Whether a reference names a file rather than a known estimator."""
     return reference.partition(":")[0].endswith(".py")
+
+
+def is_built_in(reference: str) -> bool:
+    """Whether a reference names an estimator of this package."""
+    return not is_file_reference(reference) and reference in _built_in()
 
 
 def absolute_reference(reference: str) -> str:
@@ -134,7 +153,7 @@ def _class_from_file(path: Path, class_name: str) -> type[Any]:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    _guarded_import(f"file {str(path)!r}", lambda: spec.loader.exec_module(module))
+    _guarded_import(f"file {str(path)!r}", lambda: spec.loader.exec_module(module), path)
     found = {c.__name__: c for c in _classes_of(module)}
     if class_name:
         if class_name not in found:
@@ -157,18 +176,23 @@ def _classes_of(module: ModuleType) -> list[type[Any]]:
     ]
 
 
-def _guarded_import(what: str, load: Any) -> Any:
+def _guarded_import(what: str, load: Any, file: Path | None = None) -> Any:
     """Run an import of foreign code; turn whatever it raises into one line with its place."""
     try:
         return load()
     except (Exception, SystemExit) as error:
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{place.filename}:{place.lineno}"
-        if isinstance(error, SyntaxError) and error.filename:
-            where = f"{error.filename}:{error.lineno}"
-        raise EstimatorError(
-            f"{what} cannot be imported: {type(error).__name__}: {error} ({where})"
-        ) from error
+        raise EstimatorError(f"{what} cannot be imported: {_describe(error, file)}") from error
+
+
+def _describe(error: BaseException, file: Path | None = None) -> str:
+    """What was raised, and where; some syntax errors do not know of which file they are."""
+    text, place = str(error), traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{place.filename}:{place.lineno}"
+    if isinstance(error, SyntaxError) and error.filename:
+        text, where = error.msg, f"{error.filename}:{error.lineno}"  # its text has the place too
+    elif isinstance(error, SyntaxError) and file is not None:
+        where = str(file)
+    return f"{type(error).__name__}: {text} ({where})"
 
 
 def _parameter_names(estimator_class: type[Any]) -> list[str]:

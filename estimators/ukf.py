@@ -57,6 +57,7 @@ from estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
+from estimators.parameters import check_number
 from estimators.protocol import Estimate, Observation, Problem, check_observations
 from estimators.simplex import weight_covariance_of
 
@@ -81,12 +82,19 @@ class Ukf:
         spread: prior standard deviation of the log-ratios, in units of that of weights that are
             uniform on the simplex.
         alpha: distance of the sigma points from the mean, in units of sqrt(n) standard deviations.
+
+    Raises:
+        ValueError: on a parameter out of range.
     """
 
     name: ClassVar[str] = "ukf"
     several: ClassVar[bool] = True
     spread: float = 0.5
     alpha: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_number("spread", self.spread)
+        check_number("alpha", self.alpha)
 
     def estimate(
         self,

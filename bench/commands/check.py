@@ -5,6 +5,8 @@ import sys
 import click
 
 from bench.conformance import run_checks
+from bench.options import BUDGET, MEMORY
+from bench.probe import probe
 from estimators.registry import absolute_reference, load_estimator
 
 
@@ -12,14 +14,14 @@ from estimators.registry import absolute_reference, load_estimator
 @click.argument("estimator", metavar="ESTIMATOR")
 @click.option(
     "--budget",
-    type=click.FloatRange(min=0, min_open=True),
+    type=BUDGET,
     default=20.0,
     show_default=True,
     help="Seconds that it has for each estimate.",
 )
 @click.option(
     "--memory",
-    type=click.FloatRange(min=0, min_open=True),
+    type=MEMORY,
     default=4.0,
     show_default=True,
     metavar="GIB",
@@ -30,7 +32,8 @@ def check(estimator: str, budget: float, memory: float) -> None:
 
     A line for each check; exit code 1 if one of them fails.
     """
-    load_estimator(estimator)  # bad input ends here
+    probe([(estimator, {})])  # bad input ends here
+    load_estimator(estimator)
     failed = 0
     limit = int(memory * 2**30)
     for name, outcome in run_checks(absolute_reference(estimator), budget=budget, memory=limit):

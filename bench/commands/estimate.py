@@ -7,9 +7,12 @@ import click
 import numpy as np
 import pandas as pd
 
+from bench.checked_estimate import CheckedEstimate, InvalidEstimateError, check_estimate
 from bench.errors import UserError
-from bench.evaluate import CheckedEstimate, InvalidEstimateError, check_estimate
-from bench.outputs import check_new_file
+from bench.evaluate import describe_error
+from bench.options import BUDGET
+from bench.outputs import check_new_file, whole_file
+from bench.probe import probe
 from bench.truth import observed_noise_scale
 from envs.recording import NoEquilibriumError
 from envs.recording_file import RecordingFile, RecordingFileError, read_recording
@@ -39,7 +42,7 @@ from games.observation import ComponentView, FullView, View
 )
 @click.option(
     "--budget",
-    type=click.FloatRange(min=0, min_open=True),
+    type=BUDGET,
     default=60.0,
     show_default=True,
     help="Seconds that the estimator is told it has.",
@@ -76,10 +79,18 @@ def estimate(
     table.insert(0, "player", players)
     click.echo(table.to_string(index=False, float_format=lambda value: f"{value:.4f}"))
     if out is not None:
-        table.to_csv(out, index=False)
+        _write(table, out)
     if not result.converged:
         reason = result.message or "the estimator gives no reason"
         click.echo(f"not converged, do not rely on these weights: {reason}", err=True)
+
+
+def _write(table: pd.DataFrame, out: Path) -> None:
+    try:
+        with whole_file(out) as path:
+            table.to_csv(path, index=False)
+    except OSError as error:
+        raise UserError(f"--out {out}: cannot be written: {error.strerror or error}") from error
 
 
 def _read(path: Path, episode: int) -> RecordingFile:
@@ -151,13 +162,18 @@ def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View
 def _estimate(
     reference: str, problem: Problem, observation: Observation, budget: float
 ) -> CheckedEstimate:
+    probe([(reference, {})])
     estimator = load_estimator(reference)
-    reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
-    if reason:
-        raise UserError(f"estimator {reference!r} does not take this recording: {reason}")
     rng = np.random.default_rng(0)
     try:
+        reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
+        if reason:
+            raise UserError(f"estimator {reference!r} does not take this recording: {reason}")
         result = estimator.estimate(problem, observation, rng=rng, budget=budget)
         return check_estimate(result, problem)
     except InvalidEstimateError as error:
         raise UserError(f"estimator {reference!r}: {error}") from error
+    except UserError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise UserError(f"estimator {reference!r} raised {describe_error(error)}") from error

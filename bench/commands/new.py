@@ -1,7 +1,11 @@
 """``olne-bench new``: the folder of an estimator that works, to start from."""
 
 import keyword
+import re
+import sys
+from importlib.metadata import PackageNotFoundError, distribution
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
@@ -10,6 +14,8 @@ import click
 from bench.errors import UserError
 from estimators.registry import estimator_names
 
+#: Modules of Python that not every system has, or that it hides.
+_PYTHON = sys.stdlib_module_names | {"test"}
 #: Template and the file that it becomes.
 _FILES = {
     "pyproject.toml.txt": "pyproject.toml",
@@ -22,16 +28,21 @@ _FILES = {
 @click.argument("name")
 def new(name: str) -> None:
     """Write a folder NAME with a plugin: its pyproject.toml, the estimator and a test."""
-    if not name.isidentifier() or not name.islower() or keyword.iskeyword(name):
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
         raise UserError(
-            f"cannot call an estimator {name!r}: use lower-case letters, digits and underscores, "
-            "such as my_estimator"
+            f"cannot call an estimator {name!r}: use lower-case letters a to z, digits and "
+            "underscores, such as my_estimator"
         )
     if name in estimator_names():
         raise UserError(f"there is an estimator {name!r} already; choose another name")
     folder = Path(name)
     if folder.exists():
         raise UserError(f"{folder} exists already; choose another name or folder")
+    if _is_taken(name):
+        raise UserError(
+            f"cannot call an estimator {name!r}: there is a package or module of this name, which "
+            "it would hide; choose another name, such as my_estimator"
+        )
     class_name = "".join(part.capitalize() for part in name.split("_"))
     try:
         folder.mkdir()
@@ -46,3 +57,14 @@ def new(name: str) -> None:
     click.echo(f"check it:    olne-bench check {reference}")
     click.echo(f"compare it:  olne-bench run quick --plugin {reference} --out runs/{name}")
     click.echo(f"install it:  pip install -e {folder}   (it is then called {name} everywhere)")
+
+
+def _is_taken(name: str) -> bool:
+    """Whether Python, this project or something installed has a module or package of the name."""
+    if name in _PYTHON or find_spec(name) is not None:
+        return True
+    try:
+        distribution(name)
+    except PackageNotFoundError:
+        return False
+    return True

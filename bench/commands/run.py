@@ -17,10 +17,11 @@ from bench.errors import UserError
 from bench.executor import run_trials
 from bench.figures import FORMATS
 from bench.interrupt import stop_request
+from bench.options import MEMORY
 from bench.provenance import provenance
 from bench.resume import RETRIES, check_same_suite, pending
 from bench.store import Store, open_store
-from bench.suite import load_suite, select, suite_file
+from bench.suite import check_gate, load_suite, select, suite_file
 from bench.trial import Outcome, Trial, expand
 
 _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome]]]
@@ -44,7 +45,7 @@ _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome
 )
 @click.option(
     "--memory",
-    type=click.FloatRange(min=0, min_open=True),
+    type=MEMORY,
     default=4.0,
     show_default=True,
     metavar="GIB",
@@ -99,6 +100,7 @@ def run(
     """
     drawn = read_formats(formats) if figures else ()
     whole = load_suite(suite, plugin)
+    check_gate(whole)
     part = select(whole, scenarios=scenario, views=view, sigmas=sigma, estimators=estimator)
     if seeds is not None and seeds > whole.seeds:
         raise UserError(f"--seeds {seeds}: suite {whole.name!r} has {whole.seeds}")
@@ -122,6 +124,8 @@ def run(
     with open_store(out) as store:
         check_same_suite(whole, store.runs(), out)
         todo = pending(trials, store.records(), retry)
+        # A process that has run foreign code is not given to others: so there are few changes.
+        todo.sort(key=lambda trial: trial.plugin)
         if len(todo) < len(trials):
             done = len(trials) - len(todo)
             click.echo(f"{done} of {len(trials)} trials are done already", err=True)

@@ -61,8 +61,12 @@ class Writes(Good):
 
 class IsLate(Good):
     def estimate(self, problem, observation, *, rng, budget):
-        time.sleep(budget + 1.2)
+        time.sleep(budget + 0.1)
         return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class BuildsForLong(Good):
+    def warm_up(self, problem):
+        time.sleep(0.4)
 
 class PassesGapsOn(Good):
     def estimate(self, problem, observation, **kwargs):
@@ -112,7 +116,7 @@ def check(reference, name, budget=0.3):
         ("HoldsALambda", "pickling", "it cannot be pickled"),
         ("Forgets", "pickling", "a pickled copy estimates otherwise"),
         ("Writes", "inputs are not mutated", "it writes into observation.y"),
-        ("IsLate", "deadline is kept", "it took 1."),
+        ("IsLate", "deadline is kept", "it took 0.4"),
         ("PassesGapsOn", "missing samples", "weights are not finite"),
         (
             "Overrates",
@@ -133,6 +137,10 @@ def test_every_check_finds_its_fault(plugin, estimator, name, expected):
 @pytest.mark.parametrize("name", [name for name in CHECKS if name != "recovers a noise-free toy"])
 def test_harmless_estimators_pass(plugin, name):
     assert check(f"{plugin}:Good", name).status == "ok"
+
+
+def test_building_solvers_takes_nothing_from_the_budget(plugin):
+    assert check(f"{plugin}:BuildsForLong", "deadline is kept").status == "ok"
 
 
 def test_an_honest_word_on_gaps_passes(plugin):
@@ -170,6 +178,13 @@ def test_one_that_dies_fails_with_exit_code_1(tmp_path, capsys):
     assert f"{len(CHECKS)} checks failed" in said
 
 
+UNMADE = """class Unmade:
+    def __init__(self):
+        raise RuntimeError("no licence")
+    def estimate(self, *args, **kwargs): pass
+"""
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -177,11 +192,40 @@ def test_one_that_dies_fails_with_exit_code_1(tmp_path, capsys):
         (["check", "nope.py:A"], "no estimator file 'nope.py'"),
         (["check", "broken.py"], "broken.py:2)"),
         (["check", "leaves.py"], "SystemExit: bye"),
+        (["check", "syntax.py"], "SyntaxError: '(' was never closed ("),
         (["check", "syntax.py"], "syntax.py:1)"),
+        (["check", "nul.py"], "null bytes ("),
+        (["check", "nul.py"], "nul.py)"),
+        (
+            ["check", "dies.py"],
+            "estimator 'dies.py' cannot be loaded: the process was killed by SIG",
+        ),
+        (["check", "interrupts.py"], "KeyboardInterrupt: ("),
+        (["check", "interrupts.py"], "interrupts.py:1)"),
+        (
+            ["check", "unmade.py"],
+            "estimator 'unmade.py' cannot be made: RuntimeError: no licence (",
+        ),
+        (
+            ["run", "quick", "--plugin", "dies.py", "--out", "o"],
+            "cannot be loaded: the process was",
+        ),
+        (["run", "quick", "--plugin", "unmade.py", "--out", "o"], "unmade.py:3)"),
+        (
+            ["check", "hangs.py"],
+            "estimator 'hangs.py' cannot be loaded: killed after 2 s of its imp",
+        ),
         (["new", "My-Estimator"], "cannot call an estimator 'My-Estimator': use lower-case"),
         (["new", "class"], "cannot call an estimator 'class'"),
         (["new", "uniform"], "there is an estimator 'uniform' already"),
         (["new", "taken"], "taken exists already"),
+        (["new", "caf\u00e9"], "use lower-case letters a to z, digits and underscores"),
+        (["new", "_x"], "use lower-case letters a to z, digits and underscores"),
+        (["new", "numpy"], "there is a package or module of this name"),
+        (["new", "json"], "there is a package or module of this name"),
+        (["new", "bench"], "there is a package or module of this name"),
+        (["new", "test"], "there is a package or module of this name"),
+        (["new", "olne_bench"], "there is a package or module of this name"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, arguments, expected):
@@ -189,7 +233,13 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, arguments, expecte
     (tmp_path / "broken.py").write_text("x = 1\nraise RuntimeError('no licence')\n")
     (tmp_path / "leaves.py").write_text("import sys\nsys.exit('bye')\n")
     (tmp_path / "syntax.py").write_text("class A(\n")
+    (tmp_path / "nul.py").write_text("x = 0\0\n")
+    (tmp_path / "dies.py").write_text("import os\nos.kill(os.getpid(), 11)\n")
+    (tmp_path / "interrupts.py").write_text("raise KeyboardInterrupt\n")
+    (tmp_path / "hangs.py").write_text("import time\ntime.sleep(60)\n")
+    (tmp_path / "unmade.py").write_text(UNMADE)
     (tmp_path / "taken").mkdir()
+    monkeypatch.setattr("bench.probe.LOAD_LIMIT", 2.0)
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     assert caught.value.code == 2

@@ -129,7 +129,7 @@ class Random(Good):
 
 EXPECTED = {
     "Good": ("ok", ""),
-    "Hangs": ("timeout", "killed after"),
+    "Hangs": ("timeout", "killed after 6 s of estimate"),
     "Dies": ("crash", "exit code 7"),
     "EndsWell": ("crash", "died with exit code 0"),
     "Exits": ("crash", "SystemExit: done"),
@@ -210,3 +210,82 @@ def test_randomness_is_seeded_by_the_trial_alone(outcomes):
     assert a.weights != b.weights
     assert evaluate(first).weights == a.weights
     assert evaluate(second).weights == b.weights
+
+
+PATCHES = """
+import numpy as np
+from types import SimpleNamespace
+
+class Patches:
+    def estimate(self, problem, observation, *, rng, budget):
+        np.linalg.norm = lambda *args, **kwargs: 1.0
+        np.linalg.solve = np.linalg.eigvalsh = None
+        return SimpleNamespace(weights=np.ones((2, 4)))
+"""
+
+
+def test_what_a_plugin_changes_in_its_process_reaches_no_other_estimator(tmp_path):
+    plugin = tmp_path / "patches.py"
+    plugin.write_text(PATCHES)
+    rows = []
+    for plugins in ((f"{plugin}:Patches",), ()):
+        suite = load_suite("quick", plugins)
+        part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.05,))
+        trials = sorted(expand(part, seeds=1), key=lambda t: t.estimator.label)  # Patches first
+        assert [t.plugin for t in trials] == ["Patches", "", "", ""][1 - len(plugins) :]
+        found = list(run_trials(trials, jobs=1, log=tmp_path / "log"))
+        rows.append({t.key: replace(o, solve_seconds=None) for t, o in found if not t.plugin})
+    assert rows[0] == rows[1]
+    assert {o.status for o in rows[0].values()} == {"ok"}
+
+
+STAGES = """
+import time
+from types import SimpleNamespace
+import numpy as np
+
+class Slow:
+    def warm_up(self, problem):
+        time.sleep(self.set_up)
+    def estimate(self, problem, observation, *, rng, budget):
+        time.sleep(self.work)
+        return SimpleNamespace(weights=self.weights, converged=False)
+
+class UsesItsTime(Slow):
+    set_up, work, weights = 2.0, 2.0, np.ones((2, 4))
+
+class SetsUpForLong(Slow):
+    set_up, work, weights = 60.0, 0.0, np.ones((2, 4))
+
+class EstimatesForLong(Slow):
+    set_up, work, weights = 0.0, 60.0, np.ones((2, 4))
+
+class Endless:
+    def __array__(self, *args, **kwargs):
+        time.sleep(60.0)
+
+class IsReadForLong(Slow):
+    set_up, work, weights = 0.0, 0.0, Endless()
+"""
+
+
+def test_each_stage_has_the_time_limit_for_itself(tmp_path):
+    plugin = tmp_path / "stages.py"
+    plugin.write_text(STAGES)
+    expected = {
+        "UsesItsTime": ("not_converged", "the estimator gives no reason"),
+        "SetsUpForLong": ("timeout", "killed after 3 s of set-up"),
+        "EstimatesForLong": ("timeout", "killed after 3 s of estimate"),
+        "IsReadForLong": ("timeout", "killed after 3 s of scoring"),
+    }
+    suite = load_suite("quick", tuple(f"{plugin}:{name}" for name in expected))
+    part = select(
+        suite,
+        scenarios=("two_player",),
+        views=("full",),
+        sigmas=(0.05,),
+        estimators=tuple(expected),
+    )
+    trials = [replace(trial, time_limit=3.0) for trial in expand(part, seeds=1)]
+    found = run_trials(trials, jobs=2, log=tmp_path / "log")
+    assert {t.estimator.label: (o.status, o.message) for t, o in found} == expected

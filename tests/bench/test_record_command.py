@@ -323,6 +323,12 @@ def test_estimators_run_on_recordings_with_truth(tmp_path, capsys):
     np.testing.assert_allclose(estimated, get_scenario("highway_overtaking").weights, atol=1e-2)
 
 
+RAISES = """class Raises:
+    def estimate(self, *args, **kwargs):
+        raise RuntimeError("no licence")
+"""
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -331,13 +337,32 @@ def test_estimators_run_on_recordings_with_truth(tmp_path, capsys):
         (["--scenario", "highway"], "holds 3 to 8 players, got num_players = 2"),
         (["--scenario", "two_player", "--estimator", "x"], "unknown estimator 'x'; known are"),
         (["--scenario", "two_player", "--episode", "1"], "has the episodes 0 to 0"),
+        (["--scenario", "two_player", "--budget", "nan"], "nan is not a finite number"),
+        (["--scenario", "two_player", "--budget", "inf"], "inf is not a finite number"),
+        (
+            ["--scenario", "two_player", "--estimator", "RAISES"],
+            "raised RuntimeError: no licence (",
+        ),
         ([], "Missing option '--scenario'"),
     ],
 )
 def test_bad_estimates_are_refused(own_tracks, tmp_path, capsys, arguments, expected):
-    out = tmp_path / "weights.csv"
+    out, plugin = tmp_path / "weights.csv", tmp_path / "raises.py"
+    plugin.write_text(RAISES)
+    arguments = [str(plugin) if word == "RAISES" else word for word in arguments]
     assert expected in fails(capsys, "estimate", own_tracks, *arguments, "--out", out)
     assert not out.exists()
+
+
+def test_weights_that_cannot_be_written_are_one_line(own_tracks, tmp_path, capsys, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
+    arguments = ("estimate", own_tracks, "--scenario", "two_player", "--estimator", "uniform")
+    out = tmp_path / "weights.csv"
+    assert "cannot be written: No space left" in fails(capsys, *arguments, "--out", out)
+    assert not list(tmp_path.glob("*weights*"))
 
 
 def test_a_file_that_is_no_recording(tmp_path, capsys):

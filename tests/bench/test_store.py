@@ -34,6 +34,21 @@ def test_rows_come_back(tmp_path, trials):
     assert row["count"] == 5
 
 
+def test_extras_come_back_and_older_stores_have_none(tmp_path, trials):
+    with open_store(tmp_path) as store:
+        store.add(trials[0], Outcome("ok", extras='{"starts": 3}'))
+    connection = sqlite3.connect(tmp_path / FILE_NAME)
+    with connection:
+        assert connection.execute("SELECT extras FROM trials").fetchall() == [('{"starts": 3}',)]
+        connection.execute("ALTER TABLE trials DROP COLUMN extras")
+    connection.close()
+    with open_store(tmp_path) as store:
+        store.add(trials[1], Outcome("ok", extras='{"starts": 4}'))
+        found = store.frame()["extras"]
+    assert len(found) == 2
+    assert list(found.dropna()) == ['{"starts": 4}']
+
+
 def test_order_does_not_depend_on_when_rows_were_written(tmp_path, trials):
     for name, order in (("a", trials), ("b", trials[::-1])):
         with open_store(tmp_path / name) as store:

@@ -3,7 +3,7 @@ import re
 import pytest
 
 from bench.errors import UserError
-from bench.suite import ScenarioEntry, load_suite, read_suite_json, select, suite_names
+from bench.suite import ScenarioEntry, check_gate, load_suite, read_suite_json, select, suite_names
 from bench.trial import expand
 from envs.highway_roads import ROAD_NAMES
 
@@ -70,6 +70,11 @@ def test_paper_suite_is_the_published_study():
         ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
         ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),
         ('["full"]', "[]", "views"),
+        ("seeds = 3", "seeds = true", "seeds: Input should be a valid integer, got True"),
+        ("seeds = 3", "seeds = 3\ntime_limit = true", "time_limit: Input should be a valid number"),
+        ("0.1]", "true]", "sigmas.1: Input should be a valid number, got True"),
+        ('"two_player"', '{name="two_player", seeds=4}', "'two_player' has seeds = 4, the suite"),
+        ('"uniform"', '{name="uniform", seeds=4}', "estimator 'uniform' has seeds = 4, the suite"),
         ("name =", "name", "not valid TOML"),
     ],
 )
@@ -80,6 +85,33 @@ def test_a_malformed_suite_is_refused_in_one_line(tmp_path, old, new, expected):
     assert expected in str(caught.value)
     assert path in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("gate", "expected"),
+    [
+        (
+            "nobody = {failures = 0}",
+            "[gate.nobody] is for an unknown estimator 'nobody'; the suite ",
+        ),
+        ("uniform = {failures = 0, views = ['rear']}", "[gate.uniform]: unknown view 'rear'; the "),
+        (
+            "uniform = {failures = 0, scenarios = ['x']}",
+            "[gate.uniform]: unknown scenario 'x'; the",
+        ),
+        ("uniform = {time_ratio = 2, time_reference = 'x'}", "unknown time_reference 'x'; the sui"),
+    ],
+)
+def test_a_gate_on_what_is_not_run_is_refused(tmp_path, gate, expected):
+    suite = load_suite(write(tmp_path, f"{GOOD}\n[gate]\n{gate}\n"))
+    with pytest.raises(UserError) as caught:
+        check_gate(suite)
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_gates_of_our_suites_are_about_them(name):
+    check_gate(load_suite(name))
 
 
 def test_selecting_keeps_the_trials_of_the_whole():
@@ -182,3 +214,13 @@ def test_a_malformed_limit_is_refused(tmp_path, entry, message):
     text = GOOD.replace('["uniform"]', f'[{{name = "uniform", {entry}}}]')
     with pytest.raises(UserError, match=re.escape(message)):
         load_suite(write(tmp_path, text))
+
+
+def test_names_are_not_empty(tmp_path):
+    path = write(tmp_path, GOOD.replace(GOOD.split('"')[1], "", 1))
+    with pytest.raises(UserError, match="name: a suite needs a name that is not empty, got ''"):
+        load_suite(path)
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text("class A:\n    name = ''\n    def estimate(self): pass\n")
+    with pytest.raises(UserError, match="has the name '': its class attribute 'name' has to be a"):
+        load_suite(write(tmp_path, GOOD), (str(plugin),))

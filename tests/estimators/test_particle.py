@@ -222,9 +222,9 @@ def test_time_is_kept(seen):
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"count": 1}, "count must be at least 2"),
-        ({"spread": 0.0}, "spread must be positive"),
-        ({"most_moves": 0}, "most_moves must be at least 1"),
+        ({"count": 1}, "count must be an integer of 2 to"),
+        ({"spread": 0.0}, "spread must be a number of"),
+        ({"most_moves": 0}, "most_moves must be an integer of 1 to"),
     ],
 )
 def test_parameters_out_of_range_are_refused(parameters, message):

@@ -7,7 +7,7 @@ from envs.recording import record
 from envs.scenarios import get_scenario
 from estimators.kkt_constrained import KktConstrained
 from estimators.protocol import Observation, Problem
-from estimators.registry import estimator_names, load_estimator
+from estimators.registry import EstimatorError, estimator_names, load_estimator
 from estimators.trajectory_fit import fit_trajectory
 from games.observation import VIEWS
 
@@ -127,3 +127,24 @@ def test_the_joint_method_explains_the_data_no_worse_than_the_truth():
         noise = 0.05 * np.random.default_rng(seed).standard_normal(RECORDING.states.shape)
         result = estimate("kkt_constrained", RECORDING.states + noise)
         assert result.extras["objective"] <= np.sum(noise**2) + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "expected"),
+    [
+        ("ukf", {"spread": "a"}, "spread must be a number of 1e-06 to 1000, got 'a'"),
+        ("ukf", {"spread": float("nan")}, "spread must be a number of 1e-06 to 1000, got nan"),
+        ("ukf", {"alpha": float("inf")}, "alpha must be a number of 1e-06 to 1000, got inf"),
+        ("particle", {"count": 1}, "count must be an integer of 2 to 1000000, got 1"),
+        ("particle", {"count": 20.5}, "count must be an integer of 2 to 1000000, got 20.5"),
+        ("particle", {"spread": -1.0}, "spread must be a number of 1e-06 to 1000, got -1.0"),
+        ("particle", {"most_moves": True}, "most_moves must be an integer of 1 to 1000000, got T"),
+        ("bilevel", {"starts": 0}, "starts must be an integer of 1 to 1000000, got 0"),
+        ("bilevel", {"max_evaluations": "9"}, "max_evaluations must be an integer of 1 to 1000000"),
+        ("kkt_constrained", {"max_iterations": 0}, "max_iterations must be an integer of 1 to 100"),
+        ("kkt_constrained", {"solver": 3}, "unknown solver 3; known are: "),
+    ],
+)
+def test_a_parameter_out_of_range_is_named_with_its_range(name, parameters, expected):
+    with pytest.raises(EstimatorError, match=expected):
+        load_estimator(name, parameters)
