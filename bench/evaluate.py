@@ -66,8 +66,8 @@ def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
 
-    # The truth behind the problem is kept for other trials, so an estimator gets a copy.
-    handed = deepcopy(problem)
+    # The truth behind the problem is kept for other trials, so foreign code gets a copy.
+    handed = deepcopy(problem) if trial.plugin else problem
     try:
         estimator = load_estimator(trial.estimator.name, trial.estimator.parameters)
         reason = estimator.supports(handed) if hasattr(estimator, "supports") else None

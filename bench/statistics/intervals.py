@@ -8,7 +8,13 @@ from scipy.stats import norm, t
 
 CONFIDENCE = 0.95
 #: Fewer seeds say too little of their own spread for an interval that keeps what it promises.
-LEAST_SEEDS_OF_MEANS, LEAST_SEEDS_OF_SHARES = 3, 5
+LEAST_SEEDS_OF_MEANS, LEAST_SEEDS_OF_SHARES = 6, 5
+#: Share of the bootstrap on either side of the interval: less than (1 - CONFIDENCE) / 2, as few
+#: seeds see too little of the tail. With it, simulated intervals hold the truth in 90 to 99 %.
+_TAIL = 0.015
+_RESAMPLES = 4000
+_BLOCK = 500_000  # numbers drawn at once
+_LEAST_ERROR = 1e-9  # of the standard error; below it is rounding
 
 
 @dataclass(frozen=True)
@@ -21,12 +27,11 @@ class Interval:
 
 
 def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> Interval:
-    """Mean of errors with an interval from the spread between seeds.
+    """Mean of errors with a studentised bootstrap interval that resamples seeds.
 
-    A seed's trials at all noise levels are kept together, as in a family of scenarios they share
-    one draw. Errors are skewed, so the interval is a t-interval of the mean's logarithm, and few
-    seeds see too little of the tail, so the variance has a second term: that of the log-normal
-    mean (Cox; Zhou and Gao 1997), doubled, with the shape from the moments, as errors may be 0.
+    Errors are skewed, which bootstrap-t follows and percentiles of few seeds do not (Efron and
+    Tibshirani 1993, ch. 12). A seed's trials at all noise levels are kept together, as in a
+    family of scenarios they share one draw.
 
     Args:
         values: (R,) at least 0, one per row; an infinite one makes the mean infinite, without an
@@ -41,13 +46,22 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
     estimate = float(sums.sum() / sizes.sum())
     if number < LEAST_SEEDS_OF_MEANS or not np.isfinite(estimate):
         return Interval(estimate, np.nan, np.nan)
-    if estimate == 0:
-        return Interval(0.0, 0.0, 0.0)
-    relative = (_standard_error(sums, sizes) / estimate) ** 2
-    shape = np.log1p(number * relative)
-    quantile = t.ppf((1 + CONFIDENCE) / 2, number - 1)
-    reach = np.exp(quantile * np.sqrt(relative + shape**2 / (number - 1)))
-    return Interval(estimate, float(estimate / reach), float(estimate * reach))
+    error = float(_standard_error(sums, sizes))
+    rng = np.random.default_rng(0)
+    deviations, errors = np.empty(_RESAMPLES), np.empty(_RESAMPLES)
+    block = max(1, _BLOCK // number)
+    for start in range(0, _RESAMPLES, block):
+        part = slice(start, min(start + block, _RESAMPLES))
+        chosen = rng.integers(number, size=(part.stop - start, number))
+        drawn_sums, drawn_sizes = sums[chosen], sizes[chosen]
+        deviations[part] = drawn_sums.sum(axis=1) / drawn_sizes.sum(axis=1) - estimate
+        errors[part] = _standard_error(drawn_sums, drawn_sizes)
+    usable = errors > _LEAST_ERROR * error  # the same seed drawn each time tells no spread
+    if not usable.any():
+        return Interval(estimate, estimate, estimate)
+    studentised = deviations[usable] / errors[usable]
+    low, high = np.quantile(studentised, [_TAIL, 1 - _TAIL])
+    return Interval(estimate, max(0.0, estimate - high * error), float(estimate - low * error))
 
 
 def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
@@ -68,7 +82,7 @@ def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
     if number < LEAST_SEEDS_OF_SHARES:
         return Interval(share, np.nan, np.nan)
     binomial = share * (1 - share)
-    seen = _standard_error(sums, sizes) ** 2
+    seen = float(_standard_error(sums, sizes)) ** 2
     variance = ((number - 1) * seen + binomial / number) / number
     effective = binomial / variance if variance > 0 else float(number)
     z, student = float(norm.ppf((1 + CONFIDENCE) / 2)), t.ppf((1 + CONFIDENCE) / 2, number)
@@ -93,8 +107,10 @@ def _by_seed(
     return sums + (shared * each).sum(), sizes + each.sum()
 
 
-def _standard_error(sums: np.ndarray, sizes: np.ndarray) -> float:
-    """Standard error of the ratio of totals, by linearisation."""
-    number = len(sums)
-    residuals = sums - sums.sum() / sizes.sum() * sizes
-    return float(np.sqrt(number / (number - 1) * (residuals**2).sum()) / sizes.sum())
+def _standard_error(sums: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Standard error of the ratio of totals, by linearisation; seeds along the last axis."""
+    number = sums.shape[-1]
+    totals = sizes.sum(axis=-1, keepdims=True)
+    residuals = sums - sums.sum(axis=-1, keepdims=True) / totals * sizes
+    variance = number / (number - 1) * (residuals**2).sum(axis=-1) / totals[..., 0] ** 2
+    return np.sqrt(variance)
