@@ -112,7 +112,7 @@ def _judge(
     )
     if estimate.covariance is not None and trial.sigma > 0:
         inside = covered(scenario.weights, estimate.weights, estimate.covariance)
-        outcome = replace(outcome, covered=None if inside is None else int(inside))
+        outcome = replace(outcome, covered=int(inside))
     if estimate.states is not None:
         error = position_error(recording.states, estimate.states)
         outcome = replace(outcome, reconstruction_error=error)

@@ -11,9 +11,9 @@ from bench.statistics.attempts import WORST, attempts_of, errors_of, lacks_held_
 from bench.statistics.comparison import ranks
 from bench.statistics.intervals import mean_by_seed
 
-#: Noise levels up to which errors are compared with the statistical limit, which is a
-#: small-noise expansion.
-LIMIT_SIGMAS = (0.0, 0.01)
+#: Noise up to which errors are compared with the statistical limit, which is a small-noise
+#: expansion. Where a study has none so small, the least that it has is taken.
+LIMIT_SIGMA = 0.01
 
 _KEY = ["scenario", "view", "estimator"]
 
@@ -114,7 +114,9 @@ def _coverage(attempts: pd.DataFrame) -> tuple[float, int]:
 
 
 def _limit_ratio(attempts: pd.DataFrame) -> float:
-    small = attempts[attempts["sigma"].between(*LIMIT_SIGMAS, inclusive="right")]
+    sigma = attempts["sigma"]
+    most = max(LIMIT_SIGMA, sigma[sigma > 0].min())
+    small = attempts[(sigma > 0) & (sigma <= most)]
     errors = np.minimum(errors_of(small, "cosine_error"), WORST["cosine_error"])
     limits = small["cosine_limit"].to_numpy(float)
     known = np.isfinite(limits) & (limits > 0)

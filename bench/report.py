@@ -26,7 +26,7 @@ covered: share of the estimates' 95 % ellipsoids that hold the true weights.
 identifiable: median cosine error less what the data cannot show at 0.01 m.
 rank: by position error; differences that are not significant are ties, and where so few trials
 are independent that none could be, there is none. /limit: mean cosine error
-over its statistical limit (the Cramer-Rao bound), 0 < sigma <= 0.01. ms: median time of one
+over its statistical limit (the Cramer-Rao bound) at little noise. ms: median time of one
 estimate; those that were stopped or broke off count as infinitely slow."""
 _FLOOR_LEGEND = """
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""

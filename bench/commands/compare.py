@@ -114,7 +114,8 @@ def _format(table: pd.DataFrame) -> str:
     ]
     shares = 100 * table[["better", "better_low", "better_high"]]
     shown["better on"] = [
-        f"{a:.1f} % [{b:.1f}, {c:.1f}]" for a, b, c in shares.itertuples(index=False)
+        f"{a:.1f} %" + (f" [{b:.1f}, {c:.1f}]" if b == b else "")  # too few have no interval
+        for a, b, c in shares.itertuples(index=False)
     ]
     shown["p (Holm)"] = table["p_holm"].map("{:.2g}".format)
     shown["trials"] = table["pairs"]

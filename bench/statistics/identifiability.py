@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from bench.leaderboard import LIMIT_SIGMAS
+from bench.leaderboard import LIMIT_SIGMA
 from bench.metrics import identifiable_cosine_error
 from bench.statistics.attempts import attempts_of, errors_of
 from bench.suite import ScenarioEntry
@@ -23,7 +23,7 @@ from games.information import Identifiability, identifiability
 from games.observation import VIEWS
 
 #: Noise level [m] at which parameters are said to be identified or not.
-REFERENCE_SIGMA = LIMIT_SIGMAS[1]
+REFERENCE_SIGMA = LIMIT_SIGMA
 _GROUP = ["scenario", "view"]
 
 

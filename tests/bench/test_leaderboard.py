@@ -67,6 +67,11 @@ def test_limit_ratio_is_taken_at_small_noise_only():
     assert row["limit_ratio"] == pytest.approx(2.0)
 
 
+def test_limit_ratio_of_a_study_of_much_noise_is_taken_at_the_least():
+    row = only_row(trial(sigma=0.1), trial(sigma=0.5, cosine_limit=0.01))
+    assert row["limit_ratio"] == pytest.approx(2.0)
+
+
 def test_quantiles_agree_with_numpy():
     errors = np.random.default_rng(0).uniform(size=17)
     row = only_row(*[trial(cosine_error=e) for e in errors])
