@@ -24,7 +24,9 @@ def test_rows_are_those_of_a_local_run_and_limits_hold(study):
     status = rows.groupby("estimator")["status"].unique().map(list).to_dict()
     expected = {"Drawn": ["ok"], "Fails": ["crash"], "Hangs": ["timeout"], "uniform": ["ok"]}
     assert status == expected
-    assert (rows.loc[rows["estimator"] == "Hangs", "message"] == "killed after 5 s").all()
+    assert (
+        rows.loc[rows["estimator"] == "Hangs", "message"] == "killed after 5 s of estimate"
+    ).all()
 
 
 def test_a_killed_dask_worker_loses_nothing(study):
