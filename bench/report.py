@@ -19,7 +19,7 @@ from bench.tables import latex, markdown
 
 _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
-published_failures: also those where only a longer search than the published one finds a root.
+published_failures: also those where the published search misses a root that another one finds.
 cosine error: angle between estimated and true weights; position error [m]: prediction by the
 forward game at the estimated weights; held out: its median from five other initial states.
 covered: share of the estimates' 95 % ellipsoids that hold the true weights.

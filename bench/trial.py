@@ -95,7 +95,7 @@ class Outcome:
             it does not; None without covariance.
         reconstruction_error: the same of the estimator's own trajectory.
         published_forward: 1 where the published study's own prediction step finds a root at the
-            estimated weights, 0 where only a longer search does, or none
+            estimated weights, 0 where only another search does, or none
             (``games.nearest_root``).
         observation_error: mean absolute position noise [m] of the observation.
         objective: what the estimator minimised.

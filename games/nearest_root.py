@@ -8,11 +8,10 @@ limits.
 
 Whether it converges is luck to a good part: perturbing the true trajectory by 1e-13 changes the
 verdict on many estimates (``scripts/forward_luck.py``), although a root is there. So the published
-verdict is kept (``Prediction.published``), and where it is negative the search goes on: along the
-path of roots from the true weights to the estimated ones, by continuation in the coupling between
-players (``games.follow``), and with IPOPT once more, from costates that make the true trajectory
-stationary in its states. That a game has an equilibrium far from anything that was seen is not
-looked for: it predicts nothing.
+verdict is kept (``Prediction.published``), and where it is negative the search goes on along the
+path of roots from the true weights to the estimated ones, and by continuation in the coupling
+between players (``games.follow``). That a game has an equilibrium far from anything that was seen
+is not looked for: it predicts nothing.
 """
 
 from dataclasses import dataclass
@@ -24,14 +23,11 @@ import numpy as np
 from games.follow import follow_root
 from games.game import Game
 from games.ipopt import QUIET
-from games.kkt import consistent_costates, kkt_system
+from games.kkt import kkt_system
 from games.newton import Root
 
 #: IPOPT's default limit, as published.
 PUBLISHED_ITERATIONS = 3000
-
-#: Limit of a solve that is not the published one; a root that it finds takes fewer.
-_SEARCH_ITERATIONS = 200
 
 
 @dataclass(frozen=True)
@@ -62,22 +58,16 @@ def predict(
         weights: (N, K).
         truth: the true motion, a root at the true weights.
         true_weights: (N, K).
-        max_iterations: of IPOPT in each solve for the nearest root.
+        max_iterations: of IPOPT.
 
     Returns:
-        The root of the published solve, or else that of ``follow_root``, or else that of IPOPT from
-        consistent costates.
+        The root of the published solve, or else that of ``follow_root``.
     """
     states, controls, zero = truth.states, truth.controls, np.zeros_like(truth.costates)
     root = nearest_root(game, weights, states, controls, zero, max_iterations=max_iterations)
     if root is not None:
         return Prediction(root, published=True)
-    root = follow_root(game, truth, true_weights, weights)
-    costates = consistent_costates(game, states, controls, weights)
-    if root is None and np.isfinite(costates).all():
-        limit = min(max_iterations, _SEARCH_ITERATIONS)
-        root = nearest_root(game, weights, states, controls, costates, max_iterations=limit)
-    return Prediction(root, published=False)
+    return Prediction(follow_root(game, truth, true_weights, weights), published=False)
 
 
 def nearest_root(

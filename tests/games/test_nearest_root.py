@@ -67,23 +67,16 @@ def test_without_any_root_there_is_no_prediction(
     assert predict(game, weights, truth, weights) == Prediction(None, False)
 
 
-def test_the_search_goes_on_until_one_finds_a_root(
+def test_where_the_published_step_fails_a_path_of_roots_is_followed(
     crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     game, weights, _ = crossing
     other, truth = game.check_weights(weights + 0.05 * np.eye(3, 4)), _root(crossing_equilibrium)
-    expected = predict(game, other, truth, weights).root
-    assert expected is not None
-    published = module.nearest_root
-
-    def only_consistent(*arguments, **options) -> Root | None:
-        costates = arguments[4]
-        return published(*arguments, **options) if costates.any() else None
-
-    monkeypatch.setattr(module, "nearest_root", only_consistent)
-    for search in (module.follow_root, lambda *_: None):
-        monkeypatch.setattr(module, "follow_root", search)
-        prediction = predict(game, other, truth, weights)
-        assert not prediction.published
-        assert prediction.root is not None
-        np.testing.assert_allclose(prediction.root.states, expected.states, atol=1e-6)
+    expected = predict(game, other, truth, weights)
+    assert expected.published
+    assert expected.root is not None
+    monkeypatch.setattr(module, "nearest_root", lambda *_, **__: None)
+    prediction = predict(game, other, truth, weights)
+    assert not prediction.published
+    assert prediction.root is not None
+    np.testing.assert_allclose(prediction.root.states, expected.root.states, atol=1e-6)
