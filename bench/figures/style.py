@@ -27,6 +27,7 @@ ESTIMATOR_COLOURS = (
     ("#007A59", "#4FC9A4"),
     ("#9E3D75", "#DD9BC2"),
     ("#7A6A00", "#CFC22B"),
+    ("#3B2A1A", "#A98F76"),
 )
 #: Estimators that keep their pair whatever else was run with them.
 _FIXED_COLOURS = {"kkt_constrained": 0, "kkt_residual": 1}
@@ -110,13 +111,12 @@ def estimator_order(names: Sequence[str]) -> list[str]:
 
 
 def estimator_colours(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """A (strong, light) pair per estimator; pairs repeat when there are more than five."""
+    """A (strong, light) pair per estimator; more than six share those that are nobody's own."""
     pairs = dict.fromkeys((n for n in names if n == FLOOR), (FLOOR_COLOUR, FLOOR_COLOUR))
     others = [n for n in estimator_order(names) if n != FLOOR and n not in _FIXED_COLOURS]
-    slots = _FIXED_COLOURS | {n: len(_FIXED_COLOURS) + k for k, n in enumerate(others)}
-    return pairs | {
-        n: ESTIMATOR_COLOURS[slots[n] % len(ESTIMATOR_COLOURS)] for n in names if n in slots
-    }
+    free = ESTIMATOR_COLOURS[len(_FIXED_COLOURS) :]
+    own = {n: ESTIMATOR_COLOURS[slot] for n, slot in _FIXED_COLOURS.items() if n in names}
+    return pairs | own | {n: free[k % len(free)] for k, n in enumerate(others)}
 
 
 def log_axis(axes: Axes, bottom: float, top: float) -> None:
