@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.page.numbers import human
 from bench.statistics.attempts import FLOOR
-from bench.statistics.comparison import SIGNIFICANCE
+from bench.statistics.comparison import significant
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,7 @@ def verdicts(table: pd.DataFrame, comparisons: pd.DataFrame) -> list[Verdict]:
         table: a leaderboard.
         comparisons: of the same trials, from ``bench.statistics.comparison``.
     """
-    told = comparisons[
-        (comparisons["error"] == "position_error") & (comparisons["p_holm"] < SIGNIFICANCE)
-    ]
-    winners = told["estimator"].where(told["wins"] > 0.5, told["other"])
-    losers = told["other"].where(told["wins"] > 0.5, told["estimator"])
-    beaten = set(zip(told["scenario"], told["view"], winners, losers, strict=True))
+    beaten = set(significant(comparisons, "position_error").itertuples(index=False, name=None))
     return [
         Verdict(str(scenario), [_line(group, beaten) for _, group in rows.groupby("view")])
         for scenario, rows in table.groupby("scenario")

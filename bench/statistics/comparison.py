@@ -113,6 +113,16 @@ def holm(p: np.ndarray) -> np.ndarray:
     return result
 
 
+def significant(comparisons: pd.DataFrame, error: str) -> pd.DataFrame:
+    """Columns ``scenario, view, winner, loser`` of the significant comparisons by an error."""
+    told = comparisons[(comparisons["error"] == error) & (comparisons["p_holm"] < SIGNIFICANCE)]
+    loses = told["wins"] < 0.5
+    return told[_GROUP].assign(
+        winner=told["other"].where(loses, told["estimator"]),
+        loser=told["estimator"].where(loses, told["other"]),
+    )
+
+
 def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd.Series:
     """Rank of each estimator: one more than the number of contenders significantly better.
 
@@ -128,12 +138,8 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
         where there are so few independent units that nobody could be told apart.
     """
     of_error = comparisons[comparisons["error"] == error]
-    told = of_error[of_error["p_holm"] < SIGNIFICANCE]
-    loses = told["wins"] < 0.5
-    losers = told["estimator"].where(loses, told["other"])
-    winners = told["other"].where(loses, told["estimator"])
-    told = told[_GROUP].assign(estimator=losers)[winners != FLOOR]
-    beaten = told.groupby([*_GROUP, "estimator"]).size()
+    told = significant(of_error, error)
+    beaten = told[told["winner"] != FLOOR].groupby([*_GROUP, "loser"]).size()
     keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
     found = pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
     enough = of_error[of_error["units"] >= _LEAST_UNITS]
