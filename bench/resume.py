@@ -1,6 +1,6 @@
 """What of a suite is done already, and whether a run may go on where another one stopped."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from bench.errors import UserError
@@ -64,6 +64,17 @@ def pending(
         if not (record.status in retry or ("failed" in retry and record.status in RETRIES))
     }
     return [trial for trial in trials if (trial.key, trial.versions) not in finished]
+
+
+def last_suite(runs: Sequence[Provenance], place: object) -> Suite:
+    """The suite of the latest of the runs in a place.
+
+    Raises:
+        UserError: if there is none.
+    """
+    if not runs:
+        raise UserError(f"the run in {place} was written by a version that noted no suite")
+    return read_suite_json(runs[-1].suite)
 
 
 def check_same_suite(

@@ -6,9 +6,8 @@ import click
 
 from bench.errors import UserError
 from bench.provenance import Provenance
-from bench.resume import check_same_suite
+from bench.resume import check_same_suite, last_suite
 from bench.store import FILE_NAME, open_store, read_store
-from bench.suite import Suite, read_suite_json
 
 
 @click.command()
@@ -26,7 +25,9 @@ def merge(first: Path, second: Path, out: Path | None) -> None:
     """
     if first.resolve() == second.resolve():
         raise UserError(f"cannot merge {first} with itself")
-    check_same_suite(_suite(second), _runs(first), first, f"leave {second} on its own")
+    former, latest = _runs(first), _runs(second)
+    last_suite(former, first)  # there has to be one
+    check_same_suite(last_suite(latest, second), former, first, f"leave {second} on its own")
     if out is None:
         _add(first, [second])
         return
@@ -37,14 +38,7 @@ def merge(first: Path, second: Path, out: Path | None) -> None:
 
 def _runs(folder: Path) -> list[Provenance]:
     with read_store(folder) as store:
-        runs = store.runs()
-    if not runs:
-        raise UserError(f"the run in {folder} was written by a version that noted no suite")
-    return runs
-
-
-def _suite(folder: Path) -> Suite:
-    return read_suite_json(_runs(folder)[-1].suite)
+        return store.runs()
 
 
 def _add(target: Path, sources: list[Path]) -> None:

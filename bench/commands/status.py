@@ -5,9 +5,8 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from bench.errors import UserError
 from bench.provenance import Provenance
-from bench.resume import progress
+from bench.resume import last_suite, progress
 from bench.store import Record, read_store
 from bench.suite import Suite, read_suite_json
 from bench.trial import expand
@@ -26,9 +25,7 @@ def status(folder: Path) -> None:
     with read_store(folder, check=True) as store:
         runs = store.runs()
         records = list(store.records())
-    if not runs:
-        raise UserError(f"the run in {folder} was written by a version that noted no suite")
-    suite = read_suite_json(runs[-1].suite)
+    suite = last_suite(runs, folder)
     table, notes = _table(suite, records)
     click.echo(_heading(folder, runs))
     click.echo(table.to_string(index=False))
