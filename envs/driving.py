@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
-from envs.scenarios.scenario import Limits, Scenario, check_count
-from games.features import CarProximity, ControlEffort, StateDeviation
-from games.game import Game, Player
-from games.lanes import Lane, LaneKeeping
+from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
+from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count
+from olne_bench.games.features import CarProximity, ControlEffort, StateDeviation
+from olne_bench.games.game import Game, Player
+from olne_bench.games.lanes import Lane, LaneKeeping
 
 HORIZON = 20  # states, hence 7.6 s
 WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one

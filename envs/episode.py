@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from envs.scenarios.scenario import Scenario
-from games.buffered import BufferedFunction
-from games.dynamics import numeric_step
-from games.olne import Equilibrium
-from games.stage_costs import stage_costs
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.games.buffered import BufferedFunction
+from olne_bench.games.dynamics import numeric_step
+from olne_bench.games.olne import Equilibrium
+from olne_bench.games.stage_costs import stage_costs
 
 
 class Episode:

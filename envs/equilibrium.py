@@ -4,9 +4,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from envs.scenarios.scenario import Scenario
-from games.game import Game
-from games.olne import Equilibrium, solve_olne
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.games.game import Game
+from olne_bench.games.olne import Equilibrium, solve_olne
 
 
 class NoEquilibriumError(Exception):

@@ -23,8 +23,8 @@ from highway_env.road import lane as highway_lanes
 from highway_env.road.road import LaneIndex, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
-from games.dynamics import bicycle
-from games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.dynamics import bicycle
+from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
 SIMULATION_FREQUENCY = 15  # [Hz], HighwayEnv's default
 SUB_STEPS = 6  # simulation frames per action

@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from envs.episode import Episode
-from envs.highway_roads import ROAD_NAMES, PlayersOnly, make_road
-from envs.olne_v0 import AecWorld, OlneWorld
-from envs.rendering import Renderer
-from envs.scenarios.scenario import Scenario
-from games.olne import Equilibrium
+from olne_bench.envs.episode import Episode
+from olne_bench.envs.highway_roads import ROAD_NAMES, PlayersOnly, make_road
+from olne_bench.envs.olne_v0 import AecWorld, OlneWorld
+from olne_bench.envs.rendering import Renderer
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.games.olne import Equilibrium
 
 __all__ = ["HighwayWorld", "env", "parallel_env", "raw_env"]
 

@@ -14,13 +14,13 @@ from pettingzoo import ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from envs.episode import Episode
-from envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from envs.layout import ObservationLayout, player_index
-from envs.rendering import Renderer
-from envs.scenarios import Scenario, checked_seed, get_scenario
-from envs.spaces import Spaces, SpaceSize
-from games.olne import Certificate, Equilibrium
+from olne_bench.envs.episode import Episode
+from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.layout import ObservationLayout, player_index
+from olne_bench.envs.rendering import Renderer
+from olne_bench.envs.scenarios import Scenario, checked_seed, get_scenario
+from olne_bench.envs.spaces import Spaces, SpaceSize
+from olne_bench.games.olne import Certificate, Equilibrium
 
 __all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
 
@@ -36,7 +36,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
     no small unilateral deviation from the OLNE increases it (Peters et al. 2021, eqn. nash).
 
     ======================  =====================================================================
-    Import                  ``from envs import olne_v0``
+    Import                  ``from olne_bench.envs import olne_v0``
     Actions                 continuous
     Parallel API            yes
     Manual control          no

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from envs.olne_v0 import OlneWorld
-from envs.scenarios.scenario import Scenario
-from envs.worlds import make_world
-from games.dynamics import rollout
-from games.newton import Root
-from games.olne import Certificate
+from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.olne_v0 import OlneWorld
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.worlds import make_world
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.newton import Root
+from olne_bench.games.olne import Certificate
 
 __all__ = ["NoEquilibriumError", "Recording", "film", "record"]
 

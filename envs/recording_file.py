@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from envs.recording import Recording
+from olne_bench.envs.recording import Recording
 
 METADATA_KEY = b"olne_bench"
 _PACKAGES = ("olne-bench", "numpy", "casadi", "pettingzoo", "highway-env", "pyarrow")

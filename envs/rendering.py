@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.scenarios.scenario import Scenario
-from games.features import FinalGoal, StateDeviation
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.games.features import FinalGoal, StateDeviation
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it greets on import otherwise
 import pygame

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from gymnasium.spaces import Box
 
-from envs.layout import ObservationLayout, player_name
-from envs.scenarios.scenario import Scenario
+from olne_bench.envs.layout import ObservationLayout, player_name
+from olne_bench.envs.scenarios.scenario import Scenario
 
 
 @dataclass(frozen=True)

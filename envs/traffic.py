@@ -2,7 +2,7 @@
 
 Use it from a stock configuration::
 
-    gym.make("highway-v0", config={"other_vehicles_type": "envs.traffic.NashVehicle"})
+    gym.make("highway-v0", config={"other_vehicles_type": "olne_bench.envs.traffic.NashVehicle"})
 
 Every ``PLAN_STEP`` seconds the Nash vehicles near each other solve one open-loop game over the
 next ``HORIZON`` seconds, warm-started from their previous plans, and drive its first step. Which
@@ -35,7 +35,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 from threadpoolctl import ThreadpoolController
 
-from games.reference_game import FAR_AWAY, ReferenceGame, Situation
+from olne_bench.games.reference_game import FAR_AWAY, ReferenceGame, Situation
 
 PLAN_STEP = 0.4  # [s] between plans, and the step of the games
 STEPS = 10  # steps per plan

@@ -2,8 +2,8 @@
 
 from importlib import import_module
 
-from envs.olne_v0 import OlneWorld
-from envs.scenarios.scenario import Scenario
+from olne_bench.envs.olne_v0 import OlneWorld
+from olne_bench.envs.scenarios.scenario import Scenario
 
 
 def make_world(scenario: Scenario, render_mode: str | None = None) -> OlneWorld:
@@ -14,7 +14,7 @@ def make_world(scenario: Scenario, render_mode: str | None = None) -> OlneWorld:
     Raises:
         ValueError: on a scenario without ``limits``.
     """
-    world: OlneWorld = import_module(f"envs.{scenario.world}").parallel_env(
+    world: OlneWorld = import_module(f"olne_bench.envs.{scenario.world}").parallel_env(
         scenario, render_mode=render_mode
     )
     return world

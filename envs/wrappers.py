@@ -21,9 +21,9 @@ from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from envs.layout import ObservationLayout, player_index
-from games.buffered import BufferedFunction
-from games.observation import ComponentView, RangeBearingView, View, observation_function
+from olne_bench.envs.layout import ObservationLayout, player_index
+from olne_bench.games.buffered import BufferedFunction
+from olne_bench.games.observation import ComponentView, RangeBearingView, View, observation_function
 
 World: TypeAlias = ParallelEnv[str, np.ndarray, np.ndarray]
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from estimators.forward_model import (
+from olne_bench.estimators.forward_model import (
     Played,
     expected_samples,
     first_games,
@@ -26,8 +26,8 @@ from estimators.forward_model import (
     played,
     replay,
 )
-from estimators.protocol import Observation, Problem
-from estimators.simplex import flat_covariance, from_log_ratios, log_ratios_of
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.simplex import flat_covariance, from_log_ratios, log_ratios_of
 
 #: Noise-free data are filtered as if with this standard deviation.
 LEAST_SIGMA = 1e-4

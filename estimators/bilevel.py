@@ -26,7 +26,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimators.forward_model import (
+from olne_bench.estimators.forward_model import (
     Played,
     expected_samples,
     first_games,
@@ -39,10 +39,10 @@ from estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
-from estimators.parameters import check_count
-from estimators.protocol import Estimate, Observation, Problem, check_observations
-from estimators.simplex import RatioChart
-from games.native import elimination
+from olne_bench.estimators.parameters import check_count
+from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.simplex import RatioChart
+from olne_bench.games.native import elimination
 
 #: Relative change of error and unknowns at which the search ends.
 _TOLERANCE = 1e-9

@@ -14,20 +14,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.interior_point import joint_elimination, solve_joint
-from estimators.joint_problem import JointPoint
-from estimators.kkt_residual import residual_weights
-from estimators.protocol import Observation, Problem
-from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, guess_states, warm_up_fit
-from games.batch import Batch, solve_batch
-from games.continuation import follow_coupling
-from games.elimination import Elimination
-from games.information import joint_weight_covariance, observation_sensitivity
-from games.kkt import consistent_costates
-from games.native import elimination
-from games.newton import Root, newton_root
-from games.observation import observe
-from games.olne import RESIDUAL_TOLERANCE
+from olne_bench.estimators.interior_point import joint_elimination, solve_joint
+from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.estimators.kkt_residual import residual_weights
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.trajectory_fit import (
+    TrajectoryFit,
+    fit_trajectory,
+    guess_states,
+    warm_up_fit,
+)
+from olne_bench.games.batch import Batch, solve_batch
+from olne_bench.games.continuation import follow_coupling
+from olne_bench.games.elimination import Elimination
+from olne_bench.games.information import joint_weight_covariance, observation_sensitivity
+from olne_bench.games.kkt import consistent_costates
+from olne_bench.games.native import elimination
+from olne_bench.games.newton import Root, newton_root
+from olne_bench.games.observation import observe
+from olne_bench.games.olne import RESIDUAL_TOLERANCE
 
 #: Factors of the joint problem's term |theta - 1/K|^2, which ties the weights to uniform. Stronger
 #: ties lead to where the equilibrium ceases to be a function of (theta, x_1): games with five

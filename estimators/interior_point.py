@@ -29,12 +29,12 @@ import numpy as np
 from scipy.linalg import block_diag, null_space
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from estimators.joint_problem import JointPoint, JointSolution
-from games.elimination import Elimination
-from games.game import Game
-from games.native import NativeElimination, elimination
-from games.newton import pack, unpack
-from games.observation import View
+from olne_bench.estimators.joint_problem import JointPoint, JointSolution
+from olne_bench.games.elimination import Elimination
+from olne_bench.games.game import Game
+from olne_bench.games.native import NativeElimination, elimination
+from olne_bench.games.newton import pack, unpack
+from olne_bench.games.observation import View
 
 _FEASIBLE = 1e-9
 _ACCEPTABLE = 1e-6  # where rounding forbids more
@@ -59,7 +59,7 @@ _STOPPED = (
     "iteration limit reached",
     CLOSE_TO_KNOWN,
 )
-_NATIVE_SOURCE = files("estimators").joinpath("interior_point.c").read_text()
+_NATIVE_SOURCE = files("olne_bench.estimators").joinpath("interior_point.c").read_text()
 
 
 class _Options(ctypes.Structure):

@@ -14,12 +14,12 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from estimators.joint_problem import JointPoint
-from estimators.trajectory_fit import observation_parameters, squared_error
-from games.game import Game
-from games.ipopt import QUIET
-from games.kkt import kkt_system
-from games.observation import View, observation_size
+from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.estimators.trajectory_fit import observation_parameters, squared_error
+from olne_bench.games.game import Game
+from olne_bench.games.ipopt import QUIET
+from olne_bench.games.kkt import kkt_system
+from olne_bench.games.observation import View, observation_size
 
 
 @dataclass(frozen=True)

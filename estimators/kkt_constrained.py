@@ -33,21 +33,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.forward_model import Played, likelihood_covariance
-from estimators.interior_point import CLOSE_TO_KNOWN, joint_elimination, solve_joint
-from estimators.joint_ipopt import joint_solver, solve_joint_ipopt
-from estimators.joint_problem import JointPoint, JointSolution
-from estimators.joint_several import SeveralSolution, solve_several
-from estimators.parameters import check_count
-from estimators.protocol import Estimate, Observation, Problem, check_observations
-from estimators.trajectory_fit import (
+from olne_bench.estimators.forward_model import Played, likelihood_covariance
+from olne_bench.estimators.interior_point import CLOSE_TO_KNOWN, joint_elimination, solve_joint
+from olne_bench.estimators.joint_ipopt import joint_solver, solve_joint_ipopt
+from olne_bench.estimators.joint_problem import JointPoint, JointSolution
+from olne_bench.estimators.joint_several import SeveralSolution, solve_several
+from olne_bench.estimators.parameters import check_count
+from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.trajectory_fit import (
     fit_trajectory,
     guess_controls,
     guess_states,
     smoothed,
     warm_up_fit,
 )
-from games.newton import Root
+from olne_bench.games.newton import Root
 
 _SOLVERS = ("structured", "ipopt")
 

@@ -21,11 +21,11 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import nnls
 
-from estimators.protocol import Estimate, Observation, Problem, check_observations
-from estimators.trajectory_fit import TrajectoryFit, fit_trajectory, warm_up_fit
-from games.features import Stage
-from games.game import Game
-from games.kkt import kkt_system
+from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.trajectory_fit import TrajectoryFit, fit_trajectory, warm_up_fit
+from olne_bench.games.features import Stage
+from olne_bench.games.game import Game
+from olne_bench.games.kkt import kkt_system
 
 
 @dataclass(frozen=True)

@@ -47,12 +47,12 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from estimators.kkt_residual import pre_filter, residual_weights
-from estimators.protocol import Estimate, Observation, Problem, check_observations
-from estimators.trajectory_fit import warm_up_fit
-from games.game import Game
-from games.ipopt import QUIET
-from games.kkt import kkt_system
+from olne_bench.estimators.kkt_residual import pre_filter, residual_weights
+from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.trajectory_fit import warm_up_fit
+from olne_bench.games.game import Game
+from olne_bench.games.ipopt import QUIET
+from olne_bench.games.kkt import kkt_system
 
 #: Largest inverse temperature at the start, relative to that of weights whose sum is one.
 _COLDEST = 1e9

@@ -50,7 +50,7 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 from scipy.stats import Covariance, multivariate_normal
 
-from estimators.belief import (
+from olne_bench.estimators.belief import (
     LEAST_SIGMA,
     FollowedGames,
     Gaussian,
@@ -58,14 +58,14 @@ from estimators.belief import (
     first_game,
     prior_belief,
 )
-from estimators.forward_model import (
+from olne_bench.estimators.forward_model import (
     scaled_samples,
     squared_error_of,
     uniform_weights,
     warm_up_games,
 )
-from estimators.parameters import check_count, check_number
-from estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.parameters import check_count, check_number
+from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
 
 #: Resampling takes place where the effective sample size falls to this share of all particles.
 _RESAMPLE_BELOW = 0.5

@@ -13,8 +13,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from games.game import Game
-from games.observation import View, observation_size
+from olne_bench.games.game import Game
+from olne_bench.games.observation import View, observation_size
 
 
 @dataclass(frozen=True)

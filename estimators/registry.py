@@ -2,7 +2,7 @@
 
 - Every module in this folder that defines a class with an ``estimate`` method is a built-in; the
   class attribute ``name`` is what it is called.
-- An installed package adds one through the entry-point group ``olne_bench.estimators``.
+- An installed package adds one through the entry-point group ``estimators``.
 - ``path/to/file.py:ClassName`` names one in a file; without ``:ClassName`` the file has to define
   exactly one.
 """
@@ -21,8 +21,8 @@ from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
-import estimators
-from estimators.protocol import Estimator
+import olne_bench.estimators as estimators
+from olne_bench.estimators.protocol import Estimator
 
 ENTRY_POINT_GROUP = "olne_bench.estimators"
 _NOT_ESTIMATORS = {"parameters", "protocol", "registry"}
@@ -131,7 +131,7 @@ def _find_class(reference: str) -> type[Any]:
 @cache  # asked for with every trial, as is the next one
 def _built_in() -> dict[str, type[Any]]:
     modules = [
-        import_module(f"estimators.{module.name}")
+        import_module(f"{estimators.__name__}.{module.name}")
         for module in iter_modules(estimators.__path__)
         if module.name not in _NOT_ESTIMATORS
     ]

@@ -10,9 +10,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from games.game import Game, trajectory_symbols
-from games.ipopt import QUIET
-from games.observation import View, observation_size
+from olne_bench.games.game import Game, trajectory_symbols
+from olne_bench.games.ipopt import QUIET
+from olne_bench.games.observation import View, observation_size
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ from typing import ClassVar
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from estimators.belief import (
+from olne_bench.estimators.belief import (
     LEAST_SIGMA,
     FollowedGames,
     Gaussian,
@@ -51,15 +51,15 @@ from estimators.belief import (
     first_game,
     prior_belief,
 )
-from estimators.forward_model import (
+from olne_bench.estimators.forward_model import (
     scaled_samples,
     squared_error_of,
     uniform_weights,
     warm_up_games,
 )
-from estimators.parameters import check_number
-from estimators.protocol import Estimate, Observation, Problem, check_observations
-from estimators.simplex import weight_covariance_of
+from olne_bench.estimators.parameters import check_number
+from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.simplex import weight_covariance_of
 
 #: Each time a sigma point has no equilibrium the set shrinks by this factor, so many times at most.
 _SHRINK, _MOST_SHRINKS = 0.5, 12

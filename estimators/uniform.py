@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
 
 
 @dataclass(frozen=True)

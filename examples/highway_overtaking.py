@@ -2,7 +2,7 @@
 
 from PIL import Image
 
-from envs import highway_v0
+from olne_bench.envs import highway_v0
 
 world = highway_v0.parallel_env("highway", render_mode="rgb_array")
 observations, infos = world.reset(seed=0)

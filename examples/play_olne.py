@@ -2,7 +2,7 @@
 
 from PIL import Image
 
-from envs import olne_v0
+from olne_bench.envs import olne_v0
 
 world = olne_v0.parallel_env("highway_overtaking", render_mode="rgb_array")
 observations, infos = world.reset(seed=0)

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from games.game import Game
-from games.native import elimination
-from games.newton import Root, linearised, pack, unpack
-from games.observation import View
-from games.olne import RESIDUAL_TOLERANCE, Equilibrium
+from olne_bench.games.game import Game
+from olne_bench.games.native import elimination
+from olne_bench.games.newton import Root, linearised, pack, unpack
+from olne_bench.games.observation import View
+from olne_bench.games.olne import RESIDUAL_TOLERANCE, Equilibrium
 
 #: Newton steps within which a good start converges; a bad one is not worth more.
 _FEW = 6

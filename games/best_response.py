@@ -6,8 +6,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from games.game import Game, player_cost, trajectory_symbols
-from games.ipopt import QUIET
+from olne_bench.games.game import Game, player_cost, trajectory_symbols
+from olne_bench.games.ipopt import QUIET
 
 #: A response takes 3 to 100 iterations, one in a thousand takes 900; beyond, it is lost.
 _MAX_ITERATIONS = 1000

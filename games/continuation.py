@@ -11,12 +11,12 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from games.dynamics import rollout
-from games.features import Feature, Stage
-from games.game import Game
-from games.native import elimination
-from games.newton import Root, pack, unpack
-from games.observation import View
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.features import Feature, Stage
+from olne_bench.games.game import Game
+from olne_bench.games.native import elimination
+from olne_bench.games.newton import Root, pack, unpack
+from olne_bench.games.observation import View
 
 #: The continuation gives up below this step of the coupling strength, whose range is 0 to 1.
 _SMALLEST_STEP = 1e-3

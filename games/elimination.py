@@ -1,6 +1,6 @@
 """Block elimination along time for the first-order conditions, in NumPy.
 
-Every row of G couples neighbouring steps only (see ``games.stages`` for the names), so a linear
+Every row of G couples neighbouring steps only (names as in ``games.stage_functions``), so a linear
 system with G_z is solved by one sweep back and one forth in time, as in a Riccati recursion. The
 recursion is not symmetric: each player minimises a cost of its own. With the changes x, u, lambda
 of the unknowns at a point and right-hand sides a, b, d of the rows rx, ru, rf:
@@ -36,7 +36,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from games.stages import Pattern, StageFunctions
+from olne_bench.games.stage_functions import Pattern, StageFunctions
 
 #: Smallest step length that Newton's line search tries before it gives up.
 SMALLEST_STEP = 2.0**-12

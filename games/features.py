@@ -11,7 +11,7 @@ from typing import Protocol
 
 import casadi as ca
 
-from games.dynamics import Dynamics
+from olne_bench.games.dynamics import Dynamics
 
 
 @dataclass(frozen=True)

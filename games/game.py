@@ -15,8 +15,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from games.dynamics import Dynamics
-from games.features import Feature, Stage
+from olne_bench.games.dynamics import Dynamics
+from olne_bench.games.features import Feature, Stage
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from games.elimination import Elimination
-from games.game import Game
-from games.newton import linearised
-from games.observation import View
+from olne_bench.games.elimination import Elimination
+from olne_bench.games.game import Game
+from olne_bench.games.newton import linearised
+from olne_bench.games.observation import View
 
 #: Above this condition number of the information matrix some weights are not identifiable.
 _LARGEST_CONDITION = 1e14

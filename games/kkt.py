@@ -19,7 +19,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import spsolve
 
-from games.game import Game, player_cost, trajectory_symbols
+from olne_bench.games.game import Game, player_cost, trajectory_symbols
 
 
 @dataclass(frozen=True)

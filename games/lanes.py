@@ -11,7 +11,7 @@ from typing import Protocol
 
 import casadi as ca
 
-from games.features import Stage
+from olne_bench.games.features import Stage
 
 
 class Lane(Protocol):

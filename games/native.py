@@ -28,11 +28,11 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from games.elimination import SMALLEST_STEP, Elimination
-from games.game import Game
-from games.lanes import LaneKeeping
-from games.observation import VIEWS, View
-from games.stages import Pattern, StageFunctions, stage_functions
+from olne_bench.games.elimination import SMALLEST_STEP, Elimination
+from olne_bench.games.game import Game
+from olne_bench.games.lanes import LaneKeeping
+from olne_bench.games.observation import VIEWS, View
+from olne_bench.games.stage_functions import Pattern, StageFunctions, stage_functions
 
 _FLAGS = (
     *("-O3", "-march=native", "-funroll-loops", "-fPIC", "-shared", "-fvisibility=hidden"),
@@ -260,7 +260,7 @@ def _source(stages: StageFunctions, around: str = "{}") -> tuple[str, np.ndarray
         "SMALLEST_STEP": repr(SMALLEST_STEP),
     }
     head = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
-    body = files("games").joinpath("elimination.c").read_text()
+    body = files("olne_bench.games").joinpath("elimination.c").read_text()
     body = body.replace("PATTERN_DEFINITIONS", "\n".join(definitions))
     return head + around.replace("{}", functions) + body, constants
 

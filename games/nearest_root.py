@@ -10,8 +10,8 @@ Whether it converges is luck to a good part: perturbing the true trajectory by 1
 verdict on many estimates (``scripts/forward_luck.py``), although a root is there. So the published
 verdict is kept (``Prediction.published``), and where it is negative the search goes on along the
 path of roots from the true weights to the estimated ones, and by continuation in the coupling
-between players (``games.follow``). That a game has an equilibrium far from anything that was seen
-is not looked for: it predicts nothing.
+between players (``games.root_following``). An equilibrium far from
+anything that was seen is not looked for: it predicts nothing.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from games.follow import follow_root
-from games.game import Game
-from games.ipopt import QUIET
-from games.kkt import kkt_system
-from games.newton import Root
+from olne_bench.games.game import Game
+from olne_bench.games.ipopt import QUIET
+from olne_bench.games.kkt import kkt_system
+from olne_bench.games.newton import Root
+from olne_bench.games.root_following import follow_root
 
 #: IPOPT's default limit, as published.
 PUBLISHED_ITERATIONS = 3000

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from games.elimination import Elimination
-from games.game import Game
-from games.native import elimination
-from games.observation import View
+from olne_bench.games.elimination import Elimination
+from olne_bench.games.game import Game
+from olne_bench.games.native import elimination
+from olne_bench.games.observation import View
 
 
 @dataclass(frozen=True)

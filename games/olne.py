@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from games.best_response import best_response
-from games.continuation import follow_coupling
-from games.dynamics import rollout
-from games.game import Game
-from games.kkt import kkt_system
-from games.newton import Root, newton_root
+from olne_bench.games.best_response import best_response
+from olne_bench.games.continuation import follow_coupling
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.game import Game
+from olne_bench.games.kkt import kkt_system
+from olne_bench.games.newton import Root, newton_root
 
 #: Default certificate tolerance: largest gain of any player, relative to 1 + |J^i|.
 CERTIFICATE_TOLERANCE = 1e-7

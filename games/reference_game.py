@@ -13,9 +13,9 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from games.buffered import BufferedFunction
-from games.dynamics import Dynamics, bicycle
-from games.features import CarProximity, ControlEffort, Stage
+from olne_bench.games.buffered import BufferedFunction
+from olne_bench.games.dynamics import Dynamics, bicycle
+from olne_bench.games.features import CarProximity, ControlEffort, Stage
 
 #: Columns of ``weights``.
 WEIGHT_NAMES = ("proximity", "speed", "acceleration", "turning", "lane")

@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import casadi as ca
 
-from games.features import Stage
-from games.game import Game
+from olne_bench.games.features import Stage
+from olne_bench.games.game import Game
 
 
 @dataclass(frozen=True)

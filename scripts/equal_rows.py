@@ -17,7 +17,7 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import parquet
 
-BENCH = [sys.executable, "-m", "bench"]
+BENCH = [sys.executable, "-m", "olne_bench"]
 #: Options of ``olne-bench run``; each list is a run of its own, and several are merged.
 WAYS = {
     "one": [["--jobs", "1"]],

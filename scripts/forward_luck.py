@@ -18,10 +18,10 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from bench.suite import ScenarioEntry
-from bench.truth import true_recording
-from games.kkt import consistent_costates
-from games.nearest_root import nearest_root
+from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.games.kkt import consistent_costates
+from olne_bench.games.nearest_root import nearest_root
 
 PERTURBATION = 1e-13
 

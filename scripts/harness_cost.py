@@ -15,11 +15,11 @@ from pathlib import Path
 
 import psutil
 
-from bench.cluster import run_on_dask
-from bench.executor import run_trials
-from bench.store import open_store
-from bench.suite import load_suite, select
-from bench.trial import expand
+from olne_bench.bench.plan.suite import load_suite, select
+from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.run.cluster import run_on_dask
+from olne_bench.bench.run.executor import run_trials
+from olne_bench.bench.run.store import open_store
 
 LIMIT = 2e-3  # [s]
 GROWTH = 20.0  # [MiB]

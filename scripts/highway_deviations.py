@@ -8,10 +8,10 @@ import sys
 
 import numpy as np
 
-from envs import highway_v0
-from envs.equilibrium import certified_equilibrium
-from envs.highway_roads import ROAD_NAMES
-from envs.scenarios import get_scenario
+from olne_bench.envs import highway_v0
+from olne_bench.envs.equilibrium import certified_equilibrium
+from olne_bench.envs.highway_roads import ROAD_NAMES
+from olne_bench.envs.scenarios import get_scenario
 
 #: Steering [rad] and acceleration [m/s^2]: 1 mrad moves a fast car by half a metre in the end.
 UNITS = np.array([0.01, 1.0])

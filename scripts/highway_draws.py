@@ -10,8 +10,8 @@ from importlib import import_module
 
 import numpy as np
 
-from envs.driving import rejection
-from envs.highway_roads import ROAD_NAMES
+from olne_bench.envs.driving import rejection
+from olne_bench.envs.highway_roads import ROAD_NAMES
 
 SIZES = {
     "highway": (3, 4, 5, 6, 7, 8),
@@ -25,7 +25,7 @@ SIZES = {
 def main(draws: int, families: list[str]) -> None:
     """Print one line per family; the number of players goes round its range."""
     for name in families:
-        family = import_module(f"envs.scenarios.{name}")
+        family = import_module(f"olne_bench.envs.scenarios.{name}")
         reasons: Counter[str] = Counter()
         seconds = []
         for seed in range(draws):

@@ -13,10 +13,10 @@ import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
 
-from envs import highway_v0
-from envs.equilibrium import certified_equilibrium
-from envs.highway_roads import MAX_ACCELERATION, POLICY_FREQUENCY, SIMULATION_FREQUENCY
-from envs.scenarios import get_scenario
+from olne_bench.envs import highway_v0
+from olne_bench.envs.equilibrium import certified_equilibrium
+from olne_bench.envs.highway_roads import MAX_ACCELERATION, POLICY_FREQUENCY, SIMULATION_FREQUENCY
+from olne_bench.envs.scenarios import get_scenario
 
 PLAYERS = 5
 

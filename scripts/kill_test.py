@@ -19,7 +19,8 @@ import numpy as np
 import pandas as pd
 import psutil
 
-RUN = [sys.executable, "-m", "bench", "run", "paper", "--no-figures", "--scenario", "two_player"]
+RUN = [sys.executable, "-m", "olne_bench", "run", "paper", "--no-figures"]
+RUN += ["--scenario", "two_player"]
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.store import COLUMNS, FILE_NAME, open_store
+from olne_bench.bench.run.store import COLUMNS, FILE_NAME, open_store
 
 SEEDS = 1000  # more than the study has
 
@@ -42,7 +42,7 @@ def main() -> None:
                 _rows(arguments.table, arguments.trials),
             )
         size = Path(folder, FILE_NAME).stat().st_size / 2**20
-        command = [sys.executable, "-m", "bench", "report", folder]
+        command = [sys.executable, "-m", "olne_bench", "report", folder]
         command += [] if arguments.figures else ["--no-figures"]
         started = time.monotonic()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)

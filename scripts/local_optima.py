@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from bench.sensor import sense
-from bench.suite import ScenarioEntry
-from bench.truth import true_recording
-from estimators.joint_ipopt import solve_joint_ipopt
-from estimators.joint_problem import JointPoint
-from games.observation import VIEWS
+from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
+from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.games.observation import VIEWS
 
 #: Objectives nearer than this, relatively, are the same optimum.
 SAME = 1e-6

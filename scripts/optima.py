@@ -16,15 +16,15 @@ import pandas as pd
 from rivals import CompactLayout
 from tqdm import tqdm
 
-from bench.sensor import sense
-from bench.suite import load_suite
-from bench.trial import Trial, expand
-from bench.truth import true_recording
-from estimators.joint_problem import JointPoint
-from estimators.kkt_constrained import KktConstrained
-from estimators.protocol import Observation, Problem
-from estimators.trajectory_fit import fit_trajectory
-from games.observation import VIEWS
+from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.plan.suite import load_suite
+from olne_bench.bench.plan.trial import Trial, expand
+from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.trajectory_fit import fit_trajectory
+from olne_bench.games.observation import VIEWS
 
 KEY = ["scenario", "view", "sigma", "seed"]
 RIVALS = ("ipopt", "compact")

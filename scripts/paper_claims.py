@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.leaderboard import published_failures
+from olne_bench.bench.report.leaderboard import published_failures
 
 
 @dataclass(frozen=True)

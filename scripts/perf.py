@@ -27,20 +27,20 @@ import matplotlib.pyplot as plt
 import numpy as np
 from rivals import CompactLayout, Outcome, PublishedLayout, StackedForward
 
-from envs.scenarios import get_scenario
-from envs.scenarios.scenario import Scenario
-from estimators.interior_point import solve_joint
-from estimators.joint_problem import JointPoint
-from estimators.kkt_constrained import KktConstrained
-from estimators.protocol import Observation, Problem
-from estimators.trajectory_fit import fit_trajectory, guess_states
-from games.batch import solve_batch
-from games.dynamics import rollout
-from games.game import Game
-from games.native import elimination
-from games.newton import Root, newton_root
-from games.observation import VIEWS, View, observe
-from games.olne import RESIDUAL_TOLERANCE, Equilibrium, solve_olne
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.estimators.interior_point import solve_joint
+from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.trajectory_fit import fit_trajectory, guess_states
+from olne_bench.games.batch import solve_batch
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.game import Game
+from olne_bench.games.native import elimination
+from olne_bench.games.newton import Root, newton_root
+from olne_bench.games.observation import VIEWS, View, observe
+from olne_bench.games.olne import RESIDUAL_TOLERANCE, Equilibrium, solve_olne
 
 HORIZONS = (25, 50, 100, 200, 400)
 PLAYERS = (2, 3, 5, 8, 12)

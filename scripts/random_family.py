@@ -8,8 +8,8 @@ Prints one line per number of players; the seeds without a certificate are named
 import argparse
 import time
 
-from envs.scenarios import get_scenario
-from games.olne import solve_olne
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.olne import solve_olne
 
 
 def main() -> None:

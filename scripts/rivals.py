@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from estimators.joint_ipopt import joint_solver
-from estimators.joint_problem import JointPoint
-from estimators.trajectory_fit import observation_parameters, squared_error
-from games.features import Stage
-from games.game import Game, trajectory_symbols
-from games.ipopt import QUIET
-from games.kkt import kkt_system
-from games.newton import Root
-from games.observation import View, observation_size
+from olne_bench.estimators.joint_ipopt import joint_solver
+from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.estimators.trajectory_fit import observation_parameters, squared_error
+from olne_bench.games.features import Stage
+from olne_bench.games.game import Game, trajectory_symbols
+from olne_bench.games.ipopt import QUIET
+from olne_bench.games.kkt import kkt_system
+from olne_bench.games.newton import Root
+from olne_bench.games.observation import View, observation_size
 
 #: A rival that has not come to an end after so many seconds is stopped.
 TIME_LIMIT = 30.0

@@ -17,9 +17,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from bench.figures.style import FLOOR_COLOUR, applied, estimator_colours, estimator_order, save
-from bench.store import read_store, to_frame
-from bench.suite import ScenarioEntry
+from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.report.figures.style import (
+    FLOOR_COLOUR,
+    applied,
+    estimator_colours,
+    estimator_order,
+    save,
+)
+from olne_bench.bench.run.store import read_store, to_frame
 
 RESAMPLES = 2000
 INTERVAL = (2.5, 97.5)  # percentiles

@@ -11,7 +11,7 @@ import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
 
-from envs.traffic import traffic_report
+from olne_bench.envs.traffic import traffic_report
 
 CASES: dict[str, tuple[str, dict]] = {
     "highway-v0": ("highway-v0", {}),
@@ -24,7 +24,7 @@ CASES: dict[str, tuple[str, dict]] = {
     "roundabout-v1": ("roundabout-v1", {}),
     "intersection-v2": ("intersection-v2", {}),
 }
-IDM, NASH = "highway_env.vehicle.behavior.IDMVehicle", "envs.traffic.NashVehicle"
+IDM, NASH = "highway_env.vehicle.behavior.IDMVehicle", "olne_bench.envs.traffic.NashVehicle"
 IDLE = 1
 
 

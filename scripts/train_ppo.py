@@ -12,7 +12,7 @@ import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from envs.traffic import TrafficReport, traffic_report
+from olne_bench.envs.traffic import TrafficReport, traffic_report
 
 CONFIGS = {
     "highway-fast-v0": {"vehicles_count": 8},
@@ -39,7 +39,7 @@ class _Totals(BaseCallback):
 def main(steps: int, versions: list[str]) -> None:
     """Print one line per environment."""
     for version in versions:
-        config = {"other_vehicles_type": "envs.traffic.NashVehicle", **CONFIGS[version]}
+        config = {"other_vehicles_type": "olne_bench.envs.traffic.NashVehicle", **CONFIGS[version]}
         world = gymnasium.make(version, config=config)
         model = PPO("MlpPolicy", world, n_steps=256, batch_size=64, seed=0, device="cpu")
         totals = _Totals()

@@ -8,8 +8,8 @@ from functools import cache
 import pytest
 from hypothesis import settings
 
-from envs.recording import Recording, record
-from envs.scenarios import get_scenario
+from olne_bench.envs.recording import Recording, record
+from olne_bench.envs.scenarios import get_scenario
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=8)
 settings.load_profile("reproducible")

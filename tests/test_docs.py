@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
-from bench.cli import main
-from envs import wrappers
+from olne_bench.bench.commands.cli import main
+from olne_bench.envs import wrappers
 
 ROOT = Path(__file__).parent.parent
 

@@ -1,55 +1,105 @@
-"""Imports point one way: games <- envs, games <- estimators, and bench knows all three."""
+"""Imports point one way, between packages and between the rooms of ``bench``, without circles."""
 
 import ast
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ALLOWED = {
-    "games": {"games"},
-    "envs": {"envs", "games"},
-    "estimators": {"estimators", "games"},
-    "bench": {"bench", "envs", "estimators", "games"},
+BASE = "olne_bench"
+#: What each package may import besides itself and what lies directly in ``olne_bench``.
+PACKAGES = {
+    "games": set(),
+    "envs": {"games"},
+    "estimators": {"games"},
+    "bench": {"games", "envs", "estimators"},
 }
-MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]
+#: Rooms of ``bench`` from the ground up; a room imports from those below it only.
+ROOMS = ("plan", "judge", "run", "report", "commands")
+COMMON = ("olne_bench.bench.files", "olne_bench.bench.text")
 
 
-def imported_packages(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join([BASE, *(parts[:-1] if parts[-1] == "__init__" else parts)])
+
+
+FILES = {
+    module_name(path): path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))
+}
+
+
+def imported(text: str, name: str, is_package: bool = False) -> Iterator[str]:
+    """Every dotted name that a module's imports may mean, lazy imports too."""
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            yield from (alias.name.partition(".")[0] for alias in node.names)
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            own = path.relative_to(ROOT).parts[0]
-            yield own if node.level else str(node.module).partition(".")[0]
+            base = node.module or ""
+            if node.level:
+                above = name.split(".")[: None if is_package and node.level == 1 else -node.level]
+                base = ".".join([*above, *filter(None, [base])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_imports_point_one_way(path: Path) -> None:
-    package = path.relative_to(ROOT).parts[0]
-    ours = set(imported_packages(path)) & set(ALLOWED)
-    assert ours <= ALLOWED[package]
+def modules_of_ours(name: str) -> set[str]:
+    path = FILES[name]
+    found = set(imported(path.read_text(), name, path.name == "__init__.py"))
+    return {module for module in found if module in FILES} - {name}
 
 
-def test_every_package_is_looked_at() -> None:
-    assert {path.relative_to(ROOT).parts[0] for path in MODULES} == set(ALLOWED)
+def package(module: str) -> str:
+    return module.split(".")[1]
+
+
+def room(module: str) -> str | None:
+    parts = module.split(".")
+    return parts[2] if len(parts) > 2 and parts[1] == "bench" and parts[2] in ROOMS else None
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_packages_import_one_way(name: str) -> None:
+    own = package(name)
+    assert {package(module) for module in modules_of_ours(name)} <= PACKAGES[own] | {own}
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if room(name)])
+def test_rooms_import_from_below(name: str) -> None:
+    here = ROOMS.index(str(room(name)))
+    for module in modules_of_ours(name):
+        if package(module) == "bench" and module not in COMMON:
+            place = room(module)
+            assert place is not None and ROOMS.index(place) <= here, module
+
+
+def test_no_module_imports_itself_by_a_detour() -> None:
+    # A package's __init__ that gathers its modules is imported by them in name only.
+    graph = {
+        name: {m for m in modules_of_ours(name) if not name.startswith(f"{m}.")} for name in FILES
+    }
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(f"a circle: {' -> '.join(error.args[1])}")
+
+
+def test_everything_in_bench_has_a_room() -> None:
+    homeless = {name for name in FILES if package(name) == "bench" and not room(name)}
+    assert homeless == {"olne_bench.bench", *COMMON}
 
 
 @pytest.mark.parametrize(
-    ("code", "package"),
+    ("code", "module"),
     [
-        ("import bench.cli", "bench"),
-        ("from bench import cli", "bench"),
-        ("def f():\n    from envs.scenarios import x", "envs"),
-        ("from . import game", "games"),
+        ("import olne_bench.bench.files", "olne_bench.bench.files"),
+        ("from olne_bench.bench import files", "olne_bench.bench.files"),
+        ("def f():\n    from olne_bench.bench.files import x", "olne_bench.bench.files"),
+        ("from ..bench import files", "olne_bench.bench.files"),
+        ("from . import game", "olne_bench.games.game"),
     ],
 )
-def test_finder_sees_every_form_of_import(
-    code: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(globals(), "ROOT", tmp_path)
-    path = tmp_path / "games" / "module.py"
-    path.parent.mkdir()
-    path.write_text(code)
-    assert list(imported_packages(path)) == [package]
+def test_finder_sees_every_form_of_import(code: str, module: str) -> None:
+    assert module in set(imported(code, "olne_bench.games.module"))

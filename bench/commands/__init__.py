@@ -1,6 +1,6 @@
 """Commands of ``olne-bench``, one file each."""
 
-from bench.commands import (
+from olne_bench.bench.commands import (
     check,
     compare,
     estimate,

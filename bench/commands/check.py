@@ -4,10 +4,10 @@ import sys
 
 import click
 
-from bench.conformance import run_checks
-from bench.options import BUDGET, MEMORY
-from bench.probe import probe
-from estimators.registry import absolute_reference, load_estimator
+from olne_bench.bench.commands.conformance import run_checks
+from olne_bench.bench.commands.options import BUDGET, MEMORY
+from olne_bench.bench.run.loading import probe
+from olne_bench.estimators.registry import absolute_reference, load_estimator
 
 
 @click.command()

@@ -6,10 +6,10 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from bench.errors import UserError
-from bench.statistics.attempts import FAILURES
-from bench.statistics.change import changes
-from bench.store import read_store
+from olne_bench.bench.report.statistics.attempts import FAILURES
+from olne_bench.bench.report.statistics.run_comparison import changes
+from olne_bench.bench.run.store import read_store
+from olne_bench.errors import UserError
 
 
 @click.command()

@@ -7,21 +7,25 @@ import click
 import numpy as np
 import pandas as pd
 
-from bench.checked_estimate import CheckedEstimate, InvalidEstimateError, check_estimate
-from bench.errors import UserError
-from bench.evaluate import describe_error
-from bench.options import BUDGET
-from bench.outputs import check_new_file, whole_file
-from bench.probe import probe
-from bench.truth import observed_noise_scale
-from envs.recording import NoEquilibriumError
-from envs.recording_file import RecordingFile, RecordingFileError, read_recording
-from envs.scenarios import Scenario, get_scenario, scenario_options
-from estimators.protocol import Observation, Problem
-from estimators.registry import load_estimator
-from games.features import Feature, FinalGoal
-from games.game import Game, Player
-from games.observation import ComponentView, FullView, View
+from olne_bench.bench.commands.options import BUDGET
+from olne_bench.bench.files import check_new_file, whole_file
+from olne_bench.bench.judge.estimate_check import (
+    CheckedEstimate,
+    InvalidEstimateError,
+    check_estimate,
+)
+from olne_bench.bench.judge.referee import describe_error
+from olne_bench.bench.judge.truth import observed_noise_scale
+from olne_bench.bench.run.loading import probe
+from olne_bench.envs.recording import NoEquilibriumError
+from olne_bench.envs.recording_file import RecordingFile, RecordingFileError, read_recording
+from olne_bench.envs.scenarios import Scenario, get_scenario, scenario_options
+from olne_bench.errors import UserError
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.registry import load_estimator
+from olne_bench.games.features import Feature, FinalGoal
+from olne_bench.games.game import Game, Player
+from olne_bench.games.observation import ComponentView, FullView, View
 
 
 @click.command()

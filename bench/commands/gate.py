@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from bench.errors import UserError
-from bench.findings import find
-from bench.gate import Plan, check_limits, missing_trials, plan_of
-from bench.statistics.attempts import weighed
-from bench.store import read_store
-from bench.suite import load_suite, read_suite_json
+from olne_bench.bench.plan.suite import load_suite, read_suite_json
+from olne_bench.bench.report.gate import Plan, check_limits, missing_trials, plan_of
+from olne_bench.bench.report.results import find
+from olne_bench.bench.report.statistics.attempts import weighed
+from olne_bench.bench.run.store import read_store
+from olne_bench.errors import UserError
 
 
 @click.command()

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from bench.outputs import check_new_file
-from bench.tracks import ignored_columns, read_tracks
-from envs.recording_file import write_recording
+from olne_bench.bench.files import check_new_file
+from olne_bench.envs.recording_file import write_recording
+from olne_bench.envs.tracks import ignored_columns, read_tracks
 
 
 @click.command(name="import")

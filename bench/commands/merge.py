@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from bench.errors import UserError
-from bench.provenance import Provenance
-from bench.resume import check_same_suite, last_suite
-from bench.store import FILE_NAME, open_store, read_store
+from olne_bench.bench.run.provenance import Provenance
+from olne_bench.bench.run.resume import check_same_suite, last_suite
+from olne_bench.bench.run.store import FILE_NAME, open_store, read_store
+from olne_bench.errors import UserError
 
 
 @click.command()

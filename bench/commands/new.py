@@ -4,18 +4,18 @@ import keyword
 import re
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
 import click
 
-from bench.errors import UserError
-from estimators.registry import estimator_names
+from olne_bench.errors import UserError
+from olne_bench.estimators.registry import estimator_names
 
 #: Modules of Python that not every system has, or that it hides.
 _PYTHON = sys.stdlib_module_names | {"test"}
+_TEMPLATES = Path(__file__).parent / "templates"
 #: Template and the file that it becomes.
 _FILES = {
     "pyproject.toml.txt": "pyproject.toml",
@@ -47,7 +47,7 @@ def new(name: str) -> None:
     try:
         folder.mkdir()
         for template, target in _FILES.items():
-            text = files("bench").joinpath("templates", template).read_text(encoding="utf-8")
+            text = (_TEMPLATES / template).read_text(encoding="utf-8")
             text = Template(text).substitute(name=name, class_name=class_name)
             (folder / target.format(name=name)).write_text(text, encoding="utf-8")
     except OSError as error:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import click
 
-from bench.errors import UserError
-from bench.figures import FORMATS, USUAL_FORMATS
-from bench.report import format_leaderboard, write_report
+from olne_bench.bench.report.figures import FORMATS, USUAL_FORMATS
+from olne_bench.bench.report.write import format_leaderboard, write_report
+from olne_bench.errors import UserError
 
 
 @click.command()

@@ -11,18 +11,18 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from bench.cluster import check_cluster, run_on_dask
-from bench.commands.report import read_formats, show_report
-from bench.errors import UserError
-from bench.executor import run_trials
-from bench.figures import FORMATS
-from bench.interrupt import stop_request
-from bench.options import MEMORY
-from bench.provenance import provenance
-from bench.resume import RETRIES, check_same_suite, pending
-from bench.store import Store, open_store
-from bench.suite import check_gate, load_suite, select, suite_file
-from bench.trial import Outcome, Trial, expand
+from olne_bench.bench.commands.options import MEMORY
+from olne_bench.bench.commands.report import read_formats, show_report
+from olne_bench.bench.plan.suite import check_gate, load_suite, select, suite_file
+from olne_bench.bench.plan.trial import Outcome, Trial, expand
+from olne_bench.bench.report.figures import FORMATS
+from olne_bench.bench.run.cluster import check_cluster, run_on_dask
+from olne_bench.bench.run.executor import run_trials
+from olne_bench.bench.run.interrupt import stop_request
+from olne_bench.bench.run.provenance import provenance
+from olne_bench.bench.run.resume import RETRIES, check_same_suite, pending
+from olne_bench.bench.run.store import Store, open_store
+from olne_bench.errors import UserError
 
 _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome]]]
 

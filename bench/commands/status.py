@@ -5,12 +5,12 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from bench.provenance import Provenance
-from bench.resume import last_suite, progress
-from bench.store import Record, read_store
-from bench.suite import Suite, read_suite_json
-from bench.trial import expand
-from estimators.registry import EstimatorError
+from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.run.provenance import Provenance
+from olne_bench.bench.run.resume import last_suite, progress
+from olne_bench.bench.run.store import Record, read_store
+from olne_bench.estimators.registry import EstimatorError
 
 
 @click.command()

@@ -15,7 +15,7 @@ from types import ModuleType
 
 import numpy as np
 
-from envs.scenarios.scenario import Scenario
+from olne_bench.envs.scenarios.scenario import Scenario
 
 __all__ = [
     "Scenario",

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from envs.driving import (
+from olne_bench.envs.driving import (
     FAST,
     Driver,
     check_num_players,
@@ -16,8 +16,8 @@ from envs.driving import (
     draw_weights,
     driving_scenario,
 )
-from envs.highway_roads import road_network, route
-from envs.scenarios.scenario import Scenario
+from olne_bench.envs.highway_roads import road_network, route
+from olne_bench.envs.scenarios.scenario import Scenario
 
 PLAYERS = (3, 8)
 LEFT_LANES, RIGHT_LANES = (0, 1), (2, 3)

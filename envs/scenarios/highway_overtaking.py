@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.scenarios.scenario import Limits, Scenario
-from games.dynamics import UNICYCLE
-from games.features import ControlEffort, Proximity, StateDeviation
-from games.game import Game, Player
+from olne_bench.envs.scenarios.scenario import Limits, Scenario
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.features import ControlEffort, Proximity, StateDeviation
+from olne_bench.games.game import Game, Player
 
 HORIZON = 20
 DT = 1.0  # [s]

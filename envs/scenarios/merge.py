@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from envs.driving import (
+from olne_bench.envs.driving import (
     FAST,
     Driver,
     check_num_players,
@@ -12,8 +12,8 @@ from envs.driving import (
     draw_weights,
     driving_scenario,
 )
-from envs.highway_roads import road_network, route
-from envs.scenarios.scenario import Scenario
+from olne_bench.envs.highway_roads import road_network, route
+from olne_bench.envs.scenarios.scenario import Scenario
 
 PLAYERS = (2, 6)
 RAMP, LEFT, RIGHT = ("k", "b", 0), ("a", "b", 0), ("a", "b", 1)

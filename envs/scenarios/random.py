@@ -6,10 +6,10 @@ middle. Same cost features and units as ``two_player``.
 
 import numpy as np
 
-from envs.scenarios.scenario import Limits, Scenario, check_count
-from games.dynamics import UNICYCLE
-from games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
-from games.game import Game, Player
+from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.game import Game, Player
 
 HORIZON = 25
 DT = 0.25  # [s]

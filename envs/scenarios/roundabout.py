@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from envs.driving import (
+from olne_bench.envs.driving import (
     TOWN,
     Driver,
     check_num_players,
@@ -13,8 +13,8 @@ from envs.driving import (
     draw_weights,
     driving_scenario,
 )
-from envs.highway_roads import road_network, route
-from envs.scenarios.scenario import Scenario
+from olne_bench.envs.highway_roads import road_network, route
+from olne_bench.envs.scenarios.scenario import Scenario
 
 PLAYERS = (2, 4)
 RING = ("se", "ex", "ee", "nx", "ne", "wx", "we", "sx")  # nodes in driving order

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from games.game import Game
+from olne_bench.games.game import Game
 
 
 def check_count(name: str, value: object) -> None:

@@ -7,10 +7,10 @@ direction to its goal on the other side.
 
 import numpy as np
 
-from envs.scenarios.scenario import Limits, Scenario
-from games.dynamics import UNICYCLE
-from games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
-from games.game import Game, Player
+from olne_bench.envs.scenarios.scenario import Limits, Scenario
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.game import Game, Player
 
 HORIZON = 25
 DT = 0.25  # [s]

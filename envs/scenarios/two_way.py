@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from envs.driving import (
+from olne_bench.envs.driving import (
     FAST,
     Driver,
     check_num_players,
@@ -13,9 +13,9 @@ from envs.driving import (
     draw_weights,
     driving_scenario,
 )
-from envs.highway_roads import road_network, route
-from envs.scenarios.scenario import Scenario
-from games.lanes import StraightLane
+from olne_bench.envs.highway_roads import road_network, route
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.games.lanes import StraightLane
 
 PLAYERS = (3, 5)
 OWN, PASSING, ONCOMING = ("a", "b", 1), ("a", "b", 0), ("b", "a", 0)

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.metrics import position_error
-from bench.suite import ScenarioEntry
-from bench.truth import true_recording
-from games.follow import follow_root
+from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.games.root_following import follow_root
 
 SUITE = """
 name = "small"
@@ -63,7 +63,7 @@ class Study:
 
     def start(self, *arguments: object, **options: object) -> subprocess.Popen[str]:
         return subprocess.Popen(
-            [sys.executable, "-m", "bench", *map(str, arguments)],
+            [sys.executable, "-m", "olne_bench", *map(str, arguments)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -5,10 +5,18 @@ import numpy as np
 import pytest
 from highway_env.road.lane import PolyLaneFixedWidth
 
-from envs.driving import rejection
-from envs.highway_roads import CAR, DT, ROAD_NAMES, lane_curve, make_road, replay, road_network
-from envs.scenarios import get_scenario
-from games.dynamics import bicycle, rollout
+from olne_bench.envs.driving import rejection
+from olne_bench.envs.highway_roads import (
+    CAR,
+    DT,
+    ROAD_NAMES,
+    lane_curve,
+    make_road,
+    replay,
+    road_network,
+)
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.dynamics import bicycle, rollout
 
 
 @pytest.mark.parametrize("name", ROAD_NAMES)

@@ -13,10 +13,10 @@ from gymnasium.error import ResetNeeded
 from highway_env.vehicle.kinematics import Vehicle
 from pettingzoo.test import parallel_api_test
 
-from envs import highway_v0
-from envs.equilibrium import certified_equilibrium
-from envs.highway_roads import DT, POLICY_FREQUENCY, ROAD_NAMES, SIMULATION_FREQUENCY
-from envs.scenarios import Scenario, check_options, get_scenario
+from olne_bench.envs import highway_v0
+from olne_bench.envs.equilibrium import certified_equilibrium
+from olne_bench.envs.highway_roads import DT, POLICY_FREQUENCY, ROAD_NAMES, SIMULATION_FREQUENCY
+from olne_bench.envs.scenarios import Scenario, check_options, get_scenario
 
 SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
 SEEDS = (0, 1, 2)

@@ -7,18 +7,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from envs import highway_v0, olne_v0, recording
-from envs.equilibrium import certified_equilibrium
-from envs.recording import NoEquilibriumError, film, record
-from envs.recording_file import (
+from olne_bench.envs import highway_v0, olne_v0, recording
+from olne_bench.envs.equilibrium import certified_equilibrium
+from olne_bench.envs.recording import NoEquilibriumError, film, record
+from olne_bench.envs.recording_file import (
     RecordingFileError,
     of_recordings,
     read_recording,
     write_recording,
 )
-from envs.scenarios import get_scenario
-from envs.scenarios.scenario import Limits
-from envs.worlds import make_world
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.scenario import Limits
+from olne_bench.envs.worlds import make_world
 
 PAPER = ["two_player", "highway_overtaking"]
 

@@ -6,11 +6,11 @@ import numpy as np
 import pygame
 import pytest
 
-from envs import olne_v0, rendering
-from envs.scenarios.scenario import Limits, Scenario
-from games.dynamics import DOUBLE_INTEGRATOR
-from games.features import ControlEffort, StateDeviation
-from games.game import Game, Player
+from olne_bench.envs import olne_v0, rendering
+from olne_bench.envs.scenarios.scenario import Limits, Scenario
+from olne_bench.games.dynamics import DOUBLE_INTEGRATOR
+from olne_bench.games.features import ControlEffort, StateDeviation
+from olne_bench.games.game import Game, Player
 
 
 def frames(world, actions=None):

@@ -7,9 +7,9 @@ import pytest
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
-from envs import traffic
-from envs.traffic import NashVehicle, Temperament, temperament, traffic_report
-from games.reference_game import ReferenceGame
+from olne_bench.envs import traffic
+from olne_bench.envs.traffic import NashVehicle, Temperament, temperament, traffic_report
+from olne_bench.games.reference_game import ReferenceGame
 
 SIZES = {
     "highway-v0": {"vehicles_count": 8},
@@ -20,7 +20,11 @@ SIZES = {
 
 
 def make(version: str, kind: str = "NashVehicle", **config):
-    config = {"other_vehicles_type": f"envs.traffic.{kind}", **SIZES.get(version, {}), **config}
+    config = {
+        "other_vehicles_type": f"olne_bench.envs.traffic.{kind}",
+        **SIZES.get(version, {}),
+        **config,
+    }
     return gymnasium.make(version, config=config)
 
 

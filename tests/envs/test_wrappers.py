@@ -11,8 +11,8 @@ from gymnasium.utils.env_checker import data_equivalence
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 from pettingzoo.utils import BaseParallelWrapper
 
-from envs import olne_v0
-from envs.wrappers import (
+from olne_bench.envs import olne_v0
+from olne_bench.envs.wrappers import (
     AWGN,
     BoxWithGaps,
     DropSamples,
@@ -21,9 +21,9 @@ from envs.wrappers import (
     PartialObservation,
     RangeBearing,
 )
-from estimators.kkt_constrained import KktConstrained
-from estimators.protocol import Observation, Problem
-from games.observation import VIEWS, RangeBearingView, observe
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.observation import VIEWS, RangeBearingView, observe
 
 PARTIAL = ("px", "py", "heading")
 SENSOR = (-3.0, -2.5)

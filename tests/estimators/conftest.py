@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from estimators.protocol import Observation, Problem
-from games.game import Game
-from games.observation import VIEWS, observe
-from games.olne import solve_olne
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.game import Game
+from olne_bench.games.observation import VIEWS, observe
+from olne_bench.games.olne import solve_olne
 
 Seen = Callable[..., tuple[Problem, list[Observation], np.ndarray]]
 

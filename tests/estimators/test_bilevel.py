@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from estimators.bilevel import Bilevel, OuterResiduals
-from estimators.forward_model import first_games
-from estimators.kkt_constrained import KktConstrained
-from estimators.simplex import RatioChart
+from olne_bench.estimators.bilevel import Bilevel, OuterResiduals
+from olne_bench.estimators.forward_model import first_games
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.simplex import RatioChart
 
 RNG = np.random.default_rng(0)
 

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from estimators import interior_point
-from estimators.interior_point import CLOSE_TO_KNOWN, solve_joint
-from estimators.joint_ipopt import solve_joint_ipopt
-from estimators.joint_problem import JointPoint, JointSolution
-from estimators.trajectory_fit import guess_states
-from games.dynamics import DOUBLE_INTEGRATOR
-from games.elimination import Elimination
-from games.features import ControlEffort, FinalGoal, Proximity
-from games.game import Game, Player
-from games.kkt import kkt_residual_norm
-from games.native import NativeElimination
-from games.observation import VIEWS, ComponentView, View, observe
-from games.olne import solve_olne
-from games.stages import stage_functions
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators import interior_point
+from olne_bench.estimators.interior_point import CLOSE_TO_KNOWN, solve_joint
+from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
+from olne_bench.estimators.joint_problem import JointPoint, JointSolution
+from olne_bench.estimators.trajectory_fit import guess_states
+from olne_bench.games.dynamics import DOUBLE_INTEGRATOR
+from olne_bench.games.elimination import Elimination
+from olne_bench.games.features import ControlEffort, FinalGoal, Proximity
+from olne_bench.games.game import Game, Player
+from olne_bench.games.kkt import kkt_residual_norm
+from olne_bench.games.native import NativeElimination
+from olne_bench.games.observation import VIEWS, ComponentView, View, observe
+from olne_bench.games.olne import solve_olne
+from olne_bench.games.stage_functions import stage_functions
 
 
 def sequence(

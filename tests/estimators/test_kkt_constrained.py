@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from envs.recording import record
-from envs.scenarios import get_scenario
-from estimators.bilevel import Bilevel
-from estimators.kkt_constrained import KktConstrained
-from estimators.protocol import Observation, Problem
-from games.observation import VIEWS, observe
-from games.olne import solve_olne
+from olne_bench.envs.recording import record
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators.bilevel import Bilevel
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.observation import VIEWS, observe
+from olne_bench.games.olne import solve_olne
 
 RNG = np.random.default_rng(0)
 

@@ -4,9 +4,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from envs.recording import record
-from envs.scenarios import get_scenario
-from estimators.maxent_residual import (
+from olne_bench.envs.recording import record
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators.maxent_residual import (
     Curvature,
     MaxentResidual,
     _maximise,
@@ -14,11 +14,11 @@ from estimators.maxent_residual import (
     likelihood,
     packed,
 )
-from estimators.protocol import Observation, Problem
-from games.dynamics import rollout
-from games.game import Game
-from games.kkt import kkt_system
-from games.observation import VIEWS, observe
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.game import Game
+from olne_bench.games.kkt import kkt_system
+from olne_bench.games.observation import VIEWS, observe
 
 RNG = np.random.default_rng(0)
 

@@ -6,21 +6,21 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from scipy.stats import norm
 
-from envs.scenarios import get_scenario
-from estimators.belief import Gaussian, LostError
-from estimators.forward_model import Played, expected_samples, replay, scaled_samples
-from estimators.particle import (
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators.belief import Gaussian, LostError
+from olne_bench.estimators.forward_model import Played, expected_samples, replay, scaled_samples
+from olne_bench.estimators.particle import (
     Particle,
     effective_sample_size,
     filter_particles,
     systematic_resample,
 )
-from estimators.protocol import Observation, Problem
-from estimators.simplex import from_log_ratios
-from games.game import Game, Player
-from games.newton import Root
-from games.observation import VIEWS, observe
-from games.olne import solve_olne
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.simplex import from_log_ratios
+from olne_bench.games.game import Game, Player
+from olne_bench.games.newton import Root
+from olne_bench.games.observation import VIEWS, observe
+from olne_bench.games.olne import solve_olne
 
 COUNT = 2000
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from envs.recording import record
-from envs.scenarios import get_scenario
-from estimators.kkt_constrained import KktConstrained
-from estimators.protocol import Observation, Problem
-from estimators.registry import EstimatorError, estimator_names, load_estimator
-from estimators.trajectory_fit import fit_trajectory
-from games.observation import VIEWS
+from olne_bench.envs.recording import record
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.registry import EstimatorError, estimator_names, load_estimator
+from olne_bench.estimators.trajectory_fit import fit_trajectory
+from olne_bench.games.observation import VIEWS
 
 RNG = np.random.default_rng(0)
 RECORDING = record(get_scenario("two_player"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.simplex import (
+from olne_bench.estimators.simplex import (
     RatioChart,
     flat_covariance,
     from_log_ratios,

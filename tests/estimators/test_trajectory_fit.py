@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from estimators.trajectory_fit import guess_controls, smoothed
-from games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE, Dynamics, bicycle, rollout
-from games.features import ControlEffort
-from games.game import Game, Player
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators.trajectory_fit import guess_controls, smoothed
+from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE, Dynamics, bicycle, rollout
+from olne_bench.games.features import ControlEffort
+from olne_bench.games.game import Game, Player
 
 
 @pytest.mark.parametrize("dynamics", [UNICYCLE, DOUBLE_INTEGRATOR], ids=lambda d: d.name)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from estimators.belief import Gaussian, LostError
-from estimators.ukf import Ukf, filter_samples
+from olne_bench.estimators.belief import Gaussian, LostError
+from olne_bench.estimators.ukf import Ukf, filter_samples
 
 RNG = np.random.default_rng(0)
 

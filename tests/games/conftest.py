@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from games.dynamics import UNICYCLE
-from games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
-from games.game import Game, Player
-from games.olne import Equilibrium, solve_olne
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.game import Game, Player
+from olne_bench.games.olne import Equilibrium, solve_olne
 
 GoalGame = Callable[..., Game]
 

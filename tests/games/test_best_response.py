@@ -1,8 +1,8 @@
 import numpy as np
 
-from games.best_response import best_response
-from games.game import Game
-from games.olne import Equilibrium, iterated_best_response
+from olne_bench.games.best_response import best_response
+from olne_bench.games.game import Game
+from olne_bench.games.olne import Equilibrium, iterated_best_response
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 

@@ -7,8 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from games.buffered import BufferedFunction
-from games.dynamics import UNICYCLE, numeric_step
+from olne_bench.games.buffered import BufferedFunction
+from olne_bench.games.dynamics import UNICYCLE, numeric_step
 
 
 @pytest.fixture

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from games.continuation import coupled_features, follow_coupling
-from games.dynamics import UNICYCLE
-from games.features import ControlEffort, FinalGoal
-from games.game import Game, Player
-from games.newton import Root
-from games.olne import certify, solve_olne
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.continuation import coupled_features, follow_coupling
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.features import ControlEffort, FinalGoal
+from olne_bench.games.game import Game, Player
+from olne_bench.games.newton import Root
+from olne_bench.games.olne import certify, solve_olne
 
 
 def test_the_features_that_look_at_others_are_found() -> None:

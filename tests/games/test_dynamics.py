@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE, Dynamics, rollout
+from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE, Dynamics, rollout
 
 NUMBERS = st.floats(-5, 5)
 

@@ -4,17 +4,17 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from games.dynamics import UNICYCLE
-from games.elimination import Elimination
-from games.features import ControlEffort, Proximity
-from games.game import Game, Player
-from games.kkt import kkt_system
-from games.lanes import LaneKeeping, StraightLane
-from games.native import NativeElimination, elimination
-from games.newton import unpack
-from games.observation import VIEWS
-from games.stages import stage_functions
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.elimination import Elimination
+from olne_bench.games.features import ControlEffort, Proximity
+from olne_bench.games.game import Game, Player
+from olne_bench.games.kkt import kkt_system
+from olne_bench.games.lanes import LaneKeeping, StraightLane
+from olne_bench.games.native import NativeElimination, elimination
+from olne_bench.games.newton import unpack
+from olne_bench.games.observation import VIEWS
+from olne_bench.games.stage_functions import stage_functions
 
 SCENARIOS = {
     "two players": lambda: get_scenario("two_player"),

@@ -2,8 +2,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE
-from games.features import ControlEffort, Feature, FinalGoal, Proximity, Stage, StateDeviation
+from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE
+from olne_bench.games.features import (
+    ControlEffort,
+    Feature,
+    FinalGoal,
+    Proximity,
+    Stage,
+    StateDeviation,
+)
 
 STATES = np.array([[1.0, 2.0, 0.3, 0.4], [1.5, 1.0, 0.1, 0.2], [-1.0, 0.0, 0.0, 0.6]])
 CONTROL = np.array([0.7, -0.9])

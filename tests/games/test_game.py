@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from games.dynamics import UNICYCLE
-from games.features import ControlEffort, Proximity, StateDeviation
-from games.game import Game, Player
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.features import ControlEffort, Proximity, StateDeviation
+from olne_bench.games.game import Game, Player
 
 PLAYER = Player((Proximity(), StateDeviation("speed"), ControlEffort("yaw_rate")))
 GAME = Game((PLAYER, PLAYER), UNICYCLE, horizon=5, dt=0.1)

@@ -3,19 +3,19 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from games.dynamics import UNICYCLE
-from games.features import ControlEffort, Proximity, StateDeviation
-from games.game import Game, Player
-from games.information import (
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.features import ControlEffort, Proximity, StateDeviation
+from olne_bench.games.game import Game, Player
+from olne_bench.games.information import (
     cosine_error_limit,
     identifiability,
     observation_sensitivity,
     trajectory_sensitivity,
     weight_covariance,
 )
-from games.observation import VIEWS, FullView
-from games.olne import Equilibrium, solve_olne
+from olne_bench.games.observation import VIEWS, FullView
+from olne_bench.games.olne import Equilibrium, solve_olne
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 

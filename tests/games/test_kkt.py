@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.scenarios import get_scenario
-from games.dynamics import UNICYCLE, rollout
-from games.game import Game
-from games.kkt import consistent_costates, kkt_residual_norm, kkt_system
-from games.olne import Equilibrium
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.dynamics import UNICYCLE, rollout
+from olne_bench.games.game import Game
+from olne_bench.games.kkt import consistent_costates, kkt_residual_norm, kkt_system
+from olne_bench.games.olne import Equilibrium
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 

@@ -4,9 +4,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from games.dynamics import bicycle
-from games.features import Stage
-from games.lanes import ArcLane, LaneKeeping, StraightLane
+from olne_bench.games.dynamics import bicycle
+from olne_bench.games.features import Stage
+from olne_bench.games.lanes import ArcLane, LaneKeeping, StraightLane
 
 EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 20.0)
 # Goes on where EAST ends, a quarter turn towards +y about (20, 10).

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from games import nearest_root as module
-from games.game import Game
-from games.kkt import kkt_residual_norm
-from games.nearest_root import Prediction, predict
-from games.newton import Root
-from games.olne import Equilibrium, solve_olne
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games import nearest_root as module
+from olne_bench.games.game import Game
+from olne_bench.games.kkt import kkt_residual_norm
+from olne_bench.games.nearest_root import Prediction, predict
+from olne_bench.games.newton import Root
+from olne_bench.games.olne import Equilibrium, solve_olne
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 

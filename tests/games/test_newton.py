@@ -6,17 +6,17 @@ import math
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from envs.scenarios.scenario import Scenario
-from games import native
-from games.batch import solve_batch
-from games.elimination import Elimination
-from games.information import trajectory_sensitivity
-from games.native import elimination
-from games.newton import newton_root, pack, unpack
-from games.observation import VIEWS
-from games.olne import Equilibrium, certify, solve_olne
-from games.stages import stage_functions
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.games import native
+from olne_bench.games.batch import solve_batch
+from olne_bench.games.elimination import Elimination
+from olne_bench.games.information import trajectory_sensitivity
+from olne_bench.games.native import elimination
+from olne_bench.games.newton import newton_root, pack, unpack
+from olne_bench.games.observation import VIEWS
+from olne_bench.games.olne import Equilibrium, certify, solve_olne
+from olne_bench.games.stage_functions import stage_functions
 
 
 @pytest.fixture(scope="module")

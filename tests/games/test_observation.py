@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators.trajectory_fit import guess_states
-from games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE
-from games.features import ControlEffort
-from games.game import Game, Player
-from games.observation import (
+from olne_bench.estimators.trajectory_fit import guess_states
+from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE
+from olne_bench.games.features import ControlEffort
+from olne_bench.games.game import Game, Player
+from olne_bench.games.observation import (
     VIEWS,
     ComponentView,
     FullView,

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.scenarios import get_scenario
-from games.best_response import best_response
-from games.dynamics import DOUBLE_INTEGRATOR, rollout
-from games.features import ControlEffort, FinalGoal, Stage, StateDeviation
-from games.game import Game, Player
-from games.kkt import consistent_costates, kkt_residual_norm
-from games.newton import newton_root
-from games.olne import Equilibrium, certify, solve_olne
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.best_response import best_response
+from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, rollout
+from olne_bench.games.features import ControlEffort, FinalGoal, Stage, StateDeviation
+from olne_bench.games.game import Game, Player
+from olne_bench.games.kkt import consistent_costates, kkt_residual_norm
+from olne_bench.games.newton import newton_root
+from olne_bench.games.olne import Equilibrium, certify, solve_olne
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 GoalGame = Callable[..., Game]
@@ -234,7 +234,7 @@ class TestProperties:
         self, crossing: Crossing, crossing_equilibrium: Equilibrium
     ) -> None:
         """The definition (eqn. nash) itself, without any optimiser."""
-        from games.kkt import kkt_system
+        from olne_bench.games.kkt import kkt_system
 
         game, weights, initial_state = crossing
         found, rng = crossing_equilibrium, np.random.default_rng(0)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from games.dynamics import rollout
-from games.reference_game import FAR_AWAY, ReferenceGame, Situation
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.reference_game import FAR_AWAY, ReferenceGame, Situation
 
 STEPS = 6
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from envs.scenarios import get_scenario
-from games.buffered import BufferedFunction
-from games.dynamics import rollout
-from games.kkt import kkt_system
-from games.stage_costs import stage_costs
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.buffered import BufferedFunction
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.kkt import kkt_system
+from olne_bench.games.stage_costs import stage_costs
 
 
 @pytest.mark.parametrize("name", ["two_player", "highway_overtaking"])

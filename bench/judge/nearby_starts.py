@@ -1,0 +1,120 @@
+"""The same players from other starts nearby: for studies of several trajectories, for predictions.
+
+Starts are drawn around a recording's own, and the equilibrium is followed there from the
+recording's and certified like any other ground truth.
+"""
+
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+
+from olne_bench.envs.recording import NoEquilibriumError, Recording
+from olne_bench.games.batch import solve_batch
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.newton import Root
+from olne_bench.games.olne import certify
+from olne_bench.games.root_following import follow_root
+
+#: Standard deviations of starts: positions relative to the least distance between two players
+#: (1 m for a player on its own), speeds relative to the mean one.
+POSITION, HEADING, SPEED = 0.05, 0.03, 0.05  # [-], [rad], [-]
+
+#: Draws per start that is wanted, as some have no certified equilibrium nearby.
+_DRAWS = 10
+
+
+def neighbours(recording: Recording, count: int, stream: str, seed: int) -> tuple[Recording, ...]:
+    """Certified recordings of the same players from so many other starts.
+
+    Args:
+        recording: what happened, from the scenario's own start.
+        count: how many others.
+        stream: what they are for; another use gets other starts.
+        seed: of the draw.
+
+    Raises:
+        NoEquilibriumError: where too few starts have a certified equilibrium.
+    """
+    name = recording.scenario.name
+    key = [zlib.crc32(f"{stream} {name}".encode()), seed]
+    found = tuple(islice(_certified(recording, _starts(recording, key, _DRAWS * count)), count))
+    if len(found) < count:
+        raise NoEquilibriumError(
+            f"only {len(found)} of {count} starts near that of {name!r} have a certified "
+            f"equilibrium, in {_DRAWS * count} draws"
+        )
+    return found
+
+
+def _starts(recording: Recording, key: list[int], draws: int) -> Iterator[np.ndarray]:
+    """Initial states (N, n) around the recording's."""
+    own = recording.scenario.initial_state
+    names = recording.scenario.game.dynamics.state_names
+    sizes = {"px": POSITION * _least_distance(own), "py": POSITION * _least_distance(own)}
+    sizes["heading"] = HEADING
+    if "speed" in names:
+        sizes["speed"] = SPEED * float(np.abs(own[:, names.index("speed")]).mean())
+    deviation = np.array([sizes.get(name, 0.0) for name in names])
+    rng = np.random.default_rng(key)
+    for _ in range(draws):
+        yield own + deviation * rng.standard_normal(own.shape)
+
+
+def _least_distance(states: np.ndarray) -> float:
+    """Least distance between two of the players' positions, (N, n)."""
+    gaps = states[:, None, :2] - states[None, :, :2]
+    distances = np.linalg.norm(gaps, axis=-1)[~np.eye(len(states), dtype=bool)]
+    return float(distances.min(initial=np.inf)) if distances.size else 1.0
+
+
+def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[Recording]:
+    scenario = recording.scenario
+    game, weights = scenario.game, scenario.weights
+    known = recording.root
+    coast = np.zeros((1, *game.control_shape[1:]))
+    for start in starts:
+        batch = solve_batch(game, weights[None], known, weights, initial_states=start)
+        root = batch.root(0)
+        certificate = certify(game, root, weights)
+        if certificate.passed:
+            yield Recording(
+                scenario=replace(scenario, initial_state=start),
+                states=root.states,
+                controls=root.controls,
+                costates=root.costates,
+                extra_state=rollout(game.dynamics, root.states[-1], coast, game.dt)[-1],
+                certificate=certificate,
+            )
+
+
+def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Root) -> list[Root]:
+    """The game's roots at other weights, from the recordings' initial states.
+
+    Followed from a root that is known at those weights, over the way between the initial states.
+    Where that is lost, from the recording's own motion (``games.root_following``).
+
+    Args:
+        recordings: what happened at the true weights, all in one game.
+        weights: (N, K).
+        known: a root at the weights, from another initial state.
+
+    Returns:
+        Those of the first recordings, up to one for which no root is found.
+    """
+    starts = np.stack([one.scenario.initial_state for one in recordings])
+    game, repeated = recordings[0].scenario.game, np.repeat(weights[None], len(recordings), axis=0)
+    try:
+        batch = solve_batch(game, repeated, known, weights, initial_states=starts)
+        followed = [batch.root(k) if batch.converged[k] else None for k in range(len(starts))]
+    except ValueError:  # singular at the known root
+        followed = [None] * len(recordings)
+    roots: list[Root] = []
+    for one, root in zip(recordings, followed, strict=True):
+        found = root or follow_root(game, one.root, one.scenario.weights, weights)
+        if found is None:
+            break
+        roots.append(found)
+    return roots

@@ -1,0 +1,114 @@
+"""Fingerprints of source code: they change with what code does, not with how it is written down.
+
+A module counts with everything that it imports, at any depth, out of the packages that it is asked
+to count. Comments, formatting and docstrings do not count. A data or C file of a module's own name
+beside it does; what code finds by other means, such as ``importlib``, does not.
+"""
+
+import ast
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+
+_COMPILED = {".pyc", ".pyo", ".so", ".pyd"}
+_LENGTH = 12
+#: Worlds are named by strings such as "highway_v0" and imported at their first use.
+_WORLD = re.compile(r"[a-z]\w*_v\d+")
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+def fingerprint(modules: Mapping[str, Path], roots: Mapping[str, Path], own: Path | None) -> str:
+    """Fingerprint of modules and what they import.
+
+    Args:
+        modules: names and files of the modules to start from.
+        roots: packages of which imports count: dotted name and the folder above its first part.
+        own: a folder whose modules count under any other top-level name.
+    """
+    found: dict[str, Path] = {}
+    pending = list(modules.items())
+    while pending:
+        name, path = pending.pop()
+        if name in found:
+            continue
+        found[name] = path
+        for imported in _imports(path, name):
+            folder = _folder(imported, roots, own)
+            located = folder and _locate(folder, imported)
+            if located:
+                pending.append((imported, located))
+    digest = hashlib.sha256()
+    for name in sorted(found):
+        digest.update(f"{name} {_content(found[name])}\n".encode())
+    return digest.hexdigest()[:_LENGTH]
+
+
+def _folder(name: str, roots: Mapping[str, Path], own: Path | None) -> Path | None:
+    """Where to look for a module; None where it does not count."""
+    for package, folder in roots.items():
+        if name == package or name.startswith(f"{package}."):
+            return folder
+    known = {package.partition(".")[0] for package in roots}
+    return None if name.partition(".")[0] in known else own
+
+
+def _locate(folder: Path, name: str) -> Path | None:
+    path = folder.joinpath(*name.split("."))
+    for candidate in (path / "__init__.py", path.with_name(f"{path.name}.py")):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def _imports(path: Path, name: str) -> Iterator[str]:
+    """Names of everything that may be a module among a module's imports."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    yield from _parents(package)
+    for node in ast.walk(_tree(path) or ast.Module([], [])):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield from _parents(alias.name)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = package.split(".")
+                base = ".".join([*parts[: len(parts) - node.level + 1], *filter(None, [base])])
+            yield from _parents(base)
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Constant):
+            text = node.value if isinstance(node.value, str) else ""
+            if _WORLD.fullmatch(text):
+                yield f"olne_bench.envs.{text}"
+
+
+def _parents(name: str) -> Iterator[str]:
+    """``a``, ``a.b`` and ``a.b.c`` for ``a.b.c``."""
+    parts = name.split(".") if name else []
+    yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
+
+
+@lru_cache(maxsize=512)
+def _tree(path: Path) -> ast.Module | None:
+    """The syntax tree without docstrings; None where it is not Python."""
+    try:
+        tree = ast.parse(path.read_bytes())
+    except (SyntaxError, ValueError):
+        return None
+    for node in ast.walk(tree):
+        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            node.body = node.body[1:] or [ast.Pass()]
+    return tree
+
+
+@lru_cache(maxsize=512)
+def _content(path: Path) -> str:
+    digest = hashlib.sha256()
+    tree = _tree(path)
+    digest.update(path.read_bytes() if tree is None else ast.unparse(tree).encode())
+    if path.name != "__init__.py":
+        for sibling in sorted(path.parent.glob(f"{path.stem}.*")):
+            if sibling != path and sibling.is_file() and sibling.suffix not in _COMPILED:
+                digest.update(f"{sibling.name}\n".encode() + sibling.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,197 @@
+"""A slice of one player's cost landscape, at the true and at the estimated weights."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import casadi as ca
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.figures.panels import scene_panels
+from olne_bench.bench.report.figures.scene import Scene, player_colour, scene_of
+from olne_bench.bench.report.figures.series import Series, contenders, split, views_in
+from olne_bench.bench.report.predicted_motion import estimated_weights
+from olne_bench.games.features import Stage
+
+_CELLS = 160  # along the longer side of the slice
+_LEVELS = 11
+
+
+def draw(trials: pd.DataFrame) -> Figure | None:
+    """Cost of a position for one player, where and when it passes another most closely.
+
+    One panel for the truth and one per estimator, at the median of its weights at the largest
+    noise level that all estimators have in common, in the full view where there is one.
+    """
+    attempts = trials[trials["status"] != "skipped"]
+    if attempts.empty:
+        return None
+    scene = scene_of(attempts)
+    if scene is None:
+        return None
+    view = views_in(scene.trials)[0]
+    series = contenders(split(scene.trials[scene.trials["view"] == view]))
+    sigma = _common_sigma(series, scene)
+    if sigma is None:
+        return None
+    panels = [("truth", scene.recording.scenario.weights)]
+    for s in series:
+        weights = median_weights(s, scene, sigma)
+        if weights is not None:
+            panels.append((style.printable(s.estimator), weights))
+
+    step, player = closest_pass(scene.recording.states)
+    grid = _grid(scene)
+    costs = [position_cost(scene, weights[player], step, player, *grid) for _, weights in panels]
+    figure = _heat_maps(scene, grid, [name for name, _ in panels], costs, step, player)
+    time = step * scene.recording.scenario.game.dt
+    figure.suptitle(
+        f"{trials['scenario'].iloc[0]}: cost of a position for player {player + 1} at "
+        f"t = {time:g} s,\nat median estimates ({style.printable(view)} view, σ = {sigma:g})"
+    )
+    return figure
+
+
+def closest_pass(states: np.ndarray) -> tuple[int, int]:
+    """Step and player where two players of (T, N, n) are nearest each other.
+
+    The first step is not looked at, as no player chose its start.
+    """
+    pairs = list(combinations(range(states.shape[1]), 2))
+    if not pairs:
+        return len(states) // 2, 0
+    distances = np.array(
+        [np.linalg.norm(states[1:, i, :2] - states[1:, j, :2], axis=1) for i, j in pairs]
+    )
+    pair, step = np.unravel_index(distances.argmin(), distances.shape)
+    return int(step) + 1, pairs[int(pair)][0]
+
+
+def position_cost(
+    scene: Scene, weights: np.ndarray, step: int, player: int, px: np.ndarray, py: np.ndarray
+) -> np.ndarray:
+    """Cost of one step for one player at other positions than its own, above the least of them.
+
+    All else (its heading, speed and control, the other players) is as in the truth, and what does
+    not depend on the position drops out.
+
+    Args:
+        scene: the truth.
+        weights: (K,) of this player.
+        step: index of the step.
+        player: its index.
+        px: positions [m], any shape.
+        py: of the same shape.
+    """
+    game, recording = scene.recording.scenario.game, scene.recording
+    position = ca.SX.sym("position", 2)
+    states = [ca.SX(ca.DM(state)) for state in recording.states[step]]
+    states[player] = ca.vertcat(position, states[player][2:])
+    model, theta = game.players[player], ca.SX(ca.DM(weights))
+    if step < game.horizon - 1:
+        control = ca.SX(ca.DM(recording.controls[step, player]))
+        cost = model.running_cost(
+            Stage(player, tuple(states), control, game.dynamics, game.dt), theta
+        )
+    else:
+        cost = model.final_cost(Stage(player, tuple(states), None, game.dynamics, game.dt), theta)
+    values = np.array(ca.Function("cost", [position], [cost])(np.array([px.ravel(), py.ravel()])))
+    return (values - values.min()).reshape(px.shape)
+
+
+def median_weights(series: Series, scene: Scene, sigma: float) -> np.ndarray | None:
+    """Componentwise median (N, K) of the estimates at a noise level, rows scaled to sum one."""
+    rows = series.trials.loc[series.trials["sigma"] == sigma, "weights"]
+    game = scene.recording.scenario.game
+    found = [w for w in (estimated_weights(value, game) for value in rows) if w is not None]
+    if not found:
+        return None
+    median = np.median(found, axis=0)
+    return median / median.sum(axis=1, keepdims=True)
+
+
+def _common_sigma(series: Sequence[Series], scene: Scene) -> float | None:
+    """Largest noise level at which every estimator left weights, else at which any did."""
+    game = scene.recording.scenario.game
+
+    def left_weights(one: Series, sigma: float) -> bool:
+        values = one.trials.loc[one.trials["sigma"] == sigma, "weights"]
+        return any(estimated_weights(value, game) is not None for value in values)
+
+    levels = sorted({sigma for s in series for sigma in s.trials["sigma"]}, reverse=True)
+    for enough in (all, any):
+        for sigma in levels:
+            if enough(left_weights(s, sigma) for s in series):
+                return float(sigma)
+    return None
+
+
+def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Positions px, py [m] over the scene, as drawn."""
+    longer = max(scene.extents)
+    right, up = (
+        np.linspace(low, high, max(round(_CELLS * (high - low) / longer), 12))
+        for low, high in scene.limits
+    )
+    plane = np.meshgrid(right, up)
+    return (plane[0], plane[1]) if scene.axes_order == (0, 1) else (plane[1], plane[0])
+
+
+def _heat_maps(
+    scene: Scene,
+    grid: tuple[np.ndarray, np.ndarray],
+    names: Sequence[str],
+    costs: Sequence[np.ndarray],
+    step: int,
+    player: int,
+) -> Figure:
+    columns = 1 if scene.is_wide else 3
+    places = [divmod(k, columns) for k in range(len(names))]
+    figure, panels = scene_panels(scene, places, margin=(0.3, 1.4) if scene.is_wide else (1, 0.6))
+    levels = np.linspace(0, max(cost.max() for cost in costs) or 1.0, _LEVELS)
+    right, up = scene.plane(np.stack(grid, axis=-1))
+    for axes, name, cost in zip(panels, names, costs, strict=True):
+        image = axes.pcolormesh(
+            right, up, cost, vmin=0, vmax=levels[-1], cmap="cividis", rasterized=True
+        )
+        axes.contour(
+            right, up, cost, levels=levels[1:-1], colors="white", linewidths=0.5, alpha=0.7
+        )
+        _players(axes, scene, step, player)
+        axes.set_title(name)
+    place = "bottom" if scene.is_wide else "right"
+    figure.colorbar(image, ax=panels, location=place, label="Cost above the least [-]", aspect=45)
+    entries = [
+        (_marker(i, i == player), f"player {i + 1}{' (whose cost)' * (i == player)}")
+        for i in range(scene.recording.scenario.game.num_players)
+    ]
+    style.legend_below(figure, entries)
+    return figure
+
+
+def _players(axes: Axes, scene: Scene, step: int, player: int) -> None:
+    """True paths and, at the step, true positions; a star for the player whose cost it is."""
+    states = scene.recording.states
+    for i in range(states.shape[1]):
+        axes.plot(*scene.plane(states[:, i]), color="white", linewidth=0.9, alpha=0.8)
+        marker = _marker(i, i == player)
+        marker.set_data(*([float(v)] for v in scene.plane(states[step, i])))
+        axes.add_line(marker)
+    axes.grid(visible=False)
+
+
+def _marker(player: int, is_subject: bool) -> Line2D:
+    return Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="*" if is_subject else "o",
+        markersize=12 if is_subject else 7,
+        color=player_colour(player),
+        markeredgecolor="white",
+        markeredgewidth=0.9,
+    )

@@ -1,0 +1,150 @@
+"""Looks that all figures share: colours, text, legends, and how a figure is saved."""
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.style
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.typing import LineStyleType
+
+from olne_bench.bench.report.statistics.attempts import FLOOR
+
+#: Okabe and Ito's palette, told apart by colour-blind readers: one colour per player.
+PLAYER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+
+#: One (strong, light) pair per estimator: the two views are shades of one hue.
+ESTIMATOR_COLOURS = (
+    ("#0072B2", "#56B4E9"),
+    ("#D55E00", "#E69F00"),
+    ("#007A59", "#4FC9A4"),
+    ("#9E3D75", "#DD9BC2"),
+    ("#7A6A00", "#CFC22B"),
+    ("#3B2A1A", "#A98F76"),
+)
+#: Estimators that keep their pair whatever else was run with them.
+_FIXED_COLOURS = {"kkt_constrained": 0, "kkt_residual": 1}
+
+FLOOR_COLOUR = "#8C8C8C"
+
+LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
+MARKERS = ("o", "s", "D", "v", "P", "X")
+
+_DPI = 130
+_SAVING: dict[str, dict[str, Any]] = {
+    # The resolution is that of the rasterised parts, points and ribbons, which keeps files small.
+    "png": {},
+    "svg": {"metadata": {"Date": None}, "dpi": 100},
+    "pdf": {"metadata": {"CreationDate": None}, "dpi": 200},
+}
+#: What figures can be saved as, and what they are saved as unasked.
+FORMATS = tuple(_SAVING)
+USUAL_FORMATS = ("png", "svg")
+_LONGEST_NAME = 32  # characters
+_MOST_COLUMNS = 6  # of a legend
+_ENTRY_WIDTH, _ENTRY_HEIGHT, _CHARACTER_WIDTH = 0.55, 0.19, 0.077  # [inch] in a legend
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_RC = {
+    "axes.grid": True,
+    "axes.labelsize": 9,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 9,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": _DPI,
+    "figure.titlesize": 10.5,
+    "font.size": 9,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+    "path.simplify_threshold": 0.4,
+    "pdf.fonttype": 42,  # fonts that publishers take
+    "svg.fonttype": "path",
+    "svg.hashsalt": "olne-bench",  # element ids that do not change from run to run
+    "text.parse_math": False,  # names come from authors: a dollar is a dollar
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+
+
+@contextmanager
+def applied() -> Iterator[None]:
+    """The project's settings, whatever the user's own are."""
+    with matplotlib.style.context(["default", _RC]), warnings.catch_warnings():
+        # A name may hold characters that the font lacks; a box in their place is fine.
+        warnings.filterwarnings("ignore", message=r"Glyph .* missing from", category=UserWarning)
+        yield
+
+
+def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> list[Path]:
+    """Write ``<stem>.png`` and so on, without a date, and return their paths."""
+    equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
+    for _ in range(2 if equal else 1):  # panels of equal aspect settle in the second round
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # worked out once, not anew for each file
+    paths = []
+    for name in formats:
+        path = stem.with_name(f"{stem.name}.{name}")
+        figure.savefig(path, **_SAVING[name])
+        paths.append(path)
+    return paths
+
+
+def printable(name: str) -> str:
+    """A name as it can be drawn: on one line, not too long, nothing that XML forbids."""
+    name = "".join(c if c.isprintable() else " " for c in name).strip() or "(no name)"
+    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+
+
+def estimator_order(names: Sequence[str]) -> list[str]:
+    """Distinct names, those with a colour of their own first, the floor last."""
+    return sorted(set(names), key=lambda n: (n == FLOOR, _FIXED_COLOURS.get(n, 99), n))
+
+
+def estimator_colours(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """A (strong, light) pair per estimator; more than six share those that are nobody's own."""
+    pairs = dict.fromkeys((n for n in names if n == FLOOR), (FLOOR_COLOUR, FLOOR_COLOUR))
+    others = [n for n in estimator_order(names) if n != FLOOR and n not in _FIXED_COLOURS]
+    free = ESTIMATOR_COLOURS[len(_FIXED_COLOURS) :]
+    own = {n: ESTIMATOR_COLOURS[slot] for n, slot in _FIXED_COLOURS.items() if n in names}
+    return pairs | own | {n: free[k % len(free)] for k, n in enumerate(others)}
+
+
+def log_axis(axes: Axes, bottom: float, top: float) -> None:
+    """A logarithmic ordinate whose lowest tick also stands for all that is smaller."""
+    axes.set_yscale("log")
+    axes.set_ylim(bottom, top)
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: _power(y, below=y <= bottom)))
+
+
+def _power(value: float, below: bool) -> str:
+    # Plain characters, as mathematical text is switched off.
+    exponent = str(round(math.log10(value))).translate(_SUPERSCRIPTS)
+    return f"{'≤ ' if below else ''}10{exponent}"
+
+
+def legend_below(figure: Figure, entries: Sequence[tuple[Artist, str]]) -> None:
+    """A legend under all axes, where it covers no data; the figure grows by its height."""
+    width = _ENTRY_WIDTH + _CHARACTER_WIDTH * max(len(name) for _, name in entries)
+    columns = max(1, min(_MOST_COLUMNS, int(figure.get_figwidth() / width)))
+    rows = math.ceil(len(entries) / columns)
+    figure.set_figheight(figure.get_figheight() + _ENTRY_HEIGHT * rows)
+    # Matplotlib drops labels with a leading underscore, so the names come in afterwards.
+    legend = figure.legend(
+        [artist for artist, _ in entries],
+        ["name"] * len(entries),
+        loc="outside lower center",
+        ncols=columns,
+    )
+    for text, (_, name) in zip(legend.get_texts(), entries, strict=True):
+        text.set_text(name)

@@ -1,0 +1,125 @@
+"""Bundles of predicted trajectories at the largest noise level that has some of everybody."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.figures.panels import scene_panels
+from olne_bench.bench.report.figures.scene import Scene, player_colour, scene_of
+from olne_bench.bench.report.figures.series import Series, contenders, split, views_in
+from olne_bench.bench.report.predicted_motion import replay
+from olne_bench.games.observation import FullView
+
+#: Most sequences in one panel, as in the paper.
+MOST_SEQUENCES = 40
+
+_COLUMNS = 3
+_TRUTH_STYLE = (0, (3, 1.5))
+
+
+def draw(trials: pd.DataFrame) -> Figure | None:
+    """Truth and observations, then one panel per series.
+
+    Predictions are made again from the estimated weights (``bench.report.predicted_motion``),
+    from the true initial state.
+    """
+    attempts = trials[trials["status"] != "skipped"]
+    if attempts.empty:
+        return None
+    scene = scene_of(attempts)
+    if scene is None:
+        return None
+    sigma = largest_with_predictions(scene.trials)
+    seeds = sorted(scene.trials.loc[scene.trials["sigma"] == sigma, "seed"].unique())
+    seeds = seeds[:MOST_SEQUENCES]
+    shown = scene.trials["seed"].isin(seeds) & (scene.trials["sigma"] == sigma)
+    series = contenders(split(scene.trials[shown]))
+
+    figure, (first, *panels) = scene_panels(
+        scene, [(0, 0), *_places(scene, series)], margin=(0.3, 0.9)
+    )
+    _observations(first, scene, sigma, seeds)
+    for axes, s in zip(panels, series, strict=True):
+        _predictions(axes, scene, s)
+    figure.suptitle(f"{trials['scenario'].iloc[0]}: predicted trajectories at σ = {sigma:g}")
+    style.legend_below(figure, _entries(scene))
+    return figure
+
+
+def largest_with_predictions(trials: pd.DataFrame) -> float:
+    """Largest noise level at which every series has a prediction to show, else the largest."""
+    for sigma in sorted(trials["sigma"].unique(), reverse=True):
+        series = contenders(split(trials[trials["sigma"] == sigma]))
+        if all((s.trials["status"] == "ok").any() for s in series):
+            return float(sigma)
+    return float(trials["sigma"].max())
+
+
+def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
+    """A row per estimator, a column per view; one column where the scene is wide.
+
+    With a single view, the panels follow each other.
+    """
+    if scene.is_wide:
+        return [(1 + k, 0) for k in range(len(series))]
+    views = views_in(pd.concat([s.trials for s in series]))
+    if len(views) == 1:
+        return [divmod(1 + k, _COLUMNS) for k in range(len(series))]
+    estimators = style.estimator_order([s.estimator for s in series])
+    return [(estimators.index(s.estimator), 1 + views.index(s.view)) for s in series]
+
+
+def _observations(axes: Axes, scene: Scene, sigma: float, seeds: Sequence[int]) -> None:
+    # All views and estimators meet the same noise, and none hides positions.
+    for seed in seeds:
+        positions = sense(scene.recording, FullView(), sigma, int(seed)).y
+        _bundle(axes, scene, positions, marker=".", markersize=2, linestyle="none", alpha=0.4)
+    _truth(axes, scene)
+    axes.set_title(f"Truth and {len(seeds)} observed sequence{'s' * (len(seeds) != 1)}")
+
+
+def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
+    predicted = [replay(scene.entry, trial) for trial in series.trials.to_dict("records")]
+    found = [states for states in predicted if states is not None]
+    for states in found:
+        _bundle(axes, scene, states, linewidth=0.8, alpha=0.45, marker=".", markevery=[-1])
+    _truth(axes, scene)
+    failed = int(series.published_failed.sum())
+    without = len(predicted) - len(found) - failed
+    parts = [
+        style.printable(series.estimator),
+        f"{style.printable(series.view)} view, {failed} of {len(series.trials)} failed",
+        *[f"{without} not drawn"] * (without > 0),
+    ]
+    axes.set_title((", " if scene.is_wide else "\n").join(parts))
+
+
+def _bundle(axes: Axes, scene: Scene, states: np.ndarray, **line) -> None:  # type: ignore[no-untyped-def]
+    for i in range(states.shape[1]):
+        axes.plot(*scene.plane(states[:, i]), color=player_colour(i), rasterized=True, **line)
+
+
+def _truth(axes: Axes, scene: Scene) -> None:
+    states = scene.recording.states
+    for i in range(states.shape[1]):
+        axes.plot(*scene.plane(states[:, i]), color="black", linewidth=1, linestyle=_TRUTH_STYLE)
+        axes.plot(*scene.plane(states[0, i]), color="black", marker="o", markersize=4)
+
+
+def _entries(scene: Scene) -> list[tuple[Artist, str]]:
+    truth = Line2D(
+        [], [], color="black", linewidth=1, linestyle=_TRUTH_STYLE, marker="o", markersize=4
+    )
+    truth.set_markevery([0])
+    players: list[tuple[Artist, str]] = [
+        (Line2D([], [], color=player_colour(i)), f"player {i + 1}")
+        for i in range(scene.recording.states.shape[1])
+    ]
+    return [(truth, "truth, from its start"), *players]

@@ -1,0 +1,100 @@
+"""Trajectories for the page: truth, observations, and what the estimates predict."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.report.figures.scene import Scene, scene_of
+from olne_bench.bench.report.figures.trajectories import largest_with_predictions
+from olne_bench.bench.report.page.numbers import decimals, significant
+from olne_bench.bench.report.predicted_motion import replay
+from olne_bench.bench.report.statistics.attempts import attempts_of
+from olne_bench.games.observation import FullView
+
+#: Coordinates drawn and predictions made, about, for the whole page; most sequences of a bundle.
+_MOST_COORDINATES = 140_000
+_MOST_PREDICTIONS = 240
+_MOST_SEQUENCES = 12
+_FEWEST_SEQUENCES = 4
+_OTHER_LEVELS = 3  # noise levels besides the bundle's that can be played
+_OTHER_SEEDS = 1
+_PLACES = 3  # millimetres
+
+
+def scene_data(trials: pd.DataFrame, *, number: int) -> dict[str, Any] | None:
+    """Truth and sample trials of one scenario; None where it cannot be played here.
+
+    A bundle of sequences at the largest noise level at which everybody has predictions, and a few
+    at other levels. Predictions are made again (``bench.report.predicted_motion``).
+
+    Args:
+        trials: of one scenario.
+        number: of scenarios that share the page.
+    """
+    attempts = attempts_of(trials)
+    scene = scene_of(attempts) if len(attempts) else None
+    if scene is None:
+        return None
+    steps, players, _ = scene.recording.states.shape
+    paths = 1 + attempts.groupby(["estimator", "view"]).ngroups
+    most = min(_MOST_COORDINATES // (2 * steps * players), _MOST_PREDICTIONS) // (number * paths)
+    bundle = largest_with_predictions(scene.trials)
+    chosen = _chosen(scene, bundle, int(np.clip(most, _FEWEST_SEQUENCES, _MOST_SEQUENCES)))
+    names = scene.recording.scenario.game.dynamics.state_names
+    return {
+        "axes": [names[axis] for axis in scene.axes_order],
+        "limits": scene.limits,
+        "dt": scene.recording.scenario.game.dt,
+        "truth": _paths(scene, scene.recording.states),
+        "bundle": bundle,
+        "samples": [_sample(scene, *one) for one in chosen],
+    }
+
+
+def _chosen(scene: Scene, bundle: float, sequences: int) -> list[tuple[float, int]]:
+    """Noise levels and seeds to show, those of the bundle first."""
+    trials = scene.trials
+    levels = np.sort(trials.loc[trials["sigma"] != bundle, "sigma"].unique())
+    picked = np.linspace(0, len(levels) - 1, min(_OTHER_LEVELS, len(levels))).round().astype(int)
+    wanted = [(bundle, sequences), *((level, _OTHER_SEEDS) for level in levels[picked][::-1])]
+    return [
+        (float(sigma), int(seed))
+        for sigma, most in wanted
+        for seed in sorted(trials.loc[trials["sigma"] == sigma, "seed"].unique())[:most]
+    ]
+
+
+def _sample(scene: Scene, sigma: float, seed: int) -> dict[str, Any]:
+    trials = scene.trials
+    rows = trials[(trials["sigma"] == sigma) & (trials["seed"] == seed)]
+    # All views and estimators meet the same noise, and none hides positions.
+    observed = sense(scene.recording, FullView(), sigma, seed).y
+    return {
+        "sigma": sigma,
+        "seed": seed,
+        "observed": _paths(scene, observed),
+        "predictions": [
+            {
+                "estimator": trial["estimator"],
+                "view": trial["view"],
+                "status": trial["status"],
+                "errors": significant(
+                    np.array([trial["cosine_error"], trial["position_error"]], dtype=float)
+                ),
+                "paths": _predicted(scene, trial),
+            }
+            for trial in rows.to_dict("records")
+        ],
+    }
+
+
+def _predicted(scene: Scene, trial: dict[Any, Any]) -> list[list[list[float]]] | None:
+    states = replay(scene.entry, trial)
+    return None if states is None else _paths(scene, states)
+
+
+def _paths(scene: Scene, states: np.ndarray) -> list[list[list[float]]]:
+    """Each player's path (N, T, 2) in the plane of the scene."""
+    return decimals(np.stack(scene.plane(states.swapaxes(0, 1)), axis=-1), _PLACES)

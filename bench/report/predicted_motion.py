@@ -1,0 +1,84 @@
+"""Predictions of stored trials, made again for pictures.
+
+A store keeps of each prediction its error alone, so the same motion is looked for again, cheapest
+way first, and known by that error. What a few dozen iterations do not find is not drawn, nor is
+what the published step does not find, as in the study's own figures.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.envs.recording import Recording
+from olne_bench.games.game import Game
+from olne_bench.games.nearest_root import nearest_root
+from olne_bench.games.root_following import follow_weights
+
+_ITERATIONS = 60  # of IPOPT
+_TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known
+
+
+def replay(scenario: ScenarioEntry, trial: Mapping[Any, Any]) -> np.ndarray | None:
+    """The predicted states (T, N, n) of a trial.
+
+    Args:
+        scenario: of the trial.
+        trial: its row, with ``seed, status, weights, position_error, published_forward``.
+
+    Returns:
+        None where the trial has no prediction by the published step, or none with its error is
+        found again.
+    """
+    game = true_recording(scenario, int(trial["seed"])).scenario.game
+    weights = estimated_weights(trial["weights"], game)
+    if trial["status"] != "ok" or weights is None or trial["published_forward"] == 0:
+        return None
+    error = float(trial["position_error"])
+    return _replay(scenario.model_dump_json(), int(trial["seed"]), weights.tobytes(), error)
+
+
+def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
+    """Weights (N, K) of a row, or None where the trial left none that the game can take."""
+    try:
+        rows = np.array([list(row) for row in value], dtype=float)
+        game.check_weights(rows)
+        return rows  # to the last digit: scaled once more, the published step may end elsewhere
+    except (TypeError, ValueError):
+        return None
+
+
+@lru_cache(maxsize=4096)  # the page and the figures show the same trials
+def _replay(scenario: str, seed: int, weights: bytes, error: float) -> np.ndarray | None:
+    recording = true_recording(ScenarioEntry.model_validate_json(scenario), seed)
+    shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
+    absolute, relative = _TOLERANCE
+    for find in (_followed, _nearest):
+        states = find(recording, shaped)
+        if states is None:
+            continue
+        if abs(position_error(recording.states, states) - error) <= absolute + relative * error:
+            return states
+    return None
+
+
+def _followed(recording: Recording, weights: np.ndarray) -> np.ndarray | None:
+    truth = recording.scenario
+    root = follow_weights(truth.game, recording.root, truth.weights, weights)
+    return None if root is None else root.states
+
+
+def _nearest(recording: Recording, weights: np.ndarray) -> np.ndarray | None:
+    root = nearest_root(
+        recording.scenario.game,
+        weights,
+        recording.states,
+        recording.controls,
+        np.zeros_like(recording.costates),
+        max_iterations=_ITERATIONS,
+    )
+    return None if root is None else root.states

@@ -1,0 +1,176 @@
+"""Estimators against each other on the same observations.
+
+Every estimator sees the same noise, so two are compared trial by trial: which one has the smaller
+error, whatever its size. Errors within a thousandth of each other are a tie. A failure loses to any
+error, and two failures are a tie.
+"""
+
+from collections.abc import Iterator
+from functools import reduce
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from scipy.signal import convolve
+from scipy.stats import binom
+
+from olne_bench.bench.report.statistics.attempts import (
+    ERRORS,
+    FLOOR,
+    attempts_of,
+    errors_of,
+    is_family_label,
+    noisy,
+)
+from olne_bench.bench.report.statistics.intervals import share_interval
+
+#: Comparisons with an adjusted p-value below are significant.
+SIGNIFICANCE = 0.05
+#: With fewer independent units no p-value can be that small, whatever they say: 2 / 2**5 is more.
+_LEAST_UNITS = 6
+#: Differences below are ties: absolute, of rounding; relative to the smaller error, too small to
+#: matter, as of two solvers that end at the same optimum.
+_ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
+_GROUP = ["scenario", "view"]
+_PAIR = [*_GROUP, "sigma", "seed"]
+
+
+def compare_estimators(trials: pd.DataFrame) -> pd.DataFrame:
+    """All pairs of estimators, for both errors, in every scenario and view.
+
+    Rows without noise have nothing random in them and do not take part, unless they are of a
+    family's draws.
+
+    Returns:
+        Columns ``error, scenario, view, estimator, other``, ``pairs`` (trials that both have
+        attempted), ``units`` (how many of them are independent: in a family, its draws), ``wins``
+        (share in which ``estimator`` has the smaller error, a tie counting half) with ``wins_low``
+        and ``wins_high`` (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm
+        for all comparisons of the table, by both errors.
+    """
+    attempts = noisy(attempts_of(trials))
+    columns = ["error", *_GROUP, "estimator", "other", "pairs", "units"]
+    columns += ["wins", "wins_low", "wins_high", "p"]
+    rows = [row for error in ERRORS for row in _compare(attempts, error)]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.assign(p_holm=holm(table["p"].to_numpy(float)))
+
+
+def paired_errors(first: pd.DataFrame, second: pd.DataFrame, error: str) -> pd.DataFrame:
+    """Errors ``a`` and ``b`` of two tables of attempts where both have tried the same trial."""
+    tables = [t[_PAIR].assign(**{n: errors_of(t, error)}) for n, t in (("a", first), ("b", second))]
+    return tables[0].merge(tables[1], on=_PAIR)
+
+
+def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
+    """``pairs, units, wins, wins_low, wins_high, p`` of ``paired_errors`` of one scenario."""
+    a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
+    with np.errstate(invalid="ignore"):  # two failures
+        tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
+    advantage = np.where(tie, 0, np.where(a < b, 1, -1))
+    # In a family the trials of a seed share one draw; else every trial stands for itself.
+    family = len(pairs) > 0 and is_family_label(pairs["scenario"].iloc[0])
+    units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
+    wins = share_interval((1 + advantage) / 2, units)
+    return {
+        "pairs": len(pairs),
+        "units": len(np.unique(units)),
+        "wins": wins.estimate,
+        "wins_low": wins.low,
+        "wins_high": wins.high,
+        "p": permutation_p(np.bincount(units, advantage).astype(int)),
+    }
+
+
+def permutation_p(advantages: np.ndarray) -> float:
+    """Exact two-sided p-value of a sum whose terms would have had either sign with equal chance.
+
+    Args:
+        advantages: whole numbers, one for each independent unit.
+
+    Returns:
+        Share of all signs that give a sum at least as far from zero; 1 where all are ties.
+    """
+    sizes, numbers = np.unique(np.abs(advantages[advantages != 0]), return_counts=True)
+    if not len(sizes):
+        return 1.0
+    sizes = sizes // np.gcd.reduce(advantages)
+    total, far = int(sizes @ numbers), abs(int(advantages.sum())) // np.gcd.reduce(advantages)
+    if len(sizes) == 1:
+        return min(1.0, 2 * float(binom.cdf((total - far) // 2, total, 0.5)))
+    # Units of the same size differ by their number of plus signs only.
+    parts = []
+    for size, number in zip(sizes, numbers, strict=True):
+        parts.append(np.zeros(size * number + 1))
+        parts[-1][::size] = binom.pmf(np.arange(number + 1), number, 0.5)
+    while len(parts) > 1:  # equal lengths are the fastest
+        parts = [reduce(convolve, parts[k : k + 2]) for k in range(0, len(parts), 2)]
+    tail = float(parts[0][: (total - far) // 2 + 1].sum())
+    # The least chance there is; Fourier transforms of long sums round to less than nothing.
+    return float(np.clip(2 * tail, 2.0 ** (1 - numbers.sum()), 1.0))
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """P-values adjusted for their number (Holm 1979): all errors of the table count at once."""
+    order = np.argsort(p, kind="stable")
+    factors = len(p) - np.arange(len(p))
+    adjusted = np.minimum(1.0, np.maximum.accumulate(p[order] * factors))
+    result = np.empty(len(p))
+    result[order] = adjusted
+    return result
+
+
+def significant(comparisons: pd.DataFrame, error: str) -> pd.DataFrame:
+    """Columns ``scenario, view, winner, loser`` of the significant comparisons by an error."""
+    told = comparisons[(comparisons["error"] == error) & (comparisons["p_holm"] < SIGNIFICANCE)]
+    loses = told["wins"] < 0.5
+    return told[_GROUP].assign(
+        winner=told["other"].where(loses, told["estimator"]),
+        loser=told["estimator"].where(loses, told["other"]),
+    )
+
+
+def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd.Series:
+    """Rank of each estimator: one more than the number of contenders significantly better.
+
+    The floor is no contender: it takes nobody's rank, and its own says where it would stand.
+
+    Args:
+        comparisons: from ``compare_estimators``.
+        estimators: rows with ``scenario, view, estimator``.
+        error: which one to rank by.
+
+    Returns:
+        Ranks with the index of ``estimators``; those that cannot be told apart share one. Missing
+        where there are so few independent units that nobody could be told apart.
+    """
+    of_error = comparisons[comparisons["error"] == error]
+    told = significant(of_error, error)
+    beaten = told[told["winner"] != FLOOR].groupby([*_GROUP, "loser"]).size()
+    keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
+    found = pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
+    enough = of_error[of_error["units"] >= _LEAST_UNITS]
+    judged = pd.concat([enough, enough.assign(estimator=enough["other"])])
+    alone = estimators.groupby(_GROUP)["estimator"].transform("size") == 1
+    known = alone | keys.isin(pd.MultiIndex.from_frame(judged[[*_GROUP, "estimator"]]))
+    return found.astype("Int64").where(known)
+
+
+def leaders(table: pd.DataFrame, error: str) -> pd.Series:
+    """Which rows of a leaderboard to show as the best ones by an error.
+
+    Those of rank 1 that have a median, the floor aside, where anybody is significantly worse.
+    """
+    ranked = table[f"{error}_rank"]
+    told = ranked.gt(1).fillna(False).groupby([table[name] for name in _GROUP]).transform("any")
+    first = ranked.eq(1).fillna(False) & told & np.isfinite(table[f"{error}_median"])
+    return (first & (table["estimator"] != FLOOR)).astype(bool)
+
+
+def _compare(attempts: pd.DataFrame, error: str) -> Iterator[dict[str, object]]:
+    for (scenario, view), rows in attempts.groupby(_GROUP, sort=True):
+        parts = dict(list(rows.groupby("estimator", sort=True)))
+        for first, second in combinations(parts, 2):
+            pairs = paired_errors(parts[first], parts[second], error)
+            labels = {"error": error, "scenario": scenario, "view": view}
+            yield labels | {"estimator": first, "other": second} | compare_pairs(pairs)

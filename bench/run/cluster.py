@@ -1,0 +1,287 @@
+"""Run trials on a Dask cluster.
+
+Each task is a few trials, which a Dask worker hands to a process of its own
+(``referee_process``). So a hanging or dying trial costs the cluster nothing, limits are the
+same as on one machine, and so are the rows. Only the driver, which is here, writes the store.
+"""
+
+import importlib.util
+import itertools
+import logging
+import math
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
+from concurrent.futures import wait as futures_wait
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from olne_bench.bench.plan.trial import Outcome, Trial
+from olne_bench.bench.run.executor import never
+from olne_bench.bench.run.referee_loop import run_trial
+from olne_bench.bench.run.referee_process import TICK, WorkerProcess
+from olne_bench.errors import UserError
+
+#: Trials go out in chunks, as a task costs a scheduler several milliseconds. A worker answers
+#: after this time [s] with what it has done of one.
+_CHUNK_SECONDS = 0.5
+_LARGEST_CHUNK = 64
+#: Chunks under way per thread of the cluster.
+_AHEAD = 3
+#: How often the cluster's threads are counted anew [s].
+_COUNT_SECONDS = 5.0
+#: How often a chunk may be lost with its Dask workers, of which each time several have died.
+_LOSSES = 20
+_CONNECT_SECONDS = 20.0
+#: How often a cluster of one's own is started, at most.
+_STARTS = 4
+#: What Dask gets to close in when somebody waits for it [s].
+_STOP_SECONDS = 1.5
+
+_idle: SimpleQueue[WorkerProcess[Trial]] = SimpleQueue()
+"""Processes of this Dask worker that wait for their next chunk."""
+
+
+def run_on_dask(
+    trials: Iterable[Trial],
+    *,
+    cluster: str,
+    log: Path | None = None,
+    memory: int | None = None,
+    stop: Callable[[], bool] = never,
+) -> Iterator[tuple[Trial, Outcome]]:
+    """Run trials on a cluster; yields each with its outcome as it ends.
+
+    Args:
+        trials: what to run; read lazily.
+        cluster: address of a scheduler such as ``tcp://host:8786``, or ``local:N`` for one of N
+            workers on this machine.
+        log: file for whatever estimators print on a local cluster; workers elsewhere print to
+            their standard error.
+        memory: limit [bytes] of the memory of each process that runs trials, None for no limit.
+        stop: asked several times a second; once true, what has ended is yielded and no more.
+
+    Raises:
+        UserError: where the cluster cannot be reached or is lost, processes do not start on it, or
+            its code is not the same as here.
+    """
+    local = cluster.startswith("local:")
+    with _client(cluster, stop) as client:
+        if client is not None:
+            yield from _Run(client, log if local else None, memory, stop).run(iter(trials))
+
+
+def check_cluster(cluster: str) -> None:
+    """Refuse a cluster that cannot be meant, before any work is done.
+
+    Raises:
+        UserError: on another form of address, or where Dask is not installed.
+    """
+    kind, _, rest = cluster.partition(":")
+    if kind == "local":
+        if not (rest.isdecimal() and int(rest) > 0):
+            raise UserError(f"--dask {cluster!r}: expected a number of workers, such as local:2")
+    elif kind not in ("tcp", "tls", "ws", "wss") or not rest.startswith("//"):
+        raise UserError(f"--dask {cluster!r}: expected tcp://host:8786 or local:2")
+    if importlib.util.find_spec("distributed") is None:
+        raise UserError("--dask needs the package 'distributed': pip install 'olne-bench[dask]'")
+
+
+def run_chunk(
+    trials: list[Trial], log: Path | None, memory: int | None
+) -> tuple[list[Outcome], float]:
+    """Run trials one after the other; the part of a task that is executed on the cluster.
+
+    Args:
+        trials: what to run.
+        log: as in ``run_on_dask``.
+        memory: as in ``run_on_dask``.
+
+    Returns:
+        Outcomes of as many of the first trials as fit into a moment, one at least, and the
+        seconds that they took.
+    """
+    try:
+        worker = _idle.get_nowait()
+    except Empty:
+        worker = WorkerProcess(run_trial, log=log, memory=memory)
+    outcomes: list[Outcome] = []
+    started = time.monotonic()
+    try:
+        for trial in trials:
+            worker.assign(trial)
+            outcomes.append(worker.wait())
+            seconds = time.monotonic() - started
+            if seconds > _CHUNK_SECONDS:
+                break
+    except BaseException:
+        worker.stop()
+        raise
+    _idle.put(worker)
+    return outcomes, seconds
+
+
+class _Run:
+    """Trials on their way to a cluster and back."""
+
+    def __init__(
+        self, client: Any, log: Path | None, memory: int | None, stop: Callable[[], bool]
+    ) -> None:
+        self._client = client
+        self._log = log
+        self._memory = memory
+        self._stop = stop
+        self._ended: SimpleQueue[Any] = SimpleQueue()
+        self._running: dict[Any, _Chunk] = {}
+        self._again: deque[Trial] = deque()
+        self._chunk = 1
+        self._threads = 1
+        self._counted = -math.inf
+
+    def run(self, source: Iterator[Trial]) -> Iterator[tuple[Trial, Outcome]]:
+        """Yield trials with their outcomes as they end."""
+        self._fill(source)
+        while self._running and not self._stop():
+            try:
+                future = self._ended.get(timeout=TICK)
+            except Empty:
+                self._check_connection()
+            else:
+                ended = self._collect(future)
+                self._fill(source)
+                yield from ended
+
+    def _fill(self, source: Iterator[Trial]) -> None:
+        if time.monotonic() - self._counted > _COUNT_SECONDS:
+            self._threads = max(1, sum(self._client.nthreads().values()))
+            self._counted = time.monotonic()
+        while len(self._running) < _AHEAD * self._threads:
+            again = [self._again.popleft() for _ in range(min(self._chunk, len(self._again)))]
+            trials = again or list(itertools.islice(source, self._chunk))
+            if not trials:
+                return
+            self._submit(_Chunk(trials))
+
+    def _submit(self, chunk: "_Chunk") -> None:
+        future = self._client.submit(run_chunk, chunk.trials, self._log, self._memory, pure=False)
+        self._running[future] = chunk
+        future.add_done_callback(self._ended.put)
+
+    def _collect(self, future: Any) -> list[tuple[Trial, Outcome]]:
+        """What a task has brought; what it has not is put back."""
+        chunk = self._running.pop(future)
+        if future.status != "finished":
+            self._lose(future, chunk)
+            return []
+        outcomes, seconds = future.result()
+        done = len(outcomes)
+        self._again.extend(chunk.trials[done:])
+        # Small when trials are slow, so that the last ones spread over all workers.
+        self._chunk = max(1, min(_LARGEST_CHUNK, int(_CHUNK_SECONDS * done / max(seconds, 1e-6))))
+        return list(zip(chunk.trials[:done], outcomes, strict=True))
+
+    def _lose(self, future: Any, chunk: "_Chunk") -> None:
+        """Run a chunk once more whose worker has died; its trials are not to blame."""
+        from distributed import KilledWorker
+
+        self._check_connection()
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, UserError):
+            raise error
+        if error is not None and not isinstance(error, KilledWorker):
+            raise UserError(f"the Dask workers cannot run trials: {type(error).__name__}: {error}")
+        if chunk.losses >= _LOSSES:
+            raise UserError(
+                "Dask workers keep dying; their logs say why. All that has ended is stored: "
+                "run the same command again to go on"
+            )
+        self._submit(_Chunk(chunk.trials, chunk.losses + 1))
+
+    def _check_connection(self) -> None:
+        if self._client.status not in ("running", "connecting"):
+            raise UserError(
+                "the connection to the Dask scheduler is lost. All that has ended is stored: "
+                "run the same command again to go on"
+            )
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Trials of one task, and how often its worker has died."""
+
+    trials: list[Trial]
+    losses: int = 0
+
+
+@contextmanager
+def _client(cluster: str, stop: Callable[[], bool]) -> Iterator[Any]:
+    """A client of the cluster; None if asked to stop before there is one.
+
+    Dask's connecting and closing may take long and cannot be interrupted. Once asked to stop,
+    whatever takes too long is left to the end of this process.
+    """
+    connected: Future[tuple[Any, ExitStack]] = Future()
+    resource_tracker.ensure_running()  # if Dask starts it, signals are unblocked
+    threading.Thread(target=_connect, args=(cluster, connected), daemon=True).start()
+    while not connected.done():
+        if stop():
+            yield None
+            return
+        futures_wait([connected], timeout=TICK)
+    client, stack = connected.result()
+    try:
+        yield client
+    finally:
+        closing = threading.Thread(target=stack.close, daemon=True)
+        closing.start()
+        closing.join(_STOP_SECONDS if stop() else None)
+
+
+def _connect(cluster: str, connected: "Future[tuple[Any, ExitStack]]") -> None:
+    """Set a future's result to a client and what closes it, or to the error."""
+    # Blocked signals are inherited by the processes that Dask starts: Ctrl-C at a terminal reaches
+    # all of them, and is for the driver alone.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    from distributed import Client  # an optional dependency, and slow to import
+
+    # What Dask says about workers that come and go would run into the progress bar.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    kind, _, rest = cluster.partition(":")
+    with ExitStack() as stack:
+        address: Any = cluster
+        try:
+            if kind == "local":
+                address = _local_cluster(int(rest))
+                stack.callback(address.close)
+            client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+            stack.callback(client.close)
+        except Exception as error:
+            message = " ".join(f"{type(error).__name__}: {error}".split())
+            connected.set_exception(UserError(f"--dask {cluster}: cannot connect ({message})"))
+        else:
+            connected.set_result((client, stack.pop_all()))
+
+
+def _local_cluster(workers: int) -> Any:
+    """A cluster on this machine; another try where one of its processes dies as it starts."""
+    from distributed import LocalCluster
+
+    for left in reversed(range(_STARTS)):
+        try:
+            return LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )
+        except RuntimeError:
+            if not left:
+                raise
+    raise AssertionError

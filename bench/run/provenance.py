@@ -1,0 +1,124 @@
+"""Where rows come from: software, commit, machine and the suite as it was."""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+from olne_bench.errors import UserError
+
+_DISTRIBUTION = "olne-bench"
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """One ``olne-bench run``.
+
+    Attributes:
+        started: wall-clock time, UTC, ISO 8601; for people, nothing is ordered by it.
+        suite: the suite with all plugins, as JSON.
+        suite_text: the suite's file, as it was.
+        selection: what was asked of it, such as ``--scenario two_player``.
+        seeds: number of noise draws; draw ``k`` has the seed ``k``.
+        executor: where trials ran.
+        versions: of Python and the packages that this benchmark requires.
+        commit: git commit of this benchmark, with ``-dirty`` after it where files were changed;
+            empty where it was not run from a repository.
+        machine: system, processor, cores and memory of the driver.
+    """
+
+    started: str
+    suite: str
+    suite_text: str
+    selection: str
+    seeds: int
+    executor: str
+    versions: dict[str, str]
+    commit: str
+    machine: dict[str, str]
+
+
+def provenance(
+    *, suite: str, suite_text: str, selection: str, seeds: int, executor: str
+) -> Provenance:
+    """The provenance of a run that starts now, on this machine."""
+    return Provenance(
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+        suite=suite,
+        suite_text=suite_text,
+        selection=selection,
+        seeds=seeds,
+        executor=executor,
+        versions=_versions(),
+        commit=_commit(),
+        machine=_machine(),
+    )
+
+
+def read_provenance(text: str) -> Provenance:
+    """A provenance as a run has stored it; what later versions add to it is left out.
+
+    Raises:
+        UserError: where it is none.
+    """
+    try:
+        stored = json.loads(text)
+        return Provenance(**{f.name: stored[f.name] for f in fields(Provenance)})
+    except (ValueError, TypeError, KeyError) as error:
+        raise UserError(
+            f"what the store says of its runs cannot be read ({error!r}): it is damaged, or of "
+            "another version of olne-bench"
+        ) from error
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    try:
+        required = [Requirement(line) for line in requires(_DISTRIBUTION) or []]
+    except PackageNotFoundError:  # run from a folder that was never installed
+        return found
+    needed = {r.name for r in required if r.marker is None or r.marker.evaluate({"extra": ""})}
+    for name in sorted({_DISTRIBUTION, *needed}):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "missing"
+    return found
+
+
+def _commit() -> str:
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        described = subprocess.run(
+            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=30
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return described.stdout.strip()
+
+
+def _machine() -> dict[str, str]:
+    machine = {
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": str(os.cpu_count()),
+    }
+    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        size = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        machine["memory"] = f"{size / 2**30:.1f} GiB"
+    return machine
+
+
+def _processor() -> str:
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

@@ -1,0 +1,54 @@
+"""A game's root at other weights, followed from one that is known.
+
+Far cheaper than the search for the root nearest a trajectory (``games.nearest_root``).
+"""
+
+import numpy as np
+
+from olne_bench.games.batch import solve_batch
+from olne_bench.games.continuation import follow_coupling
+from olne_bench.games.game import Game
+from olne_bench.games.newton import Root
+from olne_bench.games.olne import RESIDUAL_TOLERANCE
+
+#: Newton steps that the continuation may take. A limit in seconds would make the verdict depend on
+#: the machine.
+_COUPLING_STEPS = 60
+
+
+def follow_root(
+    game: Game, known: Root, known_weights: np.ndarray, weights: np.ndarray
+) -> Root | None:
+    """The root at other weights, from the same initial state.
+
+    Followed from the known one; where it is lost, by continuation in the coupling between players.
+
+    Args:
+        game: the game.
+        known: a root.
+        known_weights: (N, K) its weights.
+        weights: (N, K) those wanted.
+
+    Returns:
+        None where neither finds a root within a few dozen steps.
+    """
+    followed = follow_weights(game, known, known_weights, weights)
+    return followed or _from_independent_players(game, known, weights)
+
+
+def follow_weights(
+    game: Game, known: Root, known_weights: np.ndarray, weights: np.ndarray
+) -> Root | None:
+    """The first part of ``follow_root``: a path of roots leads from the known one, or None."""
+    try:
+        batch = solve_batch(game, weights[None], known, known_weights)
+    except ValueError:  # the known root is singular
+        return None
+    return batch.root(0) if batch.converged[0] else None
+
+
+def _from_independent_players(game: Game, known: Root, weights: np.ndarray) -> Root | None:
+    root = follow_coupling(
+        game, weights, known.states[0], known.controls, max_factorisations=_COUPLING_STEPS
+    )
+    return root if root is not None and root.residual < RESIDUAL_TOLERANCE else None

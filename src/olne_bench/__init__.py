@@ -1,0 +1,1 @@
+"""OLNE Bench: a benchmark for inverse dynamic games."""

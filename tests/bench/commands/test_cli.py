@@ -1,0 +1,159 @@
+"""End-to-end runs of the command line."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pandas as pd
+import pytest
+
+from olne_bench.bench.commands.cli import main
+
+PART = ["run", "quick", "--scenario", "two_player", "--view", "full", "--no-figures"]
+
+
+def fails(capsys, *arguments):
+    with pytest.raises(SystemExit) as caught:
+        main([str(argument) for argument in arguments])
+    assert caught.value.code == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("olne-bench: error: ")
+    assert "\n" not in error
+    return error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["run", "nope"], "unknown suite 'nope'; known are: field, highway, paper, quick"),
+        (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
+        (["run", "quick", "--view", "x"], "no view 'x'; it has: full, partial"),
+        (["run", "quick", "--estimator", "x"], "no estimator 'x'; it has: kkt_constrained"),
+        (["run", "quick", "--sigma", "-1"], "no sigma -1.0; it has: 0.0"),
+        (["run", "quick", "--sigma", "x"], "'x' is not a valid float"),
+        (["run", "quick", "--seeds", "0"], "0 is not in the range"),
+        (["run", "quick", "--seeds", "6"], "--seeds 6: suite 'quick' has 5"),
+        (["run", "quick", "--jobs", "0"], "0 is not in the range"),
+        (["run", "quick", "--memory", "nan"], "nan is not a finite number"),
+        (["run", "quick", "--memory", "inf"], "inf is not in the range"),
+        (["run", "quick", "--memory", "0.01"], "0.01 is not in the range 0.5<=x"),
+        (["check", "uniform", "--memory", "nan"], "nan is not a finite number"),
+        (["check", "uniform", "--budget", "inf"], "inf is not a finite number"),
+        (["run", "quick", "--frobnicate"], "known are: --out, --jobs"),
+        (["run", "quick", "--plugin", "no.py"], "no estimator file 'no.py'"),
+        (["frobnicate"], "known are: check, compare, estimate, gate, import, list, merge, new"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, expected):
+    out = tmp_path / "out"
+    extra = ["--out", out] if arguments[0] == "run" else []
+    assert expected in fails(capsys, *arguments, *extra)
+    assert not out.exists()
+
+
+def test_report_without_a_run(tmp_path, capsys):
+    assert "no run in" in fails(capsys, "report", tmp_path)
+
+
+def test_a_foreign_store_is_not_overwritten(tmp_path, capsys):
+    store = tmp_path / "trials.sqlite"
+    store.write_text("precious")
+    assert "not a store" in fails(capsys, *PART, "--out", tmp_path)
+    assert store.read_text() == "precious"
+
+
+def test_list_names_everything(capsys):
+    main(["list"])
+    listed = capsys.readouterr().out
+    for name in ("paper", "quick", "two_player", "highway_overtaking", "random", "num_players"):
+        assert name in listed
+    for name in ("full", "partial", "kkt_constrained", "kkt_residual", "uniform"):
+        assert name in listed
+
+
+def test_a_part_has_the_rows_of_the_whole_and_a_rerun_adds_none(tmp_path, capsys):
+    whole, part = tmp_path / "whole", tmp_path / "part"
+    main([*PART, "--out", str(whole), "--seeds", "2"])
+    main([*PART, "--out", str(part), "--seeds", "1", "--sigma", "0.05", "--jobs", "1"])
+    capsys.readouterr()
+    main([*PART, "--out", str(whole), "--seeds", "2"])
+    assert "33 of 33 trials are done already" in capsys.readouterr().err
+
+    rows = pd.read_parquet(whole / "trials.parquet").drop(columns="solve_seconds")
+    wanted = (rows["sigma"] == 0.05) & (rows["seed"] == 0)
+    chosen = pd.read_parquet(part / "trials.parquet").drop(columns="solve_seconds")
+    pd.testing.assert_frame_equal(rows[wanted].reset_index(drop=True), chosen, check_exact=True)
+
+    for name in ("trials.csv", "trials.parquet", "leaderboard.csv"):
+        assert (whole / name).is_file()
+    assert len(pd.read_csv(whole / "leaderboard.csv")) == 3
+    assert len(pd.read_csv(whole / "trials.csv")) == len(rows)
+
+
+def test_another_suite_is_refused_in_the_same_folder(tmp_path, capsys):
+    select = ["--scenario", "two_player", "--estimator", "uniform", "--sigma", "0.1"]
+    main(["run", "quick", *select, "--seeds", "1", "--no-figures", "--out", str(tmp_path)])
+    capsys.readouterr()
+    assert "holds a run of suite 'quick'" in fails(capsys, "run", "paper", "--out", tmp_path)
+
+
+def test_a_killed_run_goes_on_where_it_was(tmp_path):
+    arguments = [sys.executable, "-m", "olne_bench", *PART, "--seeds", "2", "--jobs", "1"]
+    arguments += ["--estimator", "kkt_residual", "--estimator", "uniform"]
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    for seconds in (3.0, 6.0):
+        run = subprocess.Popen(
+            [*arguments, "--out", killed], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        time.sleep(seconds)
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+    for folder in (killed, whole):
+        subprocess.run([*arguments, "--out", folder], check=True, capture_output=True)
+    tables = [
+        pd.read_parquet(folder / "trials.parquet").drop(columns="solve_seconds")
+        for folder in (killed, whole)
+    ]
+    pd.testing.assert_frame_equal(*tables, check_exact=True)
+
+
+LIMITED = """
+name = "limited"
+scenarios = ["two_player", {name = "random", options = {num_players = 3}, seeds = 1}]
+views = ["full"]
+sigmas = [0.05]
+seeds = 2
+estimators = ["uniform", {name = "kkt_residual", scenarios = ["two_player"]}]
+
+[gate.kkt_residual]
+cosine_error = 1.0
+"""
+
+
+def test_an_estimator_that_runs_on_some_scenarios_only(tmp_path, capsys):
+    suite, run = tmp_path / "limited.toml", tmp_path / "run"
+    suite.write_text(LIMITED)
+    main(["run", str(suite), "--out", str(run)])
+    board = pd.read_csv(run / "leaderboard.csv")
+    rows = {(row.scenario, row.estimator): row.trials for row in board.itertuples()}
+    elsewhere = "random(num_players=3)"
+    assert rows == {
+        ("two_player", "uniform"): 2,
+        ("two_player", "kkt_residual"): 2,
+        (elsewhere, "uniform"): 1,
+    }
+    assert (run / "index.html").exists()
+    assert any((run / "figures").iterdir())
+    capsys.readouterr()
+    main(["status", str(run)])
+    status = capsys.readouterr().out
+    assert status.count("kkt_residual") == 1
+    assert "'olne-bench run'" not in status, "nothing is missing"
+    for command in (["gate", str(run)], ["compare", str(run), str(run)]):
+        with pytest.raises(SystemExit) as caught:
+            main(command)
+        assert caught.value.code == 0
+    printed = capsys.readouterr().out
+    assert "1 of 1 limits are kept" in printed
+    assert "0 worse" in printed

@@ -1,0 +1,371 @@
+"""Recording, importing tracks and estimating from both, end to end."""
+
+import gc
+import subprocess
+from types import SimpleNamespace
+
+import imageio_ffmpeg
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image, ImageSequence
+
+from olne_bench.bench.commands.cli import main
+from olne_bench.envs import recording
+from olne_bench.envs.equilibrium import NoEquilibriumError
+from olne_bench.envs.recording_file import read_recording
+from olne_bench.envs.scenarios import get_scenario
+
+
+def run(*arguments):
+    main([str(argument) for argument in arguments])
+
+
+def fails(capsys, *arguments):
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as caught:
+        run(*arguments)
+    assert caught.value.code == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert error[-1].startswith("olne-bench: error: ")
+    return error[-1]
+
+
+# -- record ----------------------------------------------------------------------------------
+
+
+def test_record_writes_every_draw(tmp_path, capsys):
+    out = tmp_path / "random.parquet"
+    run("record", "random", "--seeds", 3, "--option", "num_players=2", "--out", out)
+    captured = capsys.readouterr()
+    assert "3 of 3 episodes of random" in captured.out
+    assert "3/3" in captured.err  # the progress bar
+    known = read_recording(out)
+    assert known.metadata.options == {"num_players": 2}
+    assert [entry.seed for entry in known.metadata.episodes] == [0, 1, 2]
+    for seed, states in enumerate(known.states):
+        scenario = get_scenario("random", seed, num_players=2)
+        np.testing.assert_array_equal(states[0], scenario.initial_state)
+
+
+def test_a_fixed_scenario_is_recorded_once(tmp_path, capsys):
+    run("record", "two_player", "--seeds", 5, "--out", tmp_path / "two.parquet")
+    captured = capsys.readouterr()
+    assert "1 of 1 episodes" in captured.out and "same for every seed" in captured.err
+
+
+def test_draws_without_equilibrium_are_named_and_not_written(tmp_path, capsys, monkeypatch):
+    certified = recording.certified_equilibrium
+
+    def refuse_the_second(scenario):
+        if np.array_equal(scenario.initial_state, get_scenario("random", 1).initial_state):
+            raise NoEquilibriumError("no certified equilibrium of 'random'")
+        return certified(scenario)
+
+    monkeypatch.setattr(recording, "certified_equilibrium", refuse_the_second)
+    out = tmp_path / "random.parquet"
+    run("record", "random", "--seeds", 3, "--out", out)
+    printed = capsys.readouterr().out
+    assert "seed 1 is not recorded: no certified equilibrium" in printed
+    assert "2 of 3 episodes" in printed
+    assert [entry.seed for entry in read_recording(out).metadata.episodes] == [0, 2]
+
+
+def test_no_draw_with_an_equilibrium_leaves_nothing(tmp_path, capsys, monkeypatch):
+    def refuse(_):
+        raise NoEquilibriumError("no certified equilibrium")
+
+    monkeypatch.setattr(recording, "certified_equilibrium", refuse)
+    error = fails(capsys, "record", "two_player", "--out", tmp_path / "two.parquet")
+    assert "nothing is written" in error
+    assert not list(tmp_path.iterdir())
+
+
+def decode(video):
+    """All frames' values in one array."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", video]
+    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    return np.frombuffer(subprocess.run(command, check=True, capture_output=True).stdout, np.uint8)
+
+
+def test_videos_show_moving_cars(tmp_path):
+    gif, mp4 = tmp_path / "two.gif", tmp_path / "two.mp4"
+    for number, video in enumerate((gif, mp4)):
+        run("record", "two_player", "--out", tmp_path / f"{number}.parquet", "--video", video)
+    with Image.open(gif) as images:
+        frames = [np.array(image.convert("RGB")) for image in ImageSequence.Iterator(images)]
+    height, width = (size // 2 * 2 for size in frames[0].shape[:2])
+    decoded = decode(mp4).reshape(-1, height, width, 3)
+    assert len(frames) == len(decoded) == 25
+    for film in (frames, decoded):
+        assert all(frame.std() > 5 for frame in film)
+        assert np.abs(film[0].astype(int) - film[-1]).max() > 50
+    gc.collect()  # pipes that the writer left open would be reported now
+    shown = np.array(frames[12])[:height, :width].astype(int)
+    assert np.abs(shown - decoded[12]).mean() < 5  # the same picture, up to compression
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["nope", "--out", "a.parquet"], "unknown scenario 'nope'; known are: highway"),
+        (["random", "--out", "a.csv"], "--out a.csv: the name must end in .parquet"),
+        (["random", "--out", "no/a.parquet"], "there is no folder 'no'"),
+        (["random", "--out", "a.parquet", "--video", "a.avi"], "must end in .mp4 or .gif"),
+        (["random", "--out", "a.parquet", "--seeds", "0"], "0 is not in the range"),
+        (["random", "--out", "a.parquet", "--option", "n=1"], "no option 'n'; known are: num_p"),
+        (["random", "--out", "a.parquet", "--option", "n"], "expected NAME=VALUE"),
+        (
+            ["random", "--out", "a.parquet", "--option", "num_players=0"],
+            "num_players must be at least 1, got 0",
+        ),
+        (["random", "--out", "a.parquet", "--option", "num_players=x"], "--option: "),
+    ],
+)
+def test_bad_recordings_are_refused(tmp_path, capsys, monkeypatch, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    assert expected in fails(capsys, "record", *arguments)
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_is_overwritten(tmp_path, capsys):
+    out = tmp_path / "two.parquet"
+    out.write_text("precious")
+    assert "exists already" in fails(capsys, "record", "two_player", "--out", out)
+    new = tmp_path / "new.parquet"
+    video = tmp_path / "two.gif"
+    video.write_text("precious")
+    arguments = ("record", "two_player", "--out", new, "--video", video)
+    assert "exists already" in fails(capsys, *arguments)
+    assert out.read_text() == video.read_text() == "precious"
+    assert not new.exists()
+
+
+# -- import ----------------------------------------------------------------------------------
+
+TIMES = (0.0, 0.1, 0.2, 0.3)
+
+
+def tracks(**columns):
+    """Two cars, 10 m/s along x, in two lanes."""
+    rows = [(t, p, 10 * t, 3.5 * k) for t in TIMES for k, p in enumerate(("car", "van"))]
+    table = pd.DataFrame(rows, columns=["time", "player", "x", "y"])
+    return table.assign(**columns)
+
+
+def imported(tmp_path, table):
+    source, out = tmp_path / "tracks.csv", tmp_path / "tracks.parquet"
+    source.write_text(table if isinstance(table, str) else table.to_csv(index=False))
+    run("import", source, "--out", out)
+    return read_recording(out)
+
+
+def test_import_keeps_what_is_known(tmp_path, capsys):
+    table = tracks(speed=10.0, colour="red")
+    table.loc[3, ["x", "y", "speed"]] = np.nan  # the van is hidden at 0.1 s
+    known = imported(tmp_path, table)
+    captured = capsys.readouterr()
+    assert "2 players, 4 steps of 0.1 s" in captured.out
+    assert "not used: column colour" in captured.err
+    assert known.metadata.kind == "tracks"
+    assert known.metadata.episodes[0].players == ["car", "van"]
+    assert known.metadata.episodes[0].weights is None
+    assert known.metadata.dt == pytest.approx(0.1)
+    (states,) = known.states
+    assert states.shape == (4, 2, 4)
+    np.testing.assert_allclose(states[:, 0, 0], [0, 1, 2, 3])
+    assert np.isnan(states[1, 1]).all() and np.isnan(states[..., 2]).all()
+    assert (states[2, :, 3] == 10).all()
+
+
+def test_a_car_in_reverse_may_head_the_other_way(tmp_path):
+    known = imported(tmp_path, tracks(heading=3.0, speed=-10.0))
+    assert (known.states[0][..., 3] == -10).all()
+
+
+def test_rows_may_be_grouped_by_player_and_headings_jump(tmp_path):
+    table = tracks(heading=[3.1, 0.0, -3.1, 0.0, 3.1, 0.0, -3.1, 0.0])
+    table.loc[table["player"] == "car", "x"] *= -1  # it drives to the left
+    known = imported(tmp_path, table.sort_values("player", kind="stable"))
+    headings = known.states[0][:, 0, 2]
+    assert np.abs(np.diff(headings)).max() < 0.1
+
+
+def test_times_rounded_by_a_camera_are_equal_steps(tmp_path):
+    table = tracks(time=np.repeat([0.0, 0.033, 0.067, 0.1], 2))
+    assert imported(tmp_path, table).metadata.dt == pytest.approx(0.1 / 3)
+
+
+def _with(row, column, value):
+    table = tracks().astype({"time": object, "x": object, "player": object})
+    table.loc[row, column] = value
+    return table
+
+
+BAD_TRACKS = {
+    "one column": (tracks().drop(columns="y"), "missing column y; it has: time, player, x"),
+    "columns": (tracks().drop(columns=["x", "y"]), "missing columns x, y; it has"),
+    "column twice": ("time,player,x,y,x\n0,a,0,0,0\n", "column 'x' is there twice"),
+    "empty": ("", "is empty; expected the columns time, player, x, y"),
+    "no rows": ("time,player,x,y\n", "has 0 times, expected at least 3"),
+    "ragged": ("time,player,x,y\n0,a,0,0,0,0\n", "not a CSV file"),
+    "duplicate": (_with(4, "time", 0.1), "line 6: player 'car' has time 0.1 twice"),
+    "unsorted": (
+        tracks().iloc[[0, 1, 4, 5, 2, 3, 6, 7]],
+        "line 6: time 0.1 of player 'car' follows on 0.2; times must increase",
+    ),
+    "unequal": (
+        tracks(time=np.repeat([0, 0.1, 0.2, 0.4], 2)),
+        "unequal time steps: 0.2 s after time 0.2, mostly 0.1 s",
+    ),
+    "absent": (tracks().drop(index=3), "player 'van' has no row at time 0.1 (1 of 4"),
+    "never seen": (
+        tracks(x=[0, np.nan] * 4, y=[0, np.nan] * 4),
+        "player 'van' has no position at any time",
+    ),
+    "text": (_with(2, "x", "1,5"), "line 4: x is '1,5', expected a finite number"),
+    "infinite": (_with(2, "x", "inf"), "line 4: x is 'inf', expected a finite number"),
+    "no time": (_with(2, "time", ""), "line 4: the row has no time"),
+    "no player": (_with(2, "player", ""), "line 4: the row has no player"),
+    "milliseconds": (
+        tracks(time=np.repeat([0, 100, 200, 300], 2)),
+        "time steps of 100, above 10 s; expected time in seconds",
+    ),
+    "too fast": (tracks(speed=200.0), "player 'car' has a speed of 200, above 100 m/s"),
+    "km/h": (tracks(speed=36.0), "mean speed of 36, but its positions move at 10 m/s"),
+    "mph": (tracks(speed=22.4), "mean speed of 22.4, but its positions move at 10 m/s"),
+    "standing": (tracks(x=0.0, speed=5.0), "mean speed of 5, but its positions move at 0 m/s"),
+    "centimetres": (tracks(x=tracks()["x"] * 100), "moves at 1000 m/s, above 100"),
+    "few degrees": (tracks(heading=3.0), "'car' has headings that point away from where"),
+    "degrees": (tracks(heading=90.0), "has a heading of 90; expected radians"),
+    "short": (tracks().iloc[:4], "has 2 times, expected at least 3"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_TRACKS)
+def test_bad_tracks_are_refused(case, tmp_path, capsys):
+    table, expected = BAD_TRACKS[case]
+    source, out = tmp_path / "tracks.csv", tmp_path / "tracks.parquet"
+    source.write_text(table if isinstance(table, str) else table.to_csv(index=False))
+    assert expected in fails(capsys, "import", source, "--out", out)
+    assert not out.exists()
+
+
+def test_tracks_that_are_not_there_or_not_text(tmp_path, capsys):
+    out = tmp_path / "tracks.parquet"
+    assert "no tracks file" in fails(capsys, "import", tmp_path / "no.csv", "--out", out)
+    binary = tmp_path / "binary.csv"
+    binary.write_bytes(b"time,player\n\xff\xfe,1\n")
+    assert "not a CSV file" in fails(capsys, "import", binary, "--out", out)
+    out.write_text("precious")
+    assert "exists already" in fails(capsys, "import", binary, "--out", out)
+    assert out.read_text() == "precious"
+
+
+# -- estimate --------------------------------------------------------------------------------
+
+
+def tracks_of(name, tmp_path):
+    """An equilibrium as a user's tracks: positions only, one sample hidden."""
+    truth = tmp_path / "truth.parquet"
+    run("record", name, "--out", truth)
+    known = read_recording(truth)
+    rows = [
+        (time, f"robot_{player}", *known.states[0][step, player, :2])
+        for step, time in enumerate(known.times[0])
+        for player in range(known.states[0].shape[1])
+    ]
+    table = pd.DataFrame(rows, columns=["time", "player", "x", "y"])
+    table.loc[10, ["x", "y"]] = np.nan
+    imported(tmp_path, table)
+    return tmp_path / "tracks.parquet"
+
+
+@pytest.fixture
+def own_tracks(tmp_path):
+    return tracks_of("two_player", tmp_path)
+
+
+def test_estimators_find_the_weights_of_tracks(tmp_path, capsys):
+    path, out = tracks_of("highway_overtaking", tmp_path), tmp_path / "weights.csv"
+    capsys.readouterr()
+    run("estimate", path, "--scenario", "highway_overtaking", "--out", out)
+    printed = capsys.readouterr().out
+    table = pd.read_csv(out)
+    assert list(table["player"]) == [f"robot_{player}" for player in range(5)]
+    assert "robot_4" in printed and "proximity" in printed
+    truth = get_scenario("highway_overtaking").weights
+    np.testing.assert_allclose(table.drop(columns="player"), truth, atol=1e-3)
+
+
+def test_goals_are_where_players_were_last_seen(own_tracks, monkeypatch):
+    games = []
+
+    class Spy:
+        def estimate(self, problem, observation, *, rng, budget):
+            games.append(problem.game)
+            return SimpleNamespace(weights=np.ones((2, 4)))
+
+    monkeypatch.setattr("olne_bench.bench.commands.estimate.load_estimator", lambda _: Spy())
+    run("estimate", own_tracks, "--scenario", "two_player")
+    goals = [player.task[0].goal for player in games[0].players]
+    np.testing.assert_array_equal(goals, read_recording(own_tracks).states[0][-1, :, :2])
+    original = get_scenario("two_player").game
+    assert games[0].horizon == original.horizon and games[0].dt == pytest.approx(original.dt)
+
+
+def test_estimators_run_on_recordings_with_truth(tmp_path, capsys):
+    path = tmp_path / "road.parquet"
+    run("record", "highway_overtaking", "--out", path)
+    run("estimate", path, "--scenario", "highway_overtaking", "--estimator", "kkt_residual")
+    rows = capsys.readouterr().out.splitlines()[-5:]
+    estimated = np.array([row.split()[1:] for row in rows], dtype=float)
+    np.testing.assert_allclose(estimated, get_scenario("highway_overtaking").weights, atol=1e-2)
+
+
+RAISES = """class Raises:
+    def estimate(self, *args, **kwargs):
+        raise RuntimeError("no licence")
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--scenario", "nope"], "--scenario: unknown scenario 'nope'; known are"),
+        (["--scenario", "highway_overtaking"], "has 5 players, the recording has 2"),
+        (["--scenario", "highway"], "holds 3 to 8 players, got num_players = 2"),
+        (["--scenario", "two_player", "--estimator", "x"], "unknown estimator 'x'; known are"),
+        (["--scenario", "two_player", "--episode", "1"], "has the episodes 0 to 0"),
+        (["--scenario", "two_player", "--budget", "nan"], "nan is not a finite number"),
+        (["--scenario", "two_player", "--budget", "inf"], "inf is not a finite number"),
+        (
+            ["--scenario", "two_player", "--estimator", "RAISES"],
+            "raised RuntimeError: no licence (",
+        ),
+        ([], "Missing option '--scenario'"),
+    ],
+)
+def test_bad_estimates_are_refused(own_tracks, tmp_path, capsys, arguments, expected):
+    out, plugin = tmp_path / "weights.csv", tmp_path / "raises.py"
+    plugin.write_text(RAISES)
+    arguments = [str(plugin) if word == "RAISES" else word for word in arguments]
+    assert expected in fails(capsys, "estimate", own_tracks, *arguments, "--out", out)
+    assert not out.exists()
+
+
+def test_weights_that_cannot_be_written_are_one_line(own_tracks, tmp_path, capsys, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
+    arguments = ("estimate", own_tracks, "--scenario", "two_player", "--estimator", "uniform")
+    out = tmp_path / "weights.csv"
+    assert "cannot be written: No space left" in fails(capsys, *arguments, "--out", out)
+    assert not list(tmp_path.glob("*weights*"))
+
+
+def test_a_file_that_is_no_recording(tmp_path, capsys):
+    path = tmp_path / "notes.parquet"
+    path.write_text("notes")
+    assert "not a Parquet file" in fails(capsys, "estimate", path, "--scenario", "two_player")

@@ -1,0 +1,121 @@
+"""Other starts of the same players."""
+
+import numpy as np
+import pytest
+
+from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
+from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.truth import (
+    held_out_error,
+    true_recording,
+    true_recordings,
+    unit_cosine_limit,
+)
+from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.envs.recording import NoEquilibriumError, Recording
+from olne_bench.games.nearest_root import Prediction
+from olne_bench.games.newton import Root, newton_root
+from olne_bench.games.observation import VIEWS
+from olne_bench.games.root_following import follow_root
+
+TWO = ScenarioEntry(name="two_player")
+THREE_TIMES = ScenarioEntry(name="two_player", trajectories=3)
+
+
+def followed(recording: Recording, weights: np.ndarray) -> Root:
+    truth = recording.scenario
+    root = follow_root(truth.game, recording.root, truth.weights, weights)
+    assert root is not None
+    return root
+
+
+def test_neighbours_are_certified_equilibria_from_other_starts():
+    recording = true_recording(TWO, 0)
+    found = neighbours(recording, 3, "test", 0)
+    assert len(found) == 3
+    for one in found:
+        assert one.certificate.passed
+        start = one.scenario.initial_state
+        assert 0 < np.abs(start - recording.scenario.initial_state).max() < 0.5
+        game, weights = one.scenario.game, one.scenario.weights
+        root = newton_root(game, one.states, one.controls, one.costates, weights)
+        assert root.residual < 1e-9
+        np.testing.assert_allclose(one.states, root.states, atol=1e-9)
+        # Players pass each other as in the scenario itself.
+        assert position_error(one.states, recording.states) < 0.2
+
+
+def test_they_depend_on_seed_and_use_and_on_nothing_else():
+    recording = true_recording(TWO, 0)
+    same, again = (neighbours(recording, 1, "a", 0)[0].states for _ in range(2))
+    np.testing.assert_array_equal(same, again)
+    for stream, seed in (("b", 0), ("a", 1)):
+        assert np.abs(neighbours(recording, 1, stream, seed)[0].states - same).max() > 1e-3
+
+
+def test_too_few_neighbours_are_an_error(monkeypatch):
+    monkeypatch.setattr("olne_bench.bench.judge.nearby_starts.POSITION", 1e6)
+    with pytest.raises(NoEquilibriumError, match=r"only \d of 2 starts near that of 'two_player'"):
+        neighbours(true_recording(TWO, 0), 2, "test", 0)
+
+
+def test_several_trajectories_begin_with_the_scenario_and_have_noise_of_their_own():
+    recordings = true_recordings(THREE_TIMES, 0)
+    assert len(recordings) == 3
+    np.testing.assert_array_equal(recordings[0].states, true_recording(TWO, 0).states)
+    view = VIEWS["full"]
+    noises = [sense(r, view, 0.01, 0, k).y - r.states for k, r in enumerate(recordings)]
+    np.testing.assert_array_equal(
+        noises[0] + recordings[0].states, sense(recordings[0], view, 0.01, 0).y
+    )
+    assert abs(np.corrcoef(noises[0].ravel(), noises[1].ravel())[0, 1]) < 0.3
+
+
+def test_several_trajectories_have_a_lower_limit():
+    view = VIEWS["full"]
+    one, three = (unit_cosine_limit(entry, 0, view) for entry in (TWO, THREE_TIMES))
+    assert 0.2 < three / one < 0.5
+
+
+def test_held_out_predictions_are_exact_at_the_truth_and_err_elsewhere():
+    weights = true_recording(TWO, 0).scenario.weights
+    assert held_out_error(TWO, 0, weights, 100) < 1e-9
+    other = weights * np.array([1.0, 1.5, 0.7, 1.0])
+    assert held_out_error(TWO, 0, other / other.sum(axis=1, keepdims=True), 100) > 1e-3
+
+
+HOPELESS = np.array([[1.0, 0, 0, 0]] * 2)  # nothing but to avoid each other, whatever the speed
+
+
+def test_held_out_predictions_are_the_same_equilibrium_from_other_starts():
+    recording = true_recording(TWO, 0)
+    weights = np.array([[0.2, 0.3, 0.3, 0.2], [0.3, 0.3, 0.2, 0.2]])
+    others = neighbours(recording, 3, "test", 0)
+    roots = follow_start(others, weights, followed(recording, weights))
+    assert len(roots) == 3
+    for other, root in zip(others, roots, strict=True):
+        np.testing.assert_array_equal(root.states[0], other.scenario.initial_state)
+        # From the truth at that start to the other weights: another way to the same root.
+        assert position_error(root.states, followed(other, weights).states) < 1e-9
+
+
+def test_held_out_predictions_end_at_the_first_that_has_no_root():
+    recording = true_recording(TWO, 0)
+    others = neighbours(recording, 3, "test", 0)
+    known = newton_root(
+        recording.scenario.game,
+        recording.states,
+        recording.controls,
+        recording.costates,
+        recording.scenario.weights,
+    )
+    # The truth is no root at these weights, nor is there one: all attempts are made, and bounded.
+    assert follow_start(others, HOPELESS, known) == []
+
+
+def test_without_a_prediction_there_are_no_held_out_ones(monkeypatch):
+    nothing = Prediction(None, published=False)
+    monkeypatch.setattr("olne_bench.bench.judge.truth._prediction", lambda *_: nothing)
+    weights = np.array([[0.4, 0.2, 0.2, 0.2], [0.2, 0.2, 0.2, 0.4]])
+    assert held_out_error(TWO, 0, weights, 100) is None

@@ -1,0 +1,70 @@
+"""A fingerprint changes with what code does, and with nothing else."""
+
+import pytest
+
+from olne_bench.bench.plan.fingerprint import fingerprint
+
+MAIN = '''"""Doc."""
+import numpy
+from helper import factor
+
+class A:
+    def estimate(self):
+        """Doc."""
+        return factor()  # comment
+'''
+FILES = {
+    "main.py": MAIN,
+    "helper.py": "from deep import part\ndef factor():\n    return part.x\n",
+    "deep/__init__.py": "",
+    "deep/part.py": "from . import other\nx = 1\n",
+    "deep/other.py": "y = 1\nworld = 'world_v0'\n",
+    "deep/world_v0.py": "w = 1\n",
+    "unrelated.py": "z = 1\n",
+    "main.npz": "data",
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name, text in FILES.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    return tmp_path
+
+
+def taken(folder, tmp_path_factory):
+    # Contents are remembered by path, so every look is at a copy.
+    copy = tmp_path_factory.mktemp("copy")
+    for name in FILES:
+        (copy / name).parent.mkdir(exist_ok=True)
+        (copy / name).write_text((folder / name).read_text())
+    return fingerprint({"main": copy / "main.py"}, {}, own=copy)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "changes"),
+    [
+        ("main.py", "factor()  # comment", "2 * factor()", True),
+        ("helper.py", "part.x", "-part.x", True),
+        ("deep/part.py", "x = 1", "x = 2", True),
+        ("deep/other.py", "y = 1", "y = 2", True),
+        ("deep/__init__.py", "", "import os", True),
+        ("deep/world_v0.py", "w = 1", "w = 2", True),
+        ("main.npz", "data", "other data", True),
+        ("unrelated.py", "z = 1", "z = 2", False),
+        ("main.py", "  # comment", "", False),
+        ("main.py", '"""Doc."""', '"""Another text."""', False),
+        ("main.py", "return factor()", "return (\n            factor()\n        )", False),
+    ],
+)
+def test_what_counts(folder, tmp_path_factory, name, old, new, changes):
+    before = taken(folder, tmp_path_factory)
+    path = folder / name
+    path.write_text(path.read_text().replace(old, new))
+    assert (taken(folder, tmp_path_factory) != before) == changes
+
+
+def test_the_place_does_not_count(folder, tmp_path_factory):
+    assert taken(folder, tmp_path_factory) == taken(folder, tmp_path_factory)

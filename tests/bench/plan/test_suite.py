@@ -1,0 +1,233 @@
+import re
+
+import pytest
+
+from olne_bench.bench.plan.suite import (
+    ScenarioEntry,
+    check_gate,
+    load_suite,
+    read_suite_json,
+    select,
+    suite_names,
+)
+from olne_bench.bench.plan.trial import expand
+from olne_bench.envs.highway_roads import ROAD_NAMES
+from olne_bench.errors import UserError
+
+GOOD = """
+name = "tiny"
+scenarios = ["two_player"]
+views = ["full"]
+sigmas = [0.0, 0.1]
+seeds = 3
+estimators = ["uniform"]
+"""
+
+
+def write(tmp_path, text):
+    path = tmp_path / "suite.toml"
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_shipped_suites_are_valid(name):
+    assert load_suite(name).name == name
+
+
+def test_paper_suite_is_the_published_study():
+    suite = load_suite("paper")
+    assert len(suite.sigmas) == 22
+    assert suite.seeds == 40
+    trials = list(expand(suite))
+    for scenario in ("two_player", "highway_overtaking"):
+        for view in ("full", "partial"):
+            for estimator in ("kkt_constrained", "kkt_residual", "uniform", "ukf"):
+                part = [
+                    t
+                    for t in trials
+                    if (t.scenario.label, t.view, t.estimator.label) == (scenario, view, estimator)
+                ]
+                # The filter's forward games would take too long on five players.
+                all_of_it = estimator != "ukf" or scenario == "two_player"
+                assert sum(t.count for t in part) == (880 if all_of_it else 0)
+                assert len(part) == (841 if all_of_it else 0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("seeds = 3", "seeds = 3\nhorizon = 3", "unknown key 'horizon'; known are: name"),
+        ("seeds = 3", "", "key 'seeds' is missing"),
+        ("seeds = 3", "seeds = 0", "seeds: Input should be greater than 0, got 0"),
+        ("0.1]", "-0.1]", "sigmas.1: Input should be greater than or equal to 0, got -0.1"),
+        ("0.1]", "nan]", "sigmas.1"),
+        ("0.1]", "0.0]", "sigma 0.0 is listed twice"),
+        ("two_player", "three_player", "unknown scenario 'three_player'; known are: highway"),
+        ('"two_player"', '{name="random", options={players=3}}', "known are: num_players"),
+        ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
+        ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
+        ("seeds = 3", "seeds = 3\nroot_iterations = 0", "root_iterations: Input should be greater"),
+        ('"full"', '"fulll"', "unknown view 'fulll'; known are: full, partial"),
+        (
+            '"uniform"',
+            '"unifrom"',
+            "unknown estimator 'unifrom'; known are: bilevel, kkt_constrained",
+        ),
+        ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
+        ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),
+        ('["full"]', "[]", "views"),
+        ("seeds = 3", "seeds = true", "seeds: Input should be a valid integer, got True"),
+        ("seeds = 3", "seeds = 3\ntime_limit = true", "time_limit: Input should be a valid number"),
+        ("0.1]", "true]", "sigmas.1: Input should be a valid number, got True"),
+        ('"two_player"', '{name="two_player", seeds=4}', "'two_player' has seeds = 4, the suite"),
+        ('"uniform"', '{name="uniform", seeds=4}', "estimator 'uniform' has seeds = 4, the suite"),
+        ("name =", "name", "not valid TOML"),
+    ],
+)
+def test_a_malformed_suite_is_refused_in_one_line(tmp_path, old, new, expected):
+    path = write(tmp_path, GOOD.replace(old, new, 1))
+    with pytest.raises(UserError) as caught:
+        load_suite(path)
+    assert expected in str(caught.value)
+    assert path in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("gate", "expected"),
+    [
+        (
+            "nobody = {failures = 0}",
+            "[gate.nobody] is for an unknown estimator 'nobody'; the suite ",
+        ),
+        ("uniform = {failures = 0, views = ['rear']}", "[gate.uniform]: unknown view 'rear'; the "),
+        (
+            "uniform = {failures = 0, scenarios = ['x']}",
+            "[gate.uniform]: unknown scenario 'x'; the",
+        ),
+        ("uniform = {time_ratio = 2, time_reference = 'x'}", "unknown time_reference 'x'; the sui"),
+    ],
+)
+def test_a_gate_on_what_is_not_run_is_refused(tmp_path, gate, expected):
+    suite = load_suite(write(tmp_path, f"{GOOD}\n[gate]\n{gate}\n"))
+    with pytest.raises(UserError) as caught:
+        check_gate(suite)
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_gates_of_our_suites_are_about_them(name):
+    check_gate(load_suite(name))
+
+
+def test_selecting_keeps_the_trials_of_the_whole():
+    suite = load_suite("paper")
+    part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.01,))
+    whole = {trial.key: trial for trial in expand(suite)}
+    chosen = list(expand(part, seeds=5))
+    assert len(chosen) == 4 * 5
+    assert all(whole[trial.key] == trial for trial in chosen)
+
+
+def test_a_family_has_a_trial_per_seed_even_without_noise(tmp_path):
+    path = write(tmp_path, GOOD.replace('"two_player"', '"random"'))
+    noise_free = [trial for trial in expand(load_suite(path)) if trial.sigma == 0]
+    assert [trial.count for trial in noise_free] == [1, 1, 1]
+
+
+def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
+    path = write(
+        tmp_path, GOOD.replace('"full"', '"full", "partial"').replace("two_player", "random")
+    )
+    seeds = [trial.seed for trial in expand(load_suite(path))]
+    assert seeds == sorted(seeds)
+    views = [
+        trial.view for trial in expand(load_suite("quick")) if trial.scenario.name == "two_player"
+    ]
+    assert views == sorted(views)
+
+
+def test_traffic_of_the_highway_suite_is_checked_without_being_solved(monkeypatch):
+    monkeypatch.setattr("olne_bench.envs.driving.certified_equilibrium", None)
+    suite = load_suite("highway")
+    assert {entry.name for entry in suite.scenarios} == set(ROAD_NAMES)
+    assert (min(suite.sigmas), max(suite.sigmas)) == (0, 2)
+
+
+def test_two_settings_of_one_estimator_need_labels(tmp_path):
+    entries = '{name="uniform", label="a"}, {name="uniform", label="b"}'
+    suite = load_suite(write(tmp_path, GOOD.replace('"uniform"', entries)))
+    assert [entry.label for entry in suite.estimators] == ["a", "b"]
+
+
+def test_trajectories_of_the_suite_are_those_of_scenarios_that_do_not_say(tmp_path):
+    text = GOOD.replace('["two_player"]', '["two_player", {name = "random", trajectories = 1}]')
+    suite = load_suite(write(tmp_path, text + "trajectories = 4\n"))
+    assert [entry.label for entry in suite.scenarios] == ["two_player(trajectories=4)", "random"]
+    for entry in suite.scenarios:
+        assert ScenarioEntry.from_label(entry.label) == entry
+
+
+def test_an_estimator_may_be_limited_to_scenarios_and_seeds(tmp_path):
+    text = GOOD.replace('["two_player"]', '["two_player", "highway_overtaking"]')
+    entry = '["uniform", {name = "kkt_residual", scenarios = ["two_player"], seeds = 2}]'
+    trials = list(expand(load_suite(write(tmp_path, text.replace('["uniform"]', entry)))))
+    limited = [trial for trial in trials if trial.estimator.name == "kkt_residual"]
+    assert [(t.scenario.name, t.sigma, t.seed, t.count) for t in limited] == [
+        ("two_player", 0.0, 0, 2),
+        ("two_player", 0.1, 0, 1),
+        ("two_player", 0.1, 1, 1),
+    ]
+    assert sum(trial.count for trial in trials if trial.estimator.name == "uniform") == 12
+
+
+def test_a_scenario_may_have_noise_levels_and_seeds_of_its_own(tmp_path):
+    text = GOOD.replace(
+        '["two_player"]',
+        '["two_player", {name = "highway_overtaking", sigmas = [0.0, 0.5], seeds = 2}]',
+    )
+    suite = load_suite(write(tmp_path, text))
+    trials = list(expand(suite))
+    own = [t for t in trials if t.scenario.name == "highway_overtaking"]
+    assert [(t.sigma, t.seed, t.count) for t in own] == [(0.0, 0, 2), (0.5, 0, 1), (0.5, 1, 1)]
+    assert sum(t.count for t in trials if t.scenario.name == "two_player") == 6
+    # What is selected is part of the whole; a scenario without the level is left out.
+    part = list(expand(select(suite, sigmas=(0.5,))))
+    assert part == own[1:]
+    assert {t.scenario.name for t in expand(select(suite, sigmas=(0.1,)))} == {"two_player"}
+    assert len(list(expand(select(suite, sigmas=(0.0,)), seeds=1))) == 2
+    with pytest.raises(UserError, match=re.escape("has no sigma 0.2; it has: 0.0, 0.1, 0.5")):
+        select(suite, sigmas=(0.2,))
+    # A run stores its suite and reads it again.
+    again = read_suite_json(suite.model_dump_json())
+    assert [t.key for t in expand(again)] == [t.key for t in trials]
+
+
+def test_a_scenario_lists_no_noise_level_twice(tmp_path):
+    text = GOOD.replace('["two_player"]', '[{name = "two_player", sigmas = [0.1, 0.1]}]')
+    with pytest.raises(UserError, match=r"'two_player': sigma 0\.1 is listed twice"):
+        load_suite(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('scenarios = ["highway"]', "limited to an unknown scenario 'highway'; the suite has: two"),
+        ("seeds = 0", "estimators.0.seeds: Input should be greater than 0, got 0"),
+    ],
+)
+def test_a_malformed_limit_is_refused(tmp_path, entry, message):
+    text = GOOD.replace('["uniform"]', f'[{{name = "uniform", {entry}}}]')
+    with pytest.raises(UserError, match=re.escape(message)):
+        load_suite(write(tmp_path, text))
+
+
+def test_names_are_not_empty(tmp_path):
+    path = write(tmp_path, GOOD.replace(GOOD.split('"')[1], "", 1))
+    with pytest.raises(UserError, match="name: a suite needs a name that is not empty, got ''"):
+        load_suite(path)
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text("class A:\n    name = ''\n    def estimate(self): pass\n")
+    with pytest.raises(UserError, match="has the name '': its class attribute 'name' has to be a"):
+        load_suite(write(tmp_path, GOOD), (str(plugin),))

@@ -1,0 +1,66 @@
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from olne_bench.envs.scenarios import get_scenario
+
+Trials = Callable[..., pd.DataFrame]
+
+
+@pytest.fixture(scope="session")
+def make_trials(prediction_error) -> Trials:
+    """Trials as a study would leave them, with estimates near the truth."""
+
+    def make(
+        scenario: str = "two_player",
+        estimators: tuple[str, ...] = ("kkt_constrained", "kkt_residual", "uniform"),
+        views: tuple[str, ...] = ("full", "partial"),
+        sigmas: tuple[float, ...] = (0.0, 0.01, 0.1),
+        seeds: int = 2,
+        status: str = "ok",
+    ) -> pd.DataFrame:
+        rng = np.random.default_rng(0)
+        rows = []
+        for estimator in estimators:
+            for view in views:
+                for sigma in sigmas:
+                    for seed in range(seeds if sigma else 1):
+                        truth = get_scenario(scenario, seed).weights
+                        weights = truth * np.exp(sigma * rng.standard_normal(truth.shape))
+                        weights /= weights.sum(1, keepdims=True)
+                        error = sigma * rng.uniform(0.5, 2)
+                        rows.append(
+                            {
+                                "suite": "test",
+                                "scenario": scenario,
+                                "view": view,
+                                "sigma": sigma,
+                                "seed": seed,
+                                "estimator": estimator,
+                                "parameters": "{}",
+                                "status": status,
+                                "message": "",
+                                "cosine_error": error,
+                                "position_error": prediction_error(scenario, seed, weights),
+                                "reconstruction_error": error,
+                                "observation_error": 0.8 * sigma,
+                                "published_forward": 1,
+                                "solve_seconds": 0.1,
+                                "objective": 1.0,
+                                "truth_objective": 1.0,
+                                "count": 1 if sigma else 40,
+                                "weights": weights.tolist(),
+                            }
+                        )
+        frame = pd.DataFrame(rows)
+        if status in ("timeout", "crash", "invalid", "skipped", "not_converged"):
+            frame = frame.assign(
+                cosine_error=np.nan, position_error=np.nan, observation_error=np.nan, weights=None
+            )
+        elif status == "failed_forward":
+            frame["position_error"] = np.nan
+        return frame
+
+    return make

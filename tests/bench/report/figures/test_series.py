@@ -1,0 +1,69 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from olne_bench.bench.report.figures import failures, series, style
+
+
+def only(trials):
+    (found,) = series.split(trials)
+    return found
+
+
+def test_failures_are_the_worst_errors_there_are(make_trials):
+    part = {"estimators": ("a",), "views": ("full",), "sigmas": (0.1,), "seeds": 1}
+    kinds = ("ok", "failed_forward", "not_converged", "timeout")
+    found = only(pd.concat([make_trials(**part, status=kind) for kind in kinds]))
+    assert np.isfinite(found.error("cosine_error")).tolist() == [True, True, False, False]
+    assert np.isfinite(found.error("position_error")).tolist() == [True, False, False, False]
+    assert found.failed.tolist() == [False, True, True, True]
+
+
+def test_a_number_left_by_a_failure_is_no_result(make_trials):
+    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.1,), seeds=1)
+    found = only(trials.assign(status="not_converged", cosine_error=1e-9, position_error=1e-9))
+    assert np.isinf(found.error("cosine_error")).all()
+    assert np.isinf(found.error("position_error")).all()
+
+
+def test_noise_that_was_not_measured_is_put_at_its_expectation(make_trials):
+    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.1,), status="crash")
+    noise = np.abs(0.1 * np.random.default_rng(0).standard_normal(100_000)).mean()
+    assert only(trials).observation_error == pytest.approx(noise, rel=0.01)
+
+
+def test_contenders_keep_their_colour_in_any_company(make_trials):
+    alone = series.split(make_trials(estimators=("kkt_residual",)))
+    crowd = series.split(
+        make_trials(estimators=("a", "kkt_residual", "uniform", "kkt_constrained"))
+    )
+    colours = {(s.estimator, s.view): s.colour for s in crowd}
+    assert [colours[s.estimator, s.view] for s in alone] == [s.colour for s in alone]
+    assert len({s.colour for s in crowd}) == len(crowd)
+    assert crowd[-1].is_floor
+    assert sum(s.is_floor for s in crowd) == 1
+
+
+def test_views_differ_in_line_style_and_repeated_colours_in_marker(make_trials):
+    many = series.split(make_trials(estimators=tuple("abcdef"), sigmas=(0.1,), seeds=1))
+    looks = {(s.colour, str(s.line_style), s.marker) for s in many}
+    assert len(looks) == len(many) == 12
+    assert len({str(s.line_style) for s in many}) == 2
+
+
+def test_shares_of_failures_with_intervals(make_trials):
+    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.0, 0.1), seeds=10)
+    trials.loc[trials.index[1:5], "status"] = "timeout"  # 4 of the 10 with noise
+    shares = failures.failure_shares(only(trials)).set_index("sigma")
+    assert shares.loc[0.0].tolist() == [0, 0, 0]  # 40 equal sequences: nothing random
+    # Wilson's formula: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n)
+    p, n, z = 0.4, 10, 1.959964
+    middle, spread = p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    interval = [(middle - spread) / (1 + z**2 / n), (middle + spread) / (1 + z**2 / n)]
+    assert shares.loc[0.1].tolist() == pytest.approx([p, *interval], abs=1e-6)
+
+
+def test_names_are_made_printable():
+    assert style.printable("a\nb\x00c") == "a b c"
+    assert style.printable("\ud800") == "(no name)"
+    assert len(style.printable("x" * 99)) <= 32

@@ -1,0 +1,81 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.report.page.render import render_page
+from olne_bench.bench.report.results import find
+from olne_bench.bench.run.provenance import Provenance
+from olne_bench.envs.scenarios import get_scenario
+
+#: A name that a plugin's author could think of.
+HOSTILE = "<img src=x onerror=\"document.title='broken'\"></script><b>&"
+
+Page = Callable[..., str]
+
+
+def provenance() -> Provenance:
+    return Provenance(
+        started="2026-01-02T03:04:05+00:00",
+        suite=json.dumps({"description": "A small study <i>indeed</i>"}),
+        suite_text='name = "small" # <script>document.title="broken"</script>',
+        selection="--seeds 3",
+        seeds=3,
+        executor="2 local processes",
+        versions={"python": "3.11", "numpy": "2"},
+        commit="0123456789abcdef-dirty",
+        machine={"system": "Linux", "cores": "2"},
+    )
+
+
+@pytest.fixture(scope="session")
+def small_study(prediction_error) -> pd.DataFrame:
+    """Two scenarios, two views, three estimators, one of which fails now and then."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for scenario in ("two_player", "highway_overtaking"):
+        truth = get_scenario(scenario).weights
+        for estimator in ("kkt_constrained", HOSTILE, "uniform"):
+            for view in ("full", "partial"):
+                for sigma in (0.01, 0.05):
+                    for seed in range(6):
+                        spread = 0 if estimator == "uniform" else 2 * sigma
+                        weights = truth * np.exp(spread * rng.standard_normal(truth.shape))
+                        weights /= weights.sum(axis=1, keepdims=True)
+                        failed = estimator == HOSTILE and seed == 5
+                        error = cosine_error(truth, weights)
+                        predicted = prediction_error(scenario, seed, weights)
+                        rows.append(
+                            {
+                                "suite": "small <study>",
+                                "scenario": scenario,
+                                "view": view,
+                                "sigma": sigma,
+                                "seed": seed,
+                                "estimator": estimator,
+                                "parameters": "{}",
+                                "count": 1,
+                                "status": "crash" if failed else "ok",
+                                "message": "",
+                                "cosine_error": np.nan if failed else error,
+                                "cosine_limit": 21.9 * sigma**2,
+                                "position_error": np.nan if failed else predicted,
+                                "published_forward": np.nan if failed else 1.0,
+                                "observation_error": 0.8 * sigma * rng.uniform(0.9, 1.1),
+                                "solve_seconds": 0.1,
+                                "weights": None if failed else weights.tolist(),
+                            }
+                        )
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture(scope="session")
+def page(small_study: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "index.html"
+    html = render_page(small_study, find(small_study), [provenance()])
+    path.write_text(html, encoding="utf-8")
+    return path

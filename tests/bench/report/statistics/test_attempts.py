@@ -1,0 +1,80 @@
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from olne_bench.bench.report.statistics.attempts import errors_of, noisy, quantile, weighed
+
+errors = st.lists(st.floats(0, 10) | st.just(float("inf")), min_size=1, max_size=12)
+shares = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0])
+
+
+@given(errors, shares, st.data())
+def test_counted_values_are_as_good_as_repeated_ones(values, share, data):
+    counts = data.draw(st.lists(st.integers(1, 4), min_size=len(values), max_size=len(values)))
+    repeated = np.repeat(values, counts)
+    found = quantile(np.array(values), np.array(counts), share)
+    assert found == quantile(repeated, np.ones(len(repeated), int), share)
+    if np.isfinite(repeated).all():
+        assert found == pytest.approx(np.quantile(repeated, share))
+
+
+@given(errors, shares, st.integers(0, 11))
+def test_a_failure_never_makes_a_quantile_smaller(values, share, place):
+    one = np.ones(len(values), int)
+    worse = np.array(values)
+    worse[place % len(values)] = np.inf
+    assert quantile(worse, one, share) >= quantile(np.array(values), one, share)
+
+
+@given(errors, shares)
+def test_the_order_of_trials_does_not_matter(values, share):
+    one = np.ones(len(values), int)
+    assert quantile(np.array(values[::-1]), one, share) == quantile(np.array(values), one, share)
+
+
+def test_most_attempts_failed_says_an_infinite_median():
+    assert quantile(np.array([0.1, 0.2, np.inf, np.inf, np.inf]), np.ones(5, int), 0.5) == np.inf
+    assert np.isnan(quantile(np.empty(0), np.empty(0, int), 0.5))
+
+
+def test_a_forward_game_without_a_root_is_a_failure_of_the_prediction_only():
+    rows = pd.DataFrame(
+        {
+            "status": ["ok", "failed_forward", "crash", "ok"],
+            "cosine_error": [0.1, 0.2, np.nan, np.nan],
+            "position_error": [0.3, np.nan, np.nan, 0.4],
+        }
+    )
+    assert errors_of(rows, "cosine_error").tolist() == [0.1, 0.2, np.inf, np.inf]
+    assert errors_of(rows, "position_error").tolist() == [0.3, np.inf, np.inf, 0.4]
+
+
+def counted(rows) -> pd.DataFrame:
+    columns = ["scenario", "estimator", "sigma", "seed", "count"]
+    return pd.DataFrame(rows, columns=columns).assign(view="full")
+
+
+def test_rows_without_noise_count_as_often_as_draws_were_run():
+    rows = [("two_player", "a", 0.0, 0, 40)]
+    rows += [("two_player", "a", sigma, seed, 1) for sigma in (0.1, 0.2) for seed in (0, 3)]
+    rows += [("two_player", "b", 0.0, 0, 40), ("highway_overtaking", "a", 0.0, 0, 40)]
+    trials = counted(rows)
+    found = weighed(trials)
+    assert found["count"].tolist() == [2, 1, 1, 1, 1, 1, 1]
+    assert trials["count"].max() == 40
+    whole = counted([rows[0], *[("two_player", "a", 0.1, seed, 1) for seed in range(40)]])
+    assert weighed(whole).equals(whole)
+
+
+def test_chance_has_no_part_in_rows_without_noise():
+    trials = counted(
+        [
+            ("two_player", "a", 0.0, 0, 1),
+            ("two_player", "a", 0.1, 0, 1),
+            ("two_player", "a", 0.0, 0, 40),
+            ("random(num_players=3)", "a", 0.0, 0, 1),
+        ]
+    )
+    assert noisy(trials).index.tolist() == [1, 3]

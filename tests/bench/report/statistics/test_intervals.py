@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from olne_bench.bench.report.statistics.intervals import (
+    LEAST_SEEDS_OF_MEANS,
+    LEAST_SEEDS_OF_SHARES,
+    mean_by_seed,
+    share_interval,
+)
+
+STUDIES = 1000
+STUDIES_OF_MEANS = 300  # a bootstrap each
+LEVELS = np.array([0.01, 0.02, 0.05, 0.1])
+
+
+@pytest.mark.parametrize("spread", [0.3, 1.0])
+@pytest.mark.parametrize("seeds", [LEAST_SEEDS_OF_MEANS, 12, 40])
+@pytest.mark.parametrize("shared", [0.0, 1.0, np.inf])
+def test_intervals_of_means_of_skewed_errors_cover(spread, seeds, shared) -> None:
+    """Log-normal errors at four noise levels; seeds have nothing, much or all in common."""
+    rng = np.random.default_rng([seeds, int(10 * spread)])
+    within = rng.standard_normal((STUDIES_OF_MEANS, seeds, len(LEVELS)))
+    between = rng.standard_normal((STUDIES_OF_MEANS, seeds, 1))
+    drawn = between if shared == np.inf else (within + shared * between) / np.sqrt(1 + shared)
+    truth = LEVELS.mean() * np.exp(spread**2 / 2)
+    assert 0.9 <= _covered(LEVELS * np.exp(spread * drawn), truth) <= 0.99
+
+
+@pytest.mark.parametrize("seeds", [LEAST_SEEDS_OF_MEANS, 12, 40])
+@pytest.mark.parametrize("folded", [True, False])
+def test_intervals_of_means_of_normal_errors_cover(seeds, folded) -> None:
+    rng = np.random.default_rng(seeds)
+    drawn = rng.standard_normal((STUDIES_OF_MEANS, seeds, 1))
+    errors, truth = (np.abs(drawn), np.sqrt(2 / np.pi)) if folded else (1 + 0.25 * drawn, 1.0)
+    assert 0.9 <= _covered(np.maximum(errors, 0) * LEVELS, truth * LEVELS.mean()) <= 0.99
+
+
+def _covered(errors: np.ndarray, truth: float) -> float:
+    number = np.repeat(np.arange(errors.shape[1]), errors.shape[2])
+    count = np.ones(len(number), int)
+    found = [mean_by_seed(study.ravel(), number, count) for study in errors]
+    return float(np.mean([interval.low <= truth <= interval.high for interval in found]))
+
+
+@pytest.mark.parametrize("seeds", [LEAST_SEEDS_OF_SHARES, 6, 8, 12, 20, 40])
+@given(share=st.sampled_from([0.1, 0.5, 0.8]), shared=st.booleans())
+def test_intervals_of_shares_cover(seeds, share, shared) -> None:
+    rng = np.random.default_rng([seeds, int(10 * share)])
+    units = np.repeat(np.arange(seeds), 6)
+    draws = rng.uniform(size=(STUDIES, seeds, 6))
+    if shared:  # half of a seed's trials go the same way
+        draws[:, :, 1:4] = draws[:, :, :1]
+    found = [share_interval((study < share).ravel().astype(float), units) for study in draws]
+    covered = np.mean([interval.low <= share <= interval.high for interval in found])
+    assert covered >= 0.9
+    assert covered <= 0.99 or seeds < 20
+
+
+def test_a_share_of_all_or_none_has_an_interval() -> None:
+    every = share_interval(np.ones(30), np.arange(30))
+    assert (every.estimate, every.high) == (1.0, 1.0)
+    assert 0.85 < every.low < 0.95
+    none = share_interval(np.zeros(30), np.arange(30))
+    assert none.high == pytest.approx(1 - every.low)
+
+
+def test_equal_sequences_count_once_per_seed() -> None:
+    """A row that stands for all seeds is the same as that row in each of them."""
+    seeds = np.arange(10)
+    values = np.random.default_rng(0).uniform(size=10)
+    once = mean_by_seed(
+        np.append(values, 7.0), np.append(seeds, 0), np.append(np.ones(10, int), 10)
+    )
+    each = mean_by_seed(np.append(values, np.full(10, 7.0)), np.tile(seeds, 2), np.ones(20, int))
+    assert once == each
+    assert once.estimate == pytest.approx((values.sum() + 70) / 20)
+
+
+def test_a_failure_makes_the_mean_infinite_and_nothing_undefined() -> None:
+    values = np.array([1.0, 2.0, np.inf, 1.5])
+    interval = mean_by_seed(values, np.arange(4), np.ones(4, int))
+    assert interval.estimate == np.inf
+    assert np.isnan(interval.low) and np.isnan(interval.high)
+
+
+def test_errors_without_spread_have_a_point_for_an_interval() -> None:
+    interval = mean_by_seed(np.full(6, 0.25), np.arange(6), np.ones(6, int))
+    assert (interval.low, interval.high) == pytest.approx((0.25, 0.25))
+
+
+def test_errors_of_nothing_have_a_mean_of_nothing() -> None:
+    none = mean_by_seed(np.zeros(6), np.arange(6), np.ones(6, int))
+    assert (none.estimate, none.low, none.high) == (0, 0, 0)
+
+
+def test_too_little_data_has_no_interval() -> None:
+    five = mean_by_seed(np.array([1.0, 9.0, 2, 4, 4]), np.arange(5), np.ones(5, int))
+    assert five.estimate == 4.0
+    assert np.isnan(five.low) and np.isnan(five.high)
+    four = share_interval(np.array([1.0, 0.0] * 4), np.repeat(np.arange(4), 2))
+    assert four.estimate == 0.5
+    assert np.isnan(four.low) and np.isnan(four.high)
+    assert np.isnan(mean_by_seed(np.empty(0), np.empty(0, int), np.empty(0, int)).estimate)
+    assert np.isnan(share_interval(np.empty(0), np.empty(0, int)).estimate)

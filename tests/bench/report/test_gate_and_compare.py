@@ -1,0 +1,238 @@
+"""Acceptance limits and comparisons of runs, as a project's CI would call them."""
+
+import sqlite3
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from olne_bench.bench.commands.cli import main
+from olne_bench.bench.plan.suite import Limits
+from olne_bench.bench.report.gate import check_limits
+from olne_bench.bench.report.statistics.run_comparison import changes
+from olne_bench.bench.run.store import open_store
+
+SUITE = """
+name = "small"
+scenarios = ["two_player"]
+views = ["full", "partial"]
+sigmas = [0.05]
+seeds = 12
+estimators = ["kkt_residual", "uniform"]
+"""
+GATE = """
+[gate.kkt_residual]
+views = ["full"]
+cosine_error = 0.9
+failures = 12
+time_ratio = 100000
+time_reference = "uniform"
+"""
+INF, NAN = float("inf"), float("nan")
+
+
+def call(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as caught:
+        main([str(argument) for argument in arguments])
+    return int(caught.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("gate")
+    suite = folder / "small.toml"
+    suite.write_text(SUITE + GATE)
+    main(["run", str(suite), "--out", str(folder / "run"), "--no-figures", "--jobs", "1"])
+    return folder / "run"
+
+
+def test_every_report_comes_with_the_page_and_tables(run):
+    for name in ("index.html", "leaderboard.md", "leaderboard.tex", "comparisons.csv"):
+        assert (run / name).stat().st_size > 200
+    assert len(pd.read_csv(run / "identifiability.csv")) == 2 * 8
+    board = pd.read_csv(run / "leaderboard.csv")
+    assert set(board["position_error_rank"]) == {1}  # the floor takes nobody's rank
+
+
+def test_limits_that_are_kept(run, capsys):
+    assert call("gate", run) == 0
+    said = capsys.readouterr().out
+    assert said.count("holds") == 3
+    assert "3 of 3 limits are kept" in said
+
+
+def test_a_limit_that_is_not_kept(run, tmp_path, capsys):
+    suite = tmp_path / "strict.toml"
+    suite.write_text(SUITE + "[gate.kkt_residual]\ncosine_error = 1e-9\n")
+    assert call("gate", run, "--suite", suite) == 1
+    said = capsys.readouterr().out
+    assert said.count("FAILS  kkt_residual, two_player") == 2
+
+
+@pytest.mark.parametrize(
+    ("gate", "expected"),
+    [
+        ("", "has no [gate] table"),
+        ("[gate.kkt_residual]\nerror = 1\n", "unknown key 'gate.kkt_residual.error'; known are"),
+        ("[gate.kkt_residual]\ncosine_error = -1\n", "greater than or equal to 0"),
+        ("[gate.kkt_residual]\ntime_ratio = 2\n", "time_ratio and time_reference belong together"),
+        ("[gate.kkt_residual]\nviews = ['full']\n", "no limit is set; there are: cosine_error"),
+        ("[gate.nobody]\nfailures = 0\n", "the run has none; it has: kkt_residual, uniform"),
+        ("[gate.uniform]\nfailures = 0\nviews = ['x']\n", "it has: full, partial"),
+    ],
+)
+def test_bad_gates_are_one_line(run, tmp_path, capsys, gate, expected):
+    suite = tmp_path / "bad.toml"
+    suite.write_text(SUITE + gate)
+    assert call("gate", run, "--suite", suite) == 2
+    error = capsys.readouterr().err.strip()
+    assert expected in error and "\n" not in error
+
+
+def test_what_is_not_known_does_not_pass():
+    table = pd.DataFrame(
+        {"scenario": ["s"], "view": ["v"], "estimator": ["e"], "trials": [3]}
+        | {"limit_ratio": [float("nan")], "solve_seconds_median": [0.1]}
+    )
+    (check,) = check_limits(table, {"e": Limits(limit_ratio=5.0)})
+    assert not check.passed
+
+
+@pytest.mark.parametrize(
+    ("own", "reference", "ratio"), [(4.0, 2.0, 2.0), (INF, 2.0, INF), (4.0, INF, NAN)]
+)
+def test_times_without_an_end_do_not_pass(own, reference, ratio):
+    table = pd.DataFrame({"estimator": ["e", "r"], "solve_seconds_median": [own, reference]})
+    table = table.assign(scenario="s", view="v", trials=3)
+    (check,) = check_limits(table, {"e": Limits(time_ratio=3.0, time_reference="r")})
+    assert check.value == pytest.approx(ratio, nan_ok=True)
+    assert check.passed == (ratio == 2)
+
+
+def test_a_run_is_the_same_as_itself(run, tmp_path, capsys):
+    out = tmp_path / "changes.csv"
+    assert call("compare", run, run, "--out", out) == 0
+    assert "0 better, 12 same, 0 worse" in capsys.readouterr().out
+    assert (pd.read_csv(out)["p_holm"] == 1).all()
+
+
+def test_another_estimator_is_better_one_way_and_worse_the_other(run, capsys):
+    assert call("compare", run, run, "--estimator", "uniform=kkt_residual") == 1
+    assert "0 better, 2 same, 4 worse" in capsys.readouterr().out
+    assert call("compare", run, run, "--estimator", "kkt_residual=uniform") == 0
+    assert "4 better, 2 same, 0 worse" in capsys.readouterr().out
+
+
+def test_bad_comparisons_are_one_line(run, tmp_path, capsys):
+    assert call("compare", run, tmp_path) == 2
+    assert "no run in" in capsys.readouterr().err
+    assert call("compare", run, run, "--estimator", "uniform=x") == 2
+    assert "has no 'x'; it has: kkt_residual, uniform" in capsys.readouterr().err
+
+
+def test_a_new_failure_is_worse():
+    rows = [
+        {"scenario": "two_player", "view": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
+        | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
+        for k in range(20)
+    ]
+    before = pd.DataFrame(rows)
+    after = before.assign(status=["crash"] * 12 + ["ok"] * 8)
+    table = changes(before, after, {"e": "e"})
+    assert (table["verdict"] == "worse").all()
+    after = table.set_index("error")["after"]
+    assert after["cosine_error"] == after["position_error"] == float("inf")
+    assert after["failures"] == 0.6
+
+
+def test_small_gains_do_not_make_up_for_new_failures():
+    """28 trials are slightly better, 12 of 40 crash: better by sign, and worse."""
+    rows = [
+        {"scenario": "two_player", "view": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
+        | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
+        for k in range(40)
+    ]
+    before = pd.DataFrame(rows)
+    after = before.assign(
+        status=["crash"] * 12 + ["ok"] * 28, cosine_error=0.099, position_error=0.99
+    )
+    table = changes(before, after, {"e": "e"}).set_index("error")
+    assert table["verdict"].to_dict() == {
+        "cosine_error": "better",
+        "position_error": "better",
+        "failures": "worse",
+    }
+    assert table.loc["failures", "p"] == pytest.approx(2 * 0.5**12)
+    assert table.loc["failures", ["before", "after"]].tolist() == [0.0, 0.3]
+
+
+def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
+    suite = tmp_path / "small.toml"
+    suite.write_text(SUITE.replace("seeds = 12", "seeds = 2") + GATE)
+    out = tmp_path / "run"
+    command = ["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"]
+    main([*command, "--seeds", "1"])
+    assert call("gate", out) == 0
+    assert "by the parts that were run: --seeds 1" in capsys.readouterr().out
+    with open_store(out) as store:  # as if that had been all that a whole run got done
+        (source,) = store.runs()
+        store.begin_run(replace(source, selection="", seeds=2), [])
+    assert call("gate", out) == 1
+    said = capsys.readouterr().out
+    assert "FAILS  kkt_residual, two_player, full: 1 of 2 trials are done" in said
+    assert "but the run is not finished" in said
+    main(command)
+    assert call("gate", out) == 0
+
+
+def test_limits_of_scenarios_and_estimators_are_not_missed(tmp_path, capsys):
+    """Noise levels and draws of their own are all that was to be done."""
+    suite = tmp_path / "small.toml"
+    suite.write_text(
+        SUITE.replace('["two_player"]', '[{name = "two_player", sigmas = [0.0, 0.05], seeds = 2}]')
+        .replace('["kkt_residual", "uniform"]', '[{name = "kkt_residual", seeds = 1}, "uniform"]')
+        .replace("sigmas = [0.05]", "sigmas = [0.01, 0.02, 0.05]")
+        + GATE
+    )
+    out = tmp_path / "run"
+    main(["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"])
+    assert call("gate", out) == 0
+    assert "3 of 3 limits are kept\n" in capsys.readouterr().out
+
+
+def lose(folder, condition):
+    with sqlite3.connect(folder / "trials.sqlite") as connection:
+        connection.execute(f"DELETE FROM trials WHERE {condition}")
+    connection.close()
+
+
+def test_a_selection_has_to_be_done_as_well(tmp_path, capsys):
+    suite = tmp_path / "small.toml"
+    suite.write_text(SUITE.replace("seeds = 12", "seeds = 2") + GATE)
+    halves = tmp_path / "a", tmp_path / "b"
+    for half, view in zip(halves, ("full", "partial"), strict=True):
+        command = ["run", str(suite), "--out", str(half), "--no-figures", "--jobs", "1"]
+        main([*command, "--view", view])
+    assert call("gate", halves[0]) == 0
+    lose(halves[1], "estimator = 'kkt_residual' AND seed = 1")
+    lacking = "FAILS  kkt_residual, two_player, partial: 1 of 2 trials are done"
+    gate = tmp_path / "gate.toml"
+    gate.write_text(SUITE + "[gate.kkt_residual]\nfailures = 12\n")
+    assert call("gate", halves[1], "--suite", gate) == 1
+    assert lacking in capsys.readouterr().out
+    main(["merge", *map(str, halves), "--out", str(tmp_path / "whole")])
+    assert call("gate", tmp_path / "whole") == 1
+    said = capsys.readouterr().out
+    assert lacking in said
+    assert "by the parts that were run: --view full; --view partial" in said
+
+
+def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):
+    suite = tmp_path / "other.toml"
+    suite.write_text(SUITE.replace("small", "other").replace("seeds = 12", "seeds = 3"))
+    main(["run", str(suite), "--out", str(tmp_path / "b"), "--no-figures", "--jobs", "1"])
+    capsys.readouterr()
+    assert call("compare", run, tmp_path / "b") == 0
+    said = capsys.readouterr().err
+    assert "is a run of suite small" in said and "of other; compared are the trials" in said
+    assert "36 of 48 trials in" in said

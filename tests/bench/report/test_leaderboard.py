@@ -1,0 +1,126 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from olne_bench.bench.report.leaderboard import leaderboard
+
+
+def trial(**changes):
+    row = {
+        "scenario": "s",
+        "view": "full",
+        "estimator": "e",
+        "sigma": 0.01,
+        "seed": 0,
+        "status": "ok",
+        "cosine_error": 0.1,
+        "cosine_limit": 0.05,
+        "position_error": 1.0,
+        "published_forward": 1,
+        "solve_seconds": 0.5,
+        "count": 1,
+    }
+    return row | changes
+
+
+def only_row(*trials):
+    table = leaderboard(pd.DataFrame(trials))
+    assert len(table) == 1
+    return table.iloc[0]
+
+
+def test_failures_rank_worst_and_are_never_dropped():
+    good = [trial(position_error=float(k)) for k in range(2)]
+    failed = [trial(status="failed_forward", position_error=np.nan) for _ in range(3)]
+    row = only_row(*good, *failed)
+    assert (row["trials"], row["failures"]) == (5, 3)
+    assert row["position_error_median"] == np.inf
+    assert row["position_error_q25"] == 1.0
+    assert row["cosine_error_median"] == 0.1  # a failed prediction has a parameter error
+
+
+def test_a_crash_has_no_error_at_all():
+    row = only_row(trial(), trial(status="crash", cosine_error=np.nan, position_error=np.nan))
+    assert row["cosine_error_q75"] == np.inf
+
+
+def test_rows_count_as_often_as_they_say():
+    row = only_row(trial(sigma=0.0, cosine_error=0.0, count=3), trial(cosine_error=1.0))
+    assert row["trials"] == 4
+    assert row["cosine_error_median"] == 0.0
+    assert row["cosine_error_q75"] == pytest.approx(0.25)
+
+
+def test_skipped_trials_are_not_attempts():
+    row = only_row(trial(), trial(status="skipped", cosine_error=np.nan))
+    assert (row["trials"], row["failures"], row["skipped"]) == (1, 0, 1)
+
+
+def test_everything_skipped_is_not_a_number_not_a_crash():
+    row = only_row(trial(status="skipped"))
+    assert row["trials"] == 0
+    assert np.isnan(row["cosine_error_median"])
+
+
+def test_limit_ratio_is_taken_at_small_noise_only():
+    row = only_row(trial(), trial(sigma=0.1, cosine_error=99.0), trial(sigma=0.0, cosine_limit=0.0))
+    assert row["limit_ratio"] == pytest.approx(2.0)
+
+
+def test_limit_ratio_of_a_study_of_much_noise_is_taken_at_the_least():
+    row = only_row(trial(sigma=0.1), trial(sigma=0.5, cosine_limit=0.01))
+    assert row["limit_ratio"] == pytest.approx(2.0)
+
+
+def test_quantiles_agree_with_numpy():
+    errors = np.random.default_rng(0).uniform(size=17)
+    row = only_row(*[trial(cosine_error=e) for e in errors])
+    for name, share in (("q25", 0.25), ("median", 0.5), ("q75", 0.75)):
+        assert row[f"cosine_error_{name}"] == pytest.approx(np.quantile(errors, share))
+
+
+def test_coverage_is_over_estimates_with_an_ellipsoid():
+    row = only_row(trial(covered=1, count=3), trial(covered=0), trial(covered=np.nan))
+    assert row["coverage"] == pytest.approx(0.75)
+    assert np.isnan(only_row(trial(covered=np.nan))["coverage"])
+
+
+def test_a_lost_held_out_prediction_ranks_worst():
+    row = only_row(trial(held_out_error=0.1), *[trial(held_out_error=np.nan)] * 2)
+    assert row["held_out_error_median"] == np.inf
+
+
+def test_those_who_never_finish_are_the_slowest():
+    ended = [trial(solve_seconds=0.1), trial(solve_seconds=0.3, status="not_converged")]
+    assert only_row(*ended)["solve_seconds_median"] == pytest.approx(0.2)
+    stopped = [trial(status=s, solve_seconds=np.nan) for s in ("timeout", "crash", "timeout")]
+    assert only_row(*ended, stopped[0])["solve_seconds_median"] == 0.3
+    assert only_row(*ended, *stopped)["solve_seconds_median"] == np.inf
+    skipped = trial(status="skipped", solve_seconds=np.nan)
+    assert only_row(*ended, skipped, skipped)["solve_seconds_median"] == pytest.approx(0.2)
+
+
+def test_times_count_as_often_as_their_rows():
+    fast = trial(sigma=0.0, solve_seconds=0.1, count=5)
+    assert only_row(fast, *[trial(solve_seconds=0.9)] * 4)["solve_seconds_median"] == 0.1
+
+
+def test_draws_without_anything_to_hold_out_are_not_measured():
+    """Of a family: where no estimate has a held-out error, there is none to be had."""
+    name, nan = "random(num_players=3)", np.nan
+    rows = [
+        trial(scenario=name, seed=seed, estimator=estimator, held_out_error=error)
+        for estimator, errors in (("a", (0.1, 0.3, nan, nan)), ("b", (0.2, nan, 0.4, nan)))
+        for seed, error in enumerate(errors)
+    ]
+    rows.append(trial(scenario=name, seed=3, estimator="c", status="crash", held_out_error=nan))
+    median = leaderboard(pd.DataFrame(rows)).set_index("estimator")["held_out_error_median"]
+    # Each has lost one of the first three draws; at the last one only the crash is a failure.
+    assert median.to_dict() == {"a": 0.3, "b": 0.4, "c": np.inf}
+
+
+def test_in_a_fixed_scenario_all_seeds_have_the_same_starts():
+    rows = [
+        trial(scenario="two_player", seed=k, held_out_error=e) for k, e in ((0, 0.1), (1, None))
+    ]
+    assert only_row(*rows)["held_out_error_q75"] == np.inf

@@ -1,0 +1,89 @@
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.report.leaderboard_text import latex, markdown
+from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
+from olne_bench.bench.report.write import format_leaderboard
+
+ODD = r"50%_of <b>|&$x\y"
+COLUMNS = 12
+
+
+@pytest.fixture
+def table() -> pd.DataFrame:
+    rng = np.random.default_rng(0)
+    rows = [
+        {
+            "scenario": "two_player",
+            "view": "full",
+            "estimator": name,
+            "sigma": 0.01,
+            "seed": seed,
+            "status": "ok" if name != "never" else "timeout",
+            "cosine_error": scale * rng.uniform(1, 2),
+            "identifiable_cosine_error": scale,
+            "cosine_limit": 0.01,
+            "position_error": scale * rng.uniform(1, 2),
+            "held_out_error": 2 * scale,
+            "covered": None if name == "never" else int(seed < 27),
+            "published_forward": 1,
+            "solve_seconds": None if name == "never" else 0.5,
+            "count": 1,
+        }
+        for name, scale in (("good", 0.001), (ODD, 0.1), ("never", 1.0))
+        for seed in range(30)
+    ]
+    trials = pd.DataFrame(rows)
+    return leaderboard(trials, compare_estimators(trials))
+
+
+def test_markdown(table: pd.DataFrame) -> None:
+    text = markdown(table)
+    lines = text.splitlines()
+    assert len(lines) == 2 + 3
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {COLUMNS + 1}
+    assert "| good | 1 | **0.00" in lines[2]
+    assert r"50%\_of \<b\>\|\&$x\\y" in lines[3]
+    assert "| 0.002 |" in lines[2]  # held out
+    assert "| 90% of 30 |" in lines[2]
+    assert "∞ [∞, ∞]" in lines[4]
+    assert "| – |" in lines[4]  # no ellipsoid
+    assert lines[4].endswith("| ∞ |")  # no time
+
+
+def test_latex(table: pd.DataFrame) -> None:
+    text = latex(table)
+    assert text.startswith(r"\begin{tabular}{lllrrrrrrrrr}")
+    assert r"\toprule" in text
+    assert r"\textbf{0.00" in text
+    assert r"$\infty$" in text
+    assert r"50\%\_of" in text
+    assert r"90\% of 30" in text
+    rows = [line for line in text.splitlines() if line.endswith(r"\\")]
+    assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {COLUMNS - 1}
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex")
+def test_latex_compiles(table: pd.DataFrame, tmp_path) -> None:
+    # Small TeX installations lack booktabs; the table itself must compile with its rules alone.
+    rules = r"\let\toprule\hline\let\midrule\hline\let\bottomrule\hline"
+    booktabs = rf"\IfFileExists{{booktabs.sty}}{{\usepackage{{booktabs}}}}{{{rules}}}"
+    head = rf"\documentclass{{article}}{booktabs}\begin{{document}}"
+    (tmp_path / "t.tex").write_text(head + latex(table) + r"\end{document}", encoding="utf-8")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+
+def test_the_terminal_explains_what_it_shows(table: pd.DataFrame) -> None:
+    assert "good" in format_leaderboard(table)
+    assert "uniform" not in format_leaderboard(table)
+    never = next(line for line in format_leaderboard(table).splitlines() if "never" in line)
+    assert never.endswith("∞") and "inf" not in never and "nan" not in never
+    floor = table.assign(estimator="uniform")
+    assert "uniform is the floor" in format_leaderboard(floor)

@@ -1,0 +1,80 @@
+"""Dask: the same rows as here, the same limits, and workers that may die."""
+
+import signal
+import time
+
+import pandas as pd
+import psutil
+import pytest
+
+from olne_bench.bench.run.cluster import _local_cluster, check_cluster, run_on_dask
+from olne_bench.errors import UserError
+
+DASK = ("--dask", "local:2")
+
+
+def test_rows_are_those_of_a_local_run_and_limits_hold(study):
+    study.suite.write_text(study.suite.read_text().replace("20.0", "5.0"))
+    plugins = ("Drawn", "Fails", "Hangs")
+    options = ("--seeds", "2", "--sigma", "0.1")
+    assert "Traceback" not in study.run("dask", *plugins, options=(*DASK, *options))
+    study.run("local", *plugins, options=options)
+    rows = study.rows("dask")
+    pd.testing.assert_frame_equal(rows, study.rows("local"), check_exact=True)
+    status = rows.groupby("estimator")["status"].unique().map(list).to_dict()
+    expected = {"Drawn": ["ok"], "Fails": ["crash"], "Hangs": ["timeout"], "uniform": ["ok"]}
+    assert status == expected
+    assert (
+        rows.loc[rows["estimator"] == "Hangs", "message"] == "killed after 5 s of estimate"
+    ).all()
+
+
+def test_a_killed_dask_worker_loses_nothing(study):
+    study.run("whole", "Slow")
+    process = study.start(*study.arguments("killed", "Slow"), *DASK)
+    driver = psutil.Process(process.pid)
+    killed = 0
+    end = time.monotonic() + 60
+    while killed < 2 and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.5)
+        # Dask's workers have processes of their own, which run trials.
+        workers = [child for child in driver.children() if child.children()]
+        if workers:
+            time.sleep(0.5)
+            workers[killed % len(workers)].send_signal(signal.SIGKILL)
+            killed += 1
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
+    assert killed
+    pd.testing.assert_frame_equal(study.rows("killed"), study.rows("whole"), check_exact=True)
+
+
+@pytest.mark.parametrize("cluster", ["local:", "local:0", "local:x", "login1:8786", "nonsense", ""])
+def test_an_address_that_cannot_be_is_refused(cluster):
+    with pytest.raises(UserError, match="expected"):
+        check_cluster(cluster)
+
+
+def test_a_scheduler_that_is_not_there_is_reported(monkeypatch):
+    monkeypatch.setattr("olne_bench.bench.run.cluster._CONNECT_SECONDS", 1.0)
+
+    with pytest.raises(UserError, match="cannot connect"):
+        list(run_on_dask([], cluster="tcp://127.0.0.1:9"))
+
+
+def test_a_worker_that_dies_as_its_cluster_starts_is_started_again(monkeypatch):
+    starts = []
+
+    def fails_twice(**options):
+        starts.append(options["n_workers"])
+        if len(starts) < 3:
+            raise RuntimeError("Nanny failed to start.")
+        return "cluster"
+
+    monkeypatch.setattr("distributed.LocalCluster", fails_twice)
+    assert _local_cluster(2) == "cluster"
+    assert starts == [2, 2, 2]
+    monkeypatch.setattr("olne_bench.bench.run.cluster._STARTS", 2)
+    starts.clear()
+    with pytest.raises(RuntimeError, match="Nanny"):
+        _local_cluster(2)

@@ -1,0 +1,291 @@
+"""Misbehaving estimators: each gets the row it deserves and harms nobody else."""
+
+import subprocess
+from dataclasses import replace
+
+import pytest
+
+from olne_bench.bench.judge.referee import evaluate
+from olne_bench.bench.plan.suite import load_suite, select
+from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.run.executor import run_trials
+
+PLUGIN = """
+import ctypes, os, signal, subprocess, sys, threading, time
+from types import SimpleNamespace
+import numpy as np
+
+class Good:
+    def estimate(self, problem, observation, *, rng, budget):
+        print("chatty")
+        return SimpleNamespace(weights=np.full((2, 4), 2.0))
+
+class Hangs(Good):
+    def estimate(self, *args, **kwargs):
+        while True:
+            time.sleep(0.1)
+
+class Dies(Good):
+    def estimate(self, *args, **kwargs):
+        os._exit(7)
+
+class EndsWell(Good):
+    def estimate(self, *args, **kwargs):
+        os._exit(0)
+
+class Exits(Good):
+    def estimate(self, *args, **kwargs):
+        sys.exit("done")
+
+class Segfaults(Good):
+    def estimate(self, *args, **kwargs):
+        ctypes.string_at(0)
+
+class IsKilled(Good):
+    def estimate(self, *args, **kwargs):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+class Hoards(Good):
+    kept = []
+    def estimate(self, *args, **kwargs):
+        while True:
+            self.kept.append(np.ones(2**24))
+
+class Forks(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        os.fork()
+        return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class LeavesProcess(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        subprocess.Popen(["sleep", "1234.5"])
+        return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class HidesProcess(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        subprocess.run(["sh", "-c", "sleep 1234.5 &"])
+        return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class DiesWithAChild(Good):
+    def estimate(self, *args, **kwargs):
+        if os.fork():
+            os._exit(9)
+        time.sleep(1234.5)
+
+class TimeBomb(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        threading.Timer(1.0, os._exit, [5]).start()
+        return super().estimate(problem, observation, rng=rng, budget=budget)
+
+class ClosesEverything(Good):
+    def estimate(self, *args, **kwargs):
+        os.closerange(0, 100)
+        time.sleep(1234.5)
+
+class Raises(Good):
+    def estimate(self, *args, **kwargs):
+        raise RuntimeError("no\\nidea")
+
+class Mutates(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        observation.y[0] = 0
+
+class Nothing(Good):
+    def estimate(self, *args, **kwargs):
+        return None
+
+class Shape(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.ones((3, 4)))
+
+class NotANumber(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.full((2, 4), np.nan))
+
+class Negative(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.full((2, 4), -1.0))
+
+class Text(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights="heavy")
+
+class States(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.ones((2, 4)), states=np.zeros((1, 2, 4)))
+
+class GivesUp(Good):
+    def estimate(self, *args, **kwargs):
+        return SimpleNamespace(weights=np.ones((2, 4)), converged=False, message="lost")
+
+class Refuses(Good):
+    def supports(self, problem):
+        return "too many players"
+
+class Random(Good):
+    def estimate(self, problem, observation, *, rng, budget):
+        return SimpleNamespace(weights=rng.uniform(0.5, 1, (2, 4)))
+"""
+
+EXPECTED = {
+    "Good": ("ok", ""),
+    "Hangs": ("timeout", "killed after 6 s of estimate"),
+    "Dies": ("crash", "exit code 7"),
+    "EndsWell": ("crash", "died with exit code 0"),
+    "Exits": ("crash", "SystemExit: done"),
+    "Segfaults": ("crash", "was killed by SIGSEGV (signal 11)"),
+    "IsKilled": ("crash", "was killed by SIGKILL (signal 9)"),
+    "Hoards": ("crash", "out of memory, the limit is 1 GiB: "),
+    "Forks": ("invalid", "left processes running"),
+    "LeavesProcess": ("invalid", "left processes running"),
+    "HidesProcess": ("invalid", "left processes running"),
+    "DiesWithAChild": ("crash", "died with exit code 9"),
+    "TimeBomb": ("ok", ""),
+    "ClosesEverything": ("crash", "closed its connection"),
+    "Raises": ("crash", "RuntimeError: no idea"),
+    "Mutates": ("crash", "read-only"),
+    "Nothing": ("invalid", "returned NoneType without 'weights'"),
+    "Shape": ("invalid", "weights have the shape (3, 4), expected (2, 4)"),
+    "NotANumber": ("invalid", "not finite"),
+    "Negative": ("invalid", "negative"),
+    "Text": ("invalid", "not an array of numbers"),
+    "States": ("invalid", "states have the shape (1, 2, 4)"),
+    "GivesUp": ("not_converged", "lost"),
+    "Refuses": ("skipped", "too many players"),
+    "Random": ("ok", ""),
+}
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plugins")
+    plugin = folder / "plugin.py"
+    plugin.write_text(PLUGIN)
+    suite = load_suite("quick", tuple(f"{plugin}:{name}" for name in EXPECTED))
+    part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.05,))
+    trials = [
+        replace(t, time_limit=6.0)  # long enough on a busy machine, short enough to wait for
+        for t in expand(part, seeds=2)
+        if t.estimator.label in EXPECTED and (t.seed == 0 or t.estimator.label == "Random")
+    ]
+    results = list(run_trials(trials, jobs=2, log=folder / "log", memory=2**30))
+    assert len(results) == len(trials)
+    by_label = {}
+    for trial, outcome in results:
+        by_label.setdefault(trial.estimator.label, []).append((trial, outcome))
+    return folder, by_label
+
+
+@pytest.mark.parametrize("label", EXPECTED)
+def test_every_misbehaviour_has_its_status(outcomes, label):
+    status, message = EXPECTED[label]
+    for _, outcome in outcomes[1][label]:
+        assert outcome.status == status, outcome
+        assert message in outcome.message
+        assert "\n" not in outcome.message
+
+
+@pytest.mark.usefixtures("outcomes")
+def test_nothing_that_an_estimator_started_is_left():
+    processes = subprocess.run(["ps", "-eo", "args"], check=True, capture_output=True, text=True)
+    assert "sleep 1234.5" not in processes.stdout
+
+
+def test_prints_go_to_the_log(outcomes):
+    assert "chatty" in (outcomes[0] / "log").read_text()
+
+
+def test_weights_are_scaled_to_sum_one(outcomes):
+    _, outcome = outcomes[1]["Good"][0]
+    assert outcome.weights == [[0.25] * 4] * 2
+
+
+def test_an_exception_names_its_place(outcomes):
+    _, outcome = outcomes[1]["Raises"][0]
+    assert "plugin.py:" in outcome.message
+
+
+def test_randomness_is_seeded_by_the_trial_alone(outcomes):
+    (first, a), (second, b) = outcomes[1]["Random"]
+    assert a.weights != b.weights
+    assert evaluate(first).weights == a.weights
+    assert evaluate(second).weights == b.weights
+
+
+PATCHES = """
+import numpy as np
+from types import SimpleNamespace
+
+class Patches:
+    def estimate(self, problem, observation, *, rng, budget):
+        np.linalg.norm = lambda *args, **kwargs: 1.0
+        np.linalg.solve = np.linalg.eigvalsh = None
+        return SimpleNamespace(weights=np.ones((2, 4)))
+"""
+
+
+def test_what_a_plugin_changes_in_its_process_reaches_no_other_estimator(tmp_path):
+    plugin = tmp_path / "patches.py"
+    plugin.write_text(PATCHES)
+    rows = []
+    for plugins in ((f"{plugin}:Patches",), ()):
+        suite = load_suite("quick", plugins)
+        part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.05,))
+        trials = sorted(expand(part, seeds=1), key=lambda t: t.estimator.label)  # Patches first
+        assert [t.plugin for t in trials] == ["Patches", "", "", ""][1 - len(plugins) :]
+        found = list(run_trials(trials, jobs=1, log=tmp_path / "log"))
+        rows.append({t.key: replace(o, solve_seconds=None) for t, o in found if not t.plugin})
+    assert rows[0] == rows[1]
+    assert {o.status for o in rows[0].values()} == {"ok"}
+
+
+STAGES = """
+import time
+from types import SimpleNamespace
+import numpy as np
+
+class Slow:
+    def warm_up(self, problem):
+        time.sleep(self.set_up)
+    def estimate(self, problem, observation, *, rng, budget):
+        time.sleep(self.work)
+        return SimpleNamespace(weights=self.weights, converged=False)
+
+class UsesItsTime(Slow):
+    set_up, work, weights = 2.0, 2.0, np.ones((2, 4))
+
+class SetsUpForLong(Slow):
+    set_up, work, weights = 60.0, 0.0, np.ones((2, 4))
+
+class EstimatesForLong(Slow):
+    set_up, work, weights = 0.0, 60.0, np.ones((2, 4))
+
+class Endless:
+    def __array__(self, *args, **kwargs):
+        time.sleep(60.0)
+
+class IsReadForLong(Slow):
+    set_up, work, weights = 0.0, 0.0, Endless()
+"""
+
+
+def test_each_stage_has_the_time_limit_for_itself(tmp_path):
+    plugin = tmp_path / "stages.py"
+    plugin.write_text(STAGES)
+    expected = {
+        "UsesItsTime": ("not_converged", "the estimator gives no reason"),
+        "SetsUpForLong": ("timeout", "killed after 3 s of set-up"),
+        "EstimatesForLong": ("timeout", "killed after 3 s of estimate"),
+        "IsReadForLong": ("timeout", "killed after 3 s of scoring"),
+    }
+    suite = load_suite("quick", tuple(f"{plugin}:{name}" for name in expected))
+    part = select(
+        suite,
+        scenarios=("two_player",),
+        views=("full",),
+        sigmas=(0.05,),
+        estimators=tuple(expected),
+    )
+    trials = [replace(trial, time_limit=3.0) for trial in expand(part, seeds=1)]
+    found = run_trials(trials, jobs=2, log=tmp_path / "log")
+    assert {t.estimator.label: (o.status, o.message) for t, o in found} == expected

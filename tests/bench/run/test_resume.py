@@ -1,0 +1,112 @@
+"""Runs that go on: what is done stays done, what has changed is run again, nothing is lost."""
+
+import pandas as pd
+import pytest
+
+from olne_bench.bench.run.store import FILE_NAME, read_store
+
+
+def same(a, b):
+    pd.testing.assert_frame_equal(a, b, check_exact=True)
+
+
+def test_a_changed_estimator_is_run_again_and_an_unchanged_one_never(study):
+    study.run("out", "Drawn")
+    first = study.rows("out")
+    study.plugin.write_text("# only a comment\n" + study.plugin.read_text())
+    assert "16 of 16 trials are done already" in study.run("out", "Drawn")
+
+    original = study.plugin.read_text()
+    study.plugin.write_text(original.replace("rng.uniform(0.5", "rng.uniform(0.9"))
+    shown = study.call("status", study.folder / "out")
+    assert ["two_player", "Drawn", "0", "0", "8", "0"] in [
+        line.split() for line in shown.split("\n")
+    ]
+    assert "8 of 16 trials are done already" in study.run("out", "Drawn")
+    second = study.rows("out")
+    assert len(second) == 16
+    changed = first["weights"].map(str) != second["weights"].map(str)
+    assert (changed == (first["estimator"] == "Drawn")).all()
+
+    study.plugin.write_text(original)  # the former rows are still there
+    assert "16 of 16 trials are done already" in study.run("out", "Drawn")
+    same(study.rows("out"), first)
+
+
+def test_two_halves_merged_are_the_whole(study):
+    study.run("whole", "Drawn", options=("--jobs", "1"))
+    study.run("a", "Drawn", options=("--sigma", "0.01"))
+    study.run("b", "Drawn", options=("--sigma", "0.1"))
+    a, b, c = (study.folder / name for name in "abc")
+    assert "8 rows" in study.call("merge", a, b, "--out", c)
+    assert "0 rows" in study.call("merge", c, b)
+    study.call("report", "--no-figures", c)
+    same(study.rows("c"), study.rows("whole"))
+    with read_store(c) as store:
+        assert [run.selection for run in store.runs()][:2] == ["--sigma 0.01", "--sigma 0.1"]
+
+    study.plugin.write_text(study.plugin.read_text().replace("rng.uniform(0.5", "rng.uniform(0.9"))
+    study.run("b", "Drawn", options=("--sigma", "0.1"))
+    error = study.call("merge", c, b, code=2)
+    assert "cannot merge" in error
+    assert "estimator version of 'Drawn'" in error
+
+
+def test_retry_runs_what_failed_and_nothing_else(study):
+    said = study.run("out", "Fails")
+    assert "crash" in said
+    assert "16 of 16 trials are done already" in study.run("out", "Fails")
+    again = study.run("out", "Fails", options=("--retry", "failed"))
+    assert "8 of 16 trials are done already" in again
+    again = study.run("out", "Fails", options=("--retry", "timeout"))
+    assert "16 of 16 trials are done already" in again
+    status = [line.split() for line in study.call("status", study.folder / "out").split("\n")]
+    assert ["two_player", "Fails", "0", "8", "0", "0"] in status
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("seeds = 4", "seeds = 5", "seeds was 4 and is 5"),
+        ("time_limit = 20.0", "time_limit = 30.0", "time_limit was 20.0 and is 30.0"),
+        ("[0.01, 0.1]", "[0.01]", "sigmas had 0.1 and has it no more"),
+    ],
+)
+def test_a_suite_that_changed_is_refused(study, old, new, expected):
+    study.run("out", options=("--seeds", "1", "--sigma", "0.01"))
+    before = (study.folder / "out" / FILE_NAME).read_bytes()
+    study.suite.write_text(study.suite.read_text().replace(old, new))
+    error = study.run("out", code=2)
+    assert expected in error
+    assert "use another --out" in error
+    assert (study.folder / "out" / FILE_NAME).read_bytes() == before
+
+
+def test_a_suite_may_grow(study):
+    study.run("out", options=("--seeds", "1"))
+    study.suite.write_text(study.suite.read_text().replace("[0.01, 0.1]", "[0.01, 0.05, 0.1]"))
+    assert "2 of 3 trials are done already" in study.run("out", options=("--seeds", "1"))
+
+
+def test_provenance_is_stored(study):
+    study.run("out", options=("--seeds", "1"))
+    with read_store(study.folder / "out") as store:
+        (run,) = store.runs()
+    assert run.suite_text == study.suite.read_text()
+    assert run.seeds == 1
+    assert {"python", "numpy", "casadi", "olne-bench"} <= set(run.versions)
+    assert {"system", "processor", "cores"} <= set(run.machine)
+    assert run.executor == "2 local processes"
+
+
+def test_status_without_a_run(study):
+    assert "no run in" in study.call("status", study.folder, code=2)
+
+
+def test_a_plugin_that_changes_during_a_run_ends_it(study):
+    # A worker sees the file as it is when it starts; the driver has seen the former one.
+    study.plugin.write_text(
+        study.plugin.read_text()
+        + "\nwith open(__file__, 'a') as file:\n    file.write('\\nx = 1\\n')\n"
+    )
+    assert "the code of estimator 'Drawn' is" in study.run("out", "Drawn", code=2)
