@@ -5,8 +5,8 @@ that draws at random has a stream of its own per player, seeded from the seed of
 key of its class, so that neither the traffic nor another sensor depends on it. Noise has a stream
 for every name of a component: two sensors that both show ``px`` show the same noise on it.
 
-``wrap`` puts the layers of a sensor (``games.sensor``) around a world, in the order that likelihoods
-assume.
+``wrap`` puts the layers of a sensor (``games.sensor``) around a world, in the order that
+likelihoods assume.
 
 The wrappers stack in any order in which each finds the components it needs, over any world with
 an ``observation_layout`` (see ``envs.layout``), and with wrappers of other libraries as long as

@@ -17,7 +17,6 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-
 #: Least eigenvalue of a covariance, relative to its largest.
 _SINGULAR = 1e-12
 

@@ -46,7 +46,9 @@ def observe(
         ValueError: as ``sensor_model``, or where an angle that the sensor shows jumps.
     """
     return tuple(
-        _played(_wrapped(_Same(recording), tuple(layers), sigma), seed if k == 0 else _seed(seed, k))
+        _played(
+            _wrapped(_Same(recording), tuple(layers), sigma), seed if k == 0 else _seed(seed, k)
+        )
         for k, recording in enumerate(recordings)
     )
 
