@@ -7,7 +7,7 @@ import click
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.commands.options import BUDGET
+from olne_bench.bench.commands.options import BUDGET, PATH
 from olne_bench.bench.files import check_new_file, whole_file
 from olne_bench.bench.judge.estimate_check import (
     CheckedEstimate,
@@ -29,7 +29,7 @@ from olne_bench.games.observation import ComponentView, FullView, View
 
 
 @click.command()
-@click.argument("recording", type=click.Path(path_type=Path))
+@click.argument("recording", type=PATH)
 @click.option("--scenario", required=True, help="Scenario whose cost features the players have.")
 @click.option(
     "--seed",
@@ -51,7 +51,7 @@ from olne_bench.games.observation import ComponentView, FullView, View
     show_default=True,
     help="Seconds that the estimator is told it has.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file of the weights, a new one.")
+@click.option("--out", type=PATH, help="CSV file of the weights, a new one.")
 def estimate(
     recording: Path,
     scenario: str,

@@ -24,7 +24,8 @@ from olne_bench.bench.judge.truth import (
     true_recordings,
     unit_cosine_limit,
 )
-from olne_bench.bench.plan.trial import Outcome, Trial
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import one_line
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
@@ -48,7 +49,7 @@ def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
             the trial's time limit for itself.
     """
     begin("set-up")
-    view = VIEWS[trial.view]
+    view = VIEWS[trial.sensor.layers[0].name]
     try:
         recordings = true_recordings(trial.scenario, trial.seed)
         limit = unit_cosine_limit(trial.scenario, trial.seed, view)
@@ -109,17 +110,17 @@ def _judge(
     outcome = replace(
         outcome,
         message=estimate.message,
-        cosine_error=cosine_error(scenario.weights, estimate.weights),
+        scores={"cosine_error": cosine_error(scenario.weights, estimate.weights)},
         weights=estimate.weights.tolist(),
         objective=estimate.objective,
         extras=estimate.extras,
     )
     if estimate.covariance is not None and trial.sigma > 0:
         inside = covered(scenario.weights, estimate.weights, estimate.covariance)
-        outcome = replace(outcome, covered=int(inside))
+        outcome = _score(outcome, covered=float(inside))
     if estimate.states is not None:
         error = position_error(recording.states, estimate.states)
-        outcome = replace(outcome, reconstruction_error=error)
+        outcome = _score(outcome, reconstruction_error=error)
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
         return replace(outcome, status="not_converged", message=message)
@@ -131,7 +132,12 @@ def _judge(
         message = "no root of the game found at the estimated weights"
         return replace(outcome, status="failed_forward", message=message)
     error = position_error(recording.states, prediction.root.states)
-    return replace(outcome, position_error=error, held_out_error=_held_out(trial, estimate.weights))
+    held_out = _held_out(trial, estimate.weights)
+    return _score(outcome, position_error=error, held_out_error=held_out)
+
+
+def _score(outcome: Outcome, **scores: float | None) -> Outcome:
+    return replace(outcome, scores=outcome.scores | scores)
 
 
 def _held_out(trial: Trial, weights: np.ndarray) -> float | None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from olne_bench.bench.judge.metrics import position_error
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import Scenario, get_scenario, is_family
 from olne_bench.games.information import (

@@ -14,7 +14,8 @@ from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.results import find
 from olne_bench.bench.report.statistics.attempts import FLOOR, weighed
-from olne_bench.bench.run.store import parse_weights, read_store, to_frame
+from olne_bench.bench.run.store import read_store
+from olne_bench.bench.run.store_table import parse_weights, to_frame
 from olne_bench.errors import UserError
 
 _LEGEND = """

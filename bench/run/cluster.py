@@ -23,7 +23,8 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from olne_bench.bench.plan.trial import Outcome, Trial
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.run.executor import never
 from olne_bench.bench.run.referee_loop import run_trial
 from olne_bench.bench.run.referee_process import TICK, WorkerProcess

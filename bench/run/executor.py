@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from multiprocessing.connection import wait
 from pathlib import Path
 
-from olne_bench.bench.plan.trial import Outcome, Trial
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.run.referee_loop import run_trial
 from olne_bench.bench.run.referee_process import TICK, WorkerProcess
 

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from olne_bench.bench.judge.referee import describe_error
-from olne_bench.bench.plan.trial import Outcome
+from olne_bench.bench.plan.described import Description
+from olne_bench.bench.plan.learn import Question, describe_here
+from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.run.referee_process import WorkerProcess
 from olne_bench.errors import UserError
 from olne_bench.estimators.registry import is_built_in, load_estimator
@@ -73,3 +75,14 @@ def load(task: Loading, begin: Callable[[str], None]) -> Outcome:
     except (KeyboardInterrupt, GeneratorExit) as error:  # raised by it: nobody else can, here
         return Outcome("crash", describe_error(error))
     return Outcome("ok")
+
+
+def describe_apart(questions: list[Question]) -> list[Description]:
+    """What plugins say of themselves, once a process that may die of it has tried them."""
+    foreign = [
+        (reference, parameters)
+        for kind, reference, parameters in questions
+        if kind in (None, "estimator") and not is_built_in(reference)
+    ]
+    probe(foreign)
+    return describe_here(questions)

@@ -19,7 +19,7 @@ from pathlib import Path
 from pickle import UnpicklingError
 from typing import Generic, Protocol, TypeVar
 
-from olne_bench.bench.plan.trial import Outcome
+from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.run.referee_loop import READY, Answer, Stage
 from olne_bench.errors import UserError
 

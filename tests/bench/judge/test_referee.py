@@ -8,7 +8,9 @@ import pytest
 from olne_bench.bench.judge.estimate_check import MOST_EXTRAS, InvalidEstimateError, check_estimate
 from olne_bench.bench.judge.referee import evaluate
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry, load_suite, select
+from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import VIEWS

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from olne_bench.bench.plan.suite import load_suite, select
-from olne_bench.bench.plan.trial import Outcome, expand
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.select import select
+from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.plan.versions import Versions
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import pending, progress
