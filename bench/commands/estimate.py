@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.commands.options import BUDGET, PATH
-from olne_bench.bench.files import check_new_file, whole_file
 from olne_bench.bench.judge.estimate_check import (
     CheckedEstimate,
     InvalidEstimateError,
@@ -23,6 +22,7 @@ from olne_bench.envs.scenarios import Scenario, get_scenario, scenario_options
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.registry import load_estimator
+from olne_bench.files import check_new_file, whole_file
 from olne_bench.games.features import Feature, FinalGoal
 from olne_bench.games.game import Game, Player
 from olne_bench.games.observation import ComponentView, FullView, View

@@ -5,9 +5,9 @@ from pathlib import Path
 import click
 
 from olne_bench.bench.commands.options import PATH
-from olne_bench.bench.files import check_new_file
 from olne_bench.envs.recording_file import write_recording
 from olne_bench.envs.tracks import ignored_columns, read_tracks
+from olne_bench.files import check_new_file
 
 
 @click.command(name="import")

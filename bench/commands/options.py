@@ -8,8 +8,8 @@ import click
 
 from olne_bench.bench.plan.values import shown
 
-#: File systems take no longer names [bytes].
-_NAME_SIZE = 255
+#: File systems take names of 255 bytes; what is written beside a file is named after it.
+_NAME_SIZE = 200
 
 
 class FiniteRange(click.FloatRange):

@@ -8,13 +8,13 @@ import click
 from tqdm import tqdm
 
 from olne_bench.bench.commands.options import PATH
-from olne_bench.bench.files import check_new_file
 from olne_bench.envs.recording import NoEquilibriumError, Recording, film
 from olne_bench.envs.recording import record as play
 from olne_bench.envs.recording_file import of_recordings, write_recording
 from olne_bench.envs.scenarios import Scenario, get_scenario, is_family
 from olne_bench.envs.video import SUFFIXES, write_video
 from olne_bench.errors import UserError
+from olne_bench.files import check_new_file
 
 #: Videos run in real time, but not slower than this [frames/s].
 SLOWEST_FPS = 2.5

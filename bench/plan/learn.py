@@ -71,8 +71,8 @@ def _all_metrics(suite: Suite) -> list[MetricEntry]:
 
 def _add(suite: Suite, plugin: str, said: Description) -> Suite:
     if said.kind == "scenario":
-        common = {"trajectories": suite.trajectories}
-        scenario = _scenario(ScenarioEntry(name=plugin, **common), said)
+        entry = ScenarioEntry(name=plugin, trajectories=suite.trajectories)
+        scenario = _scenario(entry, said)
         return suite.model_copy(update={"scenarios": (*suite.scenarios, scenario)})
     if said.kind == "sensor":
         sensor = _sensor(SensorEntry(layers=(PluginEntry(name=plugin),)), iter([said]))
