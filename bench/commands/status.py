@@ -10,7 +10,6 @@ from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import last_suite, progress
 from olne_bench.bench.run.store import Record, read_store
-from olne_bench.estimators.registry import EstimatorError
 
 
 @click.command()
@@ -42,7 +41,7 @@ def _table(suite: Suite, records: list[Record]) -> tuple[pd.DataFrame, list[str]
         part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
         try:
             found = progress(expand(part), records)
-        except (EstimatorError, ValueError) as error:
+        except ValueError as error:
             notes.append(f"{estimator.label} on {scenario.label}: not known here: {error}")
             continue
         counts = {name: len(trials) for name, trials in vars(found).items()}

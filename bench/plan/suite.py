@@ -9,16 +9,12 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from olne_bench import plugins
 from olne_bench.envs.scenarios import check_options
 from olne_bench.errors import UserError
-from olne_bench.estimators.registry import (
-    EstimatorError,
-    absolute_reference,
-    estimator_label,
-    load_estimator,
-)
 from olne_bench.games.nearest_root import PUBLISHED_ITERATIONS
 from olne_bench.games.observation import VIEWS
+from olne_bench.plugins import ESTIMATOR, absolute, make
 
 SUITE_FOLDER = Path(__file__).parent / "suites"
 
@@ -235,11 +231,11 @@ class Suite(_Strict):
         probe((entry.name, entry.parameters) for entry in value)
         labelled = []
         for entry in value:
-            load_estimator(entry.name, entry.parameters)
-            label = entry.label or estimator_label(entry.name)
+            make(ESTIMATOR, entry.name, entry.parameters)
+            shown = entry.label or plugins.label(ESTIMATOR, entry.name)
             # Whoever goes on with the run, or works on it elsewhere, may be in another folder.
-            name = absolute_reference(entry.name)
-            labelled.append(entry.model_copy(update={"label": label, "name": name}))
+            name = absolute(entry.name)
+            labelled.append(entry.model_copy(update={"label": shown, "name": name}))
         return _distinct(tuple(labelled), "estimator label", [entry.label for entry in labelled])
 
     @model_validator(mode="after")
@@ -324,7 +320,7 @@ def load_suite(reference: str, plugins: tuple[str, ...] = ()) -> Suite:
         return Suite.model_validate(data)
     except ValidationError as error:
         raise UserError(f"suite {path}: {_first_problem(error)}") from error
-    except (EstimatorError, UserError) as error:
+    except UserError as error:
         raise UserError(f"suite {path}: {error}") from error
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from olne_bench.bench.plan.suite import EstimatorEntry, ScenarioEntry, Suite
 from olne_bench.bench.plan.versions import Versions, versions
 from olne_bench.envs.scenarios import is_family
-from olne_bench.estimators.registry import is_built_in
+from olne_bench.plugins import ESTIMATOR, is_built_in
 
 #: What can become of a trial. Everything but ``ok`` and ``skipped`` is a failure.
 STATUSES = (
@@ -53,7 +53,7 @@ class Trial:
     @property
     def plugin(self) -> str:
         """What tells apart estimators that are not built in; empty where it is."""
-        return "" if is_built_in(self.estimator.name) else self.estimator.label
+        return "" if is_built_in(ESTIMATOR, self.estimator.name) else self.estimator.label
 
     @property
     def key(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import olne_bench
 from olne_bench.bench.plan.fingerprint import fingerprint
 from olne_bench.bench.plan.suite import EstimatorEntry, ScenarioEntry
-from olne_bench.estimators.registry import estimator_source, is_file_reference
+from olne_bench.plugins import ESTIMATOR, SCENARIO, Kind, is_file, source
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
 _GAMES, _ENVS, _ESTIMATORS = (
@@ -45,7 +45,7 @@ def versions(scenario: ScenarioEntry, estimator: EstimatorEntry) -> Versions:
     """The versions as this process's code has them.
 
     Raises:
-        EstimatorError: where the estimator cannot be loaded.
+        PluginError: where the scenario or estimator cannot be found.
     """
     return Versions(
         estimator=_estimator_version(estimator.name),
@@ -71,19 +71,25 @@ def explain_difference(
 
 @lru_cache(maxsize=256)
 def _estimator_version(reference: str) -> str:
-    module, path = estimator_source(reference)
-    roots = _GAMES | _ESTIMATORS
-    if is_file_reference(reference):
-        return fingerprint({path.stem: path}, roots, own=path.parent)
-    top = module.partition(".")[0]
-    depth = module.count(".") + (path.name == "__init__.py")
-    return fingerprint({module: path}, {top: path.parents[depth]} | roots, own=None)
+    return fingerprint(*_code(ESTIMATOR, reference, _GAMES | _ESTIMATORS))
 
 
 @lru_cache(maxsize=256)
 def _scenario_version(name: str) -> str:
-    starts = _modules("olne_bench.envs", (f"scenarios.{name}", "recording"))
-    return fingerprint(starts, _ENVS | _GAMES, own=None)
+    starts, roots, own = _code(SCENARIO, name, _ENVS | _GAMES)
+    return fingerprint(starts | _modules("olne_bench.envs", ("recording",)), roots, own)
+
+
+def _code(
+    kind: Kind, reference: str, roots: dict[str, Path]
+) -> tuple[dict[str, Path], dict[str, Path], Path | None]:
+    """Where a plugin's code begins, what it may lead to, and the folder that is its own."""
+    module, path = source(kind, reference)
+    if is_file(reference):
+        return {path.stem: path}, roots, path.parent
+    top = module.partition(".")[0]
+    depth = module.count(".") + (path.name == "__init__.py")
+    return {module: path}, {top: path.parents[depth]} | roots, None
 
 
 @lru_cache(maxsize=1)

@@ -229,5 +229,5 @@ def test_names_are_not_empty(tmp_path):
         load_suite(path)
     plugin = tmp_path / "plugin.py"
     plugin.write_text("class A:\n    name = ''\n    def estimate(self): pass\n")
-    with pytest.raises(UserError, match="has the name '': its class attribute 'name' has to be a"):
+    with pytest.raises(UserError, match="has '' for a name: it has to be a text"):
         load_suite(write(tmp_path, GOOD), (str(plugin),))
