@@ -21,11 +21,11 @@ from olne_bench.envs.recording_file import RecordingFile, RecordingFileError, re
 from olne_bench.envs.scenarios import Scenario, get_scenario, scenario_options
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.registry import load_estimator
 from olne_bench.files import check_new_file, whole_file
 from olne_bench.games.features import Feature, FinalGoal
 from olne_bench.games.game import Game, Player
 from olne_bench.games.observation import ComponentView, FullView, View
+from olne_bench.plugins import ESTIMATOR, make
 
 
 @click.command()
@@ -167,7 +167,7 @@ def _estimate(
     reference: str, problem: Problem, observation: Observation, budget: float
 ) -> CheckedEstimate:
     probe([(reference, {})])
-    estimator = load_estimator(reference)
+    estimator = make(ESTIMATOR, reference)
     rng = np.random.default_rng(0)
     try:
         reason = estimator.supports(problem) if hasattr(estimator, "supports") else None

@@ -13,7 +13,7 @@ from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import STATES, Stored, last_suite
 from olne_bench.bench.run.store import read_store
-from olne_bench.estimators.registry import EstimatorError
+from olne_bench.plugins import PluginError
 
 
 @click.command()
@@ -45,7 +45,7 @@ def _table(suite: Suite, stored: Stored) -> tuple[pd.DataFrame, list[str]]:
         part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
         try:
             found = Counter(stored.state(trial) for trial in expand(part))
-        except (EstimatorError, ValueError) as error:
+        except PluginError as error:
             notes.append(f"{estimator.label} on {scenario.label}: not known here: {error}")
             continue
         counts = {state: found[state] for state in STATES}
@@ -58,10 +58,11 @@ def _heading(folder: Path, runs: list[Provenance]) -> str:
     suite = read_suite_json(last.suite)
     commit = f", commit {last.commit[:12]}" if last.commit else ""
     own = "its own" if suite.salt == suite.name else repr(suite.salt)
+    release = last.versions.get("olne-bench", "?")
     return (
         f"{folder}: suite {suite.name}, {len(runs)} run{'s' if len(runs) > 1 else ''}, the last "
-        f"one of {last.started} on {last.executor}, olne-bench {last.versions.get('olne-bench', '?')}"
-        f"{commit}; salt {salt_id(suite.salt)} ({own})"
+        f"one of {last.started} on {last.executor}, olne-bench {release}{commit}; "
+        f"salt {salt_id(suite.salt)} ({own})"
     )
 
 

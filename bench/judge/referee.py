@@ -29,8 +29,8 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import one_line
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.registry import load_estimator
 from olne_bench.games.observation import VIEWS, FullView, observe
+from olne_bench.plugins import ESTIMATOR, make
 
 
 def no_stages(name: str) -> None:
@@ -74,7 +74,7 @@ def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
     # The truth behind the problem is kept for other trials, so foreign code gets a copy.
     handed = deepcopy(problem) if trial.plugin else problem
     try:
-        estimator = load_estimator(trial.estimator.name, trial.estimator.parameters)
+        estimator = make(ESTIMATOR, trial.estimator.name, trial.estimator.parameters)
         reason = estimator.supports(handed) if hasattr(estimator, "supports") else None
         if len(observations) > 1 and not getattr(estimator, "several", False):
             reason = f"takes one trajectory at a time, not {len(observations)}"

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from olne_bench.bench.plan import described
-from olne_bench.bench.plan.described import Description
 from olne_bench.bench.plan.entries import (
     EstimatorEntry,
     MetricEntry,
@@ -14,9 +13,10 @@ from olne_bench.bench.plan.entries import (
 )
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.errors import UserError
+from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Description, Kind
 
 #: Kind of a plugin, None where that is to be found out; its reference; its parameters.
-Question = tuple[str | None, str, Mapping[str, Any]]
+Question = tuple[Kind | None, str, Mapping[str, Any]]
 Describe = Callable[[list[Question]], list[Description]]
 
 
@@ -38,10 +38,10 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
     """
     metrics = _all_metrics(suite)
     questions: list[Question] = [
-        *(("scenario", entry.name, entry.options) for entry in suite.scenarios),
-        *(("sensor", layer.name, layer.parameters) for e in suite.sensors for layer in e.layers),
-        *(("estimator", entry.name, entry.parameters) for entry in suite.estimators),
-        *(("metric", entry.name, entry.parameters) for entry in metrics),
+        *((SCENARIO, entry.name, entry.options) for entry in suite.scenarios),
+        *((SENSOR, layer.name, layer.parameters) for e in suite.sensors for layer in e.layers),
+        *((ESTIMATOR, entry.name, entry.parameters) for entry in suite.estimators),
+        *((METRIC, entry.name, entry.parameters) for entry in metrics),
         *((None, plugin, {}) for plugin in plugins),
     ]
     answers = describe(questions)
@@ -65,19 +65,19 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
 def _all_metrics(suite: Suite) -> list[MetricEntry]:
     """This package's own, each with the parameters that the suite gives it, then the others."""
     named = {entry.name: entry for entry in suite.metrics}
-    own = [named.pop(name, MetricEntry(name=name)) for name in described.METRICS]
+    own = [named.pop(name, MetricEntry(name=name)) for name in described.names(METRIC)]
     return [*own, *(entry for entry in suite.metrics if entry.name in named)]
 
 
 def _add(suite: Suite, plugin: str, said: Description) -> Suite:
-    if said.kind == "scenario":
+    if said.kind == SCENARIO.name:
         entry = ScenarioEntry(name=plugin, trajectories=suite.trajectories)
         scenario = _scenario(entry, said)
         return suite.model_copy(update={"scenarios": (*suite.scenarios, scenario)})
-    if said.kind == "sensor":
+    if said.kind == SENSOR.name:
         sensor = _sensor(SensorEntry(layers=(PluginEntry(name=plugin),)), iter([said]))
         return suite.model_copy(update={"sensors": (*suite.sensors, sensor)})
-    if said.kind == "metric":
+    if said.kind == METRIC.name:
         metric = _metric(MetricEntry(name=plugin), said)
         return suite.model_copy(update={"metrics": (*suite.metrics, metric)})
     estimator = _estimator(EstimatorEntry(name=plugin), said)

@@ -15,7 +15,7 @@ from olne_bench.bench.plan.entries import (
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import Versions, versions
-from olne_bench.estimators.registry import is_built_in
+from olne_bench.plugins import ESTIMATOR, is_built_in
 
 #: Columns of a row that are known beforehand, and their SQL types.
 LABEL_COLUMNS = {
@@ -149,7 +149,7 @@ def in_order_of_plugins(suite: Suite, seeds: int | None = None) -> Iterator[Tria
 
 
 def _plugin(estimator: EstimatorEntry) -> str:
-    return "" if is_built_in(estimator.name) else estimator.label
+    return "" if is_built_in(ESTIMATOR, estimator.name) else estimator.label
 
 
 class _Cell(NamedTuple):

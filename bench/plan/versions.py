@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import os
+import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -12,16 +14,17 @@ import olne_bench
 from olne_bench.bench.plan import described
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.fingerprint import LENGTH, fingerprint
+from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
 _GAMES, _ENVS, _ESTIMATORS, _BENCH = (
     {f"olne_bench.{name}": _PACKAGES} for name in ("games", "envs", "estimators", "bench")
 )
 _COMMON = {
-    "estimator": _GAMES | _ESTIMATORS,
-    "scenario": _ENVS | _GAMES,
-    "sensor": _ENVS | _GAMES,
-    "metric": _GAMES | _BENCH,
+    ESTIMATOR: _GAMES | _ESTIMATORS,
+    SCENARIO: _ENVS | _GAMES,
+    SENSOR: _ENVS | _GAMES,
+    METRIC: _GAMES | _BENCH,
 }
 _PLAYING = ("recording",)
 _SCORING = (
@@ -74,9 +77,9 @@ def versions(
     """
     named = tuple((m.name, json.dumps(m.parameters, sort_keys=True)) for m in metrics)
     return Versions(
-        estimator=_version("estimator", estimator.name),
-        scenario=_version("scenario", scenario.name),
-        sensor=_digest(_version("sensor", layer.name) for layer in sensor.layers),
+        estimator=_version(ESTIMATOR, estimator.name),
+        scenario=_version(SCENARIO, scenario.name),
+        sensor=_digest(_version(SENSOR, layer.name) for layer in sensor.layers),
         scoring=_scoring(named),
         environment=_digest(f"{name} {value}" for name, value in environment().items()),
     )
@@ -86,7 +89,13 @@ def versions(
 def environment() -> Mapping[str, str]:
     """Versions of libraries, and the backend: what ``Versions.environment`` is made of."""
     found = {name: _library(name) for name in _LIBRARIES}
-    return found | {"backend": described.backend()}
+    return found | {"backend": backend()}
+
+
+def backend() -> str:
+    """What solves the games: compiled code, or NumPy."""
+    compiled = os.environ.get("OLNE_BENCH_NATIVE", "1") != "0"
+    return "native" if compiled and shutil.which(os.environ.get("CC", "cc")) else "numpy"
 
 
 def _library(name: str) -> str:
@@ -97,24 +106,22 @@ def _library(name: str) -> str:
 
 
 @lru_cache(maxsize=256)
-def _version(kind: str, reference: str) -> str:
+def _version(kind: Kind, reference: str) -> str:
     module, path = described.source(kind, reference)
-    roots = _COMMON[kind]
-    if described.is_file(reference):
-        return fingerprint({path.stem: path}, roots, own=path.parent)
+    played = _modules("olne_bench.envs", _PLAYING) if kind == SCENARIO else {}
+    if is_file(reference):
+        return fingerprint({path.stem: path} | played, _COMMON[kind], own=path.parent)
     top = module.partition(".")[0]
     depth = module.count(".") + (path.name == "__init__.py")
-    starts = {module: path}
-    if kind == "scenario":
-        starts |= _modules("olne_bench.envs", _PLAYING)
+    # This package has roots of its own; of another one, all of it may count.
     folder = {} if top == "olne_bench" else {top: path.parents[depth]}
-    return fingerprint(starts, folder | roots, own=None)
+    return fingerprint({module: path} | played, folder | _COMMON[kind], own=None)
 
 
 @lru_cache(maxsize=64)
 def _scoring(metrics: tuple[tuple[str, str], ...]) -> str:
     own = fingerprint(_modules("olne_bench.bench", _SCORING), _GAMES, own=None)
-    return _digest([own, *(f"{_version('metric', name)} {given}" for name, given in metrics)])
+    return _digest([own, *(f"{_version(METRIC, name)} {given}" for name, given in metrics)])
 
 
 def _digest(texts: Iterable[str]) -> str:

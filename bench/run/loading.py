@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from olne_bench.bench.judge.referee import describe_error
-from olne_bench.bench.plan.described import Description
 from olne_bench.bench.plan.learn import Question, describe_here
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.run.referee_process import WorkerProcess
 from olne_bench.errors import UserError
-from olne_bench.estimators.registry import is_built_in, load_estimator
+from olne_bench.plugins import ESTIMATOR, Description, is_built_in, make
 
 #: Seconds that importing and making one estimator may take.
 LOAD_LIMIT = 60.0
@@ -53,7 +52,7 @@ def probe(estimators: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
     worker: WorkerProcess[Loading] = WorkerProcess(load, log=Path(os.devnull), memory=None)
     try:
         for reference, parameters in estimators:
-            if is_built_in(reference):
+            if is_built_in(ESTIMATOR, reference):
                 continue
             worker.assign(Loading(reference, parameters, LOAD_LIMIT))
             outcome = worker.wait()
@@ -67,11 +66,11 @@ def load(task: Loading, begin: Callable[[str], None]) -> Outcome:
     """Make an estimator in this process.
 
     Raises:
-        EstimatorError: as ``load_estimator`` does.
+        PluginError: as ``plugins.make`` does.
     """
     begin("its import")
     try:
-        load_estimator(task.reference, task.parameters)
+        make(ESTIMATOR, task.reference, task.parameters)
     except (KeyboardInterrupt, GeneratorExit) as error:  # raised by it: nobody else can, here
         return Outcome("crash", describe_error(error))
     return Outcome("ok")
@@ -82,7 +81,7 @@ def describe_apart(questions: list[Question]) -> list[Description]:
     foreign = [
         (reference, parameters)
         for kind, reference, parameters in questions
-        if kind in (None, "estimator") and not is_built_in(reference)
+        if kind in (None, ESTIMATOR) and not is_built_in(ESTIMATOR, reference)
     ]
     probe(foreign)
     return describe_here(questions)

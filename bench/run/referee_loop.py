@@ -22,7 +22,7 @@ from typing import Any
 from olne_bench.bench.judge.referee import describe_error, evaluate
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, other_code
-from olne_bench.estimators.registry import EstimatorError
+from olne_bench.plugins import PluginError
 
 #: What a worker says once it has imported everything.
 READY = "ready"
@@ -115,7 +115,7 @@ def _answer(
     threads = threading.active_count()
     try:
         outcome = function(task, begin)
-    except (OtherCodeError, EstimatorError) as error:
+    except (OtherCodeError, PluginError) as error:
         return str(error)
     except MemoryError as error:  # of ours, but with what the estimator has left
         outcome = Outcome("crash", describe_error(error))

@@ -32,19 +32,23 @@ from types import SimpleNamespace
 import numpy as np
 
 class Drawn:
+    name = "Drawn"
     def estimate(self, problem, observation, *, rng, budget):
         return SimpleNamespace(weights=rng.uniform(0.5, 1, (2, 4)))
 
 class Fails:
+    name = "Fails"
     def estimate(self, problem, observation, *, rng, budget):
         raise RuntimeError("always")
 
 class Slow(Drawn):
+    name = "Slow"
     def estimate(self, *args, **kwargs):
         time.sleep(0.4)
         return super().estimate(*args, **kwargs)
 
 class Hangs(Drawn):
+    name = "Hangs"
     def estimate(self, *args, **kwargs):
         while True:
             time.sleep(0.1)

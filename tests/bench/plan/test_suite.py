@@ -61,7 +61,7 @@ def test_paper_suite_is_the_published_study():
         ("0.1]", "nan]", "sigmas.1"),
         ("0.1]", "0.0]", "sigma 0.0 is listed twice"),
         ("two_player", "three_player", "unknown scenario 'three_player'; known are: highway"),
-        ('"two_player"', '{name="random", options={players=3}}', "known are: num_players"),
+        ('"two_player"', '{name="random", options={players=3}}', "its parameters: num_players"),
         ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
         ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
         ("seeds = 3", "seeds = 3\nroot_iterations = 0", "root_iterations: Input should be greater"),
@@ -233,5 +233,5 @@ def test_names_are_not_empty(tmp_path):
         load_suite(path)
     plugin = tmp_path / "plugin.py"
     plugin.write_text("class A:\n    name = ''\n    def estimate(self): pass\n")
-    with pytest.raises(UserError, match="has the name '': its class attribute 'name' has to be a"):
+    with pytest.raises(UserError, match="has '' for a name: it has to be a text"):
         load_suite(write(tmp_path, GOOD), (str(plugin),))
