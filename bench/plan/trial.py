@@ -92,7 +92,7 @@ class Trial:
         }
 
 
-def other_code(trial: Trial) -> str | None:
+def explain_difference(trial: Trial) -> str | None:
     """One line on how this process's code is not what a trial was made for; None where it is."""
     actual = versions(trial.scenario, trial.sensor, trial.estimator, trial.metrics)
     subjects = {

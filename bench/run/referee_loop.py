@@ -21,7 +21,7 @@ from typing import Any
 
 from olne_bench.bench.judge.referee import describe_error, evaluate
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.trial import Trial, other_code
+from olne_bench.bench.plan.trial import Trial, explain_difference
 from olne_bench.plugins import PluginError
 
 #: What a worker says once it has imported everything.
@@ -99,7 +99,7 @@ def run_trial(trial: Trial, begin: Callable[[str], None]) -> Outcome:
     Raises:
         OtherCodeError: if the code here is not the same.
     """
-    difference = other_code(trial)
+    difference = explain_difference(trial)
     if difference is not None:
         raise OtherCodeError(difference)
     return evaluate(trial, begin)
