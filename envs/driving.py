@@ -7,7 +7,7 @@ import numpy as np
 
 from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
 from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
-from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count
+from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count, one_number
 from olne_bench.games.features import CarProximity, ControlEffort, StateDeviation
 from olne_bench.games.game import Game, Player
 from olne_bench.games.lanes import Lane, LaneKeeping
@@ -138,7 +138,8 @@ def check_num_players(name: str, num_players: int, fewest: int, most: int) -> No
     check_count("num_players", num_players)
     if not fewest <= num_players <= most:
         raise ValueError(
-            f"scenario {name!r} holds {fewest} to {most} players, got num_players = {num_players}"
+            f"scenario {name!r} holds {fewest} to {most} players, got num_players = "
+            f"{one_number(num_players)}"
         )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import click
 
 from olne_bench.bench.commands import COMMANDS
-from olne_bench.bench.plan.suite import load_suite, suite_names
+from olne_bench.bench.plan.load import load_suite, suite_names
 from olne_bench.envs.scenarios import scenario_names, scenario_options
 from olne_bench.errors import UserError
 from olne_bench.estimators.registry import EstimatorError, estimator_names

@@ -19,8 +19,8 @@ from olne_bench.bench.judge.metrics import cosine_error
 from olne_bench.bench.judge.observe import sense
 from olne_bench.bench.judge.referee import describe_error, no_stages
 from olne_bench.bench.judge.truth import observed_noise_scale, true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
-from olne_bench.bench.plan.trial import Outcome
+from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.run.referee_process import WorkerProcess
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.registry import load_estimator

@@ -1,6 +1,5 @@
 """Acceptance: a run against the limits of its suite."""
 
-import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -9,7 +8,9 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.plan.suite import Limits, Suite, read_suite_json, select
+from olne_bench.bench.plan.limits import GateLimits
+from olne_bench.bench.plan.select import select
+from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.report.statistics.attempts import is_family_label
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.errors import UserError
@@ -42,18 +43,7 @@ class Plan:
 
 def plan_of(run: Provenance) -> Plan:
     """What a stored run was asked to do."""
-    words = shlex.split(run.selection)
-    chosen: dict[str, list[str]] = {}
-    for option, value in zip(words[::2], words[1::2], strict=True):
-        chosen.setdefault(option.removeprefix("--"), []).append(value)
-    part = select(
-        read_suite_json(run.suite),
-        scenarios=tuple(chosen.get("scenario", ())),
-        views=tuple(chosen.get("view", ())),
-        sigmas=tuple(float(sigma) for sigma in chosen.get("sigma", ())),
-        estimators=tuple(chosen.get("estimator", ())),
-    )
-    return Plan(part, run.seeds)
+    return Plan(select(read_suite_json(run.suite), run.selection), run.seeds)
 
 
 @dataclass(frozen=True)
@@ -82,7 +72,7 @@ class Check:
         return self.value <= self.bound
 
 
-def check_limits(table: pd.DataFrame, gate: dict[str, Limits]) -> list[Check]:
+def check_limits(table: pd.DataFrame, gate: dict[str, GateLimits]) -> list[Check]:
     """Check every limit.
 
     Args:
@@ -125,7 +115,7 @@ def _keys(plan: Plan) -> Iterator[tuple[str, str, str, float, int]]:
                 yield estimator.label, scenario.label, view, sigma, seed
 
 
-def _checks(table: pd.DataFrame, estimator: str, limits: Limits) -> Iterator[Check]:
+def _checks(table: pd.DataFrame, estimator: str, limits: GateLimits) -> Iterator[Check]:
     _require("estimator", [estimator], table["estimator"])
     _require("scenario", limits.scenarios, table["scenario"])
     _require("view", limits.views, table["view"])

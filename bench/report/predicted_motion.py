@@ -13,7 +13,7 @@ import numpy as np
 
 from olne_bench.bench.judge.metrics import position_error
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import Recording
 from olne_bench.games.game import Game
 from olne_bench.games.nearest_root import nearest_root

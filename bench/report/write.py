@@ -8,14 +8,15 @@ from pathlib import Path
 import pandas as pd
 from pyarrow import csv, parquet
 
-from olne_bench.bench.files import whole_file
 from olne_bench.bench.report.figures import draw_figures
 from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.results import find
 from olne_bench.bench.report.statistics.attempts import FLOOR, weighed
-from olne_bench.bench.run.store import parse_weights, read_store, to_frame
+from olne_bench.bench.run.store import read_store
+from olne_bench.bench.run.store_table import parse_weights, to_frame
 from olne_bench.errors import UserError
+from olne_bench.files import whole_file
 
 _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.

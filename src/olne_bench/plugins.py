@@ -179,6 +179,8 @@ def find_class(kind: Kind, reference: str) -> type[Any]:
     Raises:
         PluginError: with one line that names the alternatives, or file and line of the cause.
     """
+    if not isinstance(reference, str):
+        raise _unknown(kind, reference)
     parts = _split(reference)
     if parts is not None:
         return _class_from_file(kind, _file(kind.name, parts[0]), parts[1])
@@ -309,6 +311,8 @@ def describe_foreign_error(error: BaseException, file: Path | None = None) -> st
 
 def _split(reference: str) -> tuple[str, str] | None:
     """Path and class name of a file's reference; None for a name."""
+    if not isinstance(reference, str):  # callers give what they like
+        return None
     if reference.endswith(".py"):
         return reference, ""
     path, _, class_name = reference.rpartition(":")
@@ -366,7 +370,11 @@ def _find(kind: Kind, reference: str) -> Path | EntryPoint:
         return built_in
     if installed:
         return installed[0]
-    raise PluginError(
+    raise _unknown(kind, reference)
+
+
+def _unknown(kind: Kind, reference: object) -> PluginError:
+    return PluginError(
         f"unknown {kind.name} {reference!r}; known are: {', '.join(names(kind))}, "
         "or a file path.py:ClassName"
     )

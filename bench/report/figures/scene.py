@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.figures import style
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.envs.scenarios import is_family

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.scenarios import is_family
 
 #: The estimator that all others must beat: a reference, not a contender.

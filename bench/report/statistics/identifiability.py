@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from olne_bench.bench.judge.metrics import identifiable_cosine_error
 from olne_bench.bench.judge.truth import sensitivities_of, true_recordings
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.leaderboard import LIMIT_SIGMA
 from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of
 from olne_bench.envs.recording import NoEquilibriumError, Recording

@@ -12,7 +12,7 @@ from olne_bench.bench.judge.truth import (
     true_recordings,
     unit_cosine_limit,
 )
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.games.nearest_root import Prediction
 from olne_bench.games.newton import Root, newton_root

@@ -8,7 +8,9 @@ import pytest
 from olne_bench.bench.judge.estimate_check import MOST_EXTRAS, InvalidEstimateError, check_estimate
 from olne_bench.bench.judge.referee import evaluate
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry, load_suite, select
+from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import VIEWS
@@ -52,6 +54,7 @@ import numpy as np
 from types import SimpleNamespace
 
 class Single:
+    name = "Single"
     def estimate(self, problem, observation, *, rng, budget):
         assert observation.y.ndim == 3
         return SimpleNamespace(weights=np.ones((2, 4)), covariance={covariance})
@@ -186,25 +189,30 @@ import numpy as np
 from types import SimpleNamespace
 
 class Changes:
+    name = "Changes"
     def estimate(self, problem, observation, *, rng, budget):
         object.__setattr__(problem.game, "dt", 5.0)
         return SimpleNamespace(weights=np.ones((2, 4)))
 
 class ChangesAFeature:
+    name = "ChangesAFeature"
     def supports(self, problem):
         object.__setattr__(problem.game.players[1], "preferences", ())
     def estimate(self, problem, observation, *, rng, budget):
         return SimpleNamespace(weights=np.ones((2, 4)))
 
 class Interrupts:
+    name = "Interrupts"
     def estimate(self, *args, **kwargs):
         raise KeyboardInterrupt
 
 class Leaves:
+    name = "Leaves"
     def estimate(self, *args, **kwargs):
         raise GeneratorExit("early")
 
 class HasNoText:
+    name = "HasNoText"
     def estimate(self, *args, **kwargs):
         class Mute(Exception):
             def __str__(self):
@@ -212,6 +220,7 @@ class HasNoText:
         raise Mute
 
 class Surrogates:
+    name = "Surrogates"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.ones((2, 4)), message="\\udc80")
 """

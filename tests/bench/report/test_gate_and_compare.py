@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.commands.cli import main
-from olne_bench.bench.plan.suite import Limits
+from olne_bench.bench.plan.limits import GateLimits
 from olne_bench.bench.report.gate import check_limits
 from olne_bench.bench.report.statistics.run_comparison import changes
 from olne_bench.bench.run.store import open_store
@@ -94,7 +94,7 @@ def test_what_is_not_known_does_not_pass():
         {"scenario": ["s"], "view": ["v"], "estimator": ["e"], "trials": [3]}
         | {"limit_ratio": [float("nan")], "solve_seconds_median": [0.1]}
     )
-    (check,) = check_limits(table, {"e": Limits(limit_ratio=5.0)})
+    (check,) = check_limits(table, {"e": GateLimits(limit_ratio=5.0)})
     assert not check.passed
 
 
@@ -104,7 +104,7 @@ def test_what_is_not_known_does_not_pass():
 def test_times_without_an_end_do_not_pass(own, reference, ratio):
     table = pd.DataFrame({"estimator": ["e", "r"], "solve_seconds_median": [own, reference]})
     table = table.assign(scenario="s", view="v", trials=3)
-    (check,) = check_limits(table, {"e": Limits(time_ratio=3.0, time_reference="r")})
+    (check,) = check_limits(table, {"e": GateLimits(time_ratio=3.0, time_reference="r")})
     assert check.value == pytest.approx(ratio, nan_ok=True)
     assert check.passed == (ratio == 2)
 

@@ -3,7 +3,7 @@ import pytest
 
 from olne_bench.bench.judge.metrics import position_error
 from olne_bench.bench.judge.truth import predict_from_start, true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.predicted_motion import replay
 
 ENTRY = ScenarioEntry(name="two_player")
