@@ -15,10 +15,17 @@ from olne_bench.bench.judge.estimate_check import (
     InvalidEstimateError,
     check_estimate,
 )
-from olne_bench.bench.judge.metrics import cosine_error, covered, position_error
+from olne_bench.bench.judge.metrics.cosine_error import CosineError
+from olne_bench.bench.judge.metrics.covers_truth import CoversTruth
+from olne_bench.bench.judge.metrics.formulas import position_error
+from olne_bench.bench.judge.metrics.held_out_error import HeldOutError
+from olne_bench.bench.judge.metrics.judged import Judged
+from olne_bench.bench.judge.metrics.position_error import PositionError
+from olne_bench.bench.judge.metrics.reconstruction_error import ReconstructionError
+from olne_bench.bench.judge.metrics.scoring import score_all
 from olne_bench.bench.judge.observe import sense
 from olne_bench.bench.judge.truth import (
-    held_out_error,
+    held_out_predictions,
     observed_noise_scale,
     predict_from_start,
     true_recordings,
@@ -98,47 +105,45 @@ def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
         estimate = check_estimate(result, problem)
     except InvalidEstimateError as error:
         return replace(outcome, status="invalid", message=one_line(str(error)))
-    return _judge(estimate, trial, recording, outcome)
+    return _judge(estimate, trial, outcome)
 
 
-def _judge(
-    estimate: CheckedEstimate, trial: Trial, recording: Recording, outcome: Outcome
-) -> Outcome:
+_METRICS = (CosineError(), PositionError(), HeldOutError(), CoversTruth(), ReconstructionError())
+
+
+def _judge(estimate: CheckedEstimate, trial: Trial, outcome: Outcome) -> Outcome:
     """Score a well-formed estimate."""
-    scenario = recording.scenario
     outcome = replace(
         outcome,
         message=estimate.message,
-        cosine_error=cosine_error(scenario.weights, estimate.weights),
         weights=estimate.weights.tolist(),
         objective=estimate.objective,
         extras=estimate.extras,
     )
-    if estimate.covariance is not None and trial.sigma > 0:
-        inside = covered(scenario.weights, estimate.weights, estimate.covariance)
-        outcome = replace(outcome, covered=int(inside))
-    if estimate.states is not None:
-        error = position_error(recording.states, estimate.states)
-        outcome = replace(outcome, reconstruction_error=error)
+    prediction = None
+    if estimate.converged:
+        found = predict_from_start(
+            trial.scenario, trial.seed, estimate.weights, trial.root_iterations
+        )
+        outcome = replace(outcome, published_forward=int(found.published))
+        prediction = None if found.root is None else found.root.states
+    case = Judged(
+        recordings=true_recordings(trial.scenario, trial.seed),
+        estimate=estimate,
+        prediction=prediction,
+        sigma=trial.sigma,
+        held_out=lambda: held_out_predictions(
+            trial.scenario, trial.seed, estimate.weights, trial.root_iterations
+        ),
+    )
+    outcome = replace(outcome, **score_all(_METRICS, case))  # type: ignore[arg-type]
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
         return replace(outcome, status="not_converged", message=message)
-    prediction = predict_from_start(
-        trial.scenario, trial.seed, estimate.weights, trial.root_iterations
-    )
-    outcome = replace(outcome, published_forward=int(prediction.published))
-    if prediction.root is None:
+    if prediction is None:
         message = "no root of the game found at the estimated weights"
         return replace(outcome, status="failed_forward", message=message)
-    error = position_error(recording.states, prediction.root.states)
-    return replace(outcome, position_error=error, held_out_error=_held_out(trial, estimate.weights))
-
-
-def _held_out(trial: Trial, weights: np.ndarray) -> float | None:
-    try:
-        return held_out_error(trial.scenario, trial.seed, weights, trial.root_iterations)
-    except NoEquilibriumError:  # nothing near this draw to predict
-        return None
+    return outcome
 
 
 def _observation_error(recording: Recording, trial: Trial) -> float:

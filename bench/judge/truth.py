@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.metrics.judged import HeldOut
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
 from olne_bench.bench.plan.suite import ScenarioEntry
-from olne_bench.envs.recording import Recording, record
+from olne_bench.envs.recording import NoEquilibriumError, Recording, record
 from olne_bench.envs.scenarios import Scenario, get_scenario, is_family
 from olne_bench.games.information import (
     cosine_error_limit,
@@ -45,20 +45,23 @@ def true_recordings(scenario: ScenarioEntry, seed: int) -> tuple[Recording, ...]
     return (first, *_neighbours(key, scenario.trajectories - 1, "trajectories"))
 
 
-def held_out_error(
+def held_out_predictions(
     scenario: ScenarioEntry, seed: int, weights: np.ndarray, root_iterations: int
-) -> float | None:
-    """Mean absolute position error [m] of predictions from other initial states nearby.
+) -> tuple[HeldOut, ...] | None:
+    """Predictions from other initial states nearby, beside the truth there.
 
     There are ``HELD_OUT`` of them, each with a certified equilibrium at the true weights. The
     prediction at the given weights (N, K) from the draw's own initial state
-    (``predict_from_start``) is followed to each (``nearby_starts.follow_start``); None
-    where there is none, or no root is found for one of them.
+    (``predict_from_start``) is followed to each (``nearby_starts.follow_start``).
 
-    Raises:
-        NoEquilibriumError: where there are too few certified equilibria nearby.
+    Returns:
+        None where there are too few certified equilibria nearby, no prediction to follow, or no
+        root at one of the states.
     """
-    return _held_out_error(_key(scenario, seed), weights.tobytes(), root_iterations)
+    try:
+        return _held_out(_key(scenario, seed), weights.tobytes(), root_iterations)
+    except NoEquilibriumError:  # nothing near this draw to predict
+        return None
 
 
 def unit_cosine_limit(scenario: ScenarioEntry, seed: int, view: View) -> float | None:
@@ -118,7 +121,7 @@ def _neighbours(key: _Key, count: int, stream: str) -> tuple[Recording, ...]:
 
 
 @lru_cache(maxsize=16)
-def _held_out_error(key: _Key, weights: bytes, root_iterations: int) -> float | None:
+def _held_out(key: _Key, weights: bytes, root_iterations: int) -> tuple[HeldOut, ...] | None:
     recordings = _neighbours(key, HELD_OUT, "held out")
     known = _prediction(key, weights, root_iterations).root
     if known is None:
@@ -128,7 +131,7 @@ def _held_out_error(key: _Key, weights: bytes, root_iterations: int) -> float | 
     if len(roots) < len(recordings):
         return None
     pairs = zip(recordings, roots, strict=True)
-    return float(np.mean([position_error(one.states, root.states) for one, root in pairs]))
+    return tuple(HeldOut(one.states, root.states) for one, root in pairs)
 
 
 @lru_cache(maxsize=128)

@@ -93,15 +93,14 @@ class EstimatorEntry(_Strict):
     seeds: Count | None = None
 
 
-class Limits(_Strict):
+class GateLimits(_Strict):
     """What an estimator must keep to be accepted, in each scenario and view by itself.
 
     Attributes:
         scenarios: labels of those that count; all where empty.
-        views: names of those that count; all where empty.
-        cosine_error: largest median.
+        sensors: names of those that count; all where empty.
+        metrics: largest medians of metrics, by column.
         identifiable_cosine_error: largest median.
-        position_error: largest median [m].
         limit_ratio: largest mean cosine error over its statistical limit.
         failures: most trials without a prediction.
         published_failures: most failures by the published definition.
@@ -110,35 +109,40 @@ class Limits(_Strict):
     """
 
     scenarios: tuple[str, ...] = ()
-    views: tuple[str, ...] = ()
-    cosine_error: Bound | None = None
+    sensors: tuple[str, ...] = ()
+    metrics: dict[str, Bound] = {}
     identifiable_cosine_error: Bound | None = None
-    position_error: Bound | None = None
     limit_ratio: Bound | None = None
     failures: int | None = Field(default=None, ge=0, strict=True)
     published_failures: int | None = Field(default=None, ge=0, strict=True)
     time_ratio: Bound | None = None
     time_reference: str = ""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _others_are_of_metrics(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "metrics" in data:
+            return data
+        own = {key: value for key, value in data.items() if key in cls.model_fields}
+        return own | {"metrics": {key: data[key] for key in data if key not in own}}
+
     @model_validator(mode="after")
-    def _times_have_a_reference(self) -> "Limits":
+    def _times_have_a_reference(self) -> "GateLimits":
         if (self.time_ratio is None) != (not self.time_reference):
             raise ValueError("time_ratio and time_reference belong together")
         if not self.bounds:
-            raise ValueError(f"no limit is set; there are: {', '.join(_LIMITS)}")
+            raise ValueError(f"no limit is set; there are those of metrics, {', '.join(_LIMITS)}")
         return self
 
     @property
     def bounds(self) -> dict[str, float]:
         """The limits that are set, by name."""
-        values = {name: getattr(self, name) for name in _LIMITS}
+        values = self.metrics | {name: getattr(self, name) for name in _LIMITS}
         return {name: value for name, value in values.items() if value is not None}
 
 
 _LIMITS = (
-    "cosine_error",
     "identifiable_cosine_error",
-    "position_error",
     "limit_ratio",
     "failures",
     "published_failures",
@@ -177,7 +181,7 @@ class Suite(_Strict):
     root_iterations: Count = PUBLISHED_ITERATIONS
     trajectories: Count = 1
     estimators: tuple[EstimatorEntry, ...] = Field(min_length=1)
-    gate: dict[str, Limits] = {}
+    gate: dict[str, GateLimits] = {}
 
     @model_validator(mode="before")
     @classmethod
@@ -343,7 +347,7 @@ def check_gate(suite: Suite) -> None:
             _named(f"{place} is for an unknown estimator", (label,), labels)
             _named(f"{place}: unknown time_reference", reference, labels)
             _named(f"{place}: unknown scenario", limits.scenarios, scenarios)
-            _named(f"{place}: unknown view", limits.views, suite.views)
+            _named(f"{place}: unknown sensor", limits.sensors, suite.views)
         except ValueError as error:
             raise UserError(str(error)) from error
 
@@ -364,7 +368,7 @@ def read_suite_json(text: str) -> Suite:
                 "sigmas": tuple(data["sigmas"]),
                 "estimators": tuple(EstimatorEntry(**entry) for entry in data["estimators"]),
                 "gate": {
-                    label: Limits.model_validate(limits)
+                    label: GateLimits.model_validate(limits)
                     for label, limits in data.get("gate", {}).items()
                 },
             }
@@ -441,7 +445,7 @@ def _first_problem(error: ValidationError) -> str:
         entries: dict[str, type[BaseModel]] = {
             "scenarios": ScenarioEntry,
             "estimators": EstimatorEntry,
-            "gate": Limits,
+            "gate": GateLimits,
         }
         model = entries.get(str(problem["loc"][0]), Suite)
         return f"unknown key {place!r}; known are: {', '.join(model.model_fields)}"

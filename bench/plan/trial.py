@@ -66,7 +66,7 @@ class Trial:
         return {
             "suite": self.suite,
             "scenario": self.scenario.label,
-            "view": self.view,
+            "sensor": self.view,
             "sigma": self.sigma,
             "seed": self.seed,
             "estimator": self.estimator.label,
@@ -75,7 +75,7 @@ class Trial:
         }
 
 
-KEY_COLUMNS = ("scenario", "view", "sigma", "seed", "estimator", "parameters")
+KEY_COLUMNS = ("scenario", "sensor", "sigma", "seed", "estimator", "parameters")
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ class Outcome:
             weights to the truth.
         held_out_error: the same from five other initial states nearby; None where the game has no
             root at one of them.
-        covered: 1 where the truth lies in the 95% ellipsoid of the estimate's covariance, 0 where
-            it does not; None without covariance.
+        covers_truth: 1 where the truth lies in the 95% ellipsoid of the estimate's covariance, 0
+            where it does not; None without covariance.
         reconstruction_error: the same of the estimator's own trajectory.
         published_forward: 1 where the published study's own prediction step finds a root at the
             estimated weights, 0 where only another search does, or none
@@ -113,7 +113,7 @@ class Outcome:
     cosine_limit: float | None = None
     position_error: float | None = None
     held_out_error: float | None = None
-    covered: int | None = None
+    covers_truth: float | None = None
     reconstruction_error: float | None = None
     published_forward: int | None = None
     observation_error: float | None = None

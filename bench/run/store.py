@@ -33,7 +33,7 @@ VERSION = 3
 _LABELS = {
     "suite": "TEXT",
     "scenario": "TEXT",
-    "view": "TEXT",
+    "sensor": "TEXT",
     "sigma": "REAL",
     "seed": "INTEGER",
     "estimator": "TEXT",
