@@ -12,10 +12,11 @@ import numpy as np
 from olne_bench.bench.commands.findings import NonConformance, Weakness
 from olne_bench.bench.judge.estimate_check import InvalidEstimateError, check_estimate
 from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.observe import observe, sensor_model
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import VIEWS, observe
+from olne_bench.games.observation import VIEWS
 
 #: Largest cosine error that still counts as a recovery from noise-free data.
 RECOVERY = 1e-3
@@ -145,14 +146,11 @@ def _case(
     scenario: str, view: str, sigma: float, num_players: int | None = None, seed: int = 0
 ) -> _Case:
     recording = _recording(scenario, num_players, seed)
-    game, seen = recording.scenario.game, VIEWS[view]
-    scale = seen.noise_scale(np.array(recording.scenario.noise_scale), game.dynamics)
-    states = np.concatenate([recording.states, recording.extra_state[None]])
-    exact = observe(seen, game.dynamics, states)
-    y = exact + sigma * scale * np.random.default_rng(seed).standard_normal(exact.shape)
+    layers = (VIEWS[view],)
+    scale = sensor_model(recording.scenario, layers).noise_scale
     return _Case(
-        problem=Problem(game, seen, sigma, noise_scale=tuple(scale)),
-        observation=Observation(y=y[:-1], extra=y[-1]),
+        problem=Problem(recording.scenario.game, VIEWS[view], sigma, noise_scale=scale),
+        observation=observe([recording], layers, sigma, seed)[0],
         weights=recording.scenario.weights,
     )
 

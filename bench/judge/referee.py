@@ -16,7 +16,7 @@ from olne_bench.bench.judge.estimate_check import (
     check_estimate,
 )
 from olne_bench.bench.judge.metrics import cosine_error, covered, position_error
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import (
     held_out_error,
     observed_noise_scale,
@@ -28,7 +28,8 @@ from olne_bench.bench.plan.trial import Outcome, Trial
 from olne_bench.bench.text import one_line
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import VIEWS, FullView, observe
+from olne_bench.games.observation import VIEWS, FullView
+from olne_bench.games.observation import observe as expected_samples
 from olne_bench.plugins import ESTIMATOR, make
 
 
@@ -58,7 +59,7 @@ def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
     scale = observed_noise_scale(recording.scenario, view)
     problem = Problem(recording.scenario.game, view, trial.sigma, noise_scale=tuple(scale))
     observations = tuple(
-        _read_only(sense(one, view, trial.sigma, trial.seed, k)) for k, one in enumerate(recordings)
+        _read_only(one) for one in observe(recordings, (view,), trial.sigma, trial.seed)
     )
     outcome = Outcome(
         status="ok",
@@ -142,12 +143,12 @@ def _held_out(trial: Trial, weights: np.ndarray) -> float | None:
 
 
 def _observation_error(recording: Recording, trial: Trial) -> float:
-    seen = sense(recording, FullView(), trial.sigma, trial.seed)
+    (seen,) = observe([recording], (FullView(),), trial.sigma, trial.seed)
     return position_error(recording.states, seen.y)
 
 
 def _squared_error(recording: Recording, problem: Problem, observation: Observation) -> float:
-    expected = observe(problem.view, recording.scenario.game.dynamics, recording.states)
+    expected = expected_samples(problem.view, recording.scenario.game.dynamics, recording.states)
     return float(np.nansum(((expected - observation.y) / problem.noise_scale) ** 2))
 
 
