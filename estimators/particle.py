@@ -56,6 +56,7 @@ from olne_bench.estimators.belief import (
     Gaussian,
     LostError,
     first_game,
+    hidden_positions,
     prior_belief,
 )
 from olne_bench.estimators.forward_model import (
@@ -183,6 +184,10 @@ class Particle:
                 "least_effective_sample_size": min(effective),
             },
         )
+
+    def supports(self, problem: Problem) -> str | None:
+        """Why this problem cannot be filtered, or None."""
+        return hidden_positions(problem)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""

@@ -49,6 +49,7 @@ from olne_bench.estimators.belief import (
     Gaussian,
     LostError,
     first_game,
+    hidden_positions,
     prior_belief,
 )
 from olne_bench.estimators.forward_model import (
@@ -135,6 +136,10 @@ class Ukf:
             covariance=weight_covariance_of(weights.mean, weights.covariance, count, floor),
             extras={"objective": objective, "online_weights": np.array(online)},
         )
+
+    def supports(self, problem: Problem) -> str | None:
+        """Why this problem cannot be filtered, or None."""
+        return hidden_positions(problem)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""

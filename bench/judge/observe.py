@@ -105,7 +105,7 @@ def _played(world: World, seed: int) -> Observation:
     while world.agents:
         shown, *_ = world.step({})
         frames += shown.values()
-    layout = world.observation_layout  # type: ignore[attr-defined]
+    layout = world.observation_layout
     y = np.array(frames)[:, :-1].reshape(len(frames), layout.num_players, layout.state_size)
     return Observation(y=y[:-1], extra=y[-1])
 
