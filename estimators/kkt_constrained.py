@@ -39,7 +39,7 @@ from olne_bench.estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint, JointSolution
 from olne_bench.estimators.joint_several import SeveralSolution, solve_several
 from olne_bench.estimators.parameters import check_count
-from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.trajectory_fit import (
     fit_trajectory,
     guess_controls,
@@ -47,6 +47,7 @@ from olne_bench.estimators.trajectory_fit import (
     smoothed,
     warm_up_fit,
 )
+from olne_bench.estimators.white_noise import white_problem, with_white_noise
 from olne_bench.games.newton import Root
 
 _SOLVERS = ("structured", "ipopt")
@@ -96,7 +97,7 @@ class KktConstrained:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        observations = check_observations(problem, observation)
+        problem, observations = with_white_noise(problem, observation)
         deadline = time.monotonic() + budget / 2
         if len(observations) > 1:
             best, starts = self._several(problem, observations, deadline), 2
@@ -166,6 +167,7 @@ class KktConstrained:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
+        problem = white_problem(problem)
         if self.solver == "ipopt":
             joint_solver(problem.game, problem.view, self.max_iterations)
             warm_up_fit(problem.game, problem.view, problem.game.horizon)

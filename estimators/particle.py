@@ -65,7 +65,8 @@ from olne_bench.estimators.forward_model import (
     warm_up_games,
 )
 from olne_bench.estimators.parameters import check_count, check_number
-from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.white_noise import white_problem, with_white_noise
 
 #: Resampling takes place where the effective sample size falls to this share of all particles.
 _RESAMPLE_BELOW = 0.5
@@ -136,7 +137,7 @@ class Particle:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        observations = check_observations(problem, observation)
+        problem, observations = with_white_noise(problem, observation)
         deadline = time.monotonic() + budget / 2
         sigma = max(problem.sigma, LEAST_SIGMA)
         online: list[np.ndarray] = []
@@ -185,6 +186,7 @@ class Particle:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
+        problem = white_problem(problem)
         warm_up_games(problem)
 
 
