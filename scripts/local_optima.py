@@ -31,7 +31,7 @@ def excess(trial: pd.Series) -> float:
     view, scenario = VIEWS[trial["view"]], recording.scenario
     observation = sense(recording, view, trial.sigma, trial.seed)
     truth = JointPoint(recording.states, recording.controls, recording.costates, scenario.weights)
-    found = solve_joint_ipopt(scenario.game, view, observation.y, truth)
+    found = solve_joint_ipopt(scenario.game, view, [observation.y], [truth])
     if not found.converged:
         return -np.inf
     return (trial.objective - found.objective) / found.objective

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from olne_bench.bench.judge.estimate_check import InvalidEstimateError, check_estimate
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.observe import sense
 from olne_bench.bench.judge.referee import describe_error, no_stages
 from olne_bench.bench.judge.truth import observed_noise_scale, true_recording

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.truth import true_recording
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.games.root_following import follow_root
