@@ -25,7 +25,7 @@ from olne_bench.bench.report.figures import FORMATS
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.interrupt import stop_request
-from olne_bench.bench.run.loading import describe_apart
+from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store, open_store
@@ -136,7 +136,7 @@ def run(suite: str, **options: Any) -> None:
     chosen = RunOptions(**options)
     drawn = read_formats(chosen.formats) if chosen.figures else ()
     text = suite_text(suite)
-    whole = load_suite(suite, chosen.plugin, describe_apart)
+    whole = load_suite(suite, chosen.plugin, describe_all)
     check_gate(whole)
     select(whole, chosen.selection)  # what it does not have is said before a folder is made
     if chosen.dask is not None:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from olne_bench.bench.judge.referee import judge
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.plan.versions import explain_difference
+from olne_bench.bench.plan.trial import Trial, explain_difference
 from olne_bench.bench.process.child import StartError
 from olne_bench.bench.process.inside import announce
 from olne_bench.bench.run.metric_process import MetricProcess
