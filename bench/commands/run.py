@@ -23,9 +23,9 @@ from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand, in_order_of_plugins, number_of_trials
 from olne_bench.bench.report.figures import FORMATS
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
+from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.interrupt import stop_request
-from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store, open_store
@@ -182,8 +182,10 @@ def _start(
 ) -> Iterator[tuple[Trial, Outcome]]:
     limit, log = int(options.memory * 2**30), options.out / "workers.log"
     if options.dask:
-        return run_on_dask(todo, cluster=options.dask, log=log, memory=limit, stop=stop)
-    return run_trials(todo, jobs=options.jobs, log=log, memory=limit, stop=stop)
+        return run_on_dask(
+            todo, cluster=options.dask, log=log, memory=limit, hidden=options.out, stop=stop
+        )
+    return run_trials(todo, jobs=options.jobs, log=log, memory=limit, hidden=options.out, stop=stop)
 
 
 def _run_all(

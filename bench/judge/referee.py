@@ -21,6 +21,7 @@ from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.judge.truth import (
     Draw,
     held_out,
+    noise_seed,
     predict_from_start,
     true_recordings,
     unit_cosine_limit,
@@ -30,7 +31,6 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recording import NoEquilibriumError, Recording
-from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.observation import FullView, whitening
 from olne_bench.games.sensor import Layer, SensorModel
@@ -203,8 +203,7 @@ def _case(trial: Trial) -> _Case:
         noise_scale=model.noise_scale,
         noise_covariance=model.noise_covariance,
     )
-    key = (trial.scenario.name, draw.options, round(trial.sigma * 1e9), trial.seed)
-    seed = stream(trial.salt, "noise", *key)
+    seed = noise_seed(trial.scenario, trial.sigma, trial.seed, trial.salt)
     observations = observe(recordings, layers, trial.sigma, seed)
     seen = [one.y for one in observations] if model.may_miss else None
     limit = unit_cosine_limit(draw, model, seen)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from olne_bench.bench.plan import described
 from olne_bench.bench.plan.entries import (
     EstimatorEntry,
     MetricEntry,
@@ -13,7 +12,16 @@ from olne_bench.bench.plan.entries import (
 )
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.errors import UserError
-from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Description, Kind
+from olne_bench.plugins import (
+    ESTIMATOR,
+    METRIC,
+    SCENARIO,
+    SENSOR,
+    Description,
+    Kind,
+    describe,
+    names,
+)
 
 #: Kind of a plugin, None where that is to be found out; its reference; its parameters.
 Question = tuple[Kind | None, str, Mapping[str, Any]]
@@ -22,7 +30,7 @@ Describe = Callable[[list[Question]], list[Description]]
 
 def describe_here(questions: list[Question]) -> list[Description]:
     """What plugins say of themselves, asked in this process: for code that may run in it."""
-    return [described.describe(*question) for question in questions]
+    return [describe(*question) for question in questions]
 
 
 def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
@@ -65,7 +73,7 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
 def _all_metrics(suite: Suite) -> list[MetricEntry]:
     """This package's own, each with the parameters that the suite gives it, then the others."""
     named = {entry.name: entry for entry in suite.metrics}
-    own = [named.pop(name, MetricEntry(name=name)) for name in described.names(METRIC)]
+    own = [named.pop(name, MetricEntry(name=name)) for name in names(METRIC)]
     return [*own, *(entry for entry in suite.metrics if entry.name in named)]
 
 

@@ -15,7 +15,7 @@ from olne_bench.bench.plan.entries import (
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import Versions, versions
-from olne_bench.plugins import ESTIMATOR, is_built_in
+from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in
 
 #: Columns of a row that are known beforehand, and their SQL types.
 LABEL_COLUMNS = {
@@ -69,6 +69,13 @@ class Trial:
     def plugin(self) -> str:
         """What tells apart estimators that are not built in; empty where it is."""
         return _plugin(self.estimator)
+
+    @property
+    def home_plugins(self) -> tuple[str, ...]:
+        """Foreign code among what the trial is played with: its scenario and its sensor."""
+        named = [(SCENARIO, self.scenario.name)]
+        named += [(SENSOR, layer.name) for layer in self.sensor.layers]
+        return tuple(dict.fromkeys(name for kind, name in named if not is_built_in(kind, name)))
 
     @property
     def key(self) -> tuple[str, ...]:

@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import os
-import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -11,9 +9,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import olne_bench
-from olne_bench.bench.plan import described
+from olne_bench import plugins
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.fingerprint import LENGTH, fingerprint
+from olne_bench.games.native import backend
 from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
@@ -28,11 +27,14 @@ _COMMON = {
 }
 _PLAYING = ("recording",)
 _SCORING = (
-    "judge.differences",
     "judge.estimate_check",
+    "judge.metrics.judged",
+    "judge.metrics.scoring",
     "judge.nearby_starts",
     "judge.observe",
+    "judge.raw_estimate",
     "judge.referee",
+    "judge.streams",
     "judge.truth",
     "text",
 )
@@ -92,12 +94,6 @@ def environment() -> Mapping[str, str]:
     return found | {"backend": backend()}
 
 
-def backend() -> str:
-    """What solves the games: compiled code, or NumPy."""
-    compiled = os.environ.get("OLNE_BENCH_NATIVE", "1") != "0"
-    return "native" if compiled and shutil.which(os.environ.get("CC", "cc")) else "numpy"
-
-
 def _library(name: str) -> str:
     try:
         return version(name)
@@ -107,7 +103,7 @@ def _library(name: str) -> str:
 
 @lru_cache(maxsize=256)
 def _version(kind: Kind, reference: str) -> str:
-    module, path = described.source(kind, reference)
+    module, path = plugins.source(kind, reference)
     played = _modules("olne_bench.envs", _PLAYING) if kind == SCENARIO else {}
     if is_file(reference):
         return fingerprint({path.stem: path} | played, _COMMON[kind], own=path.parent)
