@@ -26,6 +26,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import least_squares
 
+from olne_bench.checks import check_count
 from olne_bench.estimators.forward_model import (
     Played,
     expected_samples,
@@ -39,7 +40,6 @@ from olne_bench.estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
-from olne_bench.estimators.parameters import check_count
 from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
 from olne_bench.estimators.simplex import RatioChart
 from olne_bench.games.native import elimination

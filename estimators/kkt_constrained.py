@@ -33,11 +33,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from olne_bench.checks import check_count
 from olne_bench.estimators.forward_model import Played, likelihood_covariance
 from olne_bench.estimators.interior_point import joint_elimination, solve_joint
 from olne_bench.estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, Status
-from olne_bench.estimators.parameters import check_count
 from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
 from olne_bench.estimators.trajectory_fit import (
     fit_trajectory,

@@ -50,6 +50,7 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 from scipy.stats import Covariance, multivariate_normal
 
+from olne_bench.checks import check_count, check_number
 from olne_bench.estimators.belief import (
     LEAST_SIGMA,
     FollowedGames,
@@ -64,7 +65,6 @@ from olne_bench.estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
-from olne_bench.estimators.parameters import check_count, check_number
 from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
 
 #: Resampling takes place where the effective sample size falls to this share of all particles.
