@@ -16,7 +16,7 @@ from olne_bench.bench.judge.estimate_check import (
     check_estimate,
 )
 from olne_bench.bench.judge.metrics import cosine_error, covered, position_error
-from olne_bench.bench.judge.observe import observe
+from olne_bench.bench.judge.observe import observe, squared_error
 from olne_bench.bench.judge.truth import (
     held_out_error,
     observed_noise_scale,
@@ -30,7 +30,6 @@ from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.registry import load_estimator
 from olne_bench.games.observation import VIEWS, FullView
-from olne_bench.games.observation import observe as expected_samples
 
 
 def no_stages(name: str) -> None:
@@ -65,7 +64,7 @@ def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
         status="ok",
         observation_error=_observation_error(recording, trial),
         truth_objective=sum(
-            _squared_error(one, problem, seen)
+            squared_error(problem, one.states, seen)
             for one, seen in zip(recordings, observations, strict=True)
         ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
@@ -145,11 +144,6 @@ def _held_out(trial: Trial, weights: np.ndarray) -> float | None:
 def _observation_error(recording: Recording, trial: Trial) -> float:
     (seen,) = observe([recording], (FullView(),), trial.sigma, trial.seed)
     return position_error(recording.states, seen.y)
-
-
-def _squared_error(recording: Recording, problem: Problem, observation: Observation) -> float:
-    expected = expected_samples(problem.view, recording.scenario.game.dynamics, recording.states)
-    return float(np.nansum(((expected - observation.y) / problem.noise_scale) ** 2))
 
 
 def _read_only(observation: Observation) -> Observation:
