@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import true_recording
 from olne_bench.bench.plan.suite import ScenarioEntry
 from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
@@ -29,7 +29,7 @@ def excess(trial: pd.Series) -> float:
     """How far a trial's objective is above the one found from the truth, relatively."""
     recording = true_recording(ScenarioEntry(name=trial.scenario), trial.seed)
     view, scenario = VIEWS[trial["view"]], recording.scenario
-    observation = sense(recording, view, trial.sigma, trial.seed)
+    (observation,) = observe([recording], (view,), trial.sigma, trial.seed)
     truth = JointPoint(recording.states, recording.controls, recording.costates, scenario.weights)
     found = solve_joint_ipopt(scenario.game, view, [observation.y], [truth])
     if not found.converged:

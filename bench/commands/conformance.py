@@ -16,7 +16,7 @@ import numpy as np
 
 from olne_bench.bench.judge.estimate_check import InvalidEstimateError, check_estimate
 from olne_bench.bench.judge.metrics import cosine_error
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.referee import describe_error, no_stages
 from olne_bench.bench.judge.truth import observed_noise_scale, true_recording
 from olne_bench.bench.plan.suite import ScenarioEntry
@@ -219,7 +219,7 @@ def _case(scenario: ScenarioEntry, view: str, sigma: float, seed: int = 0) -> _C
     scale = observed_noise_scale(recording.scenario, VIEWS[view])
     return _Case(
         problem=Problem(recording.scenario.game, VIEWS[view], sigma, noise_scale=tuple(scale)),
-        observation=sense(recording, VIEWS[view], sigma, seed),
+        observation=observe([recording], (VIEWS[view],), sigma, seed)[0],
         weights=recording.scenario.weights,
     )
 

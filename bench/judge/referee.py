@@ -16,7 +16,7 @@ from olne_bench.bench.judge.estimate_check import (
     check_estimate,
 )
 from olne_bench.bench.judge.metrics import cosine_error, covered, position_error
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe, squared_error
 from olne_bench.bench.judge.truth import (
     held_out_error,
     observed_noise_scale,
@@ -29,7 +29,7 @@ from olne_bench.bench.text import one_line
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.registry import load_estimator
-from olne_bench.games.observation import VIEWS, FullView, observe
+from olne_bench.games.observation import VIEWS, FullView
 
 
 def no_stages(name: str) -> None:
@@ -58,13 +58,13 @@ def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
     scale = observed_noise_scale(recording.scenario, view)
     problem = Problem(recording.scenario.game, view, trial.sigma, noise_scale=tuple(scale))
     observations = tuple(
-        _read_only(sense(one, view, trial.sigma, trial.seed, k)) for k, one in enumerate(recordings)
+        _read_only(one) for one in observe(recordings, (view,), trial.sigma, trial.seed)
     )
     outcome = Outcome(
         status="ok",
         observation_error=_observation_error(recording, trial),
         truth_objective=sum(
-            _squared_error(one, problem, seen)
+            squared_error(problem, one.states, seen)
             for one, seen in zip(recordings, observations, strict=True)
         ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
@@ -142,13 +142,8 @@ def _held_out(trial: Trial, weights: np.ndarray) -> float | None:
 
 
 def _observation_error(recording: Recording, trial: Trial) -> float:
-    seen = sense(recording, FullView(), trial.sigma, trial.seed)
+    (seen,) = observe([recording], (FullView(),), trial.sigma, trial.seed)
     return position_error(recording.states, seen.y)
-
-
-def _squared_error(recording: Recording, problem: Problem, observation: Observation) -> float:
-    expected = observe(problem.view, recording.scenario.game.dynamics, recording.states)
-    return float(np.nansum(((expected - observation.y) / problem.noise_scale) ** 2))
 
 
 def _read_only(observation: Observation) -> Observation:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.panels import scene_panels
 from olne_bench.bench.report.figures.scene import Scene, player_colour, scene_of
@@ -79,7 +79,7 @@ def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
 def _observations(axes: Axes, scene: Scene, sigma: float, seeds: Sequence[int]) -> None:
     # All views and estimators meet the same noise, and none hides positions.
     for seed in seeds:
-        positions = sense(scene.recording, FullView(), sigma, int(seed)).y
+        positions = observe([scene.recording], (FullView(),), sigma, int(seed))[0].y
         _bundle(axes, scene, positions, marker=".", markersize=2, linestyle="none", alpha=0.4)
     _truth(axes, scene)
     axes.set_title(f"Truth and {len(seeds)} observed sequence{'s' * (len(seeds) != 1)}")

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.report.figures.scene import Scene, scene_of
 from olne_bench.bench.report.figures.trajectories import largest_with_predictions
 from olne_bench.bench.report.page.numbers import decimals, significant
@@ -70,7 +70,7 @@ def _sample(scene: Scene, sigma: float, seed: int) -> dict[str, Any]:
     trials = scene.trials
     rows = trials[(trials["sigma"] == sigma) & (trials["seed"] == seed)]
     # All views and estimators meet the same noise, and none hides positions.
-    observed = sense(scene.recording, FullView(), sigma, seed).y
+    observed = observe([scene.recording], (FullView(),), sigma, seed)[0].y
     return {
         "sigma": sigma,
         "seed": seed,

@@ -5,7 +5,7 @@ import pytest
 
 from olne_bench.bench.judge.metrics import position_error
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import (
     held_out_error,
     true_recording,
@@ -65,9 +65,12 @@ def test_several_trajectories_begin_with_the_scenario_and_have_noise_of_their_ow
     assert len(recordings) == 3
     np.testing.assert_array_equal(recordings[0].states, true_recording(TWO, 0).states)
     view = VIEWS["full"]
-    noises = [sense(r, view, 0.01, 0, k).y - r.states for k, r in enumerate(recordings)]
+    noises = [
+        seen.y - r.states
+        for seen, r in zip(observe(recordings, (view,), 0.01, 0), recordings, strict=True)
+    ]
     np.testing.assert_array_equal(
-        noises[0] + recordings[0].states, sense(recordings[0], view, 0.01, 0).y
+        noises[0] + recordings[0].states, observe(recordings[:1], (view,), 0.01, 0)[0].y
     )
     assert abs(np.corrcoef(noises[0].ravel(), noises[1].ravel())[0, 1]) < 0.3
 
