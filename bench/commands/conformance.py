@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from olne_bench.bench.commands.findings import NonConformance, Weakness
 from olne_bench.bench.plan.trial import Outcome
@@ -17,7 +18,6 @@ from olne_bench.errors import UserError
 from olne_bench.plugins import (
     ESTIMATOR,
     KINDS,
-    METRIC,
     SCENARIO,
     SENSOR,
     Kind,
@@ -42,6 +42,7 @@ class Check:
         kind: name of the plugin's kind; empty where only its file is known.
         name: of the check, one of ``checks_of(kind)``; empty for finding out what the plugin is.
         reference: of the plugin.
+        parameters: of the plugin.
         budget: seconds that an estimator is told it has for each estimate.
         time_limit: seconds after which the check is killed.
     """
@@ -49,6 +50,7 @@ class Check:
     kind: str
     name: str
     reference: str
+    parameters: Mapping[str, Any]
     budget: float
     time_limit: float
 
@@ -65,22 +67,30 @@ def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
     """
     # The modules are imported for those plugins that are checked, as each takes a while.
     if kind == ESTIMATOR:
-        from olne_bench.bench.commands.estimator_checks import CHECKS
-    elif kind == SCENARIO:
-        from olne_bench.bench.commands.scenario_checks import CHECKS
-    elif kind == SENSOR:
-        from olne_bench.bench.commands.sensor_checks import CHECKS
-    else:
-        assert kind == METRIC
-        from olne_bench.bench.commands.metric_checks import CHECKS
-    return CHECKS
+        from olne_bench.bench.commands import estimator_checks
+
+        return estimator_checks.CHECKS
+    if kind == SCENARIO:
+        from olne_bench.bench.commands import scenario_checks
+
+        return scenario_checks.CHECKS
+    if kind == SENSOR:
+        from olne_bench.bench.commands import sensor_checks
+
+        return sensor_checks.CHECKS
+    from olne_bench.bench.commands import metric_checks
+
+    return metric_checks.CHECKS
 
 
-def identify(reference: str, kind: str | None = None) -> Kind:
+def identify(
+    reference: str, parameters: Mapping[str, Any] | None = None, kind: str | None = None
+) -> Kind:
     """What a reference names; a file is imported and its plugin made in another process.
 
     Args:
         reference: of the plugin.
+        parameters: that it has to accept.
         kind: name of its kind, where more than one has a plugin of this name; any where absent.
 
     Raises:
@@ -97,17 +107,18 @@ def identify(reference: str, kind: str | None = None) -> Kind:
         choice = " or ".join(f"--kind {one.name}" for one in found)
         raise UserError(f"there are several plugins called {reference!r}: choose with {choice}")
     named = found[0].name if len(found) == 1 else ""
-    if not (named and is_built_in(found[0], reference)):
-        outcome = _in_process([Check(named, "", reference, 0.0, LOAD_LIMIT)], None)
-        _, told = next(outcome)
-        if told.status != "ok":
-            raise UserError(f"{named or 'plugin'} {reference!r} cannot be loaded: {told.message}")
-        named = told.message
-    return next(one for one in KINDS if one.name == named)
+    if named and is_built_in(found[0], reference):
+        make(found[0], reference, parameters)
+        return found[0]
+    check = Check(named, "", reference, parameters or {}, 0.0, LOAD_LIMIT)
+    ((_, told),) = _in_process([check], None)
+    if told.status != "ok":
+        raise UserError(f"{named or 'plugin'} {reference!r} cannot be loaded: {told.message}")
+    return next(one for one in KINDS if one.name == told.message)
 
 
 def run_checks(
-    kind: Kind, reference: str, *, budget: float, memory: int
+    kind: Kind, reference: str, parameters: Mapping[str, Any], *, budget: float, memory: int
 ) -> Iterator[tuple[str, Outcome]]:
     """Run all checks of a plugin; yields each with its outcome.
 
@@ -117,11 +128,14 @@ def run_checks(
     Args:
         kind: of the plugin.
         reference: of the plugin.
+        parameters: of the plugin.
         budget: seconds that an estimator is told it has for each estimate.
         memory: limit [bytes] of a process's memory.
     """
     limit = 4 * budget + 60  # some make several estimates, and the first builds its solvers too
-    checks = [Check(kind.name, name, reference, budget, limit) for name in checks_of(kind)]
+    checks = [
+        Check(kind.name, name, reference, parameters, budget, limit) for name in checks_of(kind)
+    ]
     return _in_process(checks, memory)
 
 
@@ -130,11 +144,11 @@ def run_check(check: Check, begin: Callable[[str], None] = lambda _: None) -> Ou
     kind = next((one for one in KINDS if one.name == check.kind), None)
     if kind is None or not check.name:
         begin("its import")
-        found = describe(kind, check.reference)
+        found = describe(kind, check.reference, check.parameters)
         return Outcome("crash", found.error) if found.error else Outcome("ok", found.kind)
     begin("this check")
     try:
-        plugin = make(kind, check.reference)
+        plugin = make(kind, check.reference, check.parameters)
         with at_home(plugin):
             budget = (check.budget,) if kind == ESTIMATOR else ()
             checks_of(kind)[check.name](plugin, *budget)

@@ -358,6 +358,8 @@ def _entry_points(group: str, _path: tuple[str, ...]) -> dict[str, tuple[EntryPo
 
 def _find(kind: Kind, reference: str) -> Path | EntryPoint:
     """Where a known plugin is."""
+    if not isinstance(reference, str):
+        raise _unknown(kind, reference)
     built_in, installed = _built_in(kind).get(reference), _installed(kind).get(reference, ())
     if len(installed) + (built_in is not None) > 1:
         places = [f"{_owner(point)} ({point.value})" for point in installed]
