@@ -1,4 +1,4 @@
-"""The registry: what it lists, finds and makes, and the one line that it says about anything else."""
+"""The registry: what it lists, finds and makes, and its one line about anything else."""
 
 import importlib
 import subprocess
@@ -254,6 +254,7 @@ def test_a_description_is_plain_data(tmp_path):
             "needs_prediction": True,
             "gated": True,
             "compared": True,
+            "description": "",
         },
     )
     path = write(tmp_path, "lists.py", tiny(METRIC) + "    unit = ['m']\n")
@@ -301,7 +302,7 @@ def test_two_plugins_with_helpers_of_one_name_each_get_their_own(tmp_path):
             with at_home(type(plugin)), at_home(plugin):
                 import helper  # type: ignore[import-not-found]
 
-                assert helper.VALUE == f"eager {value}"
+                assert f"eager {value}" == helper.VALUE
     new = {name for name in set(sys.modules) - before if not name.startswith("olne_bench")}
     assert new == set()
     assert sys.path == path
