@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from olne_bench.estimators.interior_point import joint_elimination, solve_joint
-from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.estimators.joint_problem import JointPoint, JointSettings
 from olne_bench.estimators.kkt_residual import residual_weights
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.trajectory_fit import (
@@ -122,11 +122,13 @@ def fitted_game(problem: Problem, observation: Observation, tie: float = _TIES[0
         view,
         y,
         JointPoint.from_trajectory(game, guess_states(game, view, y)),
-        noise_scale=problem.noise_scale,
-        weight_floor=problem.weight_floor,
-        tie=tie,
-        tolerance=_LOOSE,
-        max_iterations=_MOST_ITERATIONS,
+        JointSettings(
+            noise_scale=problem.noise_scale,
+            weight_floor=problem.weight_floor,
+            tie=tie,
+            tolerance=_LOOSE,
+            max_iterations=_MOST_ITERATIONS,
+        ),
     )
     if not solution.converged:
         return None

@@ -7,8 +7,7 @@ import click
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.commands.options import BUDGET
-from olne_bench.bench.files import check_new_file, whole_file
+from olne_bench.bench.commands.options import BUDGET, PATH
 from olne_bench.bench.judge.estimate_check import (
     CheckedEstimate,
     InvalidEstimateError,
@@ -22,6 +21,7 @@ from olne_bench.envs.recording_file import RecordingFile, RecordingFileError, re
 from olne_bench.envs.scenarios import Scenario, get_scenario, scenario_options
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.files import check_new_file, whole_file
 from olne_bench.games.features import Feature, FinalGoal
 from olne_bench.games.game import Game, Player
 from olne_bench.games.observation import ComponentView, FullView, View
@@ -29,7 +29,7 @@ from olne_bench.plugins import ESTIMATOR, make
 
 
 @click.command()
-@click.argument("recording", type=click.Path(path_type=Path))
+@click.argument("recording", type=PATH)
 @click.option("--scenario", required=True, help="Scenario whose cost features the players have.")
 @click.option(
     "--seed",
@@ -51,7 +51,7 @@ from olne_bench.plugins import ESTIMATOR, make
     show_default=True,
     help="Seconds that the estimator is told it has.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file of the weights, a new one.")
+@click.option("--out", type=PATH, help="CSV file of the weights, a new one.")
 def estimate(
     recording: Path,
     scenario: str,

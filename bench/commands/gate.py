@@ -6,7 +6,9 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.plan.suite import load_suite, read_suite_json
+from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.gate import Plan, check_limits, missing_trials, plan_of
 from olne_bench.bench.report.results import find
 from olne_bench.bench.report.statistics.attempts import weighed
@@ -15,7 +17,7 @@ from olne_bench.errors import UserError
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option("--suite", help="Take the limits of this suite, not those the run was started with.")
 def gate(folder: Path, suite: str | None) -> None:
     """Check the run in FOLDER against the [gate] table of its suite.
@@ -47,7 +49,7 @@ def gate(folder: Path, suite: str | None) -> None:
         )
     for line in unfinished:
         click.echo(f"FAILS  {line}")
-    selections = [run.selection for run in runs]
+    selections = [str(run.selection) for run in runs]
     parts = "" if "" in selections else "; ".join(dict.fromkeys(selections))
     failed = sum(not check.passed for check in checks)
     click.echo(

@@ -11,15 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.games.root_following import follow_root
 
 SUITE = """
 name = "small"
 scenarios = ["two_player"]
-views = ["full"]
+sensors = ["full"]
 sigmas = [0.01, 0.1]
 seeds = 4
 time_limit = 20.0
@@ -104,7 +104,7 @@ def prediction_error() -> Callable[[str, int, np.ndarray], float]:
     """The position error of the forward game at weights, from a scenario's own start."""
 
     def error(scenario: str, seed: int, weights: np.ndarray) -> float:
-        truth = true_recording(ScenarioEntry.from_label(scenario), seed)
+        truth = true_recording(ScenarioEntry(name=scenario), seed)
         known = truth.scenario
         root = follow_root(known.game, truth.root, known.weights, weights)
         assert root is not None

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from olne_bench.bench.judge.referee import evaluate
-from olne_bench.bench.plan.suite import load_suite, select
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.executor import run_trials
 
