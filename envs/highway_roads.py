@@ -23,6 +23,7 @@ from highway_env.road import lane as highway_lanes
 from highway_env.road.road import LaneIndex, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
+from olne_bench.envs.window import Window
 from olne_bench.games.dynamics import bicycle
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
@@ -70,6 +71,8 @@ class PlayersOnly(AbstractEnv):
 
     #: Where pictures are centred [m]; None follows the cars.
     camera: tuple[float, float] | None = (0.0, 0.0)
+    #: Where pictures go; None hands them to the caller.
+    window: Window | None = None
     viewer: EnvViewer | None
     initial_state = np.empty((0, 4))
     margin = 0.0
@@ -90,18 +93,27 @@ class PlayersOnly(AbstractEnv):
             "centering_position": [0.5, 0.5],
         }
 
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"viewer": None}  # pictures cannot be pickled, but drawn anew
+
     def render(self) -> np.ndarray | None:
+        """The picture (height, width, 3) uint8, or None where it went into the window."""
         if self.viewer is None:
             self.viewer = EnvViewer(self)
             # HighwayEnv draws black frames where SDL's dummy driver is set; arrays need no driver.
             self.viewer.enabled = True
         where = self.states()[:, :2].mean(axis=0) if self.camera is None else self.camera
         self.viewer.observer_vehicle = SimpleNamespace(position=np.array(where))
-        return super().render()
+        picture = super().render()
+        if self.window is None:
+            return picture
+        for event in self.window.show(picture):
+            self.viewer.sim_surface.handle_event(event)  # HighwayEnv's keys to zoom
+        return None
 
     def close(self) -> None:
-        if self.render_mode == "human":
-            super().close()
+        if self.window is not None:
+            self.window.close()
         self.viewer = None  # HighwayEnv would shut pygame down for everybody else
 
     def place(self, states: np.ndarray, margin: float = 0.0) -> None:
@@ -122,7 +134,8 @@ class PlayersOnly(AbstractEnv):
 
     def states(self) -> np.ndarray:
         """(N, 4) of the vehicles as they are."""
-        return np.array([[*v.position, v.heading, v.speed] for v in self.controlled_vehicles])
+        rows = [[*v.position, v.heading, v.speed] for v in self.controlled_vehicles]
+        return np.array(rows).reshape(-1, 4)
 
     def crashed(self) -> np.ndarray:
         """(N,) whether the simulator has a vehicle in a collision."""
@@ -143,7 +156,7 @@ class PlayersOnly(AbstractEnv):
         self._make_vehicles()
 
     def _automatic_rendering(self) -> None:
-        if self.render_mode == "human":  # frames between two actions that nobody asked for
+        if self.window is not None:  # nobody else asked for frames between two actions
             super()._automatic_rendering()
 
     def _info(self, obs: object, action: object = None) -> dict[str, Any]:
@@ -208,7 +221,7 @@ def make_road(name: str, render_mode: str | None = None, **config: object) -> Pl
 
     Args:
         name: one of ``ROAD_NAMES``.
-        render_mode: HighwayEnv's.
+        render_mode: ``"human"`` (a window), ``"rgb_array"`` or None.
         **config: entries of HighwayEnv's configuration.
 
     Raises:
@@ -216,7 +229,11 @@ def make_road(name: str, render_mode: str | None = None, **config: object) -> Pl
     """
     if name not in _ROADS:
         raise ValueError(f"no road for {name!r}; known are: {', '.join(ROAD_NAMES)}")
-    return _ROADS[name](config=config, render_mode=render_mode)
+    # HighwayEnv draws on its own in "human" mode, before any vehicle is placed as well.
+    road = _ROADS[name](config=config, render_mode=render_mode and "rgb_array")
+    if render_mode == "human":
+        road.window = Window(name)
+    return road
 
 
 @lru_cache(maxsize=len(_ROADS))

@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
-from gymnasium.utils import EzPickle
 from pettingzoo import ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
@@ -28,7 +27,7 @@ __all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
 _IGNORED_OPTION = "options"
 
 
-class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
+class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     """N vehicles play a dynamic game; the game's equilibrium is solved, certified and at hand.
 
     The world moves by the game's own dynamics, so a plan replays exactly. Rewards are negative
@@ -127,14 +126,6 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         reveal_truth: bool = True,
         **scenario_options: Any,
     ) -> None:
-        EzPickle.__init__(
-            self,
-            scenario,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            reveal_truth=reveal_truth,
-            **scenario_options,
-        )
         if max_cycles is not None and max_cycles < 1:
             raise ValueError(f"max_cycles must be at least 1, got {max_cycles}")
         if render_mode not in (None, *self.metadata["render_modes"]):

@@ -1,15 +1,13 @@
 """Frames of a world: vehicles as seen from above, with their trails."""
 
-import os
 from typing import Any
 
 import numpy as np
+import pygame
 
 from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.window import Window
 from olne_bench.games.features import FinalGoal, StateDeviation
-
-os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it greets on import otherwise
-import pygame
 
 MAX_WIDTH, MAX_HEIGHT = 900, 600  # [px] of a frame without its header
 SHARPNESS = 2  # frames are drawn this many times larger and smoothed down
@@ -55,8 +53,7 @@ class Renderer:
         self._players = scenario.game.num_players
         self._goals = _goals(scenario)
         self._lanes = _lanes(scenario)
-        self._fps = fps
-        self._window: pygame.Surface | None = None
+        self._window = None if fps is None else Window(scenario.name, fps)
         landmarks = [expected[..., :2].reshape(-1, 2), *[g[None] for g in self._goals.values()]]
         self._low, self._high = _box(np.concatenate(landmarks))
         width, height = self._high - self._low
@@ -85,17 +82,17 @@ class Renderer:
         for player, state in enumerate(history[-1]):
             self._draw_car(canvas, player, state)
         self._draw_header(canvas, time)
-        frame = pygame.transform.smoothscale(canvas, self._size)
-        if self._fps is None:
-            return np.ascontiguousarray(pygame.surfarray.array3d(frame).swapaxes(0, 1))
-        self._show(frame)
+        scaled = pygame.transform.smoothscale(canvas, self._size)
+        frame = np.ascontiguousarray(pygame.surfarray.array3d(scaled).swapaxes(0, 1))
+        if self._window is None:
+            return frame
+        self._window.show(frame)
         return None
 
     def close(self) -> None:
         """Close the window."""
         if self._window is not None:
-            pygame.display.quit()
-            self._window = None
+            self._window.close()
 
     # -- from the world to the frame ---------------------------------------------------------
 
@@ -185,17 +182,6 @@ class Renderer:
             text = font.render(f"player_{player}", True, _colour(player))
             canvas.blit(text, (x, 36 * SHARPNESS))
             x += text.get_width() + 18 * SHARPNESS
-
-    def _show(self, frame: pygame.Surface) -> None:
-        if self._window is None:
-            pygame.display.init()
-            self._window = pygame.display.set_mode(self._size)
-            pygame.display.set_caption(self._title)
-            self._clock = pygame.time.Clock()
-        pygame.event.pump()  # keeps the window answering
-        self._window.blit(frame, (0, 0))
-        pygame.display.flip()
-        self._clock.tick(self._fps or 0)
 
 
 def _box(positions: np.ndarray, margin: float = MARGIN) -> tuple[np.ndarray, np.ndarray]:
