@@ -7,8 +7,13 @@ import pytest
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs import traffic
-from olne_bench.envs.traffic import NashVehicle, Temperament, temperament, traffic_report
+from olne_bench.envs.traffic import (
+    NashVehicle,
+    Temperament,
+    joint_planning,
+    temperament,
+    traffic_report,
+)
 from olne_bench.games.reference_game import ReferenceGame
 
 SIZES = {
@@ -130,7 +135,7 @@ def test_failed_plans_fall_back_and_are_counted(monkeypatch):
     drive(road, 4)
     report = traffic_report(road)
     assert report.solved == before
-    assert report.shifted == 2 * traffic.MAX_SHIFTS
+    assert report.shifted == 2 * joint_planning.MAX_SHIFTS
     assert report.braked > 0
     assert not any(vehicle.crashed for vehicle in road.vehicles)
 
