@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
+from olne_bench.envs.equilibrium import NoEquilibriumError
+from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING
+from olne_bench.envs.playability import rejection
 from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count
 from olne_bench.games.features import CarProximity, ControlEffort, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -14,8 +15,6 @@ from olne_bench.games.lanes import Lane, LaneKeeping
 
 HORIZON = 20  # states, hence 7.6 s
 WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
-REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
-MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no collision either
 MAX_DRAWS = 20
 #: Controls that the worlds accept, and what these can reach within the horizon on the bare
 #: dynamics, which know no speed limit as the simulator does.
@@ -109,19 +108,6 @@ def draw_playable(
     raise NoEquilibriumError(
         f"no playable draw of {name!r} in {MAX_DRAWS} from seed {seed} with {num_players} players"
     )
-
-
-def rejection(scenario: Scenario) -> str | None:
-    """Why a draw must not be used: no equilibrium, out of limits, collision; or None."""
-    try:
-        plan = certified_equilibrium(scenario)
-    except NoEquilibriumError:
-        return "no equilibrium"
-    if (np.abs(plan.controls) > LIMITS.controls).any() or np.abs(plan.states[..., 3]).max() > 40:
-        return "out of limits"
-    played = replay(scenario.name, plan.states[0], plan.controls, MARGIN)
-    exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE
-    return None if exact else "collision"
 
 
 def draw_weights(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -5,8 +5,6 @@ its random traffic and its rewards are left out. Nothing about a road is written
 geometry is read off the lane objects.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -19,13 +17,13 @@ from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.envs.merge_env import MergeEnv
 from highway_env.envs.roundabout_env import RoundaboutEnv
 from highway_env.envs.two_way_env import TwoWayEnv
-from highway_env.road import lane as highway_lanes
 from highway_env.road.road import LaneIndex, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
+from olne_bench.envs.lane_curves import appended, lane_curve
 from olne_bench.envs.window import Window
 from olne_bench.games.dynamics import bicycle
-from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.lanes import Lane
 
 SIMULATION_FREQUENCY = 15  # [Hz], HighwayEnv's default
 SUB_STEPS = 6  # simulation frames per action
@@ -246,28 +244,8 @@ def route(network: RoadNetwork, *indices: LaneIndex) -> tuple[Lane, ...]:
     """The lanes of those indices as a route; arcs that continue each other become one."""
     lanes: list[Lane] = []
     for index in indices:
-        lanes = _join(lanes, lane_curve(network.get_lane(index)))
+        lanes = appended(lanes, lane_curve(network.get_lane(index)))
     return tuple(lanes)
-
-
-def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
-    """One of HighwayEnv's lanes, with its numbers, as a curve of ``games.lanes``.
-
-    Raises:
-        ValueError: for a kind of lane that has no such curve (polylines).
-    """
-    if isinstance(lane, highway_lanes.StraightLane):  # a SineLane is one as well
-        axis = StraightLane(_pair(lane.start), _pair(lane.direction), float(lane.length))
-        if not isinstance(lane, highway_lanes.SineLane):
-            return axis
-        return SineLane(axis, float(lane.amplitude), float(lane.pulsation), float(lane.phase))
-    if isinstance(lane, highway_lanes.CircularLane):
-        start = float(lane.start_phase)
-        end = start + lane.direction * float(lane.length) / lane.radius
-        return ArcLane(_pair(lane.center), float(lane.radius), start, end)
-    raise ValueError(
-        f"no curve for a {type(lane).__name__}; known are: StraightLane, SineLane, CircularLane"
-    )
 
 
 def replay(
@@ -296,19 +274,3 @@ def replay(
 @lru_cache(maxsize=len(_ROADS))
 def _replay_road(name: str) -> PlayersOnly:
     return make_road(name)
-
-
-def _join(lanes: list[Lane], lane: Lane) -> list[Lane]:
-    last = lanes[-1] if lanes else None
-    if (
-        isinstance(last, ArcLane)
-        and isinstance(lane, ArcLane)
-        and (last.centre, last.radius) == (lane.centre, lane.radius)
-    ):
-        turn = lane.end_phase - lane.start_phase
-        return [*lanes[:-1], replace(last, end_phase=last.end_phase + turn)]
-    return [*lanes, lane]
-
-
-def _pair(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
-    return float(values[0]), float(values[1])

@@ -63,7 +63,6 @@ class HighwayWorld(OlneWorld):
     def close(self) -> None:
         for road in self._roads.values():
             road.close()
-        self._roads.clear()
 
     def _choice(self, options: dict[str, Any] | None) -> tuple[str | Scenario, dict[str, Any]]:
         scenario, scenario_options = super()._choice(options)
