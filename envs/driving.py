@@ -93,13 +93,13 @@ def draw_playable(
 ) -> Scenario:
     """The first draw that is a certified equilibrium and that the simulator plays exactly.
 
-    HighwayEnv looks one frame ahead for collisions and pushes cars apart. A plan that it would
-    interfere with, were the cars a little wider, is no open-loop truth there, so the draw is
-    rejected and the next one taken from a seed derived from ``seed``, the number of players and
-    the number of the draw.
+    HighwayEnv looks one frame ahead for collisions and pushes cars apart. If it would interfere
+    with a plan of cars that are a little wider, the plan is no open-loop truth there and the draw
+    is rejected. The seed of each draw is derived from ``seed``, the number of players and the
+    number of the draw.
 
     Raises:
-        NoEquilibriumError: where ``MAX_DRAWS`` draws are rejected.
+        NoEquilibriumError: if ``MAX_DRAWS`` draws are rejected.
     """
     for attempt in range(MAX_DRAWS):
         scenario = draw(np.random.default_rng([seed, num_players, attempt]))

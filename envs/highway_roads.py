@@ -1,8 +1,8 @@
-"""HighwayEnv's roads with the players on them, and its lanes as curves that a game can use.
+"""HighwayEnv's roads with the players on them.
 
 The simulator is HighwayEnv's own: its environments, road networks, vehicles and ``step``. Only
 its random traffic and its rewards are left out. Nothing about a road is written down twice: lane
-geometry is read off the lane objects.
+geometry is read off the lane objects. HighwayEnv's y axis points down in pictures.
 """
 
 from functools import lru_cache
@@ -65,7 +65,7 @@ class _CushionedVehicle(Vehicle):
 
 
 class PlayersOnly(AbstractEnv):
-    """Put before one of HighwayEnv's environments: the players instead of random traffic."""
+    """A mixin for one of HighwayEnv's environments: it puts players in place of random traffic."""
 
     #: Where pictures are centred [m]; None follows the cars.
     camera: tuple[float, float] | None = (0.0, 0.0)

@@ -30,7 +30,10 @@ def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
 
 
 def appended(lanes: list[Lane], lane: Lane) -> list[Lane]:
-    """The lanes and one more; an arc that goes on along the last one becomes one with it."""
+    """The lanes and one more.
+
+    An arc that continues the last lane's circle is joined with it.
+    """
     last = lanes[-1] if lanes else None
     if (
         isinstance(last, ArcLane)

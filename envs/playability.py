@@ -12,7 +12,11 @@ MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no co
 
 
 def rejection(scenario: Scenario) -> str | None:
-    """Why a draw must not be used: no equilibrium, out of limits, collision; or None."""
+    """Why a draw must not be used: no equilibrium, out of limits, collision.
+
+    Returns:
+        The reason, or None if the draw may be used.
+    """
     try:
         plan = certified_equilibrium(scenario)
     except NoEquilibriumError:

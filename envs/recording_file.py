@@ -83,7 +83,7 @@ def write_recording(path: Path, file: RecordingFile) -> None:
     """Write a file, whole or not at all.
 
     Raises:
-        OSError: where that is not possible.
+        OSError: if that is not possible.
     """
     table = pa.Table.from_pandas(_frame(file), preserve_index=False)
     metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}

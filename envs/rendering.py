@@ -159,7 +159,7 @@ def _colour(player: int) -> tuple[int, int, int]:
 def _mix(
     colour: tuple[int, int, int], other: tuple[int, int, int], share: float
 ) -> tuple[int, int, int]:
-    """That share of a colour, the rest of another."""
+    """A mixture of a colour, by that share, and another one."""
     red, green, blue = (
         round(share * a + (1 - share) * b) for a, b in zip(colour, other, strict=True)
     )

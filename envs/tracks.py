@@ -1,9 +1,10 @@
 """Tracks: a user's own motion data, read from CSV and checked before anything is made of it.
 
-One row per (player, time): ``time`` [s], ``player`` (any name), ``x`` and ``y`` [m], and where
-known ``heading`` [rad] and ``speed`` [m/s]. Rows may be grouped by time or by player; the times of
-a player must increase, in equal steps that all players share. An empty cell or ``NaN`` is a
-missing sample. A player that is out of sight for a while keeps its rows, without numbers.
+A file has one row per (player, time): ``time`` [s], ``player`` (any name), ``x`` and ``y`` [m],
+and ``heading`` [rad] and ``speed`` [m/s] where they are known. Rows may be grouped by time or by
+player. The times of a player must increase, in equal steps that all players share. An empty cell
+or ``NaN`` is a missing sample. A player who is out of sight for a while keeps its rows, without
+numbers.
 """
 
 from pathlib import Path
@@ -25,8 +26,8 @@ def read_tracks(path: Path) -> RecordingFile:
     """Read a CSV file of tracks as a recording without truth.
 
     Returns:
-        One episode whose states are NaN where nothing is known. Players are in the order of
-        their first rows; headings are unwrapped.
+        One episode. States are NaN where nothing is known, players are in the order of their
+        first rows, and headings are unwrapped.
 
     Raises:
         UserError: names file, line or player, value and what is expected.

@@ -19,7 +19,7 @@ STANDSTILL = 0.05  # [m/s] below which the two are not compared
 
 
 def check_times_increase(path: Path, table: pd.DataFrame) -> None:
-    """The times of each player increase."""
+    """Refuse times of a player that do not increase."""
     for player, rows in table.groupby("player", sort=False):
         times, lines = rows["time"].to_numpy(), rows.index.to_numpy()
         repeated = rows["time"].duplicated().to_numpy()
@@ -38,7 +38,7 @@ def check_times_increase(path: Path, table: pd.DataFrame) -> None:
 
 
 def check_steps(path: Path, times: np.ndarray) -> None:
-    """There are enough times (T,), in equal steps, in seconds."""
+    """Refuse times (T,) that are too few, unequally spaced or not in seconds."""
     if len(times) < FEWEST_STEPS:
         raise UserError(f"{path} has {len(times)} times, expected at least {FEWEST_STEPS}")
     steps = np.diff(times)
@@ -59,7 +59,7 @@ def check_steps(path: Path, times: np.ndarray) -> None:
 def check_everybody_has_rows(
     path: Path, table: pd.DataFrame, times: np.ndarray, players: list[str]
 ) -> None:
-    """Each player has a row at every time, and a position at one of them at least."""
+    """Refuse players without a row at every time, or without any position."""
     for player in players:
         absent = np.setdiff1d(times, table.loc[table["player"] == player, "time"])
         if absent.size:
@@ -74,7 +74,7 @@ def check_everybody_has_rows(
 
 
 def check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) -> None:
-    """Metres, seconds and radians: (T, N, 4) px, py, heading and speed agree with each other."""
+    """Refuse states (T, N, 4) px, py, heading, speed not in metres, seconds and radians."""
     window = min(len(states) - 1, max(1, round(UNIT_WINDOW / dt)))
     steps = states[window:, :, :2] - states[:-window, :, :2]
     from_positions = np.linalg.norm(steps, axis=-1) / (window * dt)

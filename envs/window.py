@@ -9,8 +9,9 @@ import pygame
 class Window:
     """Shows the frames of one world.
 
-    pygame has a single window in a process. It shows the world that drew last, and ``close``
-    closes it only while it shows the caller's world. A copy of a world opens it anew when it draws.
+    pygame has one window per process. It shows the world that drew last, and ``close`` closes it
+    only while it shows the caller's world. A copy of a world opens it anew when it draws. macOS
+    opens windows in the main thread only.
 
     Args:
         title: of the window.
@@ -25,7 +26,11 @@ class Window:
         self._fps = fps
 
     def show(self, frame: np.ndarray) -> list[pygame.event.Event]:
-        """Show a frame (height, width, 3) uint8; what the user did since the last one."""
+        """Show a frame (height, width, 3) uint8.
+
+        Returns:
+            What the user did in the window since the last frame.
+        """
         size = (frame.shape[1], frame.shape[0])
         surface = pygame.display.get_surface()
         if Window._shown is not self or surface is None or surface.get_size() != size:

@@ -63,7 +63,10 @@ def _next_plan(
     start: VehiclePlan | None,
     report: TrafficReport,
 ) -> VehiclePlan | None:
-    """What one player drives next, counted in the report; None leaves it to the IDM."""
+    """What one player drives next; None stands for the Intelligent Driver Model.
+
+    The case is counted in the report.
+    """
     if solution.converged:
         if not _runs_into_something(solution.states, others, index):
             report.solved += 1
@@ -106,7 +109,7 @@ def _situation(group: list[PlanningVehicle], starts: Sequence[VehiclePlan | None
 
 
 def _references(vehicle: PlanningVehicle, start: VehiclePlan | None) -> np.ndarray:
-    """(T-1, 4) points of the target lane and its successors where the vehicle will pass."""
+    """Points and speeds (T-1, 4) of the target lane and its successors where a vehicle passes."""
     speeds = np.full(STEPS, vehicle.speed) if start is None else start.states[:-1, 3]
     distances = PLAN_STEP * np.cumsum(np.maximum(speeds, 0.0))
     points, limits = points_along_lanes(

@@ -15,9 +15,12 @@ def points_along_lanes(
     distances: np.ndarray,
     lateral: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points (S, 3) px, py, direction at distances from a position along a lane and what follows.
+    """Points at distances (S,) ahead of a position, along a lane and the lanes that follow it.
 
-    Also the speed limit (S,) [m/s] at each. The last lane is extended beyond its end.
+    The last lane is extended beyond its end.
+
+    Returns:
+        Points (S, 3) px, py, direction, and the speed limit (S,) [m/s] at each.
     """
     lane = network.get_lane(index)
     before, _ = lane.local_coordinates(position)
@@ -42,7 +45,7 @@ def points_along_lanes(
 
 
 def curve_speeds(points: np.ndarray) -> np.ndarray:
-    """(T-1,) speeds [m/s] at which the curve through the points is comfortable."""
+    """Speeds (T-1,) [m/s] at which the curve through points (T-1, 3) is comfortable."""
     step = np.hypot(*np.diff(points[:, :2], axis=0).T)
     turn = np.abs(np.diff(np.unwrap(points[:, 2])))
     # A vehicle that hardly moves sees no curve; lanes that do not touch make none either.

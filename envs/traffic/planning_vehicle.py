@@ -1,4 +1,4 @@
-"""A vehicle of HighwayEnv that keeps a plan; how the plan is made is not its business."""
+"""A vehicle of HighwayEnv that keeps a plan, whoever makes it."""
 
 from typing import Any, ClassVar
 

@@ -10,7 +10,7 @@ PURSUIT_TIME = 1.2  # [s] in which a start without a plan goes back to the lane
 
 
 def pursuit_controls(state: np.ndarray, references: np.ndarray) -> np.ndarray:
-    """(T-1, 2) controls that lead to the references at constant speed: a start without a plan.
+    """Controls (T-1, 2) that lead to references (T-1, 4) at constant speed.
 
     The law is that of HighwayEnv's ``ControlledVehicle``, with gains for steps this long.
     """

@@ -41,7 +41,7 @@ def predictions_around(group: list[PlanningVehicle]) -> list[np.ndarray]:
 
 
 def nearest_predictions(vehicle: PlanningVehicle, predicted: list[np.ndarray]) -> np.ndarray:
-    """(M, T-1, 2) the predictions that begin nearest to the vehicle."""
+    """The predictions (M, T-1, 2) that begin nearest to the vehicle."""
     nearest = np.full((NUM_OTHERS, STEPS, 2), FAR_AWAY)
     distances = [float(np.hypot(*(path[0] - vehicle.position))) for path in predicted]
     for slot, index in enumerate(np.argsort(distances)[:NUM_OTHERS]):
@@ -51,7 +51,7 @@ def nearest_predictions(vehicle: PlanningVehicle, predicted: list[np.ndarray]) -
 
 
 def predicted_positions(other: RoadObject) -> np.ndarray:
-    """(T-1, 2) positions at the next plan steps."""
+    """The positions (T-1, 2) of a vehicle or obstacle at the next plan steps."""
     if isinstance(other, PlanningVehicle) and not other.crashed and other.plan is not None:
         passed = int(other.plan_age / PLAN_STEP + 0.5)
         plan = other.plan.shifted() if passed else other.plan

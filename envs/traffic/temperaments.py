@@ -40,7 +40,7 @@ TEMPERAMENTS: dict[str, Temperament] = {
 
 
 def temperament(preset: str | Temperament) -> Temperament:
-    """A preset by name; a temperament is returned as it is.
+    """A preset by its name. A temperament is returned as it is.
 
     Raises:
         ValueError: on an unknown name.

@@ -10,7 +10,7 @@ STEPS = 10  # steps per plan
 
 @dataclass(frozen=True)
 class VehiclePlan:
-    """What one vehicle means to do.
+    """Planned motion of one vehicle.
 
     Attributes:
         states: (T, 4), the first is where the plan began.
@@ -23,7 +23,7 @@ class VehiclePlan:
     shifts: int = 0
 
     def shifted(self) -> "VehiclePlan":
-        """The same without its first step, coasting at the end."""
+        """The plan without its first step, with one of coasting at the end."""
         last = self.states[-1].copy()
         last[:2] += PLAN_STEP * last[3] * np.array([np.cos(last[2]), np.sin(last[2])])
         return VehiclePlan(
