@@ -148,4 +148,5 @@ def end(**values):
         return process.wait(timeout=20)
     finally:
         process.kill()
+        process.wait()
         process.stdout.close()
