@@ -5,10 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.envs.equilibrium import NoEquilibriumError
 from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING
 from olne_bench.envs.playability import rejection
-from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count
+from olne_bench.envs.scenarios.scenario import (
+    Limits,
+    NoEquilibriumError,
+    Scenario,
+    check_count,
+    one_number,
+)
 from olne_bench.games.features import CarProximity, ControlEffort, StateDeviation
 from olne_bench.games.game import Game, Player
 from olne_bench.games.lanes import Lane, LaneKeeping
@@ -124,7 +129,8 @@ def check_num_players(name: str, num_players: int, fewest: int, most: int) -> No
     check_count("num_players", num_players)
     if not fewest <= num_players <= most:
         raise ValueError(
-            f"scenario {name!r} holds {fewest} to {most} players, got num_players = {num_players}"
+            f"scenario {name!r} holds {fewest} to {most} players, got num_players = "
+            f"{one_number(num_players)}"
         )
 
 

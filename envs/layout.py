@@ -55,7 +55,7 @@ class ObservationLayout:
 
     def blocks(self, observation: np.ndarray) -> np.ndarray:
         """The blocks (N, d) of an observation, the observer's own first."""
-        return observation[:-1].reshape(self.num_players, self.state_size)
+        return observation[:-1].reshape(self.num_players, -1)
 
     def by_index(self, observation: np.ndarray, player: str) -> np.ndarray:
         """The blocks (N, d) of that player's observation in the order of player indices.

@@ -3,9 +3,9 @@
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.equilibrium import certified_equilibrium
 from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING, replay
-from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 
 REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
 MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no collision either

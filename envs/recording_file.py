@@ -24,6 +24,7 @@ from olne_bench.envs.recording_metadata import (
     Metadata,
     library_versions,
 )
+from olne_bench.files import whole_file
 
 METADATA_KEY = b"olne_bench"
 
@@ -88,9 +89,8 @@ def write_recording(path: Path, file: RecordingFile) -> None:
     table = pa.Table.from_pandas(_frame(file), preserve_index=False)
     metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}
     table = table.replace_schema_metadata((table.schema.metadata or {}) | metadata)
-    unfinished = path.with_name(path.name + ".partial")
-    pq.write_table(table, unfinished)
-    unfinished.replace(path)
+    with whole_file(path) as unfinished:
+        pq.write_table(table, unfinished)
 
 
 def read_recording(path: Path | str) -> RecordingFile:

@@ -2,7 +2,11 @@
 
 They change observations alone; traffic, rewards and ``state()`` stay what they are. Each wrapper
 that draws at random has a stream of its own per player, seeded from the seed of ``reset`` and a
-key of its class, so that neither the traffic nor another sensor depends on it.
+key of its class, so that neither the traffic nor another sensor depends on it. Noise has a stream
+for every name of a component: two sensors that both show ``px`` show the same noise on it.
+
+``wrap`` puts the layers of a sensor (``games.sensor``) around a world, in the order that
+likelihoods assume.
 
 The wrappers stack in any order in which each finds the components it needs, over any world with
 an ``observation_layout`` (see ``envs.layout``), and with wrappers of other libraries as long as
@@ -11,6 +15,7 @@ those below keep the shape of the observations::
     world = AWGN(PartialObservation(olne_v0.parallel_env(), ("px", "py", "heading")), sigma=0.02)
 """
 
+import zlib
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -23,13 +28,54 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from olne_bench.envs.layout import ObservationLayout, player_index
 from olne_bench.games.buffered import BufferedFunction
-from olne_bench.games.observation import ComponentView, RangeBearingView, View, observation_function
+from olne_bench.games.observation import (
+    ComponentView,
+    FullView,
+    RangeBearingView,
+    View,
+    observation_function,
+)
+from olne_bench.games.sensor import Drops, GapsLayer, Layer, SensorModel, Stack
 
 World: TypeAlias = ParallelEnv[str, np.ndarray, np.ndarray]
 
 #: Spaces of noisy observations are widened by this many standard deviations: a Gaussian has no
 #: bounds, but a draw beyond these has a probability of 1.5e-23.
 _NOISE_REACH = 10.0
+
+#: Steps that noise is drawn ahead of; what is drawn does not depend on it.
+_STEPS_AHEAD = 32
+
+
+def wrap(
+    world: World,
+    layers: Sequence[Layer],
+    sigma: float,
+    noise_scale: Sequence[float] | np.ndarray,
+) -> World:
+    """Put the layers of a sensor around a world: views, noise, gaps.
+
+    Args:
+        world: the world.
+        layers: of the sensor.
+        sigma: noise level, at least 0.
+        noise_scale: (n,) of the scenario, standard deviations over sigma.
+
+    Raises:
+        ValueError: on layers that do not fit each other or the world, or a sigma out of range.
+    """
+    if not (np.isfinite(sigma) and sigma >= 0):
+        raise ValueError(f"sigma must be finite and non-negative, got {sigma}")
+    stack, model = Stack.of(layers), SensorModel.of(layers, _layout_of(world), noise_scale)
+    if not isinstance(stack.view, FullView):
+        world = ObservationView(world, stack.view)
+    if sigma > 0 and model.noise_covariance is None:
+        world = AWGN(world, sigma * np.array(model.noise_scale))
+    elif sigma > 0:
+        world = AWGN(world, covariance=sigma**2 * np.array(model.covariance))
+    for gaps in stack.gaps:
+        world = Gaps(world, gaps)
+    return world
 
 
 class BoxWithGaps(Box):
@@ -47,6 +93,7 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     def __init__(self, env: World) -> None:
         super().__init__(env)
         self._known_spaces: dict[str, tuple[Box, Box]] = {}
+        self._known_layout: ObservationLayout | None = None
         self._check_layout()
         for player in env.possible_agents:  # a sensor that does not fit says so at once
             self.observation_space(player)
@@ -82,6 +129,9 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         observations, *rest = self.env.step(actions)
         return self._observe_all(observations), *rest
 
+    def _prepare(self) -> None:
+        """Get ready for the layout below, which is a new one."""
+
     @abstractmethod
     def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (N, d') above from bounds (N, d) below."""
@@ -102,15 +152,21 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     def _observe_all(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         layout = self._layout_below
         return {
-            player: np.append(self._observe(player, layout.blocks(below)), below[-1]).astype(
-                below.dtype, copy=False
+            player: np.concatenate(
+                (self._observe(player, layout.blocks(below)).ravel(), below[-1:]),
+                dtype=below.dtype,
+                casting="same_kind",
             )
             for player, below in observations.items()
         }
 
     def _check_layout(self) -> None:
         """Find the layout below, which a reset may change."""
-        self._layout_below = _layout_of(self.env)
+        layout = _layout_of(self.env)
+        if layout != self._known_layout:
+            self._layout_below = layout
+            self._prepare()
+            self._known_layout = layout
         for player in self.env.possible_agents:
             shape = self.env.observation_space(player).shape
             if shape != (self._layout_below.size,):
@@ -152,8 +208,7 @@ class ObservationView(_Sensor):
     def _observe(self, player: str, blocks: np.ndarray) -> np.ndarray:
         return self._function(blocks)
 
-    def _check_layout(self) -> None:
-        super()._check_layout()
+    def _prepare(self) -> None:
         function = observation_function(self._view, self._layout_below)
         self._function = BufferedFunction(function.map(self._layout_below.num_players))
 
@@ -204,7 +259,7 @@ class _RandomSensor(_Sensor):
     def __init__(self, env: World) -> None:
         super().__init__(env)
         # Two sensors of one class must not draw the same numbers.
-        self._depth = sum(isinstance(below, type(self)) for below in _chain(env))
+        self._depth = sum(getattr(type(below), "key", None) == self.key for below in _chain(env))
         self._seed_streams(int(np.random.SeedSequence().generate_state(1)[0]))
 
     def reset(
@@ -216,18 +271,25 @@ class _RandomSensor(_Sensor):
 
     def _seed_streams(self, seed: int) -> None:
         self._seed = seed
-        self._streams: dict[str, np.random.Generator] = {}
+        self._streams: dict[tuple[str, str], np.random.Generator] = {}
 
-    def _stream(self, player: str) -> np.random.Generator:
-        if player not in self._streams:
-            self._streams[player] = np.random.default_rng(
-                [self._seed, self.key, self._depth, player_index(player)]
+    def _stream(self, player: str, component: str = "") -> np.random.Generator:
+        """The stream of an observer, or of its noise on one component."""
+        stream = self._streams.get((player, component))
+        if stream is None:
+            name = [zlib.crc32(component.encode())] if component else []
+            stream = self._streams[player, component] = np.random.default_rng(
+                [self._seed, self.key, self._depth, player_index(player), *name]
             )
-        return self._streams[player]
+        return stream
 
 
 class AWGN(_RandomSensor):
     """Additive white Gaussian noise on every observed component (eqn. awgn_observation).
+
+    Every observer has a stream per name of a component, so that sensors which show different
+    components agree in the noise on those that they share. With a covariance, draws are mixed in
+    the order of the components.
 
     Args:
         env: the world.
@@ -254,42 +316,55 @@ class AWGN(_RandomSensor):
         self._covariance = covariance
         super().__init__(env)
 
-    def _check_layout(self) -> None:
-        super()._check_layout()
+    def _prepare(self) -> None:
         size = self._layout_below.state_size
         if self._covariance is None:
-            self._root = np.diag(_standard_deviations(self._sigma, size))
+            root = np.diag(_standard_deviations(self._sigma, size))
         else:
-            self._root = _covariance_root(self._covariance, size)
+            root = _covariance_root(self._covariance, size)
+        self._root, self._reach = root, _NOISE_REACH * np.linalg.norm(root, axis=1)
 
     def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        reach = _NOISE_REACH * np.linalg.norm(self._root, axis=1)
-        return low - reach, high + reach
+        return low - self._reach, high + self._reach
+
+    def _seed_streams(self, seed: int) -> None:
+        super()._seed_streams(seed)
+        self._ahead: dict[str, tuple[np.ndarray, int]] = {}
 
     def _observe(self, player: str, blocks: np.ndarray) -> np.ndarray:
-        return blocks + self._stream(player).standard_normal(blocks.shape) @ self._root.T
+        ahead, used = self._ahead.get(player, (blocks[None], 1))
+        if used == len(ahead) or ahead.shape[1:] != blocks.shape:
+            ahead, used = self._draw(player, len(blocks)), 0
+        self._ahead[player] = ahead, used + 1
+        return np.asarray(blocks + ahead[used])
+
+    def _draw(self, player: str, count: int) -> np.ndarray:
+        """Noise (steps, N, d) of the next steps."""
+        draws = [
+            self._stream(player, name).standard_normal((_STEPS_AHEAD, count))
+            for name in self._layout_below.state_names
+        ]
+        return np.stack(draws, axis=-1) @ self._root.T
 
 
-class DropSamples(_RandomSensor):
-    """Occlusion: with probability p a player is not seen in a step, and its block is NaN.
+class Gaps(_RandomSensor):
+    """A player that is missed in a step has a block of NaN.
 
-    Each observer misses each player, itself included, independently of the others and of what
-    happened before. The observation spaces are ``BoxWithGaps``, which contain such observations.
+    Each observer misses players, itself included, independently of other observers. The
+    observation spaces are ``BoxWithGaps``, which contain such observations.
 
     Args:
         env: the world.
-        p: probability, 0 to 1.
+        layer: which players are missed.
 
     Raises:
-        ValueError: if p is no probability.
+        ValueError: at the first observation, on a mask of a wrong shape.
     """
 
     key = 2
 
-    def __init__(self, env: World, p: float) -> None:
-        if not 0 <= p <= 1:
-            raise ValueError(f"p must be a probability between 0 and 1, got {p}")
-        self._p = p
+    def __init__(self, env: World, layer: GapsLayer) -> None:
+        self._layer = layer
         super().__init__(env)
 
     def _space(self, below: Box) -> Box:
@@ -299,8 +374,30 @@ class DropSamples(_RandomSensor):
         return low, high
 
     def _observe(self, player: str, blocks: np.ndarray) -> np.ndarray:
-        missed = self._stream(player).random(len(blocks)) < self._p
+        missed = np.asarray(self._layer.missed(self._stream(player), blocks), dtype=bool)
+        if missed.shape != (len(blocks),):
+            raise ValueError(
+                f"{self._layer} missed players by a mask of the shape {missed.shape}, expected "
+                f"{(len(blocks),)}"
+            )
         return np.where(missed[:, None], np.nan, blocks)
+
+
+class DropSamples(Gaps):
+    """Occlusion: with probability p a player is not seen in a step, and its block is NaN.
+
+    Players are missed independently of each other and of what happened before.
+
+    Args:
+        env: the world.
+        p: probability, 0 to 1.
+
+    Raises:
+        ValueError: if p is no probability.
+    """
+
+    def __init__(self, env: World, p: float) -> None:
+        super().__init__(env, Drops(p))
 
 
 class Float32(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
@@ -385,7 +482,11 @@ def _standard_deviations(sigma: Any, size: int) -> np.ndarray:
 
 
 def _covariance_root(covariance: np.ndarray, size: int) -> np.ndarray:
-    """A matrix R with R R' = covariance, which may be singular."""
+    """A matrix R with R R' = covariance, which may be singular.
+
+    Where it is not, R is lower triangular: the first components are mixed of the first draws
+    alone, whatever comes after them.
+    """
     covariance = np.asarray(covariance, dtype=float)
     if covariance.shape != (size, size):
         raise ValueError(f"covariance has the shape {covariance.shape}, expected {(size, size)}")
@@ -394,4 +495,6 @@ def _covariance_root(covariance: np.ndarray, size: int) -> np.ndarray:
     values, vectors = np.linalg.eigh(covariance)
     if values[0] < -1e-12 * max(values[-1], 0):
         raise ValueError(f"covariance has the negative eigenvalue {values[0]:.3g}")
+    if values[0] > 1e-12 * values[-1]:
+        return np.linalg.cholesky(covariance)
     return vectors * np.sqrt(np.maximum(values, 0))

@@ -48,6 +48,18 @@ class Gaussian:
     covariance: np.ndarray
 
 
+def hidden_positions(problem: Problem) -> str | None:
+    """Why a filter cannot begin: positions cannot be read off a measurement; None where they can.
+
+    The belief about x_1 before the first measurement is read off it.
+    """
+    dynamics = problem.game.dynamics
+    known = problem.view.read_off(np.zeros((1, len(problem.noise_scale))), dynamics)
+    if {"px", "py"} <= known.keys():
+        return None
+    return f"needs a sensor that tells positions, which {problem.view.name!r} does not"
+
+
 def first_game(problem: Problem, observation: Observation) -> Played:
     """The game near the observation to follow others from, not far from uniform weights.
 

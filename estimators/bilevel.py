@@ -40,8 +40,9 @@ from olne_bench.estimators.forward_model import (
     warm_up_games,
 )
 from olne_bench.estimators.parameters import check_count
-from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.simplex import RatioChart
+from olne_bench.estimators.white_noise import white_problem, with_white_noise
 from olne_bench.games.native import elimination
 
 #: Relative change of error and unknowns at which the search ends.
@@ -85,7 +86,7 @@ class Bilevel:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        observations = check_observations(problem, observation)
+        problem, observations = with_white_noise(problem, observation)
         deadline = time.monotonic() + budget / 2
         starts = [first_games(problem, one) for one in observations]
         lost = [index for index, found in enumerate(starts) if not found]
@@ -116,6 +117,7 @@ class Bilevel:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
+        problem = white_problem(problem)
         warm_up_games(problem)
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from olne_bench.estimators.interior_point import joint_elimination, solve_joint
-from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.estimators.joint_problem import JointPoint, JointSettings
 from olne_bench.estimators.kkt_residual import residual_weights
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.trajectory_fit import (
@@ -27,7 +27,11 @@ from olne_bench.estimators.trajectory_fit import (
 from olne_bench.games.batch import Batch, solve_batch
 from olne_bench.games.continuation import follow_coupling
 from olne_bench.games.elimination import Elimination
-from olne_bench.games.information import joint_weight_covariance, observation_sensitivity
+from olne_bench.games.information import (
+    joint_weight_covariance,
+    observation_sensitivity,
+    of_seen,
+)
 from olne_bench.games.kkt import consistent_costates
 from olne_bench.games.native import elimination
 from olne_bench.games.newton import Root, newton_root
@@ -41,6 +45,12 @@ _TIES = (1.0, 10.0)
 
 #: Iterations of the joint problem for a first game, and its tolerance.
 _MOST_ITERATIONS, _LOOSE = 150, 1e-6
+
+#: Step of finite differences, over a component's noise scale.
+_SMALL = 1e-6
+
+#: A heading that is not observed is not known better than this [rad].
+_LEAST_TURN = 0.2
 
 #: Roots this close to each other [m] are one.
 _SAME = 1e-6
@@ -112,11 +122,13 @@ def fitted_game(problem: Problem, observation: Observation, tie: float = _TIES[0
         view,
         y,
         JointPoint.from_trajectory(game, guess_states(game, view, y)),
-        noise_scale=problem.noise_scale,
-        weight_floor=problem.weight_floor,
-        tie=tie,
-        tolerance=_LOOSE,
-        max_iterations=_MOST_ITERATIONS,
+        JointSettings(
+            noise_scale=problem.noise_scale,
+            weight_floor=problem.weight_floor,
+            tie=tie,
+            tolerance=_LOOSE,
+            max_iterations=_MOST_ITERATIONS,
+        ),
     )
     if not solution.converged:
         return None
@@ -162,24 +174,54 @@ def initial_state_prior(
 
     The mean is read off the first ones. What is observed is known about as well as one
     measurement knows it, twice its standard deviation, as that measurement is yet to come; what
-    is not, to half its size besides the noise.
+    is not, to half its size besides the noise. A heading that is not observed is known as well as
+    two positions at either end of the first quarter tell it. Where the first measurements are
+    missing, x_1 is known less by what a player may do meanwhile.
     """
     guess = guess_states(problem.game, problem.view, observation.y)
     start = _calm_start(problem, guess)
-    names = list(problem.game.dynamics.state_names)
-    shown = dict(
-        zip(problem.view.component_names(problem.game.dynamics), problem.noise_scale, strict=True)
-    )
-    hidden = _hidden_components(problem)
-    one_step = np.sqrt(2) * max(problem.noise_scale) * sigma / problem.game.dt
-    deviation = np.empty(start.shape)
-    for k, name in enumerate(names):
-        if k in hidden:
-            noise = one_step / np.sqrt(_quarter(guess))
-            deviation[:, k] = np.abs(start[:, k]) / 2 + noise
-        else:
-            deviation[:, k] = 2 * sigma * shown.get(name, max(problem.noise_scale))
+    names, hidden = problem.game.dynamics.state_names, _hidden_components(problem)
+    noise = sigma * _read_off_noise(problem, observation.y)
+    position_noise = noise[:, :2].max(axis=1)
+    first = _first_seen(observation.y)
+    deviation = 2 * noise
+    for i, k in enumerate(first):
+        deviation[i] *= 1 + k
+        deviation[i, :2] += np.abs(guess[k, i, :2] - guess[0, i, :2]) / 2
+    quarter = _quarter(guess)
+    for k in hidden:
+        one_step = np.sqrt(2) * position_noise / problem.game.dt
+        deviation[:, k] = np.abs(start[:, k]) / 2 + one_step / np.sqrt(quarter)
+    if "heading" in names and names.index("heading") in hidden:
+        way = np.linalg.norm(guess[quarter, :, :2] - guess[0, :, :2], axis=1)
+        turned = np.sqrt(2) * position_noise / np.maximum(way, 1e-9)
+        deviation[:, names.index("heading")] = np.minimum(_LEAST_TURN + turned, np.pi / 2)
     return start, deviation
+
+
+def _read_off_noise(problem: Problem, y: np.ndarray) -> np.ndarray:
+    """Standard deviations (N, n) over sigma of states read off the first samples seen.
+
+    By the derivatives of the way back from a sample to the state; zero for components that are
+    hidden, and as on a component of the largest scale for players who were never seen.
+    """
+    dynamics = problem.game.dynamics
+    sample = np.array([y[k, i] for i, k in enumerate(_first_seen(y))])
+    squared = np.zeros((len(sample), dynamics.state_size))
+    for scale, direction in zip(problem.noise_scale, np.eye(sample.shape[1]), strict=True):
+        ahead, behind = (
+            problem.view.read_off(sample + step * direction, dynamics)
+            for step in (_SMALL * scale, -_SMALL * scale)
+        )
+        for name in ahead:
+            slope = (ahead[name] - behind[name]) / (2 * _SMALL)
+            squared[:, dynamics.state_names.index(name)] += slope**2
+    return np.sqrt(np.where(np.isfinite(squared), squared, max(problem.noise_scale) ** 2))
+
+
+def _first_seen(y: np.ndarray) -> np.ndarray:
+    """(N,) step of each player's first complete sample; zero where there is none."""
+    return np.isfinite(y).all(axis=2).argmax(axis=0)
 
 
 def _hidden_components(problem: Problem) -> list[int]:
@@ -273,7 +315,7 @@ def likelihood_covariance(
         return None
     try:
         sensitivities = [
-            sample_sensitivity(problem, game, solver)[np.isfinite(one.y).ravel()]
+            of_seen(sample_sensitivity(problem, game, solver), one.y)
             for one, game in zip(observations, games, strict=True)
         ]
     except ValueError:

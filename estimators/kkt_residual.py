@@ -21,8 +21,9 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import nnls
 
-from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.trajectory_fit import TrajectoryFit, fit_trajectory, warm_up_fit
+from olne_bench.estimators.white_noise import white_problem, with_white_noise
 from olne_bench.games.features import Stage
 from olne_bench.games.game import Game
 from olne_bench.games.kkt import kkt_system
@@ -50,7 +51,7 @@ class KktResidual:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        observations = check_observations(problem, observation)
+        problem, observations = with_white_noise(problem, observation)
         fits = [pre_filter(problem, one) for one in observations]
         reduced = [_reduced_residuals(problem.game, *trajectory) for trajectory, _ in fits]
         # The trajectories of a player share its weights: their rows go below one another.
@@ -69,6 +70,7 @@ class KktResidual:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
+        problem = white_problem(problem)
         _residual_functions(problem.game)
         for steps in (problem.game.horizon, problem.game.horizon + 1):
             warm_up_fit(problem.game, problem.view, steps)

@@ -48,8 +48,9 @@ import casadi as ca
 import numpy as np
 
 from olne_bench.estimators.kkt_residual import pre_filter, residual_weights
-from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.trajectory_fit import warm_up_fit
+from olne_bench.estimators.white_noise import white_problem, with_white_noise
 from olne_bench.games.game import Game
 from olne_bench.games.ipopt import QUIET
 from olne_bench.games.kkt import kkt_system
@@ -92,7 +93,7 @@ class MaxentResidual:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        observations = check_observations(problem, observation)
+        problem, observations = with_white_noise(problem, observation)
         trajectories, messages = [], []
         for one in observations:
             (states, controls, _), fit = pre_filter(problem, one)
@@ -121,6 +122,7 @@ class MaxentResidual:
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
+        problem = white_problem(problem)
         game = problem.game
         _player_functions(game)
         _solver((game.horizon - 1) * game.dynamics.control_size, game.num_weights, 1)

@@ -56,6 +56,7 @@ from olne_bench.estimators.belief import (
     Gaussian,
     LostError,
     first_game,
+    hidden_positions,
     prior_belief,
 )
 from olne_bench.estimators.forward_model import (
@@ -65,7 +66,8 @@ from olne_bench.estimators.forward_model import (
     warm_up_games,
 )
 from olne_bench.estimators.parameters import check_count, check_number
-from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.white_noise import white_problem, with_white_noise
 
 #: Resampling takes place where the effective sample size falls to this share of all particles.
 _RESAMPLE_BELOW = 0.5
@@ -136,7 +138,7 @@ class Particle:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        observations = check_observations(problem, observation)
+        problem, observations = with_white_noise(problem, observation)
         deadline = time.monotonic() + budget / 2
         sigma = max(problem.sigma, LEAST_SIGMA)
         online: list[np.ndarray] = []
@@ -183,8 +185,13 @@ class Particle:
             },
         )
 
+    def supports(self, problem: Problem) -> str | None:
+        """Why this problem cannot be filtered, or None."""
+        return hidden_positions(problem)
+
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
+        problem = white_problem(problem)
         warm_up_games(problem)
 
 

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from olne_bench.games.game import Game
-from olne_bench.games.observation import View, observation_size
+from olne_bench.games.observation import View, observation_size, whitening
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,20 @@ class Problem:
 
     Attributes:
         game: players' features and tasks, motion model, horizon T and step dt [s]; no weights.
-        view: observation model h, shared by all players.
-        sigma: noise level, at least 0. The Gaussian noise on observed component k is independent
-            of all others and has the standard deviation ``sigma * noise_scale[k]``.
+        view: observation model h, shared by all players: y = h(x) + noise, then gaps.
+        sigma: noise level, at least 0. The Gaussian noise on observed component k of a player has
+            the standard deviation ``sigma * noise_scale[k]``. It is independent of that on other
+            players and at other times, and of that on other components unless ``noise_covariance``
+            says how they are related. Noise on an angle is not wrapped (``games.observation``).
         weight_floor: smallest weight allowed, given rows that sum to one.
         noise_scale: (d,) relative standard deviations, so that metres, radians and metres per
             second compare: likelihoods divide residuals by it. Ones where absent, as in the paper.
+        noise_covariance: (d, d) covariance of the noise on a player's components, relative to
+            sigma^2, or None where they are independent. The squares of ``noise_scale`` are its
+            diagonal. ``estimators.white_noise`` turns it into independent noise.
 
     Raises:
-        ValueError: on a sigma, weight_floor or noise_scale out of range.
+        ValueError: on a sigma, weight_floor, noise_scale or noise_covariance out of range.
     """
 
     game: Game
@@ -39,6 +44,7 @@ class Problem:
     sigma: float = 0.0
     weight_floor: float = 1e-5
     noise_scale: tuple[float, ...] = ()
+    noise_covariance: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sigma) and self.sigma >= 0):
@@ -50,6 +56,8 @@ class Problem:
                 f"{self.game.num_weights} weights per player, got {self.weight_floor}"
             )
         size = observation_size(self.view, self.game.dynamics)
+        if self.noise_covariance is not None:
+            self._check_covariance(self.noise_covariance, size)
         scale = tuple(float(value) for value in self.noise_scale) or (1.0,) * size
         if len(scale) != size or not all(math.isfinite(s) and s > 0 for s in scale):
             raise ValueError(
@@ -57,6 +65,24 @@ class Problem:
                 f"got {self.noise_scale}"
             )
         object.__setattr__(self, "noise_scale", scale)
+
+    def _check_covariance(self, rows: Sequence[Sequence[float]], size: int) -> None:
+        """Store the covariance as tuples, and its diagonal where no noise scale is given."""
+        whitening(rows)
+        if len(rows) != size:
+            raise ValueError(
+                f"noise_covariance must have {size} rows for the view {self.view.name!r}, "
+                f"got {len(rows)}"
+            )
+        covariance = tuple(tuple(float(value) for value in row) for row in rows)
+        deviations = tuple(float(covariance[k][k]) ** 0.5 for k in range(size))
+        if self.noise_scale and not np.allclose(self.noise_scale, deviations):
+            raise ValueError(
+                f"noise_scale {self.noise_scale} is not the root of the diagonal of "
+                f"noise_covariance, {deviations}"
+            )
+        object.__setattr__(self, "noise_covariance", covariance)
+        object.__setattr__(self, "noise_scale", deviations)
 
     @property
     def weight_names(self) -> tuple[str, ...]:

@@ -10,9 +10,16 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from olne_bench.games.dynamics import dynamics_errors
 from olne_bench.games.game import Game, trajectory_symbols
 from olne_bench.games.ipopt import QUIET
 from olne_bench.games.observation import View, observation_size
+
+#: Passes of the filter over positions before a heading is read off them.
+_HEADING_PASSES = 8
+
+#: Samples that a gap at the beginning or the end is extrapolated from.
+_LINE = 4
 
 
 @dataclass(frozen=True)
@@ -83,21 +90,23 @@ def observation_parameters(y: np.ndarray, noise_scale: Sequence[float] = ()) -> 
 def guess_states(game: Game, view: View, y: np.ndarray) -> np.ndarray:
     """States (S, N, n) read off the observations, for solvers to start from.
 
-    Observed components are taken as they are, gaps interpolated. Where only positions are seen,
-    a player heads to where it goes next. An unobserved speed is the displacement per step along
-    the heading; anything else unobserved starts at zero.
+    Observed components are taken as they are, gaps interpolated and, before the first and after the
+    last sample, extrapolated. Where only positions are seen, a player heads to where it goes next,
+    smoothed, as noise on positions would turn it about. An unobserved speed is the displacement per
+    step along the heading; anything else unobserved starts at zero.
     """
     names = game.dynamics.state_names
     observed = view.read_off(y, game.dynamics)
     states = np.zeros((*y.shape[:2], len(names)))
     for name, samples in observed.items():
         states[..., names.index(name)] = _fill_gaps(samples)
-    if "heading" in names and "heading" not in observed:
-        steps = np.diff(states[..., :2], axis=0)
+    hidden_heading = "heading" in names and "heading" not in observed
+    positions = smoothed(states[..., :2], _HEADING_PASSES if hidden_heading else 0)
+    steps = np.diff(positions, axis=0) / game.dt
+    if hidden_heading:
         heading = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=0)
         states[..., names.index("heading")] = np.concatenate([heading, heading[-1:]])
     if "speed" in names and "speed" not in observed:
-        steps = np.diff(states[..., :2], axis=0) / game.dt
         heading = states[:-1, :, names.index("heading")]
         speed = steps[..., 0] * np.cos(heading) + steps[..., 1] * np.sin(heading)
         states[..., names.index("speed")] = np.concatenate([speed, speed[-1:]])
@@ -145,13 +154,24 @@ def _coasting(game: Game) -> ca.Function:
 
 
 def _fill_gaps(samples: np.ndarray) -> np.ndarray:
-    """Linear interpolation over time of (S, N) samples; a player never seen gets zeros."""
+    """Linear interpolation over time of (S, N) samples; a player never seen gets zeros.
+
+    Ends are extrapolated along the line through the nearest few samples.
+    """
     filled = np.zeros_like(samples)
     times = np.arange(len(samples))
     for player, column in enumerate(samples.T):
-        seen = np.isfinite(column)
-        if seen.any():
-            filled[:, player] = np.interp(times, times[seen], column[seen])
+        seen = times[np.isfinite(column)]
+        if not seen.size:
+            continue
+        filled[:, player] = np.interp(times, seen, column[seen])
+        for near, missing in (
+            (seen[:_LINE], times < seen[0]),
+            (seen[-_LINE:], times > seen[-1]),
+        ):
+            if missing.any():
+                line = np.polyfit(near, column[near], min(1, len(near) - 1))
+                filled[missing, player] = np.polyval(line, times[missing])
     return filled
 
 
@@ -161,12 +181,13 @@ def _fit_solver(game: Game, view: View, steps: int) -> ca.Function:
     controls, control_blocks = trajectory_symbols("u", (steps - 1, *game.control_shape[1:]))
     y = ca.SX.sym("y", steps * game.num_players * observation_size(view, game.dynamics))
     precision = ca.SX.sym("precision", y.numel())
-    errors = [
-        state_blocks[t + 1][i]
-        - game.dynamics.step(state_blocks[t][i], control_blocks[t][i], game.dt)
-        for t in range(steps - 1)
-        for i in range(game.num_players)
+    by_player = [
+        dynamics_errors(game.dynamics, own_states, own_controls, game.dt)
+        for own_states, own_controls in zip(
+            zip(*state_blocks, strict=True), zip(*control_blocks, strict=True), strict=True
+        )
     ]
+    errors = [error for errors in zip(*by_player, strict=True) for error in errors]
     problem = {
         "x": ca.vertcat(states, controls),
         "p": ca.vertcat(y, precision),

@@ -49,6 +49,7 @@ from olne_bench.estimators.belief import (
     Gaussian,
     LostError,
     first_game,
+    hidden_positions,
     prior_belief,
 )
 from olne_bench.estimators.forward_model import (
@@ -58,8 +59,9 @@ from olne_bench.estimators.forward_model import (
     warm_up_games,
 )
 from olne_bench.estimators.parameters import check_number
-from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observations
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.simplex import weight_covariance_of
+from olne_bench.estimators.white_noise import white_problem, with_white_noise
 
 #: Each time a sigma point has no equilibrium the set shrinks by this factor, so many times at most.
 _SHRINK, _MOST_SHRINKS = 0.5, 12
@@ -104,7 +106,7 @@ class Ukf:
         rng: np.random.Generator,
         budget: float,
     ) -> Estimate:
-        observations = check_observations(problem, observation)
+        problem, observations = with_white_noise(problem, observation)
         deadline = time.monotonic() + budget / 2
         count, floor = problem.game.num_weights, problem.weight_floor
         sigma = max(problem.sigma, LEAST_SIGMA)
@@ -135,8 +137,13 @@ class Ukf:
             extras={"objective": objective, "online_weights": np.array(online)},
         )
 
+    def supports(self, problem: Problem) -> str | None:
+        """Why this problem cannot be filtered, or None."""
+        return hidden_positions(problem)
+
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
+        problem = white_problem(problem)
         warm_up_games(problem)
 
 

@@ -3,8 +3,10 @@
 The equilibrium trajectory is a function of (theta, x_1) through G(z; theta, x_1) = 0, so by the
 implicit function theorem dz/d(theta, x_1) = -G_z^{-1} G_(theta, x_1). With white Gaussian noise of
 standard deviation sigma on h(x), the Fisher information of (theta, x_1) is J'J / sigma^2, where J
-is the sensitivity of all expected observations. Weights are known on the simplex only (each row
-sums to one), so the bound is taken on its tangent space, with x_1 as a nuisance parameter.
+is the sensitivity of all expected observations; other noise is whitened first. A sample that is
+missing has no rows in J: the information is that of the observation at hand. Weights are known on
+the simplex only (each row sums to one), so the bound is taken on its tangent space, with x_1 as a
+nuisance parameter.
 
 Some weights barely show in the motion, or not at all. Whether the data identify one is judged
 against what is known without any: that weights lie on the simplex, where a uniform distribution
@@ -17,12 +19,12 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import block_diag, null_space
 
 from olne_bench.games.elimination import Elimination
 from olne_bench.games.game import Game
 from olne_bench.games.newton import linearised
-from olne_bench.games.observation import View
+from olne_bench.games.observation import View, whitening
+from olne_bench.games.simplex import simplex_tangent
 
 #: Above this condition number of the information matrix some weights are not identifiable.
 _LARGEST_CONDITION = 1e14
@@ -66,22 +68,26 @@ def observation_sensitivity(
     weights: np.ndarray,
     *,
     noise_scale: Sequence[float] | np.ndarray | None = None,
+    noise_covariance: Sequence[Sequence[float]] | np.ndarray | None = None,
     solver: Elimination | None = None,
 ) -> np.ndarray:
     """d(h(states))/d(theta, x_1) at an equilibrium, (T*N*d, N*K + N*n), all in C order.
 
     The arguments are those of ``trajectory_sensitivity``; ``noise_scale`` (d,) holds the relative
     standard deviations of the noise on what the view shows of a player, ones where absent, and
-    divides the rows.
+    divides the rows. Where that noise is correlated, ``noise_covariance`` (d, d), relative to
+    sigma^2, stands in its place and the rows of a player at a time are whitened together.
 
     Raises:
-        ValueError: where G_z is singular.
+        ValueError: where G_z is singular, or the covariance is not positive definite.
     """
     sensitivity = trajectory_sensitivity(game, states, controls, costates, weights, solver)
     rows = states.reshape(-1, game.dynamics.state_size)
     by_state = np.array(_view_jacobian(game, view)(rows.T))
     by_state = by_state.reshape(-1, len(rows), rows.shape[1]).transpose(1, 0, 2)
-    if noise_scale is not None:
+    if noise_covariance is not None:
+        by_state = whitening(noise_covariance) @ by_state
+    elif noise_scale is not None:
         by_state = by_state / np.asarray(noise_scale)[:, None]
     observed = by_state @ sensitivity.reshape(*rows.shape, -1)
     return observed.reshape(-1, sensitivity.shape[1])
@@ -96,15 +102,31 @@ def weight_covariance(
     weights: np.ndarray,
     *,
     noise_scale: np.ndarray | None = None,
+    noise_covariance: np.ndarray | None = None,
 ) -> np.ndarray | None:
     """Cramer-Rao bound of the weights (N*K, N*K) for unit noise; None if not identifiable.
 
     Multiply by sigma^2. The arguments are those of ``observation_sensitivity``.
     """
     sensitivity = observation_sensitivity(
-        game, view, states, controls, costates, weights, noise_scale=noise_scale
+        game,
+        view,
+        states,
+        controls,
+        costates,
+        weights,
+        noise_scale=noise_scale,
+        noise_covariance=noise_covariance,
     )
     return joint_weight_covariance(game, [sensitivity])
+
+
+def of_seen(sensitivity: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The rows of an ``observation_sensitivity`` whose samples in y (T, N, d) are not missing.
+
+    With correlated noise samples must be missing as whole blocks (d,).
+    """
+    return sensitivity[np.isfinite(y).ravel()]
 
 
 def joint_weight_covariance(game: Game, sensitivities: Sequence[np.ndarray]) -> np.ndarray | None:
@@ -115,12 +137,12 @@ def joint_weight_covariance(game: Game, sensitivities: Sequence[np.ndarray]) -> 
     Args:
         game: the game.
         sensitivities: ``observation_sensitivity`` of each trajectory, without the rows of samples
-            that are missing.
+            that are missing (``of_seen``).
 
     Returns:
         (N*K, N*K), or None if not identifiable.
     """
-    tangent = _tangent(game.num_players, game.num_weights)
+    tangent = simplex_tangent(game.num_players, game.num_weights)
     observed = _on_tangent(tangent, sensitivities)
     # The information matrix is symmetric: its eigenvalues give condition and inverse at once.
     values, vectors = np.linalg.eigh(observed.T @ observed)
@@ -163,10 +185,10 @@ def identifiability(
 
     Args:
         game: the game.
-        sensitivities: ``observation_sensitivity`` of each trajectory.
+        sensitivities: ``observation_sensitivity`` of each trajectory, as above.
         sigma: noise level, above 0.
     """
-    tangent = _tangent(game.num_players, game.num_weights)
+    tangent = simplex_tangent(game.num_players, game.num_weights)
     observed = _on_tangent(tangent, sensitivities)
     free, count = tangent.shape[1], game.num_weights
     # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
@@ -229,14 +251,6 @@ def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
         projection = np.eye(count) - np.outer(theta, theta) / squared
         errors.append(np.trace(projection @ block) / (2 * squared))
     return float(np.mean(errors))
-
-
-@lru_cache(maxsize=16)
-def _tangent(players: int, num_weights: int) -> np.ndarray:
-    """Basis (N*K, N*(K-1)) of the weights' tangent space."""
-    basis = block_diag(*[null_space(np.ones((1, num_weights)))] * players)
-    basis.setflags(write=False)  # shared by all who ask
-    return basis
 
 
 def _on_tangent(tangent: np.ndarray, sensitivities: Sequence[np.ndarray]) -> np.ndarray:

@@ -1,17 +1,24 @@
 """Observation models h (eqn. awgn_observation): what a sensor is expected to see of one state.
 
 A view is data plus one CasADi expression, so estimators differentiate the very function that
-generates the observations. The noise that sensors add is not part of it.
+generates the observations. The noise that sensors add is not part of it (``games.sensor``).
+
+Angles are numbers like any others: y = h(x) + noise is not wrapped, and neither is y - h(x). A
+heading is a state and runs on beyond pi. A bearing is an arctangent, and has a jump that sensors
+must be turned away from.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
 
 import casadi as ca
 import numpy as np
+
+#: Least eigenvalue of a covariance, relative to its largest.
+_SINGULAR = 1e-12
 
 
 class Components(Hashable, Protocol):
@@ -53,10 +60,10 @@ class View(ABC):
         return -limit, limit
 
     def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
-        """Relative standard deviations (d,) of observations of states with those of scale (n,).
+        """Relative standard deviations (d,) of the noise on what is seen.
 
-        Where a view mixes components, the noise on what it shows has no fixed scale; all of it
-        then counts alike.
+        Sigma times these is a standard deviation, in the units of what is seen. ``scale`` (n,)
+        has them for noise on the components of the state, one for a position [m].
         """
         return np.ones(observation_size(self, dynamics))
 
@@ -130,14 +137,32 @@ class RangeBearingView(View):
     [-pi, pi]: it jumps where a player passes behind the sensor, so let it face the scene. A
     player at the very place of the sensor has no bearing that could be differentiated.
 
+    Noise on the range has the scale of noise on a position, that on the bearing one of its own:
+    at the default of 0.1 rad per metre a sigma of 0.1 m comes with 0.01 rad, which is a metre
+    across the line of sight at a distance of a hundred.
+
     Attributes:
         position: of the sensor, px and py [m].
         facing: direction of bearing zero [rad], counter-clockwise from the x axis.
+        bearing_scale: standard deviation of the bearing over that of the range [rad/m].
+
+    Raises:
+        ValueError: on numbers that are not finite, or a bearing_scale that is not positive.
     """
 
     position: tuple[float, float] = (0.0, 0.0)
     facing: float = 0.0
+    bearing_scale: float = 0.1
     name: str = "range_bearing"
+
+    def __post_init__(self) -> None:
+        if len(self.position) != 2 or not np.isfinite([*self.position, self.facing]).all():
+            raise ValueError(
+                "range_bearing needs a position of two numbers and a facing, got "
+                f"{self.position} and {self.facing}"
+            )
+        if not (np.isfinite(self.bearing_scale) and self.bearing_scale > 0):
+            raise ValueError(f"bearing_scale must be above 0 rad/m, got {self.bearing_scale}")
 
     def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
         px, py = (state[k] for k in _columns(self, ("px", "py"), dynamics))
@@ -154,6 +179,10 @@ class RangeBearingView(View):
         farthest = np.abs(np.stack([low[columns], high[columns]]) - self.position).max(axis=0)
         return np.array([0.0, -np.pi]), np.array([np.linalg.norm(farthest), np.pi])
 
+    def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
+        position = scale[_columns(self, ("px", "py"), dynamics)].max()
+        return np.array([position, position * self.bearing_scale])
+
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
         distance, direction = y[..., 0], y[..., 1] + self.facing
         return {
@@ -165,6 +194,129 @@ class RangeBearingView(View):
     def _turn(x: ca.SX, y: ca.SX, angle: float) -> tuple[ca.SX, ca.SX]:
         cos, sin = float(np.cos(angle)), float(np.sin(angle))
         return cos * x - sin * y, sin * x + cos * y
+
+
+@dataclass(frozen=True)
+class StackedView(View):
+    """Views on top of each other, the lowest first: each looks at what the one below shows.
+
+    Raises:
+        ValueError: at its first use, if a view removed a component that one above it needs.
+    """
+
+    views: tuple[View, ...]
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        return "+".join(view.name for view in self.views)
+
+    def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
+        for view, below in self._levels(dynamics):
+            state = view.expected(state, below)
+        return state
+
+    def component_names(self, dynamics: Components) -> tuple[str, ...]:
+        view, below = self._levels(dynamics)[-1]
+        return view.component_names(below)
+
+    def bounds(
+        self, low: np.ndarray, high: np.ndarray, dynamics: Components
+    ) -> tuple[np.ndarray, np.ndarray]:
+        for view, below in self._levels(dynamics):
+            low, high = view.bounds(low, high, below)
+        return low, high
+
+    def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
+        for view, below in self._levels(dynamics):
+            scale = view.noise_scale(scale, below)
+        return scale
+
+    def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
+        # What a view hides is NaN on the way down; a component that stays NaN is not known.
+        levels = self._levels(dynamics)
+        known = _down(levels, np.zeros(observation_size(self, dynamics)))
+        found = _down(levels, y)
+        return {name: values for name, values in found.items() if np.isfinite(known[name])}
+
+    def _levels(self, dynamics: Components) -> list[tuple[View, Components]]:
+        """Every view and the components that it looks at."""
+        levels: list[tuple[View, Components]] = []
+        below = dynamics
+        for view in self.views:
+            levels.append((view, below))
+            below = NamedComponents(view.component_names(below))
+        return levels
+
+
+def _down(levels: list[tuple[View, Components]], y: np.ndarray) -> dict[str, np.ndarray]:
+    found: dict[str, np.ndarray] = {}
+    for view, below in reversed(levels):
+        found = view.read_off(y, below)
+        unknown = np.full(y.shape[:-1], np.nan)
+        y = np.stack([found.get(name, unknown) for name in below.state_names], axis=-1)
+    return found
+
+
+@dataclass(frozen=True)
+class NamedComponents:
+    """Components by name, as a view shows them to the next."""
+
+    state_names: tuple[str, ...]
+
+    @property
+    def state_size(self) -> int:
+        return len(self.state_names)
+
+
+@dataclass(frozen=True)
+class WhitenedView(View):
+    """A view in coordinates W h(x) in which its noise is independent and of unit scale.
+
+    Attributes:
+        view: h.
+        matrix: (d, d) W, of ``whitening``.
+    """
+
+    view: View
+    matrix: tuple[tuple[float, ...], ...]
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        return self.view.name
+
+    def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
+        return ca.mtimes(ca.DM(np.array(self.matrix)), self.view.expected(state, dynamics))
+
+    def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
+        return self.view.read_off(y @ np.linalg.inv(self.matrix).T, dynamics)
+
+
+def whitening(covariance: np.ndarray | Sequence[Sequence[float]]) -> np.ndarray:
+    """W (d, d), lower triangular, that turns noise of that covariance into unit white noise.
+
+    Raises:
+        ValueError: unless the covariance is symmetric and positive definite.
+    """
+    covariance = np.asarray(covariance, dtype=float)
+    if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
+        raise ValueError(f"a covariance is a square matrix, got the shape {covariance.shape}")
+    if not np.isfinite(covariance).all() or not np.allclose(covariance, covariance.T):
+        raise ValueError(f"a covariance is finite and symmetric, got {covariance.tolist()}")
+    values = np.linalg.eigvalsh(covariance)
+    if not values[0] > _SINGULAR * values[-1]:
+        raise ValueError(
+            f"a covariance is positive definite, this one has the eigenvalue {values[0]:.3g}: "
+            f"{covariance.tolist()}"
+        )
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+
+
+def stacked(views: Sequence[View]) -> View:
+    """Views on top of each other as one; all that is there where there is none."""
+    seeing = [view for view in views if not isinstance(view, FullView)]
+    if not seeing:
+        return FullView()
+    return seeing[0] if len(seeing) == 1 else StackedView(tuple(seeing))
 
 
 def _columns(view: View, components: tuple[str, ...], dynamics: Components) -> list[int]:

@@ -30,7 +30,7 @@ def main(draws: int, families: list[str]) -> None:
         seconds = []
         for seed in range(draws):
             count = SIZES[name][seed % len(SIZES[name])]
-            scenario = family.draw(np.random.default_rng([seed, count, 0]), count)
+            scenario = family.propose(np.random.default_rng([seed, count, 0]), count)
             start = time.perf_counter()
             reasons[rejection(scenario) or "playable"] += 1
             seconds.append(time.perf_counter() - start)

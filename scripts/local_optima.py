@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.games.observation import VIEWS
@@ -29,9 +29,9 @@ def excess(trial: pd.Series) -> float:
     """How far a trial's objective is above the one found from the truth, relatively."""
     recording = true_recording(ScenarioEntry(name=trial.scenario), trial.seed)
     view, scenario = VIEWS[trial["view"]], recording.scenario
-    observation = sense(recording, view, trial.sigma, trial.seed)
+    (observation,) = observe([recording], (view,), trial.sigma, trial.seed)
     truth = JointPoint(recording.states, recording.controls, recording.costates, scenario.weights)
-    found = solve_joint_ipopt(scenario.game, view, observation.y, truth)
+    found = solve_joint_ipopt(scenario.game, view, [observation.y], [truth])
     if not found.converged:
         return -np.inf
     return (trial.objective - found.objective) / found.objective

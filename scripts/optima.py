@@ -16,9 +16,9 @@ import pandas as pd
 from rivals import CompactLayout
 from tqdm import tqdm
 
-from olne_bench.bench.judge.observe import sense
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import load_suite
+from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.estimators.kkt_constrained import KktConstrained
@@ -84,7 +84,7 @@ def _key(trial: Trial) -> tuple[str, str, float, int]:
 
 def _observed(trial: Trial) -> tuple[Problem, Observation]:
     recording, view = true_recording(trial.scenario, trial.seed), VIEWS[trial.view]
-    observation = sense(recording, view, trial.sigma, trial.seed)
+    (observation,) = observe([recording], (view,), trial.sigma, trial.seed)
     return Problem(recording.scenario.game, view, trial.sigma), observation
 
 

@@ -33,7 +33,7 @@ class CompactLayout:
     """The joint inverse problem with costates of own states only, weights started at zero."""
 
     def __init__(self, game: Game, view: View) -> None:
-        self.solver = joint_solver(game, view, max_iterations=500)
+        self.solver = joint_solver(game, view, count=1, max_iterations=500)
 
     def solve(self, y: np.ndarray, start: JointPoint, floor: float) -> Outcome:
         """From a trajectory; costates and weights are started at zero."""

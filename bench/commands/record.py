@@ -7,13 +7,14 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-from olne_bench.bench.files import check_new_file
+from olne_bench.bench.commands.options import PATH
 from olne_bench.envs.recording import NoEquilibriumError, Recording, film
 from olne_bench.envs.recording import record as play
 from olne_bench.envs.recording_file import of_recordings, write_recording
 from olne_bench.envs.scenarios import Scenario, get_scenario, is_family
 from olne_bench.envs.video import SUFFIXES, write_video
 from olne_bench.errors import UserError
+from olne_bench.files import check_new_file
 
 #: Videos run in real time, but not slower than this [frames/s].
 SLOWEST_FPS = 2.5
@@ -28,12 +29,8 @@ SLOWEST_FPS = 2.5
     show_default=True,
     help="Draws to play, from seed 0 on; a fixed scenario has one.",
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Parquet file, a new one."
-)
-@click.option(
-    "--video", type=click.Path(path_type=Path), help="MP4 or GIF of the first draw, a new file."
-)
+@click.option("--out", type=PATH, required=True, help="Parquet file, a new one.")
+@click.option("--video", type=PATH, help="MP4 or GIF of the first draw, a new file.")
 @click.option(
     "--option",
     "options",

@@ -1,37 +1,118 @@
-"""Sensors: from a recording to what an estimator is allowed to see."""
+"""From a recording to what an estimator is allowed to see: it is played once more, to sensors.
 
-import zlib
+The world that plays a recording (``envs.recorded``) wears the wrappers of ``envs.wrappers``, so an
+observation is what the wrapped world showed, bit for bit.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
+from olne_bench.envs.recorded import RecordedWorld
 from olne_bench.envs.recording import Recording
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.wrappers import World, wrap
 from olne_bench.estimators.protocol import Observation
-from olne_bench.games.observation import View, observe
+from olne_bench.games.observation import View, observation_function
+from olne_bench.games.sensor import Layer, SensorModel
 
 
-def sense(
-    recording: Recording, view: View, sigma: float, seed: int, trajectory: int = 0
-) -> Observation:
-    """Observe a recording through a view, with additive white Gaussian noise.
+def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:
+    """What an estimator may know of a sensor that looks at a scenario.
 
-    The standard deviation on each component of the state is sigma times the scenario's
-    ``noise_scale``: sigma itself on positions [m].
+    Raises:
+        ValueError: in one line, where layers do not fit each other or the scenario.
+    """
+    return SensorModel.of(layers, scenario.game.dynamics, scenario.noise_scale)
 
-    The noise is drawn for the full state and then masked by the view, from a stream that depends
-    on (scenario, sigma, seed) alone. Every view and estimator so sees the same draw, and
-    comparisons between them are paired.
+
+def observe(
+    recordings: Sequence[Recording], layers: Sequence[Layer], sigma: float, seed: int
+) -> tuple[Observation, ...]:
+    """Observe recordings through a sensor.
+
+    The noise on a component is a draw by its name, so that sensors which show the same component
+    at the same seed show the same noise on it.
 
     Args:
-        recording: what happened.
-        view: the observation model.
-        sigma: noise level.
-        seed: of the noise.
-        trajectory: which of several that are observed; each has noise of its own.
+        recordings: what happened.
+        layers: of the sensor.
+        sigma: noise level; its draw is the same at every level, but for its size.
+        seed: of noise and gaps, at least 0. The first recording has it as it is; every other has
+            one of its own, drawn from it.
+
+    Raises:
+        ValueError: as ``sensor_model``, or where an angle that the sensor shows jumps.
     """
-    states = np.concatenate([recording.states, recording.extra_state[None]])
-    stream = [zlib.crc32(recording.scenario.name.encode()), round(sigma * 1e9), seed]
-    stream += [trajectory] if trajectory else []
-    noise = sigma * np.random.default_rng(stream).standard_normal(states.shape)
-    noise *= recording.scenario.noise_scale
-    y = observe(view, recording.scenario.game.dynamics, states + noise)
+    return tuple(
+        _played(
+            _wrapped(_Same(recording), tuple(layers), sigma), seed if k == 0 else _seed(seed, k)
+        )
+        for k, recording in enumerate(recordings)
+    )
+
+
+def _seed(seed: int, index: int) -> int:
+    return int(np.random.default_rng([seed, index]).integers(2**63))
+
+
+class _Same:
+    """A recording by identity: arrays have no hash."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+
+    def __hash__(self) -> int:
+        return id(self.recording)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.recording is self.recording
+
+
+@lru_cache(maxsize=64)
+def _wrapped(same: _Same, layers: tuple[Layer, ...], sigma: float) -> World:
+    scenario = same.recording.scenario
+    model = sensor_model(scenario, layers)
+    _check_angles(model.view, same.recording)
+    return wrap(RecordedWorld(same.recording), layers, sigma, scenario.noise_scale)
+
+
+def _check_angles(view: View, recording: Recording) -> None:
+    """Refuse a sensor that a player passes behind.
+
+    Raises:
+        ValueError: naming the player and the step.
+    """
+    dynamics = recording.scenario.game.dynamics
+    names = view.component_names(dynamics)
+    seen = observed(view, recording)
+    for k in [k for k, name in enumerate(names) if name == "bearing"]:
+        jumps = np.abs(np.diff(seen[..., k], axis=0)) > np.pi
+        if jumps.any():
+            step, player = np.argwhere(jumps)[0]
+            raise ValueError(
+                f"sensor {view.name!r}: player {player} of {recording.scenario.name!r} passes "
+                f"behind it between steps {step} and {step + 1}, where the bearing jumps; let it "
+                "face the scene"
+            )
+
+
+def _played(world: World, seed: int) -> Observation:
+    """One pass of a recorded world: T samples and the extra one."""
+    shown, _ = world.reset(seed=seed)
+    frames = list(shown.values())
+    while world.agents:
+        shown, *_ = world.step({})
+        frames += shown.values()
+    layout = world.observation_layout
+    y = np.array(frames)[:, :-1].reshape(len(frames), layout.num_players, layout.state_size)
     return Observation(y=y[:-1], extra=y[-1])
+
+
+def observed(view: View, recording: Recording) -> np.ndarray:
+    """h(x) (T+1, N, d) of a recording and its extra state, without noise."""
+    states = np.concatenate([recording.states, recording.extra_state[None]])
+    dynamics = recording.scenario.game.dynamics
+    flat = np.array(observation_function(view, dynamics)(states.reshape(-1, states.shape[-1]).T)).T
+    return flat.reshape(*states.shape[:2], -1)

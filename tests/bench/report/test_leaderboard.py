@@ -8,7 +8,7 @@ from olne_bench.bench.report.leaderboard import leaderboard
 def trial(**changes):
     row = {
         "scenario": "s",
-        "view": "full",
+        "sensor": "full",
         "estimator": "e",
         "sigma": 0.01,
         "seed": 0,

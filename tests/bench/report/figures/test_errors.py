@@ -13,7 +13,7 @@ def lines(axes, marker):
 
 
 def test_every_failure_is_a_triangle_and_every_success_a_point(make_trials):
-    trials = make_trials(estimators=("a",), views=("full",), seeds=5)
+    trials = make_trials(estimators=("a",), sensors=("full",), seeds=5)
     trials.loc[trials.index[1:4], ["status", "position_error"]] = ["failed_forward", np.nan]
     cosine, position = draw(trials).axes
     assert lines(cosine, "^") == []
@@ -24,7 +24,7 @@ def test_every_failure_is_a_triangle_and_every_success_a_point(make_trials):
 
 
 def test_what_the_published_step_misses_is_a_triangle_beside_its_point(make_trials):
-    trials = make_trials(estimators=("a",), views=("full",), seeds=5)
+    trials = make_trials(estimators=("a",), sensors=("full",), seeds=5)
     trials.loc[trials.index[1:4], "published_forward"] = 0
     cosine, position = draw(trials).axes
     assert lines(cosine, "^") == []
@@ -35,7 +35,7 @@ def test_what_the_published_step_misses_is_a_triangle_beside_its_point(make_tria
 
 
 def test_median_breaks_where_most_fail(make_trials):
-    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.01, 0.1), seeds=60)
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.01, 0.1), seeds=60)
     trials.loc[trials["sigma"] == 0.1, "status"] = "timeout"
     _, position = draw(trials).axes
     (median,) = (line for line in lines(position, "None") if len(line.get_xdata()) > 1)

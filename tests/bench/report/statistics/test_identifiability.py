@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.report.statistics.identifiability import (
     REFERENCE_SIGMA,
     bound_ratios,
@@ -18,7 +18,7 @@ def trials(scenario: str, weights: np.ndarray, **changes: object) -> pd.DataFram
     rows = [
         {
             "scenario": scenario,
-            "view": "full",
+            "sensor": "full",
             "estimator": "e",
             "sigma": REFERENCE_SIGMA,
             "seed": seed,
@@ -98,11 +98,11 @@ def test_what_is_not_known_here_is_left_out() -> None:
     assert np.isnan(identifiable_errors(rows)).all()
 
 
-@pytest.mark.parametrize("view", ["full", "partial"])
-def test_seeing_less_identifies_less(view: str) -> None:
+@pytest.mark.parametrize("sensor", ["full", "partial"])
+def test_seeing_less_identifies_less(sensor: str) -> None:
     truth = get_scenario("two_player").weights
     full, other = (
-        identifiability_table(trials("two_player", truth[None], view=v)) for v in ("full", view)
+        identifiability_table(trials("two_player", truth[None], sensor=v)) for v in ("full", sensor)
     )
     assert (other["bound"] >= full["bound"] * (1 - 1e-9)).all()
     assert (other["left"] >= full["left"] * (1 - 1e-9)).all()

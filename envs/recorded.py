@@ -1,0 +1,88 @@
+"""A world that plays a recording, for sensors to look at."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box
+from pettingzoo import ParallelEnv
+
+from olne_bench.envs.layout import ObservationLayout, player_name
+from olne_bench.envs.recording import Recording
+
+
+class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
+    """All players of a recording go through it once more, whatever anybody does.
+
+    There is one agent, ``player_0``, who observes: it sees what it saw in the world that was
+    recorded, all players in the order of their indices. The episode has one step more than the
+    recording has, to its extra state. Nothing is random.
+
+    Args:
+        recording: what is played.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"name": "recorded", "render_modes": []}
+
+    def __init__(self, recording: Recording) -> None:
+        game = recording.scenario.game
+        states = np.concatenate([recording.states, recording.extra_state[None]])
+        flat = states.reshape(len(states), -1)
+        self.render_mode = None
+        self.possible_agents = [player_name(0)]
+        self.agents: list[str] = []
+        self._layout = ObservationLayout(game.dynamics.state_names, game.num_players)
+        self._frames = np.column_stack([flat, game.dt * np.arange(len(flat))])
+        self._frames.setflags(write=False)
+        bounds = self._frames.min(axis=0), self._frames.max(axis=0)
+        self.state_space = Box(*bounds, dtype=np.float64)
+        self._idle = Box(-1.0, 1.0, (game.dynamics.control_size,), dtype=np.float64)
+        self._steps = 0
+
+    @property
+    def observation_layout(self) -> ObservationLayout:
+        """Make-up of the observations."""
+        return self._layout
+
+    def observation_space(self, agent: str) -> Box:
+        return self.state_space
+
+    def action_space(self, agent: str) -> Box:
+        return self._idle
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        """Start again; seed and options change nothing here, but sensors see them."""
+        self.agents, self._steps = self.possible_agents[:], 0
+        return self._shown(), {self.possible_agents[0]: {}}
+
+    def step(
+        self, actions: dict[str, np.ndarray]
+    ) -> tuple[
+        dict[str, np.ndarray],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Go on by one step; actions are not looked at."""
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        self._steps += 1
+        over, player = self._steps == len(self._frames) - 1, self.possible_agents[0]
+        if over:
+            self.agents = []
+        return self._shown(), {player: 0.0}, {player: over}, {player: False}, {player: {}}
+
+    def state(self) -> np.ndarray:
+        """All players' states in the order of their indices, then the time [s]."""
+        return self._frames[self._steps]
+
+    def render(self) -> None:
+        """Nothing: a recording is drawn by ``envs.rendering``."""
+
+    def close(self) -> None:
+        pass
+
+    def _shown(self) -> dict[str, np.ndarray]:
+        return {self.possible_agents[0]: self._frames[self._steps]}

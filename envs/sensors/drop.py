@@ -1,0 +1,30 @@
+"""Occlusion: players are missed now and then."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from olne_bench.games.sensor import Drops, Layer
+
+
+@dataclass(frozen=True)
+class Drop:
+    """Every player is missed with probability p in every step, independently.
+
+    Attributes:
+        p: probability, 0 to 1.
+
+    Raises:
+        ValueError: if it is none.
+    """
+
+    name: ClassVar[str] = "drop"
+    p: float
+
+    def __post_init__(self) -> None:
+        if isinstance(self.p, bool) or not isinstance(self.p, int | float):
+            raise ValueError(f"p must be a probability between 0 and 1, got {self.p!r}")
+        self.layers()
+
+    def layers(self) -> tuple[Layer, ...]:
+        """One gaps layer; what is seen otherwise is for other layers to say."""
+        return (Drops(float(self.p)),)

@@ -1,0 +1,37 @@
+"""Some components of the state; the paper's partial view."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from olne_bench.games.observation import ComponentView
+from olne_bench.games.sensor import Layer
+
+
+@dataclass(frozen=True)
+class Partial:
+    """The named components only, by default those of the paper: no speed.
+
+    Attributes:
+        components: their names, at least one.
+
+    Raises:
+        ValueError: on anything but different names.
+    """
+
+    name: ClassVar[str] = "partial"
+    components: Sequence[str] = ("px", "py", "heading")
+
+    def __post_init__(self) -> None:
+        chosen = self.components
+        if (
+            not isinstance(chosen, list | tuple)
+            or not chosen
+            or not all(isinstance(one, str) for one in chosen)
+            or len(set(chosen)) < len(chosen)
+        ):
+            raise ValueError(f"components must be a list of different names, got {chosen!r}")
+
+    def layers(self) -> tuple[Layer, ...]:
+        """One view."""
+        return (ComponentView(self.name, tuple(self.components)),)

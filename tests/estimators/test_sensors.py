@@ -1,0 +1,179 @@
+"""Every estimator takes every sensor, or says why it does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from olne_bench.envs.recorded import RecordedWorld
+from olne_bench.envs.recording import record
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.wrappers import Float32, wrap
+from olne_bench.estimators.bilevel import Bilevel
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.kkt_residual import KktResidual
+from olne_bench.estimators.maxent_residual import MaxentResidual
+from olne_bench.estimators.particle import Particle
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.trajectory_fit import guess_states
+from olne_bench.estimators.ukf import Ukf
+from olne_bench.estimators.uniform import Uniform
+from olne_bench.estimators.white_noise import white_problem, with_white_noise
+from olne_bench.games.observation import ComponentView, FullView, RangeBearingView, observe
+from olne_bench.games.sensor import CorrelatedNoise, Drops, SensorModel
+
+RECORDING = record(get_scenario("two_player"))
+GAME = RECORDING.scenario.game
+PARTIAL = ComponentView("partial", ("px", "py", "heading"))
+LIDAR = RangeBearingView((-3.0, -3.0), np.pi / 4)
+SENSORS = {
+    "full": (FullView(),),
+    "partial": (PARTIAL,),
+    "range_bearing": (LIDAR,),
+    "gappy": (PARTIAL, Drops(0.3)),
+    "correlated": (CorrelatedNoise(0.7),),
+    "all at once": (LIDAR, CorrelatedNoise(-0.5), Drops(0.2)),
+}
+ESTIMATORS = {
+    "kkt_constrained": KktConstrained(),
+    "kkt_constrained with ipopt": KktConstrained("ipopt"),
+    "bilevel": Bilevel(),
+    "ukf": Ukf(),
+    "particle": Particle(count=30),
+    "kkt_residual": KktResidual(),
+    "maxent_residual": MaxentResidual(),
+    "uniform": Uniform(),
+}
+#: Those that come close to the truth at low noise, and how close: mean difference of weights.
+CLOSE = {
+    "kkt_constrained": 0.06,
+    "kkt_constrained with ipopt": 0.06,
+    "bilevel": 0.06,
+    "ukf": 0.1,
+    "particle": 0.2,
+}
+
+
+def seen(layers, sigma, seed=0, single=False):
+    """The problem and an observation of the recording through a sensor."""
+    scenario = RECORDING.scenario
+    model = SensorModel.of(layers, GAME.dynamics, scenario.noise_scale)
+    world = wrap(RecordedWorld(RECORDING), layers, sigma, scenario.noise_scale)
+    world = Float32(world) if single else world
+    shown, _ = world.reset(seed=seed)
+    frames = [shown["player_0"]]
+    while world.agents:
+        shown, *_ = world.step({})
+        frames.append(shown["player_0"])
+    y = np.array([world.observation_layout.by_index(frame, "player_0") for frame in frames])
+    problem = Problem(
+        GAME,
+        model.view,
+        sigma,
+        noise_scale=model.noise_scale,
+        noise_covariance=model.noise_covariance,
+    )
+    return problem, Observation(y[:-1], y[-1])
+
+
+def estimate(estimator, problem, observation):
+    return estimator.estimate(problem, observation, rng=np.random.default_rng(0), budget=60)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_every_estimator_takes_every_sensor(name, sensor):
+    problem, observation = seen(SENSORS[sensor], 0.003, seed=4)
+    estimator = ESTIMATORS[name]
+    if hasattr(estimator, "supports"):
+        assert estimator.supports(problem) is None
+    result = estimate(estimator, problem, observation)
+    assert result.converged, result.message
+    assert np.isfinite(result.weights).all()
+    np.testing.assert_allclose(result.weights.sum(axis=1), 1, atol=1e-6)
+    if name in CLOSE:
+        assert np.abs(result.weights - RECORDING.scenario.weights).mean() < CLOSE[name]
+
+
+@pytest.mark.parametrize("name", ["ukf", "particle"])
+def test_filters_say_that_they_need_positions(name):
+    problem = Problem(GAME, ComponentView("radar", ("heading", "speed")))
+    reason = ESTIMATORS[name].supports(problem)
+    assert reason == "needs a sensor that tells positions, which 'radar' does not"
+    blind = ESTIMATORS[name].supports(Problem(GAME, ComponentView("x", ("px",))))
+    assert blind is not None
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_single_precision_is_read_as_double(name):
+    problem, single = seen(SENSORS["full"], 0.01, single=True)
+    assert single.y.dtype == np.float32
+    assert single.extra.dtype == np.float32
+    double = Observation(single.y.astype(np.float64), single.extra.astype(np.float64))
+    first, second = (estimate(ESTIMATORS[name], problem, one) for one in (single, double))
+    np.testing.assert_array_equal(first.weights, second.weights)
+
+
+def test_whitening_leaves_the_likelihood_as_it_is():
+    problem, observation = seen(SENSORS["all at once"], 0.05)
+    white, (one,) = with_white_noise(problem, observation)
+    assert white == white_problem(problem)
+    assert white.noise_scale == (1.0, 1.0)
+    assert white.noise_covariance is None
+    error = observation.y - observe(problem.view, GAME.dynamics, RECORDING.states)
+    expected = np.einsum("tni,ij,tnj->tn", error, np.linalg.inv(problem.noise_covariance), error)
+    whitened = one.y - observe(white.view, GAME.dynamics, RECORDING.states)
+    np.testing.assert_allclose((whitened**2).sum(axis=-1), expected, rtol=1e-9, equal_nan=True)
+    assert np.isnan(expected).any()
+    np.testing.assert_allclose(
+        guess_states(GAME, white.view, one.y),
+        guess_states(GAME, problem.view, observation.y),
+        atol=1e-9,
+    )
+
+
+def test_a_part_of_a_sample_counts_as_none_where_noise_is_correlated():
+    problem, observation = seen(SENSORS["correlated"], 0.01)
+    part, none = observation.y.copy(), observation.y.copy()
+    part[7, 1, 2], none[7, 1] = np.nan, np.nan
+    np.testing.assert_array_equal(
+        with_white_noise(problem, Observation(part))[1][0].y,
+        with_white_noise(problem, Observation(none))[1][0].y,
+    )
+
+
+def test_the_covariance_matters():
+    problem, observation = seen(SENSORS["correlated"], 0.01, seed=1)
+    told = estimate(KktConstrained(), problem, observation)
+    untold = estimate(KktConstrained(), replace(problem, noise_covariance=None), observation)
+    truth = RECORDING.scenario.weights
+    assert np.abs(told.weights - truth).mean() < np.abs(untold.weights - truth).mean()
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (((1.0, 0.0), (0.0, 1.0)), "noise_covariance must have 3 rows for the view 'partial', got"),
+        (((1.0, 1.0, 0), (1.0, 1.0, 0), (0, 0, 1.0)), "positive definite.*eigenvalue"),
+        (((1.0, 0.5, 0), (0.0, 1.0, 0), (0, 0, 1.0)), "finite and symmetric"),
+        (((1.0, 0.5),), r"a covariance is a square matrix, got the shape \(1, 2\)"),
+    ],
+)
+def test_a_covariance_that_is_none_is_refused(rows, message):
+    with pytest.raises(ValueError, match=message):
+        Problem(GAME, PARTIAL, noise_covariance=rows)
+
+
+def test_scales_are_those_of_the_covariance():
+    rows = ((4.0, 1.0, 0.0), (1.0, 1.0, 0.0), (0.0, 0.0, 9.0))
+    assert Problem(GAME, PARTIAL, noise_covariance=rows).noise_scale == (2.0, 1.0, 3.0)
+    with pytest.raises(ValueError, match="is not the root of the diagonal"):
+        Problem(GAME, PARTIAL, noise_scale=(1.0, 1.0, 3.0), noise_covariance=rows)
+
+
+def test_starts_bridge_gaps_at_both_ends():
+    time = np.arange(25.0)[:, None, None]
+    states = np.array([[0.0, 1.0, 0.3, 2.0], [5.0, 0.0, -0.1, 1.0]]) + time * [0.5, 0.1, 0.02, 0.0]
+    y = states.copy()
+    y[:3, 0], y[-3:, 1], y[10:14, 0], y[1:, 1, 3] = np.nan, np.nan, np.nan, np.nan
+    np.testing.assert_allclose(guess_states(GAME, FullView(), y), states, atol=1e-9)
