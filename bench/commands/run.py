@@ -23,15 +23,17 @@ from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand, in_order_of_plugins, number_of_trials
 from olne_bench.bench.report.figures import FORMATS
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
+from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.interrupt import stop_request
-from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store, open_store
 
 #: More processes than any machine that this was tried on is good for.
 MOST_JOBS = 1024
+#: What estimators print, in the run folder.
+LOG = "workers.log"
 #: So many faults of the harness are shown at the end.
 _SHOWN_FAULTS = 5
 
@@ -180,10 +182,12 @@ def _go_on(suite: Suite, text: str, options: RunOptions, store: Store) -> signal
 def _start(
     todo: Iterable[Trial], options: RunOptions, stop: Callable[[], bool]
 ) -> Iterator[tuple[Trial, Outcome]]:
-    limit, log = int(options.memory * 2**30), options.out / "workers.log"
+    limit, out = int(options.memory * 2**30), options.out.resolve()
     if options.dask:
-        return run_on_dask(todo, cluster=options.dask, log=log, memory=limit, stop=stop)
-    return run_trials(todo, jobs=options.jobs, log=log, memory=limit, stop=stop)
+        return run_on_dask(
+            todo, cluster=options.dask, log=out / LOG, memory=limit, hidden=out, stop=stop
+        )
+    return run_trials(todo, jobs=options.jobs, log=out / LOG, memory=limit, hidden=out, stop=stop)
 
 
 def _run_all(

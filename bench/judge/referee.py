@@ -30,7 +30,6 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recording import NoEquilibriumError, Recording
-from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.observation import FullView, whitening
 from olne_bench.games.sensor import Layer, SensorModel

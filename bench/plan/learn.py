@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from olne_bench.bench.plan import described
+from olne_bench import plugins as registry
 from olne_bench.bench.plan.entries import (
     EstimatorEntry,
     MetricEntry,
@@ -22,7 +22,7 @@ Describe = Callable[[list[Question]], list[Description]]
 
 def describe_here(questions: list[Question]) -> list[Description]:
     """What plugins say of themselves, asked in this process: for code that may run in it."""
-    return [described.describe(*question) for question in questions]
+    return [registry.describe(*question) for question in questions]
 
 
 def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
@@ -65,7 +65,12 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
 def _all_metrics(suite: Suite) -> list[MetricEntry]:
     """This package's own, each with the parameters that the suite gives it, then the others."""
     named = {entry.name: entry for entry in suite.metrics}
-    own = [named.pop(name, MetricEntry(name=name)) for name in described.names(METRIC)]
+    names = registry.names(METRIC)
+    own = [
+        named.pop(name, MetricEntry(name=name))
+        for name in names
+        if registry.is_built_in(METRIC, name)
+    ]
     return [*own, *(entry for entry in suite.metrics if entry.name in named)]
 
 

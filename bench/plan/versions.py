@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import os
-import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -11,10 +9,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import olne_bench
-from olne_bench.bench.plan import described
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.fingerprint import LENGTH, fingerprint
-from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file
+from olne_bench.games.native import backend
+from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
 _GAMES, _ENVS, _ESTIMATORS, _BENCH = (
@@ -26,14 +24,20 @@ _COMMON = {
     SENSOR: _ENVS | _GAMES,
     METRIC: _GAMES | _BENCH,
 }
-_PLAYING = ("recording",)
+#: What plays a scenario, and what lets a sensor see it.
+_AT_WORK = {SCENARIO: ("recording",), SENSOR: ("wrappers",)}
 _SCORING = (
-    "judge.differences",
     "judge.estimate_check",
+    "judge.metrics.formulas",
+    "judge.metrics.judged",
+    "judge.metrics.scoring",
     "judge.nearby_starts",
     "judge.observe",
+    "judge.raw_estimate",
     "judge.referee",
+    "judge.streams",
     "judge.truth",
+    "run.player",
     "text",
 )
 #: Another version of one of these may round otherwise, or draw other numbers.
@@ -92,12 +96,6 @@ def environment() -> Mapping[str, str]:
     return found | {"backend": backend()}
 
 
-def backend() -> str:
-    """What solves the games: compiled code, or NumPy."""
-    compiled = os.environ.get("OLNE_BENCH_NATIVE", "1") != "0"
-    return "native" if compiled and shutil.which(os.environ.get("CC", "cc")) else "numpy"
-
-
 def _library(name: str) -> str:
     try:
         return version(name)
@@ -107,15 +105,15 @@ def _library(name: str) -> str:
 
 @lru_cache(maxsize=256)
 def _version(kind: Kind, reference: str) -> str:
-    module, path = described.source(kind, reference)
-    played = _modules("olne_bench.envs", _PLAYING) if kind == SCENARIO else {}
+    module, path = source(kind, reference)
+    around = _modules("olne_bench.envs", _AT_WORK.get(kind, ()))
     if is_file(reference):
-        return fingerprint({path.stem: path} | played, _COMMON[kind], own=path.parent)
+        return fingerprint({path.stem: path} | around, _COMMON[kind], own=path.parent)
     top = module.partition(".")[0]
     depth = module.count(".") + (path.name == "__init__.py")
     # This package has roots of its own; of another one, all of it may count.
     folder = {} if top == "olne_bench" else {top: path.parents[depth]}
-    return fingerprint({module: path} | played, folder | _COMMON[kind], own=None)
+    return fingerprint({module: path} | around, folder | _COMMON[kind], own=None)
 
 
 @lru_cache(maxsize=64)

@@ -1,7 +1,6 @@
 """Acceptance: a run against the limits of its suite."""
 
 import math
-import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -11,7 +10,9 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.plan.suite import GateLimits, Suite, read_suite_json, select
+from olne_bench.bench.plan.limits import GateLimits
+from olne_bench.bench.plan.select import select
+from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.report.measures import IDENTIFIABLE
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.run.provenance import Provenance
@@ -38,18 +39,7 @@ class Task:
 
 def task_of(run: Provenance) -> Task:
     """What a stored run was asked to do."""
-    words = shlex.split(run.selection)
-    chosen: dict[str, list[str]] = {}
-    for option, value in zip(words[::2], words[1::2], strict=True):
-        chosen.setdefault(option.removeprefix("--"), []).append(value)
-    part = select(
-        read_suite_json(run.suite),
-        scenarios=tuple(chosen.get("scenario", ())),
-        views=tuple(chosen.get("view", ())),
-        sigmas=tuple(float(sigma) for sigma in chosen.get("sigma", ())),
-        estimators=tuple(chosen.get("estimator", ())),
-    )
-    return Task(part, run.seeds)
+    return Task(select(read_suite_json(run.suite), run.selection), run.seeds)
 
 
 @dataclass(frozen=True)
@@ -138,14 +128,9 @@ def _keys(task: Task, study: Study) -> Iterator[tuple[str, str, str, float, int]
     for scenario, estimator in suite.pairs():
         seeds = range(min(task.seeds, suite.seeds_of(scenario, estimator)))
         fixed = not study.is_family(scenario.label)
-        for sensor, sigma in product(_sensors(suite), suite.sigmas_of(scenario)):
+        for sensor, sigma in product(suite.sensors, suite.sigmas_of(scenario)):
             for seed in seeds[:1] if fixed and sigma == 0 else seeds:
-                yield estimator.label, scenario.label, sensor, sigma, seed
-
-
-def _sensors(suite: Suite) -> list[str]:
-    listed = getattr(suite, "sensors", None) or suite.views
-    return [getattr(sensor, "label", sensor) for sensor in listed]
+                yield estimator.label, scenario.label, sensor.label, sigma, seed
 
 
 def _outcomes(table: pd.DataFrame, estimator: str, limits: GateLimits) -> Iterator[LimitOutcome]:

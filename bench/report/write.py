@@ -7,7 +7,6 @@ from pathlib import Path
 import pandas as pd
 from pyarrow import Table, csv, parquet
 
-from olne_bench.bench.files import whole_file
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.escapes import csv_safe, csv_safe_arrow
 from olne_bench.bench.report.figures import draw_figures
@@ -19,6 +18,7 @@ from olne_bench.bench.report.tables import RunTables, tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import parse_weights, read_store, to_frame
 from olne_bench.errors import UserError
+from olne_bench.files import whole_file
 
 
 @dataclass(frozen=True)
