@@ -17,7 +17,7 @@ from olne_bench.bench.commands.report import read_formats, show_report
 from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.outcome import FAILURES, Outcome
-from olne_bench.bench.plan.salt import salted
+from olne_bench.bench.plan.salt import check_salt, salted
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand, in_order_of_plugins, number_of_trials
@@ -137,6 +137,7 @@ def run(suite: str, **options: Any) -> None:
     """
     chosen = RunOptions(**options)
     drawn = read_formats(chosen.formats) if chosen.figures else ()
+    check_salt(chosen.salt)
     text = suite_text(suite)
     whole = load_suite(suite, chosen.plugin, describe_all)
     check_gate(whole)

@@ -64,14 +64,15 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
 
 def _all_metrics(suite: Suite) -> list[MetricEntry]:
     """This package's own, each with the parameters that the suite gives it, then the others."""
-    named = {entry.name: entry for entry in suite.metrics}
-    names = registry.names(METRIC)
-    own = [
-        named.pop(name, MetricEntry(name=name))
-        for name in names
-        if registry.is_built_in(METRIC, name)
-    ]
-    return [*own, *(entry for entry in suite.metrics if entry.name in named)]
+    others = list(suite.metrics)
+    own = []
+    for name in registry.names(METRIC):
+        if registry.is_built_in(METRIC, name):
+            given = next((entry for entry in others if entry.name == name), None)
+            own.append(given or MetricEntry(name=name))
+            if given is not None:
+                others.remove(given)
+    return [*own, *others]
 
 
 def _add(suite: Suite, plugin: str, said: Description) -> Suite:
