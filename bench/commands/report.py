@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.report.figures import FORMATS, USUAL_FORMATS
 from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
 from olne_bench.bench.report.write import write_report
@@ -12,7 +13,7 @@ from olne_bench.errors import UserError
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option(
     "--figures/--no-figures", default=True, show_default=True, help="Draw the figures as well."
 )

@@ -17,7 +17,7 @@ from olne_bench.bench.commands.report import read_formats, show_report
 from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.outcome import FAILURES, Outcome
-from olne_bench.bench.plan.salt import salted
+from olne_bench.bench.plan.salt import check_salt, salted
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand, in_order_of_plugins, number_of_trials
@@ -32,6 +32,8 @@ from olne_bench.bench.run.store import Store, open_store
 
 #: More processes than any machine that this was tried on is good for.
 MOST_JOBS = 1024
+#: What estimators print, in the run folder.
+LOG = "workers.log"
 #: So many faults of the harness are shown at the end.
 _SHOWN_FAULTS = 5
 
@@ -135,6 +137,7 @@ def run(suite: str, **options: Any) -> None:
     """
     chosen = RunOptions(**options)
     drawn = read_formats(chosen.formats) if chosen.figures else ()
+    check_salt(chosen.salt)
     text = suite_text(suite)
     whole = load_suite(suite, chosen.plugin, describe_all)
     check_gate(whole)
@@ -180,12 +183,12 @@ def _go_on(suite: Suite, text: str, options: RunOptions, store: Store) -> signal
 def _start(
     todo: Iterable[Trial], options: RunOptions, stop: Callable[[], bool]
 ) -> Iterator[tuple[Trial, Outcome]]:
-    limit, log = int(options.memory * 2**30), options.out / "workers.log"
+    limit, out = int(options.memory * 2**30), options.out.resolve()
     if options.dask:
         return run_on_dask(
-            todo, cluster=options.dask, log=log, memory=limit, hidden=options.out, stop=stop
+            todo, cluster=options.dask, log=out / LOG, memory=limit, hidden=out, stop=stop
         )
-    return run_trials(todo, jobs=options.jobs, log=log, memory=limit, hidden=options.out, stop=stop)
+    return run_trials(todo, jobs=options.jobs, log=out / LOG, memory=limit, hidden=out, stop=stop)
 
 
 def _run_all(
