@@ -7,31 +7,34 @@ and the others go on.
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from olne_bench.bench.commands.findings import NonConformance, Weakness
-from olne_bench.bench.plan.trial import Outcome
-from olne_bench.bench.run.referee_process import WorkerProcess
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.process.child import (
+    Child,
+    ChildError,
+    LeftProcessesError,
+    MisspokeError,
+    RaisedError,
+    StartError,
+    TimedOutError,
+)
+from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
 from olne_bench.plugins import (
     ESTIMATOR,
     KINDS,
-    SCENARIO,
-    SENSOR,
     Kind,
     at_home,
-    describe,
     describe_foreign_error,
-    is_built_in,
     is_file,
     make,
     names,
 )
-
-#: Seconds that importing and making a plugin may take.
-LOAD_LIMIT = 60.0
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,8 @@ class Check:
     """One check of one plugin.
 
     Attributes:
-        kind: name of the plugin's kind; empty where only its file is known.
-        name: of the check, one of ``checks_of(kind)``; empty for finding out what the plugin is.
+        kind: name of the plugin's kind.
+        name: of the check, one of ``checks_of(kind)``.
         reference: of the plugin.
         parameters: of the plugin.
         budget: seconds that an estimator is told it has for each estimate.
@@ -54,33 +57,16 @@ class Check:
     budget: float
     time_limit: float
 
-    @property
-    def plugin(self) -> str:
-        """The plugin, whose process no other one gets."""
-        return self.reference
-
 
 def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
     """Checks by name, in the order in which they run; they raise what is in ``findings``.
 
     Each is given the plugin; an estimator's also the seconds that it has for an estimate.
     """
-    # The modules are imported for those plugins that are checked, as each takes a while.
-    if kind == ESTIMATOR:
-        from olne_bench.bench.commands import estimator_checks
-
-        return estimator_checks.CHECKS
-    if kind == SCENARIO:
-        from olne_bench.bench.commands import scenario_checks
-
-        return scenario_checks.CHECKS
-    if kind == SENSOR:
-        from olne_bench.bench.commands import sensor_checks
-
-        return sensor_checks.CHECKS
-    from olne_bench.bench.commands import metric_checks
-
-    return metric_checks.CHECKS
+    # A module is imported where a plugin of its kind is checked, as each takes a while.
+    module = import_module(f"olne_bench.bench.commands.{kind.name}_checks")
+    checks: Mapping[str, Callable[..., None]] = module.CHECKS
+    return checks
 
 
 def identify(
@@ -107,14 +93,11 @@ def identify(
         choice = " or ".join(f"--kind {one.name}" for one in found)
         raise UserError(f"there are several plugins called {reference!r}: choose with {choice}")
     named = found[0].name if len(found) == 1 else ""
-    if named and is_built_in(found[0], reference):
-        make(found[0], reference, parameters)
-        return found[0]
-    check = Check(named, "", reference, parameters or {}, 0.0, LOAD_LIMIT)
-    ((_, told),) = _in_process([check], None)
-    if told.status != "ok":
-        raise UserError(f"{named or 'plugin'} {reference!r} cannot be loaded: {told.message}")
-    return next(one for one in KINDS if one.name == told.message)
+    asked = found[0] if named else None
+    (description,) = describe_all([(asked, reference, parameters or {})])
+    if description.error:
+        raise UserError(description.error)
+    return next(one for one in KINDS if one.name == description.kind)
 
 
 def run_checks(
@@ -139,14 +122,9 @@ def run_checks(
     return _in_process(checks, memory)
 
 
-def run_check(check: Check, begin: Callable[[str], None] = lambda _: None) -> Outcome:
-    """Run a check in this process; all of it is one stage, of which ``begin`` is told."""
-    kind = next((one for one in KINDS if one.name == check.kind), None)
-    if kind is None or not check.name:
-        begin("its import")
-        found = describe(kind, check.reference, check.parameters)
-        return Outcome("crash", found.error) if found.error else Outcome("ok", found.kind)
-    begin("this check")
+def run_check(check: Check) -> Outcome:
+    """Run a check in this process."""
+    kind = next(one for one in KINDS if one.name == check.kind)
     try:
         plugin = make(kind, check.reference, check.parameters)
         with at_home(plugin):
@@ -162,13 +140,26 @@ def run_check(check: Check, begin: Callable[[str], None] = lambda _: None) -> Ou
 
 
 def _in_process(checks: list[Check], memory: int | None) -> Iterator[tuple[str, Outcome]]:
-    worker = WorkerProcess(run_check, log=Path(os.devnull), memory=memory)
+    child = Child(log=Path(os.devnull), memory=memory, restricted=True)
     try:
         for check in checks:
-            worker.assign(check)
-            outcome = worker.wait()
+            outcome = _outcome(child, check)
             yield check.name, outcome
             if outcome.status == "timeout":
                 return
     finally:
-        worker.stop()
+        child.stop()
+
+
+def _outcome(child: Child, check: Check) -> Outcome:
+    try:
+        outcome: Outcome = child.call(run_check, check, kind=Outcome, seconds=check.time_limit)
+    except TimedOutError:
+        return Outcome("timeout", f"killed after {check.time_limit:g} s")
+    except (LeftProcessesError, MisspokeError) as error:
+        return Outcome("invalid", str(error))
+    except StartError:
+        raise
+    except (ChildError, RaisedError, UserError) as error:
+        return Outcome("crash", str(error))
+    return outcome

@@ -11,7 +11,7 @@ import numpy as np
 
 from olne_bench.bench.commands.findings import NonConformance, Weakness
 from olne_bench.bench.judge.estimate_check import InvalidEstimateError, check_estimate
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.observe import observe, sensor_model
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
