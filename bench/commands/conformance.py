@@ -22,6 +22,7 @@ from olne_bench.bench.process.child import (
     StartError,
     TimedOutError,
 )
+from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
 from olne_bench.plugins import (
@@ -29,16 +30,11 @@ from olne_bench.plugins import (
     KINDS,
     Kind,
     at_home,
-    describe,
     describe_foreign_error,
-    is_built_in,
     is_file,
     make,
     names,
 )
-
-#: Seconds that importing and making a plugin may take.
-LOAD_LIMIT = 60.0
 
 
 @dataclass(frozen=True)
@@ -46,8 +42,8 @@ class Check:
     """One check of one plugin.
 
     Attributes:
-        kind: name of the plugin's kind; empty where only its file is known.
-        name: of the check, one of ``checks_of(kind)``; empty for finding out what the plugin is.
+        kind: name of the plugin's kind.
+        name: of the check, one of ``checks_of(kind)``.
         reference: of the plugin.
         parameters: of the plugin.
         budget: seconds that an estimator is told it has for each estimate.
@@ -97,14 +93,11 @@ def identify(
         choice = " or ".join(f"--kind {one.name}" for one in found)
         raise UserError(f"there are several plugins called {reference!r}: choose with {choice}")
     named = found[0].name if len(found) == 1 else ""
-    if named and is_built_in(found[0], reference):
-        make(found[0], reference, parameters)
-        return found[0]
-    check = Check(named, "", reference, parameters or {}, 0.0, LOAD_LIMIT)
-    ((_, told),) = _in_process([check], None)
-    if told.status != "ok":
-        raise UserError(f"{named or 'plugin'} {reference!r} cannot be loaded: {told.message}")
-    return next(one for one in KINDS if one.name == told.message)
+    asked = found[0] if named else None
+    (description,) = describe_all([(asked, reference, parameters or {})])
+    if description.error:
+        raise UserError(description.error)
+    return next(one for one in KINDS if one.name == description.kind)
 
 
 def run_checks(
@@ -131,10 +124,7 @@ def run_checks(
 
 def run_check(check: Check) -> Outcome:
     """Run a check in this process."""
-    kind = next((one for one in KINDS if one.name == check.kind), None)
-    if kind is None or not check.name:
-        found = describe(kind, check.reference, check.parameters)
-        return Outcome("crash", found.error) if found.error else Outcome("ok", found.kind)
+    kind = next(one for one in KINDS if one.name == check.kind)
     try:
         plugin = make(kind, check.reference, check.parameters)
         with at_home(plugin):
