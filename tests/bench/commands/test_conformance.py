@@ -199,7 +199,7 @@ def test_a_new_plugin_passes_its_own_test(kind, tmp_path, monkeypatch, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[:-1] == [f"pass  {check}" for check in checks_of(kind)]
     own = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", name]
-    assert subprocess.run(own, capture_output=True, timeout=120).returncode == 0
+    assert subprocess.run(own, capture_output=True, timeout=300).returncode == 0
 
 
 OTHERS = """
