@@ -7,19 +7,25 @@ and the others go on.
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from olne_bench.bench.commands.findings import NonConformance, Weakness
-from olne_bench.bench.plan.trial import Outcome
-from olne_bench.bench.run.referee_process import WorkerProcess
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.process.child import (
+    Child,
+    ChildError,
+    LeftProcessesError,
+    MisspokeError,
+    RaisedError,
+    StartError,
+    TimedOutError,
+)
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
 from olne_bench.plugins import (
     ESTIMATOR,
     KINDS,
-    METRIC,
-    SCENARIO,
-    SENSOR,
     Kind,
     at_home,
     describe,
@@ -52,28 +58,16 @@ class Check:
     budget: float
     time_limit: float
 
-    @property
-    def plugin(self) -> str:
-        """The plugin, whose process no other one gets."""
-        return self.reference
-
 
 def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
     """Checks by name, in the order in which they run; they raise what is in ``findings``.
 
     Each is given the plugin; an estimator's also the seconds that it has for an estimate.
     """
-    # The modules are imported for those plugins that are checked, as each takes a while.
-    if kind == ESTIMATOR:
-        from olne_bench.bench.commands.estimator_checks import CHECKS
-    elif kind == SCENARIO:
-        from olne_bench.bench.commands.scenario_checks import CHECKS
-    elif kind == SENSOR:
-        from olne_bench.bench.commands.sensor_checks import CHECKS
-    else:
-        assert kind == METRIC
-        from olne_bench.bench.commands.metric_checks import CHECKS
-    return CHECKS
+    # A module is imported where a plugin of its kind is checked, as each takes a while.
+    module = import_module(f"olne_bench.bench.commands.{kind.name}_checks")
+    checks: Mapping[str, Callable[..., None]] = module.CHECKS
+    return checks
 
 
 def identify(reference: str, kind: str | None = None) -> Kind:
@@ -125,14 +119,12 @@ def run_checks(
     return _in_process(checks, memory)
 
 
-def run_check(check: Check, begin: Callable[[str], None] = lambda _: None) -> Outcome:
-    """Run a check in this process; all of it is one stage, of which ``begin`` is told."""
+def run_check(check: Check) -> Outcome:
+    """Run a check in this process."""
     kind = next((one for one in KINDS if one.name == check.kind), None)
     if kind is None or not check.name:
-        begin("its import")
         found = describe(kind, check.reference)
         return Outcome("crash", found.error) if found.error else Outcome("ok", found.kind)
-    begin("this check")
     try:
         plugin = make(kind, check.reference)
         with at_home(plugin):
@@ -148,13 +140,26 @@ def run_check(check: Check, begin: Callable[[str], None] = lambda _: None) -> Ou
 
 
 def _in_process(checks: list[Check], memory: int | None) -> Iterator[tuple[str, Outcome]]:
-    worker = WorkerProcess(run_check, log=Path(os.devnull), memory=memory)
+    child = Child(log=Path(os.devnull), memory=memory, restricted=True)
     try:
         for check in checks:
-            worker.assign(check)
-            outcome = worker.wait()
+            outcome = _outcome(child, check)
             yield check.name, outcome
             if outcome.status == "timeout":
                 return
     finally:
-        worker.stop()
+        child.stop()
+
+
+def _outcome(child: Child, check: Check) -> Outcome:
+    try:
+        outcome: Outcome = child.call(run_check, check, kind=Outcome, seconds=check.time_limit)
+    except TimedOutError:
+        return Outcome("timeout", f"killed after {check.time_limit:g} s")
+    except (LeftProcessesError, MisspokeError) as error:
+        return Outcome("invalid", str(error))
+    except StartError:
+        raise
+    except (ChildError, RaisedError, UserError) as error:
+        return Outcome("crash", str(error))
+    return outcome

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from olne_bench.bench.commands.findings import NonConformance, Weakness
-from olne_bench.bench.judge.estimate_check import InvalidEstimateError, check_estimate
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.estimate_check import check_estimate
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.observe import observe, sensor_model
+from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, read_estimate
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Observation, Problem
@@ -199,7 +200,7 @@ def _weights(estimator: Any, case: _Case, budget: float) -> np.ndarray:
 
 def _valid(result: Any, problem: Problem) -> np.ndarray:
     try:
-        estimate = check_estimate(result, problem)
+        estimate = check_estimate(read_estimate(result), problem)
     except InvalidEstimateError as error:
         raise NonConformance(str(error)) from error
     return estimate.weights

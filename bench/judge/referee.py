@@ -21,6 +21,7 @@ from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.judge.truth import (
     Draw,
     held_out,
+    noise_seed,
     predict_from_start,
     true_recordings,
     unit_cosine_limit,
@@ -202,8 +203,7 @@ def _case(trial: Trial) -> _Case:
         noise_scale=model.noise_scale,
         noise_covariance=model.noise_covariance,
     )
-    key = (trial.scenario.name, draw.options, round(trial.sigma * 1e9), trial.seed)
-    seed = stream(trial.salt, "noise", *key)
+    seed = noise_seed(trial.scenario, trial.sigma, trial.seed, trial.salt)
     observations = observe(recordings, layers, trial.sigma, seed)
     seen = [one.y for one in observations] if model.may_miss else None
     limit = unit_cosine_limit(draw, model, seen)

@@ -57,6 +57,19 @@ class Draw:
         return cls(scenario.name, options, scenario.trajectories, own)
 
 
+def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
+    """What the noise of a trial is drawn from: the same for every sensor and estimator.
+
+    Args:
+        scenario: of the trial.
+        sigma: its noise level.
+        seed: of the trial.
+        salt: of its suite.
+    """
+    options = json.dumps(scenario.options, sort_keys=True)
+    return stream(salt, "noise", scenario.name, options, round(sigma * 1e9), seed)
+
+
 def true_recording(draw: Draw) -> Recording:
     """What happens in a draw.
 

@@ -15,7 +15,7 @@ from olne_bench.bench.plan.entries import (
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import Versions, versions
-from olne_bench.plugins import ESTIMATOR, is_built_in, is_file
+from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in
 
 #: Columns of a row that are known beforehand, and their SQL types.
 LABEL_COLUMNS = {
@@ -72,9 +72,10 @@ class Trial:
 
     @property
     def home_plugins(self) -> tuple[str, ...]:
-        """Files of plugins whose classes the problem may be made of."""
-        names = (self.scenario.name, *(layer.name for layer in self.sensor.layers))
-        return tuple(dict.fromkeys(name.partition(".py:")[0] for name in names if is_file(name)))
+        """Foreign code among what the trial is played with: its scenario and its sensor."""
+        named = [(SCENARIO, self.scenario.name)]
+        named += [(SENSOR, layer.name) for layer in self.sensor.layers]
+        return tuple(dict.fromkeys(name for kind, name in named if not is_built_in(kind, name)))
 
     @property
     def key(self) -> tuple[str, ...]:

@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.formulas import position_error
-from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.envs.recording import Recording
 from olne_bench.games.game import Game
@@ -25,11 +24,11 @@ _ITERATIONS = 60  # of IPOPT
 _TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known
 
 
-def predict_again(scenario: ScenarioEntry, trial: Mapping[Any, Any]) -> np.ndarray | None:
+def predict_again(draw: Draw, trial: Mapping[Any, Any]) -> np.ndarray | None:
     """The predicted states (T, N, n) of a trial.
 
     Args:
-        scenario: of the trial.
+        draw: of the trial.
         trial: its row, with ``seed, status, weights, position_error, published_forward``.
 
     Returns:
@@ -39,12 +38,12 @@ def predict_again(scenario: ScenarioEntry, trial: Mapping[Any, Any]) -> np.ndarr
     Raises:
         NotDrawnError: where its weights do not fit the scenario.
     """
-    game = true_recording(scenario, int(trial["seed"])).scenario.game
+    game = true_recording(draw).scenario.game
     weights = estimated_weights(trial["weights"], game)
     if trial["status"] != "ok" or weights is None or trial["published_forward"] == 0:
         return None
     error = float(trial["position_error"])
-    return _predict_again(scenario.model_dump_json(), int(trial["seed"]), weights.tobytes(), error)
+    return _predict_again(draw, weights.tobytes(), error)
 
 
 def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
@@ -64,8 +63,8 @@ def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
 
 
 @lru_cache(maxsize=4096)  # the page and the figures show the same trials
-def _predict_again(scenario: str, seed: int, weights: bytes, error: float) -> np.ndarray | None:
-    recording = true_recording(ScenarioEntry.model_validate_json(scenario), seed)
+def _predict_again(draw: Draw, weights: bytes, error: float) -> np.ndarray | None:
+    recording = true_recording(draw)
     shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
     absolute, relative = _TOLERANCE
     for find in (_followed, _nearest):

@@ -2,17 +2,21 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declaration_from
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.judge.observe import sensor_model
+from olne_bench.bench.judge.referee import layers_of
+from olne_bench.bench.judge.truth import Draw, noise_seed, true_recording
+from olne_bench.bench.plan.entries import ScenarioEntry, SensorEntry
+from olne_bench.bench.plan.suite import Suite
 from olne_bench.envs.recording import NoEquilibriumError
-from olne_bench.envs.scenarios import is_family
-from olne_bench.games.observation import VIEWS, View
+from olne_bench.errors import UserError
+from olne_bench.games.sensor import SensorModel
 
 #: What goes wrong where a label is of another version, or its truth is not to be had.
-UNKNOWN_HERE = (KeyError, TypeError, ValueError, NoEquilibriumError)
+UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)
 
 
 @dataclass(frozen=True)
@@ -21,41 +25,70 @@ class Study:
 
     Attributes:
         metrics: what its metrics declare, those of this package first.
-        scenarios: entries by label; a label that is not among them is a scenario's plain name.
+        scenarios: entries by label.
         sensors: entries by label.
+        salt: that draws and noise were seeded with.
     """
 
     metrics: tuple[MetricDeclaration, ...] = BUILT_IN
     scenarios: Mapping[str, ScenarioEntry] = field(default_factory=dict)
-    sensors: Mapping[str, Any] = field(default_factory=dict)
+    sensors: Mapping[str, SensorEntry] = field(default_factory=dict)
+    salt: str = ""
 
     def scenario(self, label: str) -> ScenarioEntry:
-        """The scenario with a label; nothing says that it still exists."""
-        return self.scenarios.get(label) or ScenarioEntry(name=label)
+        """The scenario with a label; nothing says that it still exists.
+
+        Raises:
+            UserError: where the study has none.
+        """
+        return _of_label("scenario", label, self.scenarios)
 
     def is_family(self, label: str) -> bool:
         """Whether every seed of the scenario with this label has a draw of its own."""
-        try:
-            return is_family(self.scenario(label).name)
-        except ValueError:
-            return True  # unknown here: the careful choice
+        known = self.scenarios.get(label)
+        return known is None or known.family  # the careful choice
 
-    def view(self, sensor: str) -> View:
-        """What the sensor with a label shows.
+    def draw(self, label: str, seed: int) -> Draw:
+        """The draw that trials of a scenario's label and a seed are about.
 
         Raises:
-            ValueError: where there is none.
+            UserError: where the study has no such scenario.
         """
-        if sensor not in VIEWS:
-            raise ValueError(f"unknown sensor {sensor!r}")
-        return VIEWS[sensor]
+        return Draw.of(self.scenario(label), seed, self.salt)
+
+    def sensor_model(self, sensor: str, draw: Draw) -> SensorModel:
+        """What is known of the sensor with a label that looks at a draw.
+
+        Raises:
+            UserError: where the study has none, or it cannot be made here.
+            ValueError: where it does not fit the scenario.
+        """
+        layers = layers_of(_of_label("sensor", sensor, self.sensors))
+        return sensor_model(true_recording(draw).scenario, layers)
+
+    def noise_seed(self, label: str, sigma: float, seed: int) -> int:
+        """What the noise of trials is drawn from.
+
+        Raises:
+            UserError: where the study has no such scenario.
+        """
+        return noise_seed(self.scenario(label), sigma, seed, self.salt)
 
 
-#: The metrics of this package, and scenarios and sensors by their plain names.
+T = TypeVar("T")
+
+
+def _of_label(what: str, label: str, known: Mapping[str, T]) -> T:
+    if label not in known:
+        raise UserError(f"no {what} {label!r} in the suite; it has: {', '.join(known) or 'none'}")
+    return known[label]
+
+
+#: The metrics of this package, of no suite in particular.
 USUAL = Study()
 
 
-def study_of(suites: Iterable[Any]) -> Study:
+def study_of(suites: Iterable[Suite]) -> Study:
     """The study of a run, whose suites may have grown from one to the next.
 
     Args:
@@ -63,13 +96,15 @@ def study_of(suites: Iterable[Any]) -> Study:
     """
     metrics: dict[str, MetricDeclaration] = {}
     scenarios: dict[str, ScenarioEntry] = {}
-    sensors: dict[str, Any] = {}
+    sensors: dict[str, SensorEntry] = {}
+    salt = ""
     for suite in suites:
         scenarios |= {entry.label: entry for entry in suite.scenarios}
-        sensors |= {getattr(s, "label", s): s for s in getattr(suite, "sensors", ())}
-        declared = [_declaration(entry) for entry in getattr(suite, "metrics", ())]
+        sensors |= {entry.label: entry for entry in suite.sensors}
+        salt = suite.salt
+        declared = [_declaration(entry) for entry in suite.metrics]
         metrics |= {one.name: one for one in declared}
-    return Study(_ordered(metrics) or BUILT_IN, scenarios, sensors)
+    return Study(_ordered(metrics) or BUILT_IN, scenarios, sensors, salt)
 
 
 def _declaration(entry: Any) -> MetricDeclaration:

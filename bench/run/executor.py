@@ -50,7 +50,7 @@ def run_trials(
         while busy := [referee for referee in referees if referee.trial is not None]:
             stopping = stop()
             if not stopping:
-                wait([referee.channel for referee in busy], timeout=TICK)
+                wait([referee.channel.fileno() for referee in busy], timeout=TICK)
             ended = []
             for referee in busy:
                 at_work = referee.trial

@@ -1,4 +1,4 @@
-"""Metrics of foreign code, each in a process of its own: what it changes there is not for others."""
+"""Metrics of foreign code, each in a process of its own: what it changes there stays there."""
 
 import pickle
 from collections.abc import Sequence

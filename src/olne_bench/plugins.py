@@ -275,6 +275,16 @@ def describe(
         return Description(kind=kind.name if kind else "", reference=reference, error=str(error))
 
 
+def import_file(reference: str) -> None:
+    """Import a plugin's file, so that objects of its classes can be unpickled.
+
+    Raises whatever the file raises; a name that is no file's is imported by pickle itself.
+    """
+    place = _split(reference)
+    if place is not None:
+        load_file(_resolved(place[0]))
+
+
 def parameter_names(found: type[Any]) -> list[str]:
     """Names of the parameters of a plugin's class; none where it does not tell."""
     try:

@@ -1,18 +1,22 @@
 """The truth behind trials, and the plane in which it is drawn."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.predicted_motion import predict_again
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
 from olne_bench.envs.recording import Recording
+from olne_bench.games.observation import FullView
 
 _MARGIN = 0.12  # of its own extent, on each side
 _LEAST_MARGIN = 0.05  # of the larger extent
@@ -32,7 +36,8 @@ class Scene:
         limits: ((low, high) to the right, (low, high) upwards) [m].
     """
 
-    entry: ScenarioEntry
+    study: Study
+    name: str
     recording: Recording
     trials: pd.DataFrame
     axes_order: tuple[int, int]
@@ -49,6 +54,15 @@ class Scene:
         """Whether panels belong below rather than beside each other."""
         width, height = self.extents
         return width > _ELONGATED * height
+
+    def observed(self, sigma: float, seed: int) -> np.ndarray:
+        """Full states (T, N, n) under a trial's noise, whatever its sensor shows of them."""
+        noise = self.study.noise_seed(self.name, sigma, seed)
+        return observe((self.recording,), (FullView(),), sigma, noise)[0].y
+
+    def predicted(self, trial: Mapping[Any, Any]) -> np.ndarray | None:
+        """The predicted states (T, N, n) of a trial's row, None where it has none."""
+        return predict_again(self.study.draw(self.name, int(trial["seed"])), trial)
 
     def plane(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates to the right and upwards of states (..., n)."""
@@ -79,8 +93,8 @@ def scene_of(trials: pd.DataFrame, study: Study = USUAL) -> Scene:
     name = str(trials["scenario"].iloc[0])
     seed = int(trials["seed"].min())
     try:
-        entry = study.scenario(name)
-        recording = true_recording(entry, seed)
+        draw = study.draw(name, seed)
+        recording = true_recording(draw)
     except UNKNOWN_HERE as error:
         raise NotDrawnError(f"it cannot be played here: {why_unknown(error)}") from error
     positions = recording.states[..., :2].reshape(-1, 2)
@@ -91,4 +105,4 @@ def scene_of(trials: pd.DataFrame, study: Study = USUAL) -> Scene:
     width, height = (b - a for a, b in limits)
     order = (1, 0) if height > _ELONGATED * width else (0, 1)
     rows = trials[trials["seed"] == seed] if study.is_family(name) else trials
-    return Scene(entry, recording, rows, order, (limits[order[0]], limits[order[1]]))
+    return Scene(study, name, recording, rows, order, (limits[order[0]], limits[order[1]]))

@@ -9,14 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.panels import scene_panels
 from olne_bench.bench.report.figures.scene import Scene, player_colour, scene_of
 from olne_bench.bench.report.figures.series import Series, contenders, sensors_in, split
-from olne_bench.bench.report.predicted_motion import predict_again
 from olne_bench.bench.report.study import USUAL, Study
-from olne_bench.games.observation import FullView
 
 #: Most sequences in one panel, as in the paper.
 MOST_SEQUENCES = 40
@@ -78,14 +75,21 @@ def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
 def _observations(axes: Axes, scene: Scene, sigma: float, seeds: Sequence[int]) -> None:
     # All sensors and estimators meet the same noise, and none hides positions.
     for seed in seeds:
-        positions = observe([scene.recording], (FullView(),), sigma, int(seed))[0].y
-        _bundle(axes, scene, positions, marker=".", markersize=2, linestyle="none", alpha=0.4)
+        _bundle(
+            axes,
+            scene,
+            scene.observed(sigma, int(seed)),
+            marker=".",
+            markersize=2,
+            linestyle="none",
+            alpha=0.4,
+        )
     _truth(axes, scene)
     axes.set_title(f"Truth and {len(seeds)} observed sequence{'s' * (len(seeds) != 1)}")
 
 
 def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
-    predicted = [predict_again(scene.entry, trial) for trial in series.trials.to_dict("records")]
+    predicted = [scene.predicted(trial) for trial in series.trials.to_dict("records")]
     found = [states for states in predicted if states is not None]
     for states in found:
         _bundle(axes, scene, states, linewidth=0.8, alpha=0.45, marker=".", markevery=[-1])

@@ -5,15 +5,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.judge.observe import sense
 from olne_bench.bench.report.figures.scene import Scene, scene_of
 from olne_bench.bench.report.figures.trajectories import largest_with_predictions
 from olne_bench.bench.report.measures import in_table
 from olne_bench.bench.report.page.numbers import decimals, rounded
-from olne_bench.bench.report.predicted_motion import predict_again
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import USUAL, Study
-from olne_bench.games.observation import FullView
 
 #: Coordinates drawn and predictions made, about, for the whole page; most sequences of a bundle.
 _MOST_COORDINATES = 140_000
@@ -75,11 +72,10 @@ def _sample(scene: Scene, sigma: float, seed: int, study: Study) -> dict[str, An
     rows = trials[(trials["sigma"] == sigma) & (trials["seed"] == seed)]
     # All sensors and estimators meet the same noise, and none hides positions.
     metrics = [m for m in in_table(study.metrics, trials) if not m.is_share]
-    observed = sense(scene.recording, FullView(), sigma, seed).y
     return {
         "sigma": sigma,
         "seed": seed,
-        "observed": _paths(scene, observed),
+        "observed": _paths(scene, scene.observed(sigma, seed)),
         "predictions": [
             {
                 "estimator": trial["estimator"],
@@ -97,7 +93,7 @@ def _sample(scene: Scene, sigma: float, seed: int, study: Study) -> dict[str, An
 
 
 def _predicted(scene: Scene, trial: dict[Any, Any]) -> list[list[list[float]]] | None:
-    states = predict_again(scene.entry, trial)
+    states = scene.predicted(trial)
     return None if states is None else _paths(scene, states)
 
 

@@ -14,14 +14,13 @@ import pandas as pd
 import pyarrow as pa
 
 from olne_bench.bench.judge.metrics.formulas import identifiable_cosine_error
-from olne_bench.bench.judge.truth import sensitivities_of, true_recordings
-from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.judge.truth import Draw, sensitivities_of, true_recording
 from olne_bench.bench.report.leaderboard import LIMIT_SIGMA
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
 from olne_bench.envs.recording import Recording
 from olne_bench.games.information import Identifiability, identifiability
-from olne_bench.games.observation import View
+from olne_bench.games.sensor import SensorModel
 
 #: Noise level [m] at which parameters are said to be identified or not.
 REFERENCE_SIGMA = LIMIT_SIGMA
@@ -135,26 +134,26 @@ def _truths(
     for scenario, sensor in pairs.itertuples(index=False):
         first = int(trials.loc[trials["scenario"] == scenario, "seed"].min())
         try:
-            entry, view = study.scenario(scenario), study.view(sensor)
+            draw = study.draw(scenario, first)
+            found = _truth(draw, study.sensor_model(sensor, draw))
         except UNKNOWN_HERE as error:
             yield scenario, sensor, _Unknown(why_unknown(error))
         else:
-            yield scenario, sensor, _truth(entry.model_dump_json(), view, first)
+            yield scenario, sensor, found
 
 
 @lru_cache(maxsize=64)
-def _truth(scenario: str, view: View, seed: int) -> tuple[Recording, Identifiability] | _Unknown:
-    """A scenario of another version, or a truth that cannot be varied, is not known."""
-    try:
-        recordings = true_recordings(ScenarioEntry.model_validate_json(scenario), seed)
-        known = identifiability(
-            recordings[0].scenario.game,
-            sensitivities_of(recordings, view),
-            sigma=REFERENCE_SIGMA,
-        )
-    except UNKNOWN_HERE as error:
-        return _Unknown(why_unknown(error))
-    return recordings[0], known
+def _truth(draw: Draw, model: SensorModel) -> tuple[Recording, Identifiability]:
+    """The truth, and what can be known of it where no sample is missing.
+
+    Raises:
+        One of ``UNKNOWN_HERE``: on a scenario of another version, or a truth that cannot be varied.
+    """
+    recording = true_recording(draw)
+    known = identifiability(
+        recording.scenario.game, sensitivities_of(draw, model), sigma=REFERENCE_SIGMA
+    )
+    return recording, known
 
 
 def _rows_of(trials: pd.DataFrame, labels: dict[str, str], study: Study) -> pd.DataFrame:

@@ -1,0 +1,58 @@
+"""What differs between two copies of plain data, such as a problem before and after an estimate."""
+
+import reprlib
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+_ABSENT = "absent"
+
+
+def find_change(before: Any, after: Any, place: str) -> str | None:
+    """The first difference as text, such as ``game.dt was 0.1 and is 5.0``; None without one.
+
+    Args:
+        before: made of dataclasses, tuples, mappings, arrays and values that compare.
+        after: its copy.
+        place: what the text calls the two.
+    """
+    if before is after:
+        return None
+    parts = _parts(before)
+    if type(before) is type(after) and parts is not None:
+        others = _parts(after) or {}
+        for name in parts:
+            found = find_change(parts[name], others.get(name, _ABSENT), f"{place}{name}")
+            if found is not None:
+                return found
+        added = [name for name in others if name not in parts]
+        return f"{place}{added[0]} was absent" if added else None
+    if type(before) is type(after) and _equal(before, after):
+        return None
+    return f"{place} was {reprlib.repr(before)} and is {reprlib.repr(after)}"
+
+
+def _parts(value: Any) -> dict[str, Any] | None:
+    """What a value is made of; None where it is compared as a whole."""
+    if is_dataclass(value):
+        return {f".{f.name}": getattr(value, f.name, _ABSENT) for f in fields(value)}
+    if isinstance(value, tuple | list):
+        return {f"[{k}]": item for k, item in enumerate(value)}
+    if isinstance(value, Mapping):
+        return {f"[{key!r}]": item for key, item in value.items()}
+    if hasattr(value, "__dict__") and _compares_by_identity(value):
+        return {f".{name}": item for name, item in vars(value).items()}
+    return None
+
+
+def _compares_by_identity(value: Any) -> bool:
+    return type(value).__eq__ is object.__eq__ and not isinstance(value, FunctionType | type)
+
+
+def _equal(before: Any, after: Any) -> bool:
+    if isinstance(before, np.ndarray):
+        return before.shape == after.shape and bool(np.all((before == after) | (before != before)))
+    return bool(before == after)
