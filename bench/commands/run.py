@@ -25,6 +25,7 @@ from olne_bench.bench.report.figures import FORMATS
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.executor import run_trials
+from olne_bench.bench.run.fitting import check_fit
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
@@ -141,7 +142,7 @@ def run(suite: str, **options: Any) -> None:
     text = suite_text(suite)
     whole = load_suite(suite, chosen.plugin, describe_all)
     check_gate(whole)
-    select(whole, chosen.selection)  # what it does not have is said before a folder is made
+    check_fit(select(whole, chosen.selection))
     if chosen.dask is not None:
         check_cluster(chosen.dask)
     with open_store(chosen.out) as store:

@@ -93,6 +93,16 @@ SUITES = {
     "both name and stack": ('"full"', "{name = 'full', stack = ['full']}", "not both"),
     "an empty stack": ('"full"', "{label = 'a', stack = []}", "sensors.0.layers: Tuple should"),
     "what is learnt": ('"two_player"', "{name = 'random', family = false}", "unknown key 'scena"),
+    "a sensor that does not fit": (
+        '"full"',
+        "{name = 'correlated', parameters = {correlation = 0.3, components = ['roll']}}",
+        "does not fit scenario 'two_player': correlated noise: no component 'roll' is seen",
+    ),
+    "two kinds of noise": (
+        '"full"',
+        "{label = 'both', stack = ['correlated', 'correlated']}",
+        "sensor 'both' does not fit",
+    ),
     "an unknown limit": (
         "seeds = 3",
         "seeds = 3\ngate = {uniform = {speed = 1}}",
