@@ -45,7 +45,7 @@ def main() -> None:
         plugin = Path(folder, "plugin.py")
         plugin.write_text(PLUGIN)
         suite = load_suite("paper", (str(plugin),))
-        part = select(suite, scenarios=("two_player",), views=("full",), estimators=("Declines",))
+        part = select(suite, scenarios=("two_player",), sensors=("full",), estimators=("Declines",))
         model = list(expand(part))[-1]
         warm = 500
         trials = (replace(model, seed=seed) for seed in range(warm + arguments.trials))

@@ -5,7 +5,7 @@ problem and observations, nothing else.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -119,14 +119,22 @@ class ForeignMetrics(Protocol):
 
 
 @dataclass(frozen=True)
-class _Case:
-    """The truth of a trial, and what is seen of it."""
+class Case:
+    """The truth of a trial, and what is seen of it.
+
+    Attributes:
+        draw: of the scenario.
+        recordings: what happened, one for each trajectory.
+        problem: what an estimator is told.
+        observations: what it is shown.
+        outcome: what is known of the trial before anybody estimates.
+    """
 
     draw: Draw
     recordings: tuple[Recording, ...]
     problem: Problem
     observations: tuple[Observation, ...]
-    outcome: Outcome = field(default_factory=lambda: Outcome("ok"))
+    outcome: Outcome
 
 
 def silent(stage: str, seconds: float) -> None:
@@ -149,7 +157,7 @@ def judge(
     """
     announce("set-up", trial.time_limit)
     try:
-        case = _case(trial)
+        case = case_of(trial)
     except NoEquilibriumError as error:
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
@@ -190,7 +198,12 @@ def _layers(sensor: Any) -> tuple[Layer, ...]:
         return tuple(sensor.layers())
 
 
-def _case(trial: Trial) -> _Case:
+def case_of(trial: Trial) -> Case:
+    """The truth of a trial, and what is seen of it.
+
+    Raises:
+        NoEquilibriumError: where its scenario has no certified equilibrium.
+    """
     draw = Draw.of(trial.scenario, trial.seed, trial.salt)
     recordings = true_recordings(draw)
     scenario = recordings[0].scenario
@@ -218,10 +231,10 @@ def _case(trial: Trial) -> _Case:
         ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
-    return _Case(draw, recordings, problem, observations, outcome)
+    return Case(draw, recordings, problem, observations, outcome)
 
 
-def _task(trial: Trial, case: _Case) -> PlayerTask:
+def _task(trial: Trial, case: Case) -> PlayerTask:
     return PlayerTask(
         reference=trial.estimator.name,
         parameters=trial.estimator.parameters,
@@ -237,7 +250,7 @@ def _task(trial: Trial, case: _Case) -> PlayerTask:
 def _scored(
     estimate: CheckedEstimate,
     trial: Trial,
-    case: _Case,
+    case: Case,
     outcome: Outcome,
     foreign: ForeignMetrics,
 ) -> Outcome:
