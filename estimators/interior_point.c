@@ -1,11 +1,14 @@
-/* The interior-point method of estimators/interior_point.py, compiled after games/elimination.c.
+/* The interior-point method that estimators/interior_point.py explains, compiled after
+ * games/elimination.c.
  *
- * interior_point.py is the same algorithm in NumPy and explains it; numbers in brackets are the
- * equations of Waechter and Biegler (2006), as there. Changes of w = (x_1, theta) live on the
- * tangent of the sums of weights: `basis` (K, K-1) spans it for one player. */
+ * Numbers in brackets are the equations of Waechter and Biegler (2006), as there. Changes of
+ * w = (x_1, theta) live on the tangent of the sums of weights: `basis` (K, K-1) spans it for one
+ * player. */
 
-#define SPACE_ARRAYS 16 /* of size (T, SZ) */
+#define SPACE_ARRAYS 13  /* of size (T, SZ) */
+#define FILTER_ENTRIES 2 /* numbers that an iteration may add to the filter */
 
+/* Status of estimators/joint_problem.py, in its order */
 enum { CONVERGED, NOT_FINITE, SINGULAR, NO_TIME, NO_CURVATURE, NO_STEP, NO_ITERATIONS, KNOWN };
 
 static const double FEASIBLE = 1e-9, ACCEPTABLE = 1e-6, EPSILON = 2.220446049250313e-16;
@@ -13,9 +16,11 @@ static const double FEASIBLE = 1e-9, ACCEPTABLE = 1e-6, EPSILON = 2.220446049250
 /* Mirrored by _Options of interior_point.py, which explains them */
 typedef struct {
     int players, max_iterations, known;
-    double floor, tie, first_barrier, tolerance, limit, known_change, known_weights;
-    const double *known_objectives, *known_theta; /* (known,), (known, NT) */
+    double floor, tie, first_barrier, tolerance, limit;
 } Options;
+
+static const double KNOWN_CHANGE = 1e-4, KNOWN_WEIGHTS = 1e-3; /* of the objective, relative, and
+                                                                 of any weight */
 
 typedef struct {
     double *z, *residual, *gradient; /* (T, SZ) */
@@ -31,7 +36,7 @@ typedef struct {
 typedef struct {
     Work *work;
     const Options *options;
-    const double *basis;
+    const double *basis, *known_objectives, *known_theta; /* (K, K-1), (known,), (known, NT) */
     int players, weights, tangents; /* N, K, NX + N (K-1) */
     double floor, tie, barrier, first_violation, shift, last_shift;
     Point point, trial;
@@ -413,11 +418,11 @@ static int is_known(const Method *m)
     const Options *o = m->options;
     if (m->point.violation > 1e-4 * m->first_violation) return 0;
     for (int i = 0; i < o->known; i++) {
-        const double *theta = o->known_theta + i * NT, objective = o->known_objectives[i];
+        const double *theta = m->known_theta + i * NT, objective = m->known_objectives[i];
         double change = 0;
         for (int k = 0; k < NT; k++) change = fmax(change, fabs(m->point.theta[k] - theta[k]));
-        if (change <= o->known_weights &&
-            fabs(m->point.objective - objective) <= o->known_change * objective)
+        if (change <= KNOWN_WEIGHTS &&
+            fabs(m->point.objective - objective) <= KNOWN_CHANGE * objective)
             return 1;
     }
     return 0;
@@ -455,18 +460,20 @@ static int iterate(Method *m, double deadline, int *iterations)
 }
 
 /* Doubles of work space that interior_point needs */
-API int interior_point_space(int horizon, int max_iterations)
+API size_t interior_point_space(int horizon, int max_iterations)
 {
-    return SPACE_ARRAYS * horizon * SZ + NT + PC + 5 * PC * PC + 4 * (max_iterations + 1);
+    return SPACE_ARRAYS * (size_t)horizon * SZ + NT + PC + 5 * PC * PC +
+           FILTER_ENTRIES * ((size_t)max_iterations + 1);
 }
 
 /* Improves z (T, SZ) and theta (NT,) in place; why it stopped, one of the codes above */
-API int interior_point(Work *w, const Options *options, const double *basis, double *space,
+API int interior_point(Work *w, const Options *options, const double *basis,
+                       const double *known_objectives, const double *known_theta, double *space,
                        double *z, double *theta, double *objective, int *iterations)
 {
     const int n = w->horizon * SZ, K = NT / options->players;
     Method m = {.work = w, .options = options, .basis = basis, .players = options->players,
-                .weights = K, .tangents = NX + options->players * (K - 1),
+                .known_objectives = known_objectives, .known_theta = known_theta, .weights = K, .tangents = NX + options->players * (K - 1),
                 .floor = options->floor, .tie = options->tie, .barrier = options->first_barrier};
     double **arrays[] = {&m.point.z,      &m.point.residual, &m.point.gradient,
                          &m.trial.z,      &m.trial.residual, &m.trial.gradient,

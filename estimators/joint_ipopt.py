@@ -1,4 +1,12 @@
-"""The joint inverse problem through IPOPT: the reference that the fast solver is held to."""
+"""The joint inverse problem of one trajectory, or of several of the same players, through IPOPT.
+
+    min_{theta, z_1, ..., z_n}  sum_k sum_t |y_{k,t} - h(x_{k,t})|^2
+    s.t.  G(z_k; theta) = 0 for every k,  sum theta^i = 1,  theta^i >= floor
+
+with one theta for all (Peters et al. 2021: the method "applies coherently"), and an initial state
+for each trajectory. For one trajectory it is the reference that the fast solver is held to, and
+serves in its place where there is no compiler.
+"""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -6,62 +14,122 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from olne_bench.estimators.joint_problem import JointPoint, JointSolution
+from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, Status
 from olne_bench.estimators.trajectory_fit import observation_parameters, squared_error
 from olne_bench.games.game import Game
 from olne_bench.games.ipopt import QUIET
 from olne_bench.games.kkt import kkt_system
 from olne_bench.games.observation import View, observation_size
 
+_STATUSES = {
+    "Maximum_Iterations_Exceeded": Status.NO_ITERATIONS,
+    "Invalid_Number_Detected": Status.NOT_FINITE,
+}
+
 
 def solve_joint_ipopt(
     game: Game,
     view: View,
-    y: np.ndarray,
-    start: JointPoint,
-    *,
-    noise_scale: Sequence[float] = (),
-    weight_floor: float = 1e-5,
-    tie: float = 0.0,
-    max_iterations: int = 300,
+    ys: Sequence[np.ndarray],
+    starts: Sequence[JointPoint],
+    settings: JointSettings | None = None,
 ) -> JointSolution:
-    """Solve the joint problem from one start; arguments as in ``solve_joint``."""
-    solver = joint_solver(game, view, max_iterations)
-    parts = (start.states, start.controls, start.costates, start.weights)
-    first = np.concatenate([part.ravel() for part in parts])
-    lower = np.full(first.size, -np.inf)
-    lower[-start.weights.size :] = weight_floor
-    parameters = np.concatenate([observation_parameters(y, noise_scale), [tie]])
-    solution = solver(x0=first, lbx=lower, p=parameters, lbg=0, ubg=0)
-    stats = solver.stats()
-    pieces = np.split(np.array(solution["x"]).ravel(), np.cumsum([p.size for p in parts])[:-1])
-    shaped = [piece.reshape(part.shape) for piece, part in zip(pieces, parts, strict=True)]
+    """Solve the joint problem from one start.
+
+    Args:
+        game: the game.
+        view: the observation model.
+        ys: (T, N, d) observations of each trajectory.
+        starts: a point of each; their weights are averaged.
+        settings: the problem's numbers, and limits.
+
+    Raises:
+        ValueError: if no weights fulfil the bound.
+    """
+    settings = settings or JointSettings()
+    settings.check_floor(game.num_weights)
+    solver = joint_solver(game, view, len(ys), settings.max_iterations, settings.tolerance)
+    weights = np.mean([start.weights for start in starts], axis=0)
+    parts = [
+        np.concatenate([part.ravel() for part in (start.states, start.controls, start.costates)])
+        for start in starts
+    ]
+    lower = np.full(sum(part.size for part in parts) + weights.size, -np.inf)
+    lower[-weights.size :] = settings.weight_floor
+    data = [observation_parameters(y, settings.noise_scale) for y in ys]
+    solution = solver(
+        x0=np.concatenate([*parts, weights.ravel()]),
+        lbx=lower,
+        p=np.concatenate([*data, [settings.tie]]),
+        lbg=0,
+        ubg=0,
+    )
+    found = np.array(solution["x"]).ravel()
     # IPOPT may pass a bound by its tolerance.
-    shaped[-1] = np.maximum(shaped[-1], 0)
+    weights = np.maximum(found[-weights.size :], 0.0).reshape(weights.shape)
+    trajectories = found[: -weights.size].reshape(len(ys), -1)
+    status, detail = _outcome(solver)
     return JointSolution(
-        point=JointPoint(*shaped),
+        points=tuple(_point(game, row, weights) for row in trajectories),
         objective=float(solution["f"]),
-        iterations=int(stats["iter_count"]),
-        converged=bool(stats["success"]),
-        message="" if stats["success"] else str(stats["return_status"]),
+        iterations=int(solver.stats()["iter_count"]),
+        status=status,
+        detail=detail,
+    )
+
+
+def _outcome(solver: ca.Function) -> tuple[Status, str]:
+    stats = solver.stats()
+    if stats["success"]:
+        return Status.CONVERGED, ""
+    reason = str(stats["return_status"])
+    status = _STATUSES.get(reason, Status.IPOPT_FAILED)
+    return status, reason if status is Status.IPOPT_FAILED else ""
+
+
+def _point(game: Game, flat: np.ndarray, weights: np.ndarray) -> JointPoint:
+    sizes = np.cumsum([np.prod(game.state_shape), np.prod(game.control_shape)])
+    states, controls, costates = np.split(flat, sizes)
+    steps, *shape = game.state_shape
+    return JointPoint(
+        states.reshape(game.state_shape),
+        controls.reshape(game.control_shape),
+        costates.reshape(steps - 1, *shape),
+        weights,
     )
 
 
 @lru_cache(maxsize=16)
-def joint_solver(game: Game, view: View, max_iterations: int) -> ca.Function:
-    """Build (or fetch) the solver."""
+def joint_solver(
+    game: Game, view: View, count: int, max_iterations: int, tolerance: float
+) -> ca.Function:
+    """Build (or fetch) the solver for so many trajectories.
+
+    Its variables are (x, u, lambda) of each trajectory, then theta; its parameters are samples and
+    precision of each, then the tie to uniform weights.
+    """
     system = kkt_system(game)
-    count = game.horizon * game.num_players * observation_size(view, game.dynamics)
-    y = ca.SX.sym("y", count)
-    precision = ca.SX.sym("precision", y.numel())
-    tie = ca.SX.sym("tie")
-    untied = system.weights - 1 / game.num_weights
-    sums = [ca.sum1(row) for row in ca.vertsplit(system.weights, game.num_weights)]
+    z = ca.vertcat(system.states, system.controls, system.costates)
+    samples = game.horizon * game.num_players * observation_size(view, game.dynamics)
+    y, precision = ca.SX.sym("y", samples), ca.SX.sym("precision", samples)
+    data = ca.vertcat(y, precision)
+    loss = squared_error(game, view, system.states, y, precision)
+    residual = ca.Function("residual", [z, system.weights], [system.residual]).map(count)
+    losses = ca.Function("loss", [z, data], [loss]).map(count)
+
+    points = ca.MX.sym("z", z.numel(), count)
+    weights = ca.MX.sym("theta", system.weights.numel())
+    given, tie = ca.MX.sym("data", data.numel(), count), ca.MX.sym("tie")
+    untied = ca.sumsqr(weights - 1 / game.num_weights)
+    sums = [ca.sum1(row) for row in ca.vertsplit(weights, game.num_weights)]
     problem = {
-        "x": ca.vertcat(system.states, system.controls, system.costates, system.weights),
-        "p": ca.vertcat(y, precision, tie),
-        "f": squared_error(game, view, system.states, y, precision) + tie * ca.sumsqr(untied),
-        "g": ca.vertcat(system.residual, ca.vertcat(*sums) - 1),
+        "x": ca.vertcat(ca.vec(points), weights),
+        "p": ca.vertcat(ca.vec(given), tie),
+        "f": ca.sum2(losses(points, given)) + tie * untied,
+        "g": ca.vertcat(
+            ca.vec(residual(points, ca.repmat(weights, 1, count))), ca.vertcat(*sums) - 1
+        ),
     }
-    options = QUIET | {"ipopt.max_iter": max_iterations, "ipopt.tol": 1e-9}
-    return ca.nlpsol("joint", "ipopt", problem, options)
+    options = QUIET | {"ipopt.max_iter": max_iterations, "ipopt.tol": tolerance}
+    # One trajectory is small enough to be written out, which is faster.
+    return ca.nlpsol("joint", "ipopt", problem, options | {"expand": count == 1})

@@ -1,10 +1,17 @@
-"""What the back ends of the joint method start from and return."""
+"""What the back ends of the joint method are told, start from and return.
 
+They are the project's own method (``interior_point``) and IPOPT (``joint_ipopt``).
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
 from olne_bench.games.game import Game
+
+_MOST_ITERATIONS = 10**6
 
 
 @dataclass(frozen=True)
@@ -35,19 +42,106 @@ class JointPoint:
 
 
 @dataclass(frozen=True)
+class JointSettings:
+    """How a joint problem is posed and solved.
+
+    Attributes:
+        noise_scale: (d,) relative standard deviations of the observations; ones where absent.
+        weight_floor: lower bound of every weight, below 1/K.
+        tie: factor of a further term |theta - 1/K|^2 of the objective, which holds the weights
+            near uniform.
+        tolerance: on all optimality conditions.
+        max_iterations: iterations at most.
+        first_barrier: barrier parameter to begin with; of the native method.
+        limit: wall-clock seconds at most; of the native method, as IPOPT stops by its iterations.
+
+    Raises:
+        ValueError: on a number of iterations out of range.
+    """
+
+    noise_scale: Sequence[float] = ()
+    weight_floor: float = 1e-5
+    tie: float = 0.0
+    tolerance: float = 1e-9
+    max_iterations: int = 300
+    first_barrier: float = 0.1
+    limit: float = 60.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.max_iterations <= _MOST_ITERATIONS:
+            raise ValueError(
+                f"max_iterations must be 0 to {_MOST_ITERATIONS}, got {self.max_iterations}"
+            )
+
+    def check_floor(self, num_weights: int) -> None:
+        """Refuse a floor that no weights fulfil.
+
+        Raises:
+            ValueError: naming the floor and its range.
+        """
+        if not 0 <= self.weight_floor * num_weights < 1:
+            raise ValueError(
+                f"weight_floor must be in [0, {1 / num_weights:g}) for "
+                f"{num_weights} weights per player, got {self.weight_floor}"
+            )
+
+
+class Status(IntEnum):
+    """Why a run stopped; the first ones in the order of ``interior_point.c``."""
+
+    CONVERGED = 0
+    NOT_FINITE = 1
+    SINGULAR = 2
+    NO_TIME = 3
+    NO_CURVATURE = 4
+    NO_STEP = 5
+    NO_ITERATIONS = 6
+    CLOSE_TO_KNOWN = 7
+    IPOPT_FAILED = 8
+
+
+_MESSAGES = {
+    Status.CONVERGED: "",
+    Status.NOT_FINITE: "the start is not finite",
+    Status.SINGULAR: "singular stage of the first-order conditions",
+    Status.NO_TIME: "time limit reached",
+    Status.NO_CURVATURE: "the Hessian could not be corrected",
+    Status.NO_STEP: "line search and restoration failed",
+    Status.NO_ITERATIONS: "iteration limit reached",
+    Status.CLOSE_TO_KNOWN: "close to a known optimum",
+    Status.IPOPT_FAILED: "IPOPT stopped",
+}
+
+
+@dataclass(frozen=True)
 class JointSolution:
     """Where a start led.
 
     Attributes:
-        point: the last point.
+        points: the last point of each trajectory; all have the same weights.
         objective: sum of squared observation errors.
         iterations: of the interior-point method.
-        converged: whether the point is a local optimum to the back end's tolerance.
-        message: why not, in one line; empty where converged.
+        status: whether this is a local optimum to the back end's tolerance, or why not.
+        detail: what IPOPT calls it, where it failed.
     """
 
-    point: JointPoint
+    points: tuple[JointPoint, ...]
     objective: float
     iterations: int
-    converged: bool
-    message: str
+    status: Status
+    detail: str = ""
+
+    @property
+    def point(self) -> JointPoint:
+        """That of the first trajectory."""
+        return self.points[0]
+
+    @property
+    def converged(self) -> bool:
+        """Whether it is a local optimum."""
+        return self.status is Status.CONVERGED
+
+    @property
+    def message(self) -> str:
+        """Why it is none, in one line; empty where it is one."""
+        return ": ".join(filter(None, [_MESSAGES[self.status], self.detail]))

@@ -18,27 +18,26 @@ are worth their time: the observations with zero controls, the same under a high
 begins by centring the weights, and the solution of the problem with its weights tied to uniform
 by a quadratic term, which is then dropped at once or in two steps.
 
-Several trajectories share one theta (``joint_several``). The covariance of the weights is the
+Several trajectories share one theta (``joint_ipopt``). The covariance of the weights is the
 inverse of the Fisher information at the estimate (``games.information``).
 
-IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which
-is the paper's own start, and the solution of the tied problem.
+IPOPT, the reference, which also serves where there is no compiler, takes three starts: the
+observations, the pre-solve (eqn. pre_solve), which is the paper's own start, and the solution of
+the tied problem.
 """
 
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from olne_bench.estimators.forward_model import Played, likelihood_covariance
-from olne_bench.estimators.interior_point import CLOSE_TO_KNOWN, joint_elimination, solve_joint
+from olne_bench.checks import check_count
+from olne_bench.estimators.forward_model import SolvedGame, likelihood_covariance
+from olne_bench.estimators.interior_point import joint_elimination, solve_joint
 from olne_bench.estimators.joint_ipopt import joint_solver, solve_joint_ipopt
-from olne_bench.estimators.joint_problem import JointPoint, JointSolution
-from olne_bench.estimators.joint_several import SeveralSolution, solve_several
-from olne_bench.estimators.parameters import check_count
+from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, Status
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.trajectory_fit import (
     fit_trajectory,
@@ -48,6 +47,7 @@ from olne_bench.estimators.trajectory_fit import (
     warm_up_fit,
 )
 from olne_bench.estimators.white_noise import white_problem, with_white_noise
+from olne_bench.games.native import NativeElimination
 from olne_bench.games.newton import Root
 
 _SOLVERS = ("structured", "ipopt")
@@ -103,8 +103,7 @@ class KktConstrained:
             best, starts = self._several(problem, observations, deadline), 2
         else:
             attempts = self._attempts(problem, observations[0].y, deadline)
-            one, starts = _lowest(attempts), len(attempts)
-            best = SeveralSolution((one.point,), one.objective, one.converged, one.message)
+            best, starts = _lowest(attempts), len(attempts)
         points = best.points
         seen = [np.isfinite(one.y).any(axis=(0, 2)) for one in observations]
         unseen = np.flatnonzero(~np.any(seen, axis=0))
@@ -113,11 +112,12 @@ class KktConstrained:
             message = f"never seen, hence not identified: player {', '.join(map(str, unseen))}"
         converged = best.converged and not unseen.size
         games = [
-            Played(Root(p.states, p.controls, p.costates, residual=0.0), p.weights) for p in points
+            SolvedGame(Root(p.states, p.controls, p.costates, residual=0.0), p.weights)
+            for p in points
         ]
         covariance = None
         if converged:
-            structured = self.solver == "structured"
+            structured = not self._uses_ipopt(problem)
             solver = joint_elimination(problem.game, problem.view) if structured else None
             covariance = likelihood_covariance(problem, observations, games, solver)
         return Estimate(
@@ -130,7 +130,7 @@ class KktConstrained:
         )
 
     def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
-        if self.solver == "ipopt":
+        if self._uses_ipopt(problem):
             solutions = self._ipopt_attempts(problem, y)
         else:
             solutions = self._structured_attempts(problem, y, deadline)
@@ -143,7 +143,7 @@ class KktConstrained:
 
     def _several(
         self, problem: Problem, observations: Sequence[Observation], deadline: float
-    ) -> SeveralSolution:
+    ) -> JointSolution:
         """One theta for all: from every trajectory's own optimum, and from the observations."""
         ys = [one.y for one in observations]
         own = [_lowest(self._attempts(problem, y, deadline)).point for y in ys]
@@ -152,92 +152,62 @@ class KktConstrained:
             for y in ys
         ]
         solutions = [
-            solve_several(
-                problem.game,
-                problem.view,
-                ys,
-                starts,
-                noise_scale=problem.noise_scale,
-                weight_floor=problem.weight_floor,
-                max_iterations=self.max_iterations,
-            )
+            solve_joint_ipopt(problem.game, problem.view, ys, starts, self._settings(problem))
             for starts in (own, guesses)
         ]
-        return min(solutions, key=lambda found: (not found.converged, found.objective))
+        return _lowest(solutions)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
         problem = white_problem(problem)
-        if self.solver == "ipopt":
-            joint_solver(problem.game, problem.view, self.max_iterations)
+        if self._uses_ipopt(problem):
+            tolerance = self._settings(problem).tolerance
+            joint_solver(problem.game, problem.view, 1, self.max_iterations, tolerance)
             warm_up_fit(problem.game, problem.view, problem.game.horizon)
-        else:
-            joint_elimination(problem.game, problem.view)
 
-    def _structured_attempts(
-        self, problem: Problem, y: np.ndarray, deadline: float
-    ) -> Iterator[JointSolution]:
-        game, view = problem.game, problem.view
-
-        def solve(start: JointPoint, **options: Any) -> JointSolution:
-            return solve_joint(
-                game,
-                view,
-                y,
-                start,
-                noise_scale=problem.noise_scale,
-                weight_floor=problem.weight_floor,
-                max_iterations=self.max_iterations,
-                limit=max(0.0, deadline - time.monotonic()),
-                **options,
-            )
-
-        known: list[JointSolution] = []
-        agree = True
-
-        def attempt(start: JointPoint, barrier: float = 0.1) -> JointSolution:
-            nonlocal agree
-            solution = solve(start, first_barrier=barrier, known=known)
-            if solution.converged:
-                known.append(solution)
-            agree &= solution.converged or solution.message == CLOSE_TO_KNOWN
-            return solution
-
-        def released(tied: JointSolution) -> JointPoint:
-            return _inside(tied.point, problem.weight_floor)
-
-        states = guess_states(game, view, y)
-        smooth = smoothed(states, _SMOOTHING)
-        moving = JointPoint.from_trajectory(game, states, guess_controls(game, states))
-        corner = JointPoint.from_trajectory(game, smooth, guess_controls(game, smooth))
-        corner = replace(corner, weights=_corner(game.num_players, game.num_weights))
-        first = attempt(moving)
-        yield first
-        yield attempt(_inside(corner, problem.weight_floor), _LOW_BARRIER)
-        if agree and _same_objective(known):
-            return
-        start = JointPoint.from_trajectory(game, states)
-        yield attempt(start)
-        best = min((solution.objective for solution in known), default=first.objective)
-        tied = solve(start, tie=_TIE * best, tolerance=_LOOSE)
-        yield attempt(released(tied), _LOW_BARRIER)
-        yield attempt(start, _HIGH_BARRIER)
-        loosened = solve(
-            released(tied), tie=0.1 * _TIE * best, first_barrier=_LOW_BARRIER, tolerance=_LOOSE
+    def _uses_ipopt(self, problem: Problem) -> bool:
+        """By choice, or because native code does not work here."""
+        return self.solver == "ipopt" or not isinstance(
+            joint_elimination(problem.game, problem.view), NativeElimination
         )
-        yield attempt(released(loosened), _LOW_BARRIER)
 
-    def _ipopt_attempts(self, problem: Problem, y: np.ndarray) -> Iterator[JointSolution]:
-        game, view = problem.game, problem.view
-        solve = partial(
-            solve_joint_ipopt,
-            game,
-            view,
-            y,
+    def _settings(self, problem: Problem) -> JointSettings:
+        return JointSettings(
             noise_scale=problem.noise_scale,
             weight_floor=problem.weight_floor,
             max_iterations=self.max_iterations,
         )
+
+    def _structured_attempts(
+        self, problem: Problem, y: np.ndarray, deadline: float
+    ) -> Iterator[JointSolution]:
+        search = _Search(problem, y, self._settings(problem), deadline)
+        game, states = problem.game, guess_states(problem.game, problem.view, y)
+        smooth = smoothed(states, _SMOOTHING)
+        moving = JointPoint.from_trajectory(game, states, guess_controls(game, states))
+        corner = JointPoint.from_trajectory(game, smooth, guess_controls(game, smooth))
+        corner = replace(corner, weights=_corner(game.num_players, game.num_weights))
+        first = search.attempt(moving)
+        yield first
+        yield search.attempt(_inside(corner, problem.weight_floor), _LOW_BARRIER)
+        if search.agree and _same_objective(search.known):
+            return
+        start = JointPoint.from_trajectory(game, states)
+        yield search.attempt(start)
+        best = min((solution.objective for solution in search.known), default=first.objective)
+        tied = search.tied(start, _TIE * best)
+        yield search.attempt(tied, _LOW_BARRIER)
+        yield search.attempt(start, _HIGH_BARRIER)
+        loosened = search.tied(tied, 0.1 * _TIE * best, _LOW_BARRIER)
+        yield search.attempt(loosened, _LOW_BARRIER)
+
+    def _ipopt_attempts(self, problem: Problem, y: np.ndarray) -> Iterator[JointSolution]:
+        game, view = problem.game, problem.view
+
+        def solve(start: JointPoint, tie: float = 0.0) -> JointSolution:
+            settings = replace(self._settings(problem), tie=tie)
+            return solve_joint_ipopt(game, view, [y], [start], settings)
+
         start = JointPoint.from_trajectory(game, guess_states(game, view, y))
         first = solve(start)
         yield first
@@ -245,6 +215,44 @@ class KktConstrained:
         yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
         tied = solve(start, tie=_IPOPT_TIE * first.objective)
         yield solve(_inside(tied.point, problem.weight_floor))
+
+
+class _Search:
+    """Starts of the structured solver on one observation, and the optima found so far.
+
+    Attributes:
+        known: the optima.
+        agree: whether every start led to an optimum, or close to a known one.
+    """
+
+    def __init__(
+        self, problem: Problem, y: np.ndarray, settings: JointSettings, deadline: float
+    ) -> None:
+        self._problem, self._y = problem, y
+        self._settings, self._deadline = settings, deadline
+        self.known: list[JointSolution] = []
+        self.agree = True
+
+    def attempt(self, start: JointPoint, barrier: float = 0.1) -> JointSolution:
+        """Solve from a start, and stop close to what is known."""
+        solution = self._solve(start, replace(self._settings, first_barrier=barrier), self.known)
+        if solution.converged:
+            self.known.append(solution)
+        self.agree &= solution.status in (Status.CONVERGED, Status.CLOSE_TO_KNOWN)
+        return solution
+
+    def tied(self, start: JointPoint, tie: float, barrier: float = 0.1) -> JointPoint:
+        """A start of its own: the solution of the problem with its weights tied to uniform."""
+        settings = replace(self._settings, tie=tie, first_barrier=barrier, tolerance=_LOOSE)
+        solution = self._solve(start, settings, ())
+        return _inside(solution.point, self._problem.weight_floor)
+
+    def _solve(
+        self, start: JointPoint, settings: JointSettings, known: Sequence[JointSolution]
+    ) -> JointSolution:
+        settings = replace(settings, limit=max(0.0, self._deadline - time.monotonic()))
+        problem = self._problem
+        return solve_joint(problem.game, problem.view, self._y, start, settings, known=known)
 
 
 def _lowest(attempts: list[JointSolution]) -> JointSolution:

@@ -10,6 +10,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from olne_bench.games.dynamics import dynamics_errors
 from olne_bench.games.game import Game, trajectory_symbols
 from olne_bench.games.ipopt import QUIET
 from olne_bench.games.observation import View, observation_size
@@ -180,12 +181,13 @@ def _fit_solver(game: Game, view: View, steps: int) -> ca.Function:
     controls, control_blocks = trajectory_symbols("u", (steps - 1, *game.control_shape[1:]))
     y = ca.SX.sym("y", steps * game.num_players * observation_size(view, game.dynamics))
     precision = ca.SX.sym("precision", y.numel())
-    errors = [
-        state_blocks[t + 1][i]
-        - game.dynamics.step(state_blocks[t][i], control_blocks[t][i], game.dt)
-        for t in range(steps - 1)
-        for i in range(game.num_players)
+    by_player = [
+        dynamics_errors(game.dynamics, own_states, own_controls, game.dt)
+        for own_states, own_controls in zip(
+            zip(*state_blocks, strict=True), zip(*control_blocks, strict=True), strict=True
+        )
     ]
+    errors = [error for errors in zip(*by_player, strict=True) for error in errors]
     problem = {
         "x": ca.vertcat(states, controls),
         "p": ca.vertcat(y, precision),

@@ -6,6 +6,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from olne_bench.games.dynamics import dynamics_errors
 from olne_bench.games.game import Game, player_cost, trajectory_symbols
 from olne_bench.games.ipopt import QUIET
 
@@ -81,10 +82,7 @@ def _response_solver(game: Game, player: int) -> ca.Function:
         [own[t] if j == player else block for j, block in enumerate(row)]
         for t, row in enumerate(joint_blocks)
     ]
-    errors = [
-        own[t + 1] - game.dynamics.step(own[t], own_controls[t], game.dt)
-        for t in range(game.horizon - 1)
-    ]
+    errors = dynamics_errors(game.dynamics, own, own_controls, game.dt)
     problem = {
         "x": ca.vertcat(own_states, controls),
         "p": ca.vertcat(joint, weights),

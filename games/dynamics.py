@@ -5,7 +5,7 @@ A model is a name, the names of its state and control components, and one CasADi
 ``px [m], py [m]``, so that features and metrics that look at positions serve all of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -122,6 +122,16 @@ def bicycle(rear_axle: float = 2.5, sub_steps: int = 1) -> Dynamics:
         control_names=("steering", "acceleration"),
         step=_BicycleStep(rear_axle, sub_steps),
     )
+
+
+def dynamics_errors(
+    dynamics: Dynamics, states: Sequence[ca.SX], controls: Sequence[ca.SX], dt: float
+) -> list[ca.SX]:
+    """F_t = x_{t+1} - f(x_t, u_t) of one player, from T states (n,) and T-1 controls (m,)."""
+    return [
+        following - dynamics.step(state, control, dt)
+        for state, control, following in zip(states[:-1], controls, states[1:], strict=True)
+    ]
 
 
 def rollout(

@@ -1,10 +1,11 @@
 /* Block elimination along time for the first-order conditions of an open-loop game.
  *
  * games/native.py compiles this file once per structure of game. Before it, it writes the sizes
- * NX = N n, NU = N m, NT = N K, ND = N d, the constant SMALLEST_STEP, the nonzero patterns PATTERN_x and the stage functions
- * value, final_value, jacobian, final_jacobian, loss, hessian, final_hessian of games/stages.py,
- * whose numeric constants (goals, targets, dt) are run-time data. games/elimination.py is the same
- * algorithm in NumPy and explains it; the equation labels (E1) to (E8) are defined there.
+ * NX = N n, NU = N m, NT = N K, ND = N d, the constant SMALLEST_STEP, the nonzero patterns
+ * PATTERN_x and the stage functions value, final_value, jacobian, final_jacobian, loss, hessian,
+ * final_hessian of games/stage_functions.py, whose numeric constants (goals, targets, dt) are
+ * run-time data. games/elimination.py is the same algorithm in NumPy and explains it; the equation
+ * labels (E1) to (E8) are defined there. The caller checks all sizes.
  *
  * A trajectory is an array (T, SZ) of rows z_t = (x_t, u_t, lambda_t); residuals have rows
  * (rx_t, ru_t, rf_t) and multipliers rows (p_t, q_t, r_t). Matrices are row-major. */
@@ -533,7 +534,8 @@ API void newton(Work *w, int count, double *z, const double *theta, double toler
                 int max_iterations, double limit, double *residuals, int *iterations)
 {
     const double deadline = seconds() + limit;
+    const size_t size = (size_t)w->horizon * SZ;
     for (int b = 0; b < count; b++)
-        residuals[b] = newton_one(w, z + b * w->horizon * SZ, theta + b * NT, tolerance,
+        residuals[b] = newton_one(w, z + b * size, theta + (size_t)b * NT, tolerance,
                                   max_iterations, deadline, iterations + b);
 }

@@ -25,9 +25,10 @@ only as
 
     (E8)  W = Z' H Z.
 
-``games/elimination.c`` is the same algorithm, compiled; this path serves where there is no
-compiler. Arrays over time have T rows: z_t = (x_t, u_t, lambda_t), residuals (rx_t, ru_t, rf_t),
-multipliers (p_t, q_t, r_t); entries that do not exist (rx_1, u_T, ...) are zero.
+``games/elimination.c`` is the same algorithm, compiled. This one serves where there is no compiler,
+and it is what the compiled one is tested against. Arrays over time have T rows:
+z_t = (x_t, u_t, lambda_t), residuals (rx_t, ru_t, rf_t), multipliers (p_t, q_t, r_t); entries that
+do not exist (rx_1, u_T, ...) are zero.
 """
 
 import time
@@ -64,7 +65,18 @@ class Elimination:
         """Observations (T, N*d), NaN where missing, for the loss and its derivatives.
 
         ``noise_scale`` (N*d,) holds their relative standard deviations.
+
+        Raises:
+            ValueError: on a wrong shape.
         """
+        y, noise_scale = np.asarray(y, dtype=float), np.asarray(noise_scale, dtype=float)
+        expected = (self.horizon, self.stages.num_samples)
+        if y.shape != expected:
+            raise ValueError(f"y has the shape {y.shape}, expected {expected}")
+        if noise_scale.shape not in ((), (1,), expected[1:]):
+            raise ValueError(
+                f"noise_scale has the shape {noise_scale.shape}, expected {expected[1:]}"
+            )
         seen = np.isfinite(y)
         self._samples = np.where(seen, y, 0.0)
         self._precision = seen / noise_scale

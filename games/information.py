@@ -19,12 +19,12 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import block_diag, null_space
 
 from olne_bench.games.elimination import Elimination
 from olne_bench.games.game import Game
 from olne_bench.games.newton import linearised
 from olne_bench.games.observation import View, whitening
+from olne_bench.games.simplex import simplex_tangent
 
 #: Above this condition number of the information matrix some weights are not identifiable.
 _LARGEST_CONDITION = 1e14
@@ -142,7 +142,7 @@ def joint_weight_covariance(game: Game, sensitivities: Sequence[np.ndarray]) -> 
     Returns:
         (N*K, N*K), or None if not identifiable.
     """
-    tangent = _tangent(game.num_players, game.num_weights)
+    tangent = simplex_tangent(game.num_players, game.num_weights)
     observed = _on_tangent(tangent, sensitivities)
     # The information matrix is symmetric: its eigenvalues give condition and inverse at once.
     values, vectors = np.linalg.eigh(observed.T @ observed)
@@ -188,7 +188,7 @@ def identifiability(
         sensitivities: ``observation_sensitivity`` of each trajectory, as above.
         sigma: noise level, above 0.
     """
-    tangent = _tangent(game.num_players, game.num_weights)
+    tangent = simplex_tangent(game.num_players, game.num_weights)
     observed = _on_tangent(tangent, sensitivities)
     free, count = tangent.shape[1], game.num_weights
     # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
@@ -251,14 +251,6 @@ def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
         projection = np.eye(count) - np.outer(theta, theta) / squared
         errors.append(np.trace(projection @ block) / (2 * squared))
     return float(np.mean(errors))
-
-
-@lru_cache(maxsize=16)
-def _tangent(players: int, num_weights: int) -> np.ndarray:
-    """Basis (N*K, N*(K-1)) of the weights' tangent space."""
-    basis = block_diag(*[null_space(np.ones((1, num_weights)))] * players)
-    basis.setflags(write=False)  # shared by all who ask
-    return basis
 
 
 def _on_tangent(tangent: np.ndarray, sensitivities: Sequence[np.ndarray]) -> np.ndarray:

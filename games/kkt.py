@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import spsolve
 
+from olne_bench.games.dynamics import dynamics_errors
 from olne_bench.games.game import Game, player_cost, trajectory_symbols
 
 
@@ -105,21 +106,16 @@ def kkt_system(game: Game) -> KktSystem:
     weights = ca.SX.sym("theta", game.num_players * game.num_weights)
     weight_blocks = ca.vertsplit(weights, game.num_weights)
 
-    step = game.dynamics.step
-    errors = [
-        [
-            state_blocks[t + 1][i] - step(state_blocks[t][i], control_blocks[t][i], game.dt)
-            for i in range(game.num_players)
-        ]
-        for t in range(game.horizon - 1)
-    ]
-
-    costs, state_rows, control_rows = [], [], []
+    costs, state_rows, control_rows, errors = [], [], [], []
     for i in range(game.num_players):
         own_controls = [row[i] for row in control_blocks]
         cost = player_cost(game, i, state_blocks, own_controls, weight_blocks[i])
+        own_errors = dynamics_errors(
+            game.dynamics, [row[i] for row in state_blocks], own_controls, game.dt
+        )
+        errors.append(own_errors)
         lagrangian = cost + sum(
-            ca.dot(costate_blocks[t][i], errors[t][i]) for t in range(game.horizon - 1)
+            ca.dot(costate_blocks[t][i], error) for t, error in enumerate(own_errors)
         )
         own_states = [row[i] for row in state_blocks[1:]]
         gradient = ca.gradient(lagrangian, ca.vertcat(*own_states, *own_controls))
@@ -142,7 +138,7 @@ def kkt_system(game: Game) -> KktSystem:
         costs=ca.vertcat(*costs),
         stationarity_states=by_time(state_rows),
         stationarity_controls=by_time(control_rows),
-        dynamics_error=ca.vertcat(*[block for row in errors for block in row]),
+        dynamics_error=by_time(errors),
     )
 
 

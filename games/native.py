@@ -4,44 +4,34 @@ Algorithms that build on it may have C code of their own, which is compiled alon
 ``extension``).
 
 CasADi writes the stage functions as C. Their numeric constants are moved into run-time tables, so
-that games which differ in goals, targets or dt share one compiled library, for any horizon. The
-library is kept in the user's cache folder under a hash of its source, flags and processor. Where
-there is no compiler, ``games.elimination`` does the same in NumPy.
+that games which differ in goals, targets or dt share one compiled library, for any horizon
+(``games.compiler`` keeps them). Where native code does not work, ``games.elimination`` does the
+same in NumPy.
 
-Environment: ``CC`` names the compiler (default ``cc``); ``OLNE_BENCH_CACHE`` the cache folder
-(default ``~/.cache/olne-bench``); ``OLNE_BENCH_NATIVE=0`` switches native code off.
+No array crosses the boundary unchecked: every method brings its arguments to aligned, dense float64
+and compares their shapes; ``numpy.ctypeslib.ndpointer`` then holds the C signatures to it.
 """
 
 import ctypes
-import hashlib
-import logging
-import os
 import re
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Sequence
 from functools import lru_cache
 from importlib.resources import files
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
+from numpy.ctypeslib import ndpointer
 
+from olne_bench.games import compiler
 from olne_bench.games.elimination import SMALLEST_STEP, Elimination
 from olne_bench.games.game import Game
 from olne_bench.games.lanes import LaneKeeping
 from olne_bench.games.observation import VIEWS, View
 from olne_bench.games.stage_functions import Pattern, StageFunctions, stage_functions
 
-_FLAGS = (
-    *("-O3", "-march=native", "-funroll-loops", "-fPIC", "-shared", "-fvisibility=hidden"),
-    # Sums may be taken in another order; NaN and infinity keep their meaning.
-    *("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"),
-)
 #: Around code that is not worth the compiler's time.
 _UNOPTIMISED = '#pragma GCC push_options\n#pragma GCC optimize("O0")\n{}\n#pragma GCC pop_options\n'
-_LOG = logging.getLogger(__name__)
+_LARGEST_INT = 2**31 - 1
 _CONSTANT = re.compile(r"^(\s*a\d+=)(-?\d+\.\d*(?:e[+-]?\d+)?);$", re.MULTILINE)
 
 
@@ -58,12 +48,17 @@ def elimination(game: Game, view: View | None = None, extension: str = "") -> El
     stages = stage_functions(game, view or VIEWS["full"])
     rare = _has_own_structure(game)
     once = view is None and rare
-    if os.environ.get("OLNE_BENCH_NATIVE", "1") != "0" and not once:
+    if not once:
         source, constants = _source(stages, _UNOPTIMISED if rare else "{}")
-        library = _library(source + extension)
+        library = compiler.load(source + extension)
         if library is not None:
-            return NativeElimination(stages, game.horizon, library, constants)
+            return NativeElimination(stages, game.horizon, _declare(library), constants)
     return Elimination(stages, game.horizon)
+
+
+def backend() -> str:
+    """What computes here: ``native: `` and its compiler, or ``numpy``; see ``games.compiler``."""
+    return compiler.backend()
 
 
 def _has_own_structure(game: Game) -> bool:
@@ -77,7 +72,7 @@ def _has_own_structure(game: Game) -> bool:
     return any(isinstance(term, LaneKeeping) for term in terms)
 
 
-class _Work(ctypes.Structure):
+class Work(ctypes.Structure):
     """Mirrors ``Work`` of ``elimination.c``."""
 
     _fields_ = (
@@ -92,12 +87,21 @@ class _Work(ctypes.Structure):
     )
 
 
+def vector_pointer(ndim: int, *, output: bool = False) -> type:
+    """The C type of a pointer to a dense float64 array; ``output`` where the function writes."""
+    if output:
+        return ndpointer(dtype=np.float64, ndim=ndim, flags=("C", "ALIGNED", "WRITEABLE"))
+    return ndpointer(dtype=np.float64, ndim=ndim, flags=("C", "ALIGNED"))
+
+
 class NativeElimination(Elimination):
     """``Elimination`` with its numerical work in C; same methods, same numbers.
 
     Attributes:
         library: the compiled code.
-        pointer: address of the work space, the first argument of its functions.
+        work: the work space, by reference the first argument of its functions.
+
+    All methods raise ValueError on an array of the wrong shape.
     """
 
     def __init__(
@@ -110,6 +114,7 @@ class NativeElimination(Elimination):
         self.library = library
         nx, nu, size = stages.num_states, stages.num_controls, stages.size
         self._columns = nx + stages.num_weights
+        self._shape = (horizon, size)
         block_values = sum(pattern.size for pattern in stages.blocks)
         curvature_values = max(stages.curvature.size, stages.final_curvature.size)
         self._arrays = {
@@ -124,77 +129,76 @@ class NativeElimination(Elimination):
             "Z": np.zeros((horizon, size, self._columns)),
             "scratch": np.zeros((4, horizon, size)),
         }
-        self._work = _Work(
+        self.work = Work(
             horizon,
-            **{name: _address(array) for name, array in self._arrays.items()},
+            **{name: array.ctypes.data for name, array in self._arrays.items()},
         )
-        self.pointer = ctypes.addressof(self._work)
         super().__init__(stages, horizon)
 
     def set_observations(self, y: np.ndarray, noise_scale: np.ndarray | float = 1.0) -> None:
         super().set_observations(y, noise_scale)
-        self._work.samples = _address(self._samples)
-        self._work.precision = _address(self._precision)
+        # C keeps these two pointers; the attributes keep the arrays alive.
+        shape = (self.horizon, self.stages.num_samples)
+        self._samples = dense("samples", self._samples, shape)
+        self._precision = dense("precision", self._precision, shape)
+        self.work.samples = self._samples.ctypes.data
+        self.work.precision = self._precision.ctypes.data
 
     def evaluate(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        z, theta = _dense(z), _dense(theta)
-        residual = np.empty_like(z)
-        self.library.evaluate(self.pointer, _address(z), _address(theta), _address(residual))
+        residual = np.empty(self._shape)
+        self.library.evaluate(self.work, self._rows("z", z), self._weights(theta), residual)
         return residual
 
     def observation_loss(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        z = _dense(z)
-        gradient = np.empty_like(z)
-        loss = self.library.observation_loss(self.pointer, _address(z), _address(gradient))
+        gradient = np.empty(self._shape)
+        loss = self.library.observation_loss(self.work, self._rows("z", z), gradient)
         return loss, gradient
 
     def linearise(self, z: np.ndarray, theta: np.ndarray) -> bool:
-        z, theta = _dense(z), _dense(theta)
-        return self.library.linearise(self.pointer, _address(z), _address(theta)) == 0
+        status = self.library.linearise(self.work, self._rows("z", z), self._weights(theta))
+        return bool(status == 0)
 
     def solve(self, right: np.ndarray, *, transposed: bool = False) -> np.ndarray:
-        right = _dense(right)
-        out = np.empty_like(right)
-        self.library.solve(self.pointer, int(transposed), _address(right), _address(out))
+        out = np.empty(self._shape)
+        self.library.solve(self.work, int(transposed), self._rows("right", right), out)
         return out
 
     def sensitivities(self) -> np.ndarray:
-        self.library.sensitivities(self.pointer)
+        self.library.sensitivities(self.work)
         return self._arrays["Z"]
 
     def reduced_hessian(
         self, z: np.ndarray, theta: np.ndarray, multipliers: np.ndarray
     ) -> np.ndarray:
-        z, theta, multipliers = _dense(z), _dense(theta), _dense(multipliers)
         W = np.empty((self._columns, self._columns))
         self.library.reduced_hessian(
-            self.pointer, _address(z), _address(theta), _address(multipliers), _address(W)
+            self.work,
+            self._rows("z", z),
+            self._weights(theta),
+            self._rows("multipliers", multipliers),
+            W,
         )
         return W
 
     def trajectory_metric(self) -> np.ndarray:
         metric = np.empty((self._columns, self._columns))
-        self.library.trajectory_metric(self.pointer, _address(metric))
+        self.library.trajectory_metric(self.work, metric)
         return metric
 
     def hessian_product(self, d: np.ndarray, d_theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        d, d_theta = _dense(d), _dense(d_theta)
-        out, out_theta = np.empty_like(d), np.empty_like(d_theta)
-        self.library.hessian_product(
-            self.pointer, _address(d), _address(d_theta), _address(out), _address(out_theta)
-        )
+        out, out_theta = np.empty(self._shape), np.empty(self.stages.num_weights)
+        d, d_theta = self._rows("d", d), self._weights(d_theta)
+        self.library.hessian_product(self.work, d, d_theta, out, out_theta)
         return out, out_theta
 
     def reduce(self, g: np.ndarray) -> np.ndarray:
-        g = _dense(g)
         out = np.empty(self._columns)
-        self.library.reduce(self.pointer, _address(g), _address(out))
+        self.library.reduce(self.work, self._rows("g", g), out)
         return out
 
     def expand(self, d: np.ndarray) -> np.ndarray:
-        d = _dense(d)
-        out = np.zeros((self.horizon, self.stages.size))
-        self.library.expand(self.pointer, _address(d), _address(out))
+        out = np.zeros(self._shape)
+        self.library.expand(self.work, dense("d", d, (self._columns,)), out)
         return out
 
     def newton(
@@ -206,30 +210,44 @@ class NativeElimination(Elimination):
         max_iterations: int,
         limit: float,
     ) -> tuple[np.ndarray, np.ndarray]:
-        points, theta = _dense(z), _dense(theta)
-        residuals, iterations = np.empty(len(z)), np.empty(len(z), dtype=np.int32)
+        count = len(z)
+        points = dense("z", z, (count, *self._shape))
+        if not points.flags.writeable:
+            raise ValueError("z is overwritten, but cannot be written to")
+        theta = dense("theta", theta, (count, self.stages.num_weights))
+        residuals, iterations = np.empty(count), np.empty(count, dtype=np.int32)
         self.library.newton(
-            self.pointer,
-            len(z),
-            _address(points),
-            _address(theta),
+            self.work,
+            count,
+            points,
+            theta,
             tolerance,
-            max_iterations,
+            min(max_iterations, _LARGEST_INT),
             limit,
-            _address(residuals),
-            _address(iterations),
+            residuals,
+            iterations,
         )
         if points is not z:
             z[:] = points
         return residuals, iterations
 
+    def _rows(self, name: str, array: np.ndarray) -> np.ndarray:
+        return dense(name, array, self._shape)
 
-def _dense(array: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(array, dtype=np.float64)
+    def _weights(self, theta: np.ndarray) -> np.ndarray:
+        return dense("theta", theta, (self.stages.num_weights,))
 
 
-def _address(array: np.ndarray) -> int:
-    return array.__array_interface__["data"][0]
+def dense(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """The array as C reads it: float64, contiguous, aligned; itself where it is so already.
+
+    Raises:
+        ValueError: if the shape is not the expected one.
+    """
+    array = np.require(array, np.float64, ("C_CONTIGUOUS", "ALIGNED"))
+    if array.shape != shape:
+        raise ValueError(f"{name} has the shape {array.shape}, expected {shape}")
+    return array
 
 
 def _source(stages: StageFunctions, around: str = "{}") -> tuple[str, np.ndarray]:
@@ -293,69 +311,26 @@ def _pattern_source(name: str, pattern: Pattern, offset: int) -> str:
     )
 
 
-@lru_cache(maxsize=64)
-def _library(source: str) -> ctypes.CDLL | None:
-    """Compile, or take from the cache, and load; None where that is not possible."""
-    compiler = shutil.which(os.environ.get("CC", "cc"))
-    if compiler is None:
-        _LOG.info("no C compiler found: equilibria and joint estimates are computed in NumPy")
-        return None
-    try:
-        path = _compile(compiler, source)
-        return _declare(ctypes.CDLL(str(path)))
-    except (OSError, subprocess.SubprocessError) as error:
-        detail = getattr(error, "stderr", "") or str(error)
-        _LOG.warning("native code is off, NumPy is used: %s", detail.strip().splitlines()[0])
-        return None
-
-
-def _compile(compiler: str, source: str) -> Path:
-    target = _target(compiler)
-    # Left to itself, gcc uses but half of the registers' width.
-    flags = (*_FLAGS, "-mprefer-vector-width=512") if "__AVX512F__" in target else _FLAGS
-    key = "\n".join([source, *flags, target])
-    folder = Path(os.environ.get("OLNE_BENCH_CACHE", Path.home() / ".cache" / "olne-bench"))
-    path = folder / f"elimination-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
-    if path.exists():
-        return path
-    folder.mkdir(parents=True, exist_ok=True)
-    # Compiled aside and moved in one step, so that processes may race.
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        code, library = Path(scratch, "elimination.c"), Path(scratch, "elimination.so")
-        code.write_text(source)
-        command = [compiler, *flags, str(code), "-o", str(library), "-lm"]
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
-        library.replace(path)
-    return path
-
-
-@lru_cache(maxsize=4)
-def _target(compiler: str) -> str:
-    """What the compiler is and what ``-march=native`` means on this processor."""
-    command = [compiler, "-march=native", "-dM", "-E", "-x", "c", os.devnull]
-    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout
-
-
 def _declare(library: ctypes.CDLL) -> ctypes.CDLL:
-    """Argument types of the functions of ``elimination.c``: all pointers but where stated."""
-    pointer, real, integer = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
+    """Argument types of the functions of ``elimination.c``."""
+    work, real, integer = ctypes.POINTER(Work), ctypes.c_double, ctypes.c_int
+    vector, rows = vector_pointer(1), vector_pointer(2)
+    new_vector, new_rows, new_batch = (vector_pointer(ndim, output=True) for ndim in (1, 2, 3))
+    counts = ndpointer(dtype=np.int32, ndim=1, flags=("C_CONTIGUOUS", "WRITEABLE"))
     signatures: dict[str, tuple[object, list[object]]] = {
-        "evaluate": (None, [pointer] * 4),
-        "observation_loss": (real, [pointer] * 3),
-        "linearise": (integer, [pointer] * 3),
-        "solve": (None, [pointer, integer, pointer, pointer]),
-        "sensitivities": (None, [pointer]),
-        "reduced_hessian": (None, [pointer] * 5),
-        "trajectory_metric": (None, [pointer] * 2),
-        "hessian_product": (None, [pointer] * 5),
-        "reduce": (None, [pointer] * 3),
-        "expand": (None, [pointer] * 3),
+        "evaluate": (None, [work, rows, vector, new_rows]),
+        "observation_loss": (real, [work, rows, new_rows]),
+        "linearise": (integer, [work, rows, vector]),
+        "solve": (None, [work, integer, rows, new_rows]),
+        "sensitivities": (None, [work]),
+        "reduced_hessian": (None, [work, rows, vector, rows, new_rows]),
+        "trajectory_metric": (None, [work, new_rows]),
+        "hessian_product": (None, [work, rows, vector, new_rows, new_vector]),
+        "reduce": (None, [work, rows, new_vector]),
+        "expand": (None, [work, vector, new_rows]),
         "newton": (
             None,
-            [
-                *(pointer, integer, pointer, pointer, real),
-                *(integer, real, pointer, pointer),
-            ],
+            [work, integer, new_batch, rows, real, integer, real, new_vector, counts],
         ),
     }
     for name, (result, arguments) in signatures.items():

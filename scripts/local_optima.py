@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.games.observation import VIEWS
@@ -31,7 +31,7 @@ def excess(trial: pd.Series) -> float:
     view, scenario = VIEWS[trial["view"]], recording.scenario
     (observation,) = observe([recording], (view,), trial.sigma, trial.seed)
     truth = JointPoint(recording.states, recording.controls, recording.costates, scenario.weights)
-    found = solve_joint_ipopt(scenario.game, view, observation.y, truth)
+    found = solve_joint_ipopt(scenario.game, view, [observation.y], [truth])
     if not found.converged:
         return -np.inf
     return (trial.objective - found.objective) / found.objective

@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 
 import pytest
@@ -10,6 +10,8 @@ from hypothesis import settings
 
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games import compiler as compiler_module
+from olne_bench.games.native import elimination
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=8)
 settings.load_profile("reproducible")
@@ -22,6 +24,17 @@ def compiler() -> None:
     """Skips where there is no compiler, hence no native code."""
     if shutil.which(os.environ.get("CC", "cc")) is None:
         pytest.skip("needs a C compiler")
+
+
+@pytest.fixture
+def without_native_code(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Native code is switched off, and nothing of it is remembered."""
+    monkeypatch.setenv("OLNE_BENCH_NATIVE", "0")
+    for cached in (compiler_module.load, elimination):
+        cached.cache_clear()
+    yield
+    for cached in (compiler_module.load, elimination):
+        cached.cache_clear()
 
 
 @pytest.fixture(scope="session")

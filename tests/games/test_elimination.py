@@ -1,5 +1,7 @@
 """The block elimination against the stacked system, and native code against NumPy."""
 
+import ctypes
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -164,3 +166,50 @@ def test_forward_games_on_lanes_are_not_compiled() -> None:
     compiled = [isinstance(elimination(game), NativeElimination) for game in games]
     assert compiled == [True, False]
     assert isinstance(elimination(games[1], VIEWS["full"]), NativeElimination)
+
+
+@pytest.mark.usefixtures("compiler")
+def test_what_reaches_native_code_is_checked() -> None:
+    case = Case("two players")
+    solver = elimination(case.game, case.view)
+    assert isinstance(solver, NativeElimination)
+    z, theta = case.z, case.theta
+    wanted = solver.evaluate(z, theta)
+    for same in (np.asfortranarray(z), np.repeat(z, 2, axis=1)[:, ::2]):
+        np.testing.assert_array_equal(solver.evaluate(same, theta), wanted)
+    np.testing.assert_allclose(solver.evaluate(z.astype(np.float32), theta), wanted, atol=1e-5)
+    with pytest.raises(ValueError, match=r"z has the shape \(24, 20\), expected \(25, 20\)"):
+        solver.evaluate(z[:-1], theta)
+    with pytest.raises(ValueError, match=r"theta has the shape \(7,\)"):
+        solver.linearise(z, theta[:-1])
+    with pytest.raises(ValueError, match=r"y has the shape \(25, 5\), expected \(25, 6\)"):
+        solver.set_observations(case.y[:, :5])
+    with pytest.raises(ValueError, match=r"noise_scale has the shape \(5,\)"):
+        solver.set_observations(case.y, np.ones(5))
+    batch = np.repeat(z[None], 2, axis=0)
+    options = {"tolerance": 1e-9, "max_iterations": 2, "limit": 1.0}
+    with pytest.raises(ValueError, match=r"theta has the shape \(1, 8\), expected \(2, 8\)"):
+        solver.newton(batch, theta[None], **options)
+    batch.setflags(write=False)
+    with pytest.raises(ValueError, match="z is overwritten"):
+        solver.newton(batch, np.repeat(theta[None], 2, axis=0), **options)
+
+
+@pytest.mark.usefixtures("compiler")
+def test_signatures_refuse_what_the_checks_should_have_caught() -> None:
+    case = Case("two players")
+    solver = elimination(case.game, case.view)
+    assert isinstance(solver, NativeElimination)
+    with pytest.raises(ctypes.ArgumentError, match="data type float64"):
+        solver.library.linearise(solver.work, case.z.astype(np.float32), case.theta)
+
+
+@pytest.mark.usefixtures("compiler")
+def test_single_precision_observations_are_not_read_as_double() -> None:
+    case = Case("two players")
+    solver = elimination(case.game, case.view)
+    rough = case.y.astype(np.float32)
+    solver.set_observations(rough.astype(float))
+    wanted = solver.observation_loss(case.z)[0]
+    solver.set_observations(rough)
+    assert solver.observation_loss(case.z)[0] == wanted

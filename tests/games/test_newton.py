@@ -163,28 +163,14 @@ def test_games_that_differ_in_numbers_share_one_library() -> None:
     assert len(sources) == 1
 
 
-def test_without_a_compiler_numpy_serves(
-    scenario: Scenario, equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("OLNE_BENCH_NATIVE", "0")
-    elimination.cache_clear()
-    try:
-        assert type(elimination(scenario.game)) is Elimination
-        root = newton_root(
-            scenario.game,
-            equilibrium.states,
-            equilibrium.controls + 1e-3,
-            equilibrium.costates,
-            scenario.weights,
-        )
-        assert certify(scenario.game, root, scenario.weights).passed
-    finally:
-        elimination.cache_clear()
-
-
-@pytest.mark.parametrize("command", ["no-such-compiler", "false"])
-def test_a_missing_or_failing_compiler_is_no_error(
-    command: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CC", command)
-    assert native._library.__wrapped__("int x;") is None
+@pytest.mark.usefixtures("without_native_code")
+def test_without_a_compiler_numpy_serves(scenario: Scenario, equilibrium: Equilibrium) -> None:
+    assert type(elimination(scenario.game)) is Elimination
+    root = newton_root(
+        scenario.game,
+        equilibrium.states,
+        equilibrium.controls + 1e-3,
+        equilibrium.costates,
+        scenario.weights,
+    )
+    assert certify(scenario.game, root, scenario.weights).passed

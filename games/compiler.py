@@ -1,0 +1,258 @@
+"""Compiles C source into libraries, and keeps them in a folder that only their owner can write.
+
+A library is named by a digest of its source, the flags and the compiler, and one of its bytes.
+Nothing is loaded that does not fit its name, belongs to somebody else or is writable by others: it
+is compiled anew. The least recently used libraries go where all together take more than
+``SIZE_LIMIT``.
+
+Code is compiled for the plain architecture, not for the processor at hand (no ``-march=native``),
+so that the same source and the same compiler give the same machine code on every machine of an
+architecture. Sums may be taken in another order than written (``-fassociative-math``): the compiler
+fixes the order once, so it is part of the machine code, too. What may still differ in the last
+digits between families of processors are functions like ``sin`` of the C library, as in NumPy.
+
+Environment: ``CC`` names the compiler (default ``cc``), ``OLNE_BENCH_CFLAGS`` further flags,
+``OLNE_BENCH_CACHE`` the folder (default ``$XDG_CACHE_HOME/olne-bench``, then
+``~/.cache/olne-bench``); ``OLNE_BENCH_NATIVE=0`` switches native code off.
+"""
+
+import ctypes
+import hashlib
+import os
+import re
+import shlex
+import shutil
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+
+#: Size [bytes] that all libraries may take together.
+SIZE_LIMIT = 500_000_000
+
+_FLAGS = (
+    *("-O3", "-funroll-loops", "-fPIC", "-shared", "-fvisibility=hidden"),
+    # Sums may be taken in another order; NaN and infinity keep their meaning.
+    *("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"),
+)
+_LONGEST_COMPILATION = 300.0  # [s]
+_SCRATCH = "compiling-"
+_ABANDONED = 3600.0  # [s] after which a compilation's scratch folder belongs to nobody
+_ANNOUNCED = "OLNE_BENCH_FALLBACK_ANNOUNCED"
+#: Names a folder of libraries that a process may load from but not write to.
+_SHARED = "OLNE_BENCH_SHARED_CACHE"
+_WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+
+
+class NoCompilerError(Exception):
+    """Native code does not work here; the message says why, in one line."""
+
+
+def backend() -> str:
+    """What computes here: the compiler of native code, or ``numpy`` where there is none.
+
+    Results may differ in the last digits between two values of this, and a hard problem may turn
+    out differently; rows of one value are comparable. The probe is compiled, kept and loaded just
+    as everything else is.
+    """
+    if load("int probe(void) { return 1; }") is None:
+        return "numpy"
+    return f"native: {', '.join(filter(None, [*_identity(_compiler()), *_further_flags()]))}"
+
+
+@lru_cache(maxsize=64)
+def load(source: str) -> ctypes.CDLL | None:
+    """A library, compiled or kept from earlier; None, with a line on standard error, where not."""
+    try:
+        if os.environ.get("OLNE_BENCH_NATIVE", "1") == "0":
+            raise NoCompilerError("OLNE_BENCH_NATIVE=0 switches native code off")
+        return _load(_compiler(), source)
+    except (NoCompilerError, OSError) as error:
+        _announce(str(error))
+        return None
+
+
+def _announce(reason: str) -> None:
+    """Say once, child processes included, that NumPy and IPOPT take over."""
+    if not os.environ.get(_ANNOUNCED):
+        os.environ[_ANNOUNCED] = "1"
+        _warn(f"native code is off, NumPy and IPOPT serve in its place (slower): {reason}")
+
+
+def _warn(line: str) -> None:
+    print(f"olne-bench: {line}", file=sys.stderr, flush=True)
+
+
+def _compiler() -> str:
+    name = os.environ.get("CC", "cc")
+    path = shutil.which(name)
+    if path is None:
+        raise NoCompilerError(f"no C compiler {name!r} found; CC names another")
+    return path
+
+
+@lru_cache(maxsize=4)
+def _identity(compiler: str) -> tuple[str, str]:
+    """Version and target of a compiler, such as ``gcc (Debian 12.2.0) 12.2.0``, ``x86_64-...``."""
+    version = _run([compiler, "--version"]).splitlines() or [""]
+    # Some compilers go by several names, and tell the one that they were called by.
+    return re.sub(r"^\S+ \(", "gcc (", version[0]), _run([compiler, "-dumpmachine"]).strip()
+
+
+def _run(command: list[str]) -> str:
+    try:
+        return subprocess.run(
+            command, check=True, capture_output=True, text=True, timeout=_LONGEST_COMPILATION
+        ).stdout
+    except subprocess.CalledProcessError as error:
+        reason = (error.stderr.strip() or f"exit code {error.returncode}").splitlines()[0]
+        raise NoCompilerError(f"{command[0]} failed: {reason}") from error
+    except subprocess.TimeoutExpired as error:
+        raise NoCompilerError(f"{command[0]} took over {error.timeout:g} s") from error
+
+
+def _further_flags() -> list[str]:
+    return shlex.split(os.environ.get("OLNE_BENCH_CFLAGS", ""))
+
+
+def _load(compiler: str, source: str) -> ctypes.CDLL:
+    flags = [*_FLAGS, *_further_flags()]
+    key = hashlib.sha256("\n".join([source, *flags, *_identity(compiler)]).encode()).hexdigest()
+    if shared := _shared(key):
+        return ctypes.CDLL(str(shared))
+    folder = _folder()
+    try:
+        return ctypes.CDLL(
+            str(_kept(folder, key) or _compile(compiler, flags, source, folder, key))
+        )
+    except OSError:  # another process may have removed it just now
+        return ctypes.CDLL(str(_compile(compiler, flags, source, folder, key)))
+
+
+def _compile(compiler: str, flags: list[str], source: str, folder: Path, key: str) -> Path:
+    # Compiled aside and moved in one step, so that processes may race.
+    with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder) as scratch:
+        code, library = Path(scratch, "source.c"), Path(scratch, "library.so")
+        code.write_text(source)
+        _run([compiler, *flags, str(code), "-o", str(library), "-lm"])
+        library.chmod(0o700)
+        path = folder / _name(key, library)
+        library.replace(path)
+    _tidy(folder, keep=path)
+    return path
+
+
+def _name(key: str, library: Path) -> str:
+    """File name of a library: a digest of its key, and one of key and content."""
+    content = hashlib.sha256(key.encode() + library.read_bytes()).hexdigest()
+    return f"{key[:32]}-{content[:32]}.so"
+
+
+def reader_environment(own: Path) -> dict[str, str]:
+    """Variables for a process that may load what others keep, and keeps its own in a folder."""
+    return {_SHARED: str(_folder()), "OLNE_BENCH_CACHE": str(own)}
+
+
+def _shared(key: str) -> Path | None:
+    """A library from a folder that this process may read only; what is wrong there is left."""
+    folder = os.environ.get(_SHARED)
+    for path in sorted(Path(folder).glob(f"{key[:32]}-*.so")) if folder else []:
+        with suppress(OSError):
+            if not _foreign(path) and path.name == _name(key, path):
+                return path
+    return None
+
+
+def _kept(folder: Path, key: str) -> Path | None:
+    """A library from earlier, ours alone and as it was compiled; removes what is not."""
+    for path in sorted(folder.glob(f"{key[:32]}-*.so")):
+        try:
+            wrong = _foreign(path) or ("" if path.name == _name(key, path) else "damaged")
+            if not wrong:
+                os.utime(path)  # for the order in which libraries are removed
+                return path
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            wrong = f"unreadable ({error.strerror})"
+        _warn(f"{path} is {wrong}: compiled anew")
+        path.unlink(missing_ok=True)
+    return None
+
+
+def _foreign(path: Path) -> str:
+    """Why a file or folder cannot be trusted; empty where it can."""
+    found = path.lstat()
+    if stat.S_ISLNK(found.st_mode):
+        return "a link"
+    if found.st_uid != os.getuid():
+        return "owned by another user"
+    if found.st_mode & _WRITABLE_BY_OTHERS:
+        return "writable by others"
+    return ""
+
+
+def _folder() -> Path:
+    """The first folder that can be used, made where it is missing."""
+    for folder in _folders():
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            wrong = _foreign(folder.resolve())
+            if not wrong and not os.access(folder, os.W_OK | os.X_OK):
+                wrong = "not writable"
+        except OSError as error:
+            wrong = error.strerror or str(error)
+        if not wrong:
+            return folder
+        _refuse(folder, wrong)
+    return Path(_scratch_folder().name)
+
+
+@lru_cache(maxsize=8)
+def _refuse(folder: Path, wrong: str) -> None:
+    _warn(f"the cache folder {folder} is not used: {wrong}")
+
+
+def _folders() -> Iterator[Path]:
+    if chosen := os.environ.get("OLNE_BENCH_CACHE"):
+        yield Path(chosen)
+    if home := os.environ.get("XDG_CACHE_HOME"):
+        yield Path(home, "olne-bench")
+    try:
+        yield Path.home() / ".cache" / "olne-bench"
+    except RuntimeError:  # a user without a home
+        return
+
+
+@lru_cache(maxsize=1)
+def _scratch_folder() -> "tempfile.TemporaryDirectory[str]":
+    """A folder for this process alone, which compiles everything anew."""
+    return tempfile.TemporaryDirectory(prefix="olne-bench-")
+
+
+def _tidy(folder: Path, keep: Path) -> None:
+    """Remove the least recently used libraries beyond the limit, and what was left half-way.
+
+    Other processes may do the same at the same time. One that loses a library before it has
+    loaded it compiles it again.
+    """
+    libraries = []
+    for path in folder.iterdir():
+        try:
+            found = path.stat()
+        except FileNotFoundError:
+            continue
+        if path.suffix == ".so":
+            libraries.append((found.st_mtime, found.st_size, path))
+        elif path.name.startswith(_SCRATCH) and time.time() - found.st_mtime > _ABANDONED:
+            shutil.rmtree(path, ignore_errors=True)
+    total = sum(size for _, size, _ in libraries)
+    for _, size, path in sorted(libraries):
+        if total > SIZE_LIMIT and path != keep:
+            path.unlink(missing_ok=True)
+            total -= size
