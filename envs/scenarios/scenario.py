@@ -23,7 +23,8 @@ def check_count(name: str, value: object) -> None:
 
 def one_number(value: int | np.integer) -> str:
     """A whole number as text, which Python refuses to write out beyond some thousand digits."""
-    return str(value) if abs(value) < 10**20 else f"a number of {int(value).bit_length()} bits"
+    number = int(value)
+    return str(number) if abs(number) < 10**20 else f"a number of {number.bit_length()} bits"
 
 
 @dataclass(frozen=True)

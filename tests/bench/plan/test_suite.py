@@ -151,7 +151,7 @@ def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
 
 
 def test_traffic_of_the_highway_suite_is_checked_without_being_solved(monkeypatch):
-    monkeypatch.setattr("olne_bench.envs.driving.certified_equilibrium", None)
+    monkeypatch.setattr("olne_bench.envs.playability.certified_equilibrium", None)
     suite = load_suite("highway")
     assert {entry.name for entry in suite.scenarios} == set(ROAD_NAMES)
     assert (min(suite.sigmas), max(suite.sigmas)) == (0, 2)

@@ -4,6 +4,7 @@ import pytest
 from olne_bench.bench.report.figures import landscape, trajectories
 from olne_bench.bench.report.figures.scene import scene_of
 from olne_bench.bench.report.figures.series import split
+from olne_bench.bench.report.not_drawn import NotDrawnError
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,9 @@ def test_median_over_what_left_weights(make_trials, scene):
 def test_unusable_weights_leave_no_landscape(make_trials, value):
     trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=1)
     trials["weights"] = [value] * len(trials)
-    assert landscape.draw(trials) is None
+    expected = "no estimate left weights" if value is None or value is np.nan else "do not fit"
+    with pytest.raises(NotDrawnError, match=expected):
+        landscape.draw(trials)
 
 
 def titles(figure):
@@ -67,7 +70,7 @@ def test_bundles_say_how_many_failed(make_trials):
     figure = trajectories.draw(trials)
     assert titles(figure) == [
         "Truth and 3 observed sequences",
-        "a\nfull sensor, 1 of 3 failed",
+        "a\nfull, 1 of 3 failed",
     ]
     # Truth and start per player, and the two predictions of each.
     assert len(figure.axes[1].lines) == 2 * 2 + 2 * 2

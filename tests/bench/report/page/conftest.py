@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
