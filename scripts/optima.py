@@ -79,7 +79,7 @@ def _sequences() -> list[Trial]:
 
 
 def _key(trial: Trial) -> tuple[str, str, float, int]:
-    return trial.scenario.label, trial.view, trial.sigma, trial.seed
+    return trial.scenario.label, trial.sensor.label, trial.sigma, trial.seed
 
 
 def _observed(trial: Trial) -> tuple[Problem, Observation]:
