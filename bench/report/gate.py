@@ -127,11 +127,7 @@ def _keys(task: Task, study: Study) -> Iterator[tuple[str, str, str, float, int]
     suite = task.suite
     for scenario, estimator in suite.pairs():
         seeds = range(min(task.seeds, suite.seeds_of(scenario, estimator)))
-<<<<<<< HEAD
-        fixed = not study.is_family(scenario.label)
-=======
         fixed = not scenario.family
->>>>>>> plan
         for sensor, sigma in product(suite.sensors, suite.sigmas_of(scenario)):
             for seed in seeds[:1] if fixed and sigma == 0 else seeds:
                 yield estimator.label, scenario.label, sensor.label, sigma, seed
