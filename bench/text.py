@@ -1,6 +1,28 @@
 """Text of foreign origin as messages and tables can take it."""
 
+import traceback
+
+#: Longest message that is kept [characters].
+LONGEST = 1000
+
 
 def one_line(text: str) -> str:
     """The text on one line, and without what cannot be written as UTF-8."""
     return " ".join(text.split()).encode("utf-8", "replace").decode()
+
+
+def clip(text: str) -> str:
+    """The text on one line, cut where it is longer than a message may be."""
+    line = one_line(text[: 4 * LONGEST])
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
+
+
+def describe_error(error: BaseException) -> str:
+    """One line: what was raised, and where."""
+    try:
+        text = str(error)
+    except BaseException:  # an exception class may be foreign code too
+        text = "no text"
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
+    return clip(f"{type(error).__name__}: {clip(text)}{place}")

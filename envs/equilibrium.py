@@ -4,20 +4,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.games.game import Game
 from olne_bench.games.olne import Equilibrium, solve_olne
-
-
-class NoEquilibriumError(Exception):
-    """A scenario for which no certified equilibrium was found; it must not serve as truth."""
 
 
 def certified_equilibrium(scenario: Scenario) -> Equilibrium:
     """The scenario's OLNE. Its arrays are shared and read-only.
 
     Raises:
-        NoEquilibriumError: where the equilibrium is not certified.
+        NoEquilibriumError: if the equilibrium is not certified.
     """
     # Arrays cannot be looked up in a cache, their bytes can.
     truth = _solve(scenario.game, scenario.weights.tobytes(), scenario.initial_state.tobytes())

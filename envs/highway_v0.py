@@ -21,15 +21,19 @@ __all__ = ["HighwayWorld", "env", "parallel_env", "raw_env"]
 class HighwayWorld(OlneWorld):
     """``envs.olne_v0.OlneWorld`` on HighwayEnv's simulator, roads and pictures.
 
-    Actions, observations, rewards, infos and resets are those of ``OlneWorld``, in metres, with
-    HighwayEnv's vehicle as the motion model: state px [m], py [m], heading [rad], speed [m/s];
-    control steering [rad] within pi/3, acceleration [m/s^2] within 12, held for 0.4 s. The y
-    axis points down in pictures, as in HighwayEnv.
+    Actions, observations, rewards, infos, resets and copies are those of ``OlneWorld``, in metres.
+    The motion model is HighwayEnv's vehicle. Its state is px [m], py [m], heading [rad] and speed
+    [m/s]. Its control is steering [rad] within pi/3 and acceleration [m/s^2] within 12, held for
+    0.4 s.
 
-    What differs: the simulator moves the cars, including its collisions. A car in a collision is
-    out: its player terminates alone, leaves ``agents`` and takes no more actions, and the others
-    go on until the end of the game. Scenarios are drawn such that the OLNE is free of collisions,
-    also of those that HighwayEnv merely foresees, and replays exactly.
+    The simulator moves the cars, and it knows collisions. A car in a collision is out: its player
+    terminates alone, leaves ``agents`` and takes no more actions, and the others go on until the
+    end of the game. Scenarios are drawn such that the OLNE replays exactly and is free of
+    collisions, also of those that HighwayEnv merely foresees.
+
+    **Pictures** are HighwayEnv's: the x axis points right and the y axis points **down**. Headings
+    therefore grow clockwise in pictures, and positive steering turns a car to the right as one
+    sees it. Figures that show y upwards mirror the pictures.
 
     Args:
         scenario: one of ``envs.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.
@@ -50,7 +54,7 @@ class HighwayWorld(OlneWorld):
         super().__init__(scenario, **arguments)
 
     def render(self) -> np.ndarray | None:
-        """HighwayEnv's picture of the present state, (height, width, 3) uint8 or in a window.
+        """Draw the present state, as a (height, width, 3) uint8 array or into a window.
 
         Raises:
             ResetNeeded: before the first reset.
@@ -63,7 +67,6 @@ class HighwayWorld(OlneWorld):
     def close(self) -> None:
         for road in self._roads.values():
             road.close()
-        self._roads.clear()
 
     def _choice(self, options: dict[str, Any] | None) -> tuple[str | Scenario, dict[str, Any]]:
         scenario, scenario_options = super()._choice(options)

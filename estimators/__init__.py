@@ -1,1 +1,1 @@
-"""Inverse-game estimators: the protocol, the registry, one file per estimator."""
+"""Inverse-game estimators: the protocol, one file per estimator."""

@@ -19,7 +19,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.games.kkt import consistent_costates
 from olne_bench.games.nearest_root import nearest_root
 

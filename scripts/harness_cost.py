@@ -15,7 +15,8 @@ from pathlib import Path
 
 import psutil
 
-from olne_bench.bench.plan.suite import load_suite, select
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.cluster import run_on_dask
 from olne_bench.bench.run.executor import run_trials

@@ -10,8 +10,8 @@ from importlib import import_module
 
 import numpy as np
 
-from olne_bench.envs.driving import rejection
 from olne_bench.envs.highway_roads import ROAD_NAMES
+from olne_bench.envs.playability import rejection
 
 SIZES = {
     "highway": (3, 4, 5, 6, 7, 8),
@@ -30,7 +30,7 @@ def main(draws: int, families: list[str]) -> None:
         seconds = []
         for seed in range(draws):
             count = SIZES[name][seed % len(SIZES[name])]
-            scenario = family.draw(np.random.default_rng([seed, count, 0]), count)
+            scenario = family.propose(np.random.default_rng([seed, count, 0]), count)
             start = time.perf_counter()
             reasons[rejection(scenario) or "playable"] += 1
             seconds.append(time.perf_counter() - start)

@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.run.store import COLUMNS, FILE_NAME, open_store
+from olne_bench.bench.run.store import open_store
+from olne_bench.bench.run.store_layout import COLUMNS, FILE_NAME
 
 SEEDS = 1000  # more than the study has
 

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.games.observation import VIEWS

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import load_suite
+from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.estimators.kkt_constrained import KktConstrained

@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.figures.style import (
     FLOOR_COLOUR,
     applied,
@@ -25,7 +25,8 @@ from olne_bench.bench.report.figures.style import (
     estimator_order,
     save,
 )
-from olne_bench.bench.run.store import read_store, to_frame
+from olne_bench.bench.run.store import read_store
+from olne_bench.bench.run.store_table import to_frame
 
 RESAMPLES = 2000
 INTERVAL = (2.5, 97.5)  # percentiles

@@ -18,7 +18,7 @@ PACKAGES = {
 }
 #: Rooms of ``bench`` from the ground up; a room imports from those below it only.
 ROOMS = ("plan", "judge", "run", "report", "commands")
-COMMON = ("olne_bench.bench.files", "olne_bench.bench.text")
+COMMON = ("olne_bench.bench.text",)
 
 
 def module_name(path: Path) -> str:
@@ -94,10 +94,10 @@ def test_everything_in_bench_has_a_room() -> None:
 @pytest.mark.parametrize(
     ("code", "module"),
     [
-        ("import olne_bench.bench.files", "olne_bench.bench.files"),
-        ("from olne_bench.bench import files", "olne_bench.bench.files"),
-        ("def f():\n    from olne_bench.bench.files import x", "olne_bench.bench.files"),
-        ("from ..bench import files", "olne_bench.bench.files"),
+        ("import olne_bench.bench.text", "olne_bench.bench.text"),
+        ("from olne_bench.bench import text", "olne_bench.bench.text"),
+        ("def f():\n    from olne_bench.bench.text import x", "olne_bench.bench.text"),
+        ("from ..bench import text", "olne_bench.bench.text"),
         ("from . import game", "olne_bench.games.game"),
     ],
 )

@@ -1,23 +1,34 @@
-"""``olne-bench check``: does an estimator keep to what every estimator has to?"""
+"""``olne-bench check``: does a plugin keep to what every one of its kind has to?"""
 
 import sys
 
 import click
 
-from olne_bench.bench.commands.conformance import run_checks
-from olne_bench.bench.commands.options import BUDGET, MEMORY
-from olne_bench.bench.run.loading import probe
-from olne_bench.estimators.registry import absolute_reference, load_estimator
+from olne_bench.bench.commands.conformance import identify, run_checks
+from olne_bench.bench.commands.options import BUDGET, MEMORY, name_and_value
+from olne_bench.plugins import KINDS, absolute
 
 
 @click.command()
-@click.argument("estimator", metavar="ESTIMATOR")
+@click.argument("plugin", metavar="PLUGIN")
+@click.option(
+    "--kind",
+    type=click.Choice([kind.name for kind in KINDS]),
+    help="Its kind, where plugins of two kinds have the name.",
+)
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A parameter of it, such as p=0.3 (repeatable).",
+)
 @click.option(
     "--budget",
     type=BUDGET,
     default=20.0,
     show_default=True,
-    help="Seconds that it has for each estimate.",
+    help="Seconds that an estimator has for each estimate.",
 )
 @click.option(
     "--memory",
@@ -27,23 +38,26 @@ from olne_bench.estimators.registry import absolute_reference, load_estimator
     metavar="GIB",
     help="Memory that it may use.",
 )
-def check(estimator: str, budget: float, memory: float) -> None:
-    """Check ESTIMATOR, FILE.py:CLASS or a name from 'olne-bench list'.
+def check(
+    plugin: str, kind: str | None, parameters: tuple[str, ...], budget: float, memory: float
+) -> None:
+    """Check PLUGIN, FILE.py:CLASS or a name from 'olne-bench list'.
 
-    A line for each check; exit code 1 if one of them fails.
+    An estimator, scenario, sensor or metric. A line for each check; exit code 1 if one of them
+    fails. 'weak' is no failure: the plugin keeps to the rules, but a good one does better.
     """
-    probe([(estimator, {})])  # bad input ends here
-    load_estimator(estimator)
+    chosen = dict(name_and_value("--parameter", text) for text in parameters)
+    found = identify(plugin, chosen, kind)  # bad input ends here
     failed = 0
     limit = int(memory * 2**30)
-    for name, outcome in run_checks(absolute_reference(estimator), budget=budget, memory=limit):
-        met = outcome.status == "ok"
-        failed += not met
-        reason = "" if met else f": {outcome.message}"
-        click.echo(f"{'pass' if met else 'FAIL'}  {name}{reason}")
+    checks = run_checks(found, absolute(plugin), chosen, budget=budget, memory=limit)
+    for name, outcome in checks:
+        failed += outcome.status != "ok"
+        verdict = "FAIL" if outcome.status != "ok" else "weak" if outcome.message else "pass"
+        click.echo(f"{verdict}  {name}{': ' if outcome.message else ''}{outcome.message}")
         if outcome.status == "timeout":
             click.echo("it hangs, so no further check is made")
     if failed:
-        click.echo(f"{estimator}: {failed} check{'s' if failed > 1 else ''} failed")
+        click.echo(f"{plugin}: {failed} check{'s' if failed > 1 else ''} failed")
         sys.exit(1)
-    click.echo(f"{estimator} conforms")
+    click.echo(f"{plugin} conforms")

@@ -2,49 +2,41 @@
 
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 import click
 
 from olne_bench.bench.commands import COMMANDS
-from olne_bench.bench.plan.suite import load_suite, suite_names
-from olne_bench.envs.scenarios import scenario_names, scenario_options
 from olne_bench.errors import UserError
-from olne_bench.estimators.registry import EstimatorError, estimator_names
-from olne_bench.games.observation import VIEWS
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class _Commands(click.Group):
+    """Imports a command at its first use: all of them together take seconds."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        if name not in COMMANDS:
+            return None
+        module = COMMANDS[name]
+        command: click.Command = getattr(import_module(f"{__package__}.{module}"), module)
+        return command
+
+
+@click.group(
+    cls=_Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 def cli() -> None:
     """A benchmark for inverse dynamic games."""
-
-
-@cli.command(name="list")
-def list_all() -> None:
-    """List every suite, scenario, view and estimator."""
-    click.echo("suites")
-    for name in suite_names():
-        click.echo(f"  {name:<20} {load_suite(name).description}")
-    click.echo("scenarios")
-    for name in scenario_names():
-        options = scenario_options(name)
-        click.echo(f"  {name:<20} {'options: ' + ', '.join(options) if options else ''}".rstrip())
-    click.echo("views")
-    for name in VIEWS:
-        click.echo(f"  {name}")
-    click.echo("estimators")
-    for name in estimator_names():
-        click.echo(f"  {name}")
-
-
-for _command in COMMANDS:
-    cli.add_command(_command)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: bad input ends in one line on standard error and exit code 2."""
     try:
         cli.main(args=arguments, prog_name="olne-bench", standalone_mode=False)
-    except (UserError, EstimatorError) as error:
+    except UserError as error:
         _fail(str(error))
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())

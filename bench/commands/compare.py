@@ -6,15 +6,19 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from olne_bench.bench.report.statistics.attempts import FAILURES
-from olne_bench.bench.report.statistics.run_comparison import changes
+from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.report.escapes import csv_safe
+from olne_bench.bench.report.measures import FAILURES
+from olne_bench.bench.report.statistics.run_comparison import compare_runs
+from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
 
 
 @click.command()
-@click.argument("before", type=click.Path(path_type=Path))
-@click.argument("after", type=click.Path(path_type=Path))
+@click.argument("before", type=PATH)
+@click.argument("after", type=PATH)
 @click.option(
     "--estimator",
     "estimators",
@@ -22,23 +26,24 @@ from olne_bench.errors import UserError
     metavar="NAME[=OTHER]",
     help="Only this estimator, which AFTER calls OTHER (repeatable).",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Write the table as CSV as well.")
+@click.option("--out", type=PATH, help="Write the table as CSV as well.")
 def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | None) -> None:
     """Compare the run in AFTER with that in BEFORE, trial by trial on the same noise.
 
-    Compared are both errors and which trials fail.
+    Compared are the errors by which estimators are ranked, and which trials fail.
 
     Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if
     something did, 2 on bad input. Both may be the same folder, to compare two estimators in it.
     """
-    old, new = (_trials(folder) for folder in (before, after))
+    (old, one), (new, other) = (_trials(folder) for folder in (before, after))
+    study = _common(one, other)
     names = _names(estimators, old, new, before, after)
-    table = changes(old, new, names)
+    table = compare_runs(old, new, names, study)
     if table.empty:
         raise UserError(f"{before} and {after} have no trial in common, noise-free ones aside")
     if out is not None:
         try:
-            table.to_csv(out, index=False)
+            csv_safe(table).to_csv(out, index=False)
         except OSError as error:
             raise UserError(f"cannot write to {out}: {error.strerror or error}") from error
     click.echo(_format(table))
@@ -49,12 +54,22 @@ def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | 
     sys.exit(1 if counts.get("worse", 0) else 0)
 
 
-def _trials(folder: Path) -> pd.DataFrame:
+def _trials(folder: Path) -> tuple[pd.DataFrame, Study]:
     with read_store(folder) as store:
-        trials = store.frame()
+        trials, runs = store.frame(), store.runs()
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    return trials
+    return trials, study_of(read_suite_json(run.suite) for run in runs)
+
+
+def _common(one: Study, other: Study) -> Study:
+    """What labels stand for in both; metrics are those that both have."""
+    names = [metric.name for metric in one.metrics]
+    return Study(
+        tuple(metric for metric in other.metrics if metric.name in names),
+        {**one.scenarios, **other.scenarios},
+        {**one.sensors, **other.sensors},
+    )
 
 
 def _notes(
@@ -68,7 +83,7 @@ def _notes(
             f"{before} is a run of suite {suites[0]}, {after} of {suites[1]}; compared are the "
             "trials that both have"
         )
-    places = ["scenario", "view", "sigma", "seed"]
+    places = ["scenario", "sensor", "sigma", "seed"]
     mine = old[old["estimator"].isin(names)]
     mine = mine.assign(estimator=mine["estimator"].map(names))
     there = mine.merge(new[[*places, "estimator"]], on=[*places, "estimator"])
@@ -102,14 +117,16 @@ def _names(
 
 
 def _format(table: pd.DataFrame) -> str:
-    shown = table[["verdict", "error", "scenario", "view", "estimator"]].copy()
+    shown = table[["verdict", "error", "scenario", "sensor", "estimator"]].copy()
     shown["estimator"] = [
         a if a == b else f"{a} -> {b}"
         for a, b in table[["estimator", "other"]].itertuples(index=False)
     ]
     values = table[["error", "before", "after", "pairs"]].itertuples(index=False)
     shown["median, or failures"] = [
-        f"{a * n:.0f} of {n} -> {b * n:.0f} of {n}" if error == FAILURES else f"{a:.3g} -> {b:.3g}"
+        f"{a * n:.0f} of {n} -> {b * n:.0f} of {n}"
+        if error == FAILURES.name
+        else f"{a:.3g} -> {b:.3g}"
         for error, a, b, n in values
     ]
     shares = 100 * table[["better", "better_low", "better_high"]]

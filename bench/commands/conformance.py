@@ -1,273 +1,165 @@
-"""What every estimator has to keep to, as checks that an author can run.
+"""What plugins have to keep to, as checks that an author can run.
 
-Each check runs in a worker process like a trial's, so that one that hangs or dies fails and the
-others go on.
+Each check runs in a process of its own kind, like a trial's, so that one that hangs or dies fails
+and the others go on.
 """
 
 import os
-import pickle
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from olne_bench.bench.judge.estimate_check import InvalidEstimateError, check_estimate
-from olne_bench.bench.judge.metrics import cosine_error
-from olne_bench.bench.judge.observe import observe
-from olne_bench.bench.judge.referee import describe_error, no_stages
-from olne_bench.bench.judge.truth import observed_noise_scale, true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
-from olne_bench.bench.plan.trial import Outcome
-from olne_bench.bench.run.referee_process import WorkerProcess
-from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.registry import load_estimator
-from olne_bench.games.observation import VIEWS
-
-#: Largest cosine error that still counts as a recovery from noise-free data.
-RECOVERY = 1e-3
-
-_TWO = ScenarioEntry(name="two_player")
-_TOY = ScenarioEntry(name="random", options={"num_players": 2})
-_LARGE = ScenarioEntry(name="highway_overtaking")
-_SIGMA = 0.01
-
-
-class NonConformance(Exception):  # noqa: N818 (it is a finding, not an error of ours)
-    """What an estimator does that it must not."""
+from olne_bench.bench.commands.findings import NonConformance, Weakness
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.process.child import (
+    Child,
+    ChildError,
+    LeftProcessesError,
+    MisspokeError,
+    RaisedError,
+    StartError,
+    TimedOutError,
+)
+from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.text import one_line
+from olne_bench.errors import UserError
+from olne_bench.plugins import (
+    ESTIMATOR,
+    KINDS,
+    Kind,
+    at_home,
+    describe_foreign_error,
+    is_file,
+    make,
+    names,
+)
 
 
 @dataclass(frozen=True)
 class Check:
-    """One check of one estimator.
+    """One check of one plugin.
 
     Attributes:
-        name: one of ``CHECKS``.
-        reference: of the estimator.
-        budget: seconds that each of its estimates may take.
+        kind: name of the plugin's kind.
+        name: of the check, one of ``checks_of(kind)``.
+        reference: of the plugin.
+        parameters: of the plugin.
+        budget: seconds that an estimator is told it has for each estimate.
         time_limit: seconds after which the check is killed.
     """
 
+    kind: str
     name: str
     reference: str
+    parameters: Mapping[str, Any]
     budget: float
     time_limit: float
 
-    @property
-    def plugin(self) -> str:
-        """The estimator, whose process no other one gets."""
-        return self.reference
+
+def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
+    """Checks by name, in the order in which they run; they raise what is in ``findings``.
+
+    Each is given the plugin; an estimator's also the seconds that it has for an estimate.
+    """
+    # A module is imported where a plugin of its kind is checked, as each takes a while.
+    module = import_module(f"olne_bench.bench.commands.{kind.name}_checks")
+    checks: Mapping[str, Callable[..., None]] = module.CHECKS
+    return checks
 
 
-@dataclass(frozen=True)
-class _Case:
-    problem: Problem
-    observation: Observation
-    weights: np.ndarray
-
-
-def run_checks(reference: str, *, budget: float, memory: int) -> Iterator[tuple[str, Outcome]]:
-    """Run all checks of an estimator; yields each with its outcome, ``ok`` where it is met.
-
-    One that hangs is the last.
+def identify(
+    reference: str, parameters: Mapping[str, Any] | None = None, kind: str | None = None
+) -> Kind:
+    """What a reference names; a file is imported and its plugin made in another process.
 
     Args:
-        reference: of the estimator.
-        budget: seconds that it is told it has for each estimate.
+        reference: of the plugin.
+        parameters: that it has to accept.
+        kind: name of its kind, where more than one has a plugin of this name; any where absent.
+
+    Raises:
+        UserError: where there is no such plugin or it cannot be made, with one line.
+    """
+    kinds = [one for one in KINDS if kind in (None, one.name)]
+    found = kinds if is_file(reference) else [one for one in kinds if reference in names(one)]
+    if not found:
+        known = "; ".join(f"{one.name}s: {', '.join(names(one)) or 'none'}" for one in kinds)
+        raise UserError(
+            f"unknown plugin {reference!r}; known are: {known}; or a file path.py:Class"
+        )
+    if len(found) > 1 and not is_file(reference):
+        choice = " or ".join(f"--kind {one.name}" for one in found)
+        raise UserError(f"there are several plugins called {reference!r}: choose with {choice}")
+    named = found[0].name if len(found) == 1 else ""
+    asked = found[0] if named else None
+    (description,) = describe_all([(asked, reference, parameters or {})])
+    if description.error:
+        raise UserError(description.error)
+    return next(one for one in KINDS if one.name == description.kind)
+
+
+def run_checks(
+    kind: Kind, reference: str, parameters: Mapping[str, Any], *, budget: float, memory: int
+) -> Iterator[tuple[str, Outcome]]:
+    """Run all checks of a plugin; yields each with its outcome.
+
+    It is ``ok`` where the check is met, with a message where the plugin is weak. A check that
+    hangs is the last: the others would hang as well, for minutes each.
+
+    Args:
+        kind: of the plugin.
+        reference: of the plugin.
+        parameters: of the plugin.
+        budget: seconds that an estimator is told it has for each estimate.
         memory: limit [bytes] of a process's memory.
     """
-    worker = WorkerProcess(run_check, log=Path(os.devnull), memory=memory)
-    try:
-        for name in CHECKS:
-            # Some make several estimates, and the first builds its solvers too.
-            worker.assign(Check(name, reference, budget, time_limit=4 * budget + 60))
-            outcome = worker.wait()
-            yield name, outcome
-            if outcome.status == "timeout":
-                return  # the next ones would hang as well, for minutes each
-    finally:
-        worker.stop()
+    limit = 4 * budget + 60  # some make several estimates, and the first builds its solvers too
+    checks = [
+        Check(kind.name, name, reference, parameters, budget, limit) for name in checks_of(kind)
+    ]
+    return _in_process(checks, memory)
 
 
-def run_check(check: Check, begin: Callable[[str], None] = no_stages) -> Outcome:
-    """Run a check in this process; all of it is one stage, of which ``begin`` is told."""
-    begin("this check")
+def run_check(check: Check) -> Outcome:
+    """Run a check in this process."""
+    kind = next(one for one in KINDS if one.name == check.kind)
     try:
-        CHECKS[check.name](load_estimator(check.reference), check.budget)
+        plugin = make(kind, check.reference, check.parameters)
+        with at_home(plugin):
+            budget = (check.budget,) if kind == ESTIMATOR else ()
+            checks_of(kind)[check.name](plugin, *budget)
     except NonConformance as finding:
-        return Outcome("invalid", " ".join(str(finding).split()))
-    except (Exception, SystemExit) as error:
-        return Outcome("crash", describe_error(error))
+        return Outcome("invalid", one_line(str(finding)))
+    except Weakness as finding:
+        return Outcome("ok", one_line(str(finding)))
+    except BaseException as error:  # foreign code may raise any
+        return Outcome("crash", one_line(describe_foreign_error(error)))
     return Outcome("ok")
 
 
-def _shapes(estimator: Any, budget: float) -> None:
-    """Weights (N, K) on the simplex after scaling, states and covariance of the right shape."""
-    for case in _supported(estimator):
-        _valid(_estimate(estimator, case, budget), case.problem)
-
-
-def _determinism(estimator: Any, budget: float) -> None:
-    """The generator that it is given is its only source of randomness."""
-    case = _supported(estimator)[0]
-    first = _weights(estimator, case, budget)
-    np.random.seed(1)  # noqa: NPY002 (an estimator that uses it must not get away with it)
-    second = _weights(estimator, case, budget)
-    _require_equal(first, second, "two estimates with equal generators differ")
-
-
-def _pickling(estimator: Any, budget: float) -> None:
-    """A copy through pickle gives the same estimate, which can be pickled as well."""
-    case = _supported(estimator)[0]
-    before = _weights(estimator, case, budget)
+def _in_process(checks: list[Check], memory: int | None) -> Iterator[tuple[str, Outcome]]:
+    child = Child(log=Path(os.devnull), memory=memory, restricted=True)
     try:
-        copy = pickle.loads(pickle.dumps(estimator))
-    except Exception as error:
-        raise NonConformance(f"it cannot be pickled: {error}") from error
-    _require_equal(before, _weights(copy, case, budget), "a pickled copy estimates otherwise")
+        for check in checks:
+            outcome = _outcome(child, check)
+            yield check.name, outcome
+            if outcome.status == "timeout":
+                return
+    finally:
+        child.stop()
 
 
-def _inputs(estimator: Any, budget: float) -> None:
-    """Problem and observation are as they were."""
-    case = _supported(estimator)[0]
-    seen = case.observation
-    extra = None if seen.extra is None else seen.extra.copy()
-    kept, problem = Observation(seen.y.copy(), extra), repr(case.problem)
-    _estimate(estimator, case, budget)
-    for name in ("y", "extra"):
-        if not np.array_equal(getattr(kept, name), getattr(seen, name), equal_nan=True):
-            raise NonConformance(f"it writes into observation.{name}: work on a copy")
-    if repr(case.problem) != problem:
-        raise NonConformance("it changes the problem")
-
-
-def _deadline(estimator: Any, budget: float) -> None:
-    """An estimate ends within its budget, set-up apart, on five players and much noise too."""
-    case = _case(_LARGE, "full", 0.1)
-    if _declines(estimator, case.problem):
-        case = _supported(estimator)[0]
-    _warm_up(estimator, case.problem)
-    started = time.monotonic()
-    _estimate_only(estimator, case, budget)
-    seconds = time.monotonic() - started
-    if seconds > budget:
-        raise NonConformance(f"it took {seconds:.2f} s of a budget of {budget:g} s")
-
-
-def _missing(estimator: Any, budget: float) -> None:
-    """Missing samples (NaN) do not stop it, or it says that they do."""
-    case = _supported(estimator)[0]
-    y = case.observation.y.copy()
-    y[3, 0] = np.nan
-    y[10:13, 1, 0] = np.nan
-    y[-1, -1] = np.nan
-    gappy = _Case(case.problem, Observation(y, case.observation.extra), case.weights)
-    result = _estimate(estimator, gappy, budget)
-    if getattr(result, "converged", True) or not getattr(result, "message", ""):
-        _valid(result, case.problem)
-
-
-def _supports(estimator: Any, budget: float) -> None:
-    """What ``supports`` accepts can be estimated; it gives its reasons as text, always the same."""
-    for case in _cases():
-        reason = _declines(estimator, case.problem)
-        if reason != _declines(estimator, case.problem):
-            raise NonConformance("supports() gives two answers to one problem")
-        if reason is not None and not isinstance(reason, str):
-            raise NonConformance(f"supports() returned {reason!r}: a reason is a str, or None")
-        if not reason:
-            try:
-                _valid(_estimate(estimator, case, budget), case.problem)
-            except (Exception, SystemExit) as error:
-                players, view = case.problem.game.num_players, case.problem.view.name
-                raise NonConformance(
-                    f"supports() accepts {players} players in the {view} view, but then: "
-                    f"{type(error).__name__}: {error}"
-                ) from error
-    _supported(estimator)
-
-
-def _recovery(estimator: Any, budget: float) -> None:
-    """Two players, everything seen, no noise: the true weights are found."""
-    cases = [_case(_TOY, view, 0.0, seed) for view in VIEWS for seed in (0, 1)]
-    for case in [c for c in cases if not _declines(estimator, c.problem)][:2]:
-        error = cosine_error(case.weights, _weights(estimator, case, budget))
-        if error > RECOVERY:
-            raise NonConformance(
-                f"the cosine error of its weights is {error:.2g} without noise, at most "
-                f"{RECOVERY:g} is expected"
-            )
-
-
-#: Checks by name, in the order in which they run.
-CHECKS: dict[str, Callable[[Any, float], None]] = {
-    "shapes and simplex": _shapes,
-    "determinism under a fixed rng": _determinism,
-    "pickling": _pickling,
-    "inputs are not mutated": _inputs,
-    "deadline is kept": _deadline,
-    "missing samples": _missing,
-    "supports() is honest": _supports,
-    "recovers a noise-free toy": _recovery,
-}
-
-
-def _case(scenario: ScenarioEntry, view: str, sigma: float, seed: int = 0) -> _Case:
-    recording = true_recording(scenario, seed)
-    scale = observed_noise_scale(recording.scenario, VIEWS[view])
-    return _Case(
-        problem=Problem(recording.scenario.game, VIEWS[view], sigma, noise_scale=tuple(scale)),
-        observation=observe([recording], (VIEWS[view],), sigma, seed)[0],
-        weights=recording.scenario.weights,
-    )
-
-
-def _cases() -> list[_Case]:
-    three = ScenarioEntry(name="random", options={"num_players": 3})
-    return [_case(entry, view, _SIGMA) for entry in (_TWO, three) for view in VIEWS]
-
-
-def _supported(estimator: Any) -> list[_Case]:
-    cases = [case for case in _cases() if not _declines(estimator, case.problem)]
-    if not cases:
-        reason = _declines(estimator, _case(_TWO, "full", _SIGMA).problem)
-        raise NonConformance(f"supports() accepts no problem, not even two players: {reason}")
-    return cases
-
-
-def _declines(estimator: Any, problem: Problem) -> Any:
-    return estimator.supports(problem) if hasattr(estimator, "supports") else None
-
-
-def _warm_up(estimator: Any, problem: Problem) -> None:
-    if hasattr(estimator, "warm_up"):
-        estimator.warm_up(problem)
-
-
-def _estimate(estimator: Any, case: _Case, budget: float) -> Any:
-    _warm_up(estimator, case.problem)
-    return _estimate_only(estimator, case, budget)
-
-
-def _estimate_only(estimator: Any, case: _Case, budget: float) -> Any:
-    rng = np.random.default_rng(0)
-    return estimator.estimate(case.problem, case.observation, rng=rng, budget=budget)
-
-
-def _weights(estimator: Any, case: _Case, budget: float) -> np.ndarray:
-    return _valid(_estimate(estimator, case, budget), case.problem)
-
-
-def _valid(result: Any, problem: Problem) -> np.ndarray:
+def _outcome(child: Child, check: Check) -> Outcome:
     try:
-        estimate = check_estimate(result, problem)
-    except InvalidEstimateError as error:
-        raise NonConformance(str(error)) from error
-    return estimate.weights
-
-
-def _require_equal(first: np.ndarray, second: np.ndarray, finding: str) -> None:
-    if not np.array_equal(first, second):
-        raise NonConformance(f"{finding}, by up to {np.abs(first - second).max():.2g}")
+        outcome: Outcome = child.call(run_check, check, kind=Outcome, seconds=check.time_limit)
+    except TimedOutError:
+        return Outcome("timeout", f"killed after {check.time_limit:g} s")
+    except (LeftProcessesError, MisspokeError) as error:
+        return Outcome("invalid", str(error))
+    except StartError:
+        raise
+    except (ChildError, RaisedError, UserError) as error:
+        return Outcome("crash", str(error))
+    return outcome

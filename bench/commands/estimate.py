@@ -7,29 +7,30 @@ import click
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.commands.options import BUDGET
-from olne_bench.bench.files import check_new_file, whole_file
+from olne_bench.bench.commands.options import BUDGET, PATH
 from olne_bench.bench.judge.estimate_check import (
     CheckedEstimate,
-    InvalidEstimateError,
     check_estimate,
 )
-from olne_bench.bench.judge.referee import describe_error
-from olne_bench.bench.judge.truth import observed_noise_scale
-from olne_bench.bench.run.loading import probe
+from olne_bench.bench.judge.observe import sensor_model
+from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
+from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
+from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.envs.recording_file import RecordingFile, RecordingFileError, read_recording
 from olne_bench.envs.scenarios import Scenario, get_scenario, scenario_options
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.registry import load_estimator
+from olne_bench.files import check_new_file, whole_file
 from olne_bench.games.features import Feature, FinalGoal
 from olne_bench.games.game import Game, Player
 from olne_bench.games.observation import ComponentView, FullView, View
+from olne_bench.plugins import ESTIMATOR, is_built_in
 
 
 @click.command()
-@click.argument("recording", type=click.Path(path_type=Path))
+@click.argument("recording", type=PATH)
 @click.option("--scenario", required=True, help="Scenario whose cost features the players have.")
 @click.option(
     "--seed",
@@ -51,7 +52,7 @@ from olne_bench.games.observation import ComponentView, FullView, View
     show_default=True,
     help="Seconds that the estimator is told it has.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file of the weights, a new one.")
+@click.option("--out", type=PATH, help="CSV file of the weights, a new one.")
 def estimate(
     recording: Path,
     scenario: str,
@@ -75,7 +76,7 @@ def estimate(
     explained = _scenario(scenario, seed, states, known.metadata.dt)
     game = explained.game
     view, y = _observation(game, known.metadata.state_names, states)
-    scale = tuple(observed_noise_scale(explained, view))
+    scale = sensor_model(explained, (view,)).noise_scale
     result = _estimate(estimator, Problem(game, view, noise_scale=scale), Observation(y), budget)
 
     players = known.metadata.episodes[episode].players
@@ -166,18 +167,28 @@ def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View
 def _estimate(
     reference: str, problem: Problem, observation: Observation, budget: float
 ) -> CheckedEstimate:
-    probe([(reference, {})])
-    estimator = load_estimator(reference)
-    rng = np.random.default_rng(0)
+    (found,) = describe_all([(ESTIMATOR, reference, {})])
+    if found.error:
+        raise UserError(found.error)
+    player = PlayerProcess(memory=None, hidden=None)
+    task = PlayerTask(
+        reference=found.reference,
+        parameters={},
+        plugin="" if is_built_in(ESTIMATOR, reference) else reference,
+        homes=(),
+        problem=problem,
+        observations=(observation,),
+        seed=0,
+        time_limit=budget,
+    )
     try:
-        reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
-        if reason:
-            raise UserError(f"estimator {reference!r} does not take this recording: {reason}")
-        result = estimator.estimate(problem, observation, rng=rng, budget=budget)
-        return check_estimate(result, problem)
-    except InvalidEstimateError as error:
+        answer = player.estimate(task)
+        if answer.estimate is None:
+            raise UserError(
+                f"estimator {reference!r} does not take this recording: {answer.declined}"
+            )
+        return check_estimate(answer.estimate, problem)
+    except (PlayerFault, InvalidEstimateError) as error:
         raise UserError(f"estimator {reference!r}: {error}") from error
-    except UserError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise UserError(f"estimator {reference!r} raised {describe_error(error)}") from error
+    finally:
+        player.stop()

@@ -4,16 +4,15 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.files import check_new_file
+from olne_bench.bench.commands.options import PATH
 from olne_bench.envs.recording_file import write_recording
 from olne_bench.envs.tracks import ignored_columns, read_tracks
+from olne_bench.files import check_new_file
 
 
 @click.command(name="import")
-@click.argument("tracks", type=click.Path(path_type=Path))
-@click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Parquet file, a new one."
-)
+@click.argument("tracks", type=PATH)
+@click.option("--out", type=PATH, required=True, help="Parquet file, a new one.")
 def import_tracks(tracks: Path, out: Path) -> None:
     """Make a recording out of TRACKS, a CSV file, with no truth known.
 

@@ -4,18 +4,18 @@ from pathlib import Path
 
 import click
 
+from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import check_same_suite, last_suite
-from olne_bench.bench.run.store import FILE_NAME, open_store, read_store
+from olne_bench.bench.run.store import open_store, read_store
+from olne_bench.bench.run.store_layout import FILE_NAME
 from olne_bench.errors import UserError
 
 
 @click.command()
-@click.argument("first", type=click.Path(path_type=Path))
-@click.argument("second", type=click.Path(path_type=Path))
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="New run folder; FIRST gains the rows if absent."
-)
+@click.argument("first", type=PATH)
+@click.argument("second", type=PATH)
+@click.option("--out", type=PATH, help="New run folder; FIRST gains the rows if absent.")
 def merge(first: Path, second: Path, out: Path | None) -> None:
     """Add the trials of the run in SECOND to those of the run in FIRST.
 

@@ -1,9 +1,17 @@
 """Options that several commands share."""
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import click
+
+from olne_bench.bench.plan.values import shown
+from olne_bench.errors import UserError
+
+#: File systems take names of 255 bytes; what is written beside a file is named after it.
+_NAME_SIZE = 200
 
 
 class FiniteRange(click.FloatRange):
@@ -23,7 +31,70 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class CleanPath(click.Path):
+    """A path of a file or folder as they are named by people."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path.
+
+        Raises:
+            click.BadParameter: on an empty one, control characters and names that are too long.
+        """
+        problem = path_problem(str(value))
+        if problem:
+            self.fail(problem, param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class PluginReference(click.ParamType):
+    """``path.py`` or ``path.py:Class``, or the name of an installed plugin."""
+
+    name = "reference"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The reference.
+
+        Raises:
+            click.BadParameter: as ``CleanPath`` does.
+        """
+        problem = path_problem(str(value))
+        if problem:
+            self.fail(problem, param, ctx)
+        return str(value)
+
+
+def path_problem(text: str) -> str:
+    """What is wrong with the name of a file or folder; empty where nothing is."""
+    if not text.strip():
+        return f"{shown(text)} names no file or folder."
+    if not text.isprintable():
+        return f"control characters and line breaks are no part of a name: {shown(text)}."
+    if any(len(part.encode("utf-8", "replace")) > _NAME_SIZE for part in Path(text).parts):
+        return f"no name is longer than {_NAME_SIZE} bytes: {shown(text)}."
+    return ""
+
+
+PATH = CleanPath()
+PLUGIN = PluginReference()
 #: A time that an estimator is told it has.
 BUDGET = FiniteRange(min=0, min_open=True)
 #: A process needs the least of these to import everything; no machine has the most.
 MEMORY = FiniteRange(min=0.5, max=2**20)
+
+
+def name_and_value(option: str, text: str) -> tuple[str, Any]:
+    """Both sides of NAME=VALUE; a value that is no JSON is text.
+
+    Raises:
+        UserError: on any other text.
+    """
+    name, separator, value = text.partition("=")
+    if not (name and separator):
+        raise UserError(f"{option} {text!r}: expected NAME=VALUE, such as num_players=3")
+    try:
+        return name, json.loads(value)
+    except (ValueError, RecursionError):  # numbers of too many digits, lists within lists
+        return name, value

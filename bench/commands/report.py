@@ -5,13 +5,15 @@ from pathlib import Path
 
 import click
 
+from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.report.figures import FORMATS, USUAL_FORMATS
-from olne_bench.bench.report.write import format_leaderboard, write_report
+from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
+from olne_bench.bench.report.write import write_report
 from olne_bench.errors import UserError
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option(
     "--figures/--no-figures", default=True, show_default=True, help="Draw the figures as well."
 )
@@ -41,8 +43,11 @@ def read_formats(text: str) -> tuple[str, ...]:
 
 def show_report(folder: Path, formats: Sequence[str]) -> None:
     """Write a run's report, with figures in these formats, and print its leaderboard."""
-    table = write_report(folder, formats)
-    click.echo(format_leaderboard(table))
+    report = write_report(folder, formats)
+    click.echo(format_leaderboard(report.tables.leaderboard, report.study))
+    said = format_notes(report.tables, report.notes)
+    if said:
+        click.echo(f"\n{said}")
     click.echo(
         f"\n{folder}: index.html, leaderboard.csv, trials.csv, trials.parquet and other tables"
         + (", figures/" if formats else "")

@@ -1,42 +1,89 @@
 """``olne-bench run``: run a suite, or go on with it."""
 
 import os
-import shlex
 import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 from tqdm import tqdm
 
-from olne_bench.bench.commands.options import MEMORY
+from olne_bench.bench.commands.options import MEMORY, PATH, PLUGIN
 from olne_bench.bench.commands.report import read_formats, show_report
-from olne_bench.bench.plan.suite import check_gate, load_suite, select, suite_file
-from olne_bench.bench.plan.trial import Outcome, Trial, expand
+from olne_bench.bench.plan.check import check_gate
+from olne_bench.bench.plan.load import load_suite, suite_text
+from olne_bench.bench.plan.outcome import FAILURES, Outcome
+from olne_bench.bench.plan.salt import check_salt, salted
+from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.plan.trial import Trial, expand, in_order_of_plugins, number_of_trials
 from olne_bench.bench.report.figures import FORMATS
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
+from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.executor import run_trials
+from olne_bench.bench.run.fitting import check_fit
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.provenance import provenance
-from olne_bench.bench.run.resume import RETRIES, check_same_suite, pending
+from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store, open_store
-from olne_bench.errors import UserError
 
-_Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome]]]
+#: More processes than any machine that this was tried on is good for.
+MOST_JOBS = 1024
+#: What estimators print, in the run folder.
+LOG = "workers.log"
+#: So many faults of the harness are shown at the end.
+_SHOWN_FAULTS = 5
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """The command line of ``olne-bench run``, option by option."""
+
+    out: Path
+    jobs: int
+    dask: str | None
+    memory: float
+    retry: tuple[str, ...]
+    scenario: tuple[str, ...]
+    sensor: tuple[str, ...]
+    estimator: tuple[str, ...]
+    sigma: tuple[float, ...]
+    seeds: int | None
+    salt: str | None
+    plugin: tuple[str, ...]
+    figures: bool
+    formats: str
+
+    @property
+    def selection(self) -> Selection:
+        """What is asked of the suite; its names are checked when it is selected."""
+        return Selection.model_construct(
+            scenarios=self.scenario,
+            sensors=self.sensor,
+            sigmas=self.sigma,
+            estimators=self.estimator,
+            seeds=self.seeds,
+        )
 
 
 @click.command()
 @click.argument("suite")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     required=True,
     help="Run folder; an interrupted run goes on.",
 )
 @click.option(
-    "--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Worker processes."
+    "--jobs",
+    type=click.IntRange(1, MOST_JOBS),
+    default=2,
+    show_default=True,
+    help="Trials at a time.",
 )
 @click.option(
     "--dask",
@@ -58,15 +105,21 @@ _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome
     help="Run finished trials again that failed, or failed in this way (repeatable).",
 )
 @click.option("--scenario", multiple=True, help="Only this scenario (repeatable).")
-@click.option("--view", multiple=True, help="Only this view (repeatable).")
+@click.option("--sensor", multiple=True, help="Only this sensor (repeatable).")
 @click.option("--estimator", multiple=True, help="Only this estimator (repeatable).")
 @click.option("--sigma", type=float, multiple=True, help="Only this noise level (repeatable).")
-@click.option("--seeds", type=click.IntRange(min=1), help="Only the first so many noise draws.")
+@click.option("--seeds", type=click.IntRange(1, 10**8), help="Only the first so many noise draws.")
+@click.option(
+    "--salt",
+    metavar="TEXT",
+    help="Seed noise and draws with this, or with 'fresh' for a secret drawn now.",
+)
 @click.option(
     "--plugin",
+    type=PLUGIN,
     multiple=True,
     metavar="FILE.py[:CLASS]",
-    help="Add an estimator from a file (repeatable).",
+    help="Add an estimator, scenario, sensor or metric from a file (repeatable).",
 )
 @click.option(
     "--figures/--no-figures", default=True, show_default=True, help="Draw the figures at the end."
@@ -77,100 +130,107 @@ _Run = Callable[[list[Trial], Callable[[], bool]], Iterator[tuple[Trial, Outcome
     show_default=True,
     help=f"Formats of the figures, out of {', '.join(FORMATS)}.",
 )
-def run(
-    suite: str,
-    out: Path,
-    jobs: int,
-    dask: str | None,
-    memory: float,
-    retry: tuple[str, ...],
-    scenario: tuple[str, ...],
-    view: tuple[str, ...],
-    estimator: tuple[str, ...],
-    sigma: tuple[float, ...],
-    seeds: int | None,
-    plugin: tuple[str, ...],
-    figures: bool,
-    formats: str,
-) -> None:
+def run(suite: str, **options: Any) -> None:
     """Run SUITE, a name or a TOML file, or the part of it that the options select.
 
     Trials that the run folder holds already, with the present code of scenario, estimator and
     scoring, are not run again.
     """
-    drawn = read_formats(formats) if figures else ()
-    whole = load_suite(suite, plugin)
+    chosen = RunOptions(**options)
+    drawn = read_formats(chosen.formats) if chosen.figures else ()
+    check_salt(chosen.salt)
+    text = suite_text(suite)
+    whole = load_suite(suite, chosen.plugin, describe_all)
     check_gate(whole)
-    part = select(whole, scenarios=scenario, views=view, sigmas=sigma, estimators=estimator)
-    if seeds is not None and seeds > whole.seeds:
-        raise UserError(f"--seeds {seeds}: suite {whole.name!r} has {whole.seeds}")
-    if dask is not None:
-        check_cluster(dask)
-    trials = list(expand(part, seeds))
-    source = provenance(
-        suite=whole.model_dump_json(),
-        suite_text=suite_file(suite).read_text(encoding="utf-8"),
-        selection=_selection(scenario, view, estimator, sigma, seeds),
-        seeds=seeds or whole.seeds,
-        executor=f"dask {dask}" if dask else f"{jobs} local processes",
-    )
-    limit, log = int(memory * 2**30), out / "workers.log"
-
-    def start(todo: list[Trial], stop: Callable[[], bool]) -> Iterator[tuple[Trial, Outcome]]:
-        if dask:
-            return run_on_dask(todo, cluster=dask, log=log, memory=limit, stop=stop)
-        return run_trials(todo, jobs=jobs, log=log, memory=limit, stop=stop)
-
-    with open_store(out) as store:
-        check_same_suite(whole, store.runs(), out)
-        todo = pending(trials, store.records(), retry)
-        # A process that has run foreign code is not given to others: so there are few changes.
-        todo.sort(key=lambda trial: trial.plugin)
-        if len(todo) < len(trials):
-            done = len(trials) - len(todo)
-            click.echo(f"{done} of {len(trials)} trials are done already", err=True)
-        store.begin_run(source, trials)
-        interrupted = _run_all(todo, store, start, out)
+    check_fit(select(whole, chosen.selection))
+    if chosen.dask is not None:
+        check_cluster(chosen.dask)
+    with open_store(chosen.out) as store:
+        interrupted = _go_on(whole, text, chosen, store)
     if interrupted is not None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(128 + interrupted)  # Dask would wait for its workers first
-    show_report(out, drawn)
+    show_report(chosen.out, drawn)
 
 
-def _run_all(todo: list[Trial], store: Store, start: _Run, out: Path) -> signal.Signals | None:
+def _go_on(suite: Suite, text: str, options: RunOptions, store: Store) -> signal.Signals | None:
+    """Run what the store lacks; returns the signal if one came before all was done."""
+    runs = store.runs()
+    former = read_suite_json(runs[-1].suite) if runs else None
+    suite = salted(suite, options.salt, former)
+    check_same_suite(suite, runs, options.out)
+    part, seeds = select(suite, options.selection), options.seeds
+    stored, total = Stored(store.records()), number_of_trials(part, seeds)
+
+    def todo() -> Iterator[Trial]:
+        # A process that has run foreign code is not given to others: so there are few changes.
+        return pending(in_order_of_plugins(part, seeds), stored, options.retry)
+
+    number = sum(1 for _ in todo()) if runs else total
+    if number < total:
+        click.echo(f"{total - number} of {total} trials are done already", err=True)
+    source = provenance(
+        suite=suite.model_dump_json(),
+        suite_text=text,
+        selection=options.selection,
+        seeds=seeds or suite.seeds,
+        executor=f"dask {options.dask}" if options.dask else f"{options.jobs} local processes",
+    )
+    store.begin_run(source, expand(part, seeds=1))
+    return _run_all(todo(), number, store, options)
+
+
+def _start(
+    todo: Iterable[Trial], options: RunOptions, stop: Callable[[], bool]
+) -> Iterator[tuple[Trial, Outcome]]:
+    limit, out = int(options.memory * 2**30), options.out.resolve()
+    if options.dask:
+        return run_on_dask(
+            todo, cluster=options.dask, log=out / LOG, memory=limit, hidden=out, stop=stop
+        )
+    return run_trials(todo, jobs=options.jobs, log=out / LOG, memory=limit, hidden=out, stop=stop)
+
+
+def _run_all(
+    todo: Iterable[Trial], number: int, store: Store, options: RunOptions
+) -> signal.Signals | None:
     """Run trials and store them; returns the signal if one came before all were done."""
     failures: Counter[str] = Counter()
+    faults: Counter[str] = Counter()
     with stop_request() as stop:
         stored = 0
-        with tqdm(total=len(todo), unit="trial", smoothing=0.05, mininterval=0.5) as bar:
-            for trial, outcome in start(todo, stop):
+        with tqdm(total=number, unit="trial", smoothing=0.05, mininterval=0.5) as bar:
+            for trial, outcome in _start(todo, options, stop):
                 store.add(trial, outcome)
                 stored += 1
-                if outcome.status not in ("ok", "skipped"):
+                if outcome.status == "harness_error":
+                    faults[outcome.message] += 1
+                if outcome.status in (*FAILURES, "harness_error"):
                     failures[outcome.status] += 1
                     bar.set_postfix(failures, refresh=False)
                 bar.update()
-    if stop.signal is not None and stored < len(todo):
+    _show_faults(faults)
+    if stop.signal is not None and stored < number:
         click.echo(
-            f"interrupted: {stored} trials of this run are stored in {out}, {len(todo) - stored} "
-            "are to do; run the same command again to go on",
+            f"interrupted: {stored} trials of this run are stored in {options.out}, "
+            f"{number - stored} are to do; run the same command again to go on",
             err=True,
         )
         return stop.signal
     return None
 
 
-def _selection(
-    scenarios: tuple[str, ...],
-    views: tuple[str, ...],
-    estimators: tuple[str, ...],
-    sigmas: tuple[float, ...],
-    seeds: int | None,
-) -> str:
-    """What was asked of the suite, as it would be said on a command line."""
-    chosen = {"scenario": scenarios, "view": views, "estimator": estimators, "sigma": sigmas}
-    words = [word for name, values in chosen.items() for v in values for word in (f"--{name}", v)]
-    if seeds is not None:
-        words += ["--seeds", seeds]
-    return shlex.join(str(word) for word in words)
+def _show_faults(faults: Counter[str]) -> None:
+    """Say what the harness could not do: no estimator is to blame."""
+    if not faults:
+        return
+    click.echo(
+        f"{faults.total()} trials could not be judged (harness_error); no estimator is to blame, "
+        "and they count as no attempt:",
+        err=True,
+    )
+    for message, times in faults.most_common(_SHOWN_FAULTS):
+        click.echo(f"  {times} times: {message[:300]}", err=True)
+    if len(faults) > _SHOWN_FAULTS:
+        click.echo(f"  and {len(faults) - _SHOWN_FAULTS} other messages", err=True)

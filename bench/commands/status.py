@@ -1,32 +1,35 @@
 """``olne-bench status``: what of a run is done, failed, stale or still to do."""
 
+from collections import Counter
 from pathlib import Path
 
 import click
 import pandas as pd
 
+from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.provenance import Provenance
-from olne_bench.bench.run.resume import last_suite, progress
-from olne_bench.bench.run.store import Record, read_store
-from olne_bench.estimators.registry import EstimatorError
+from olne_bench.bench.run.resume import STATES, Stored, last_suite
+from olne_bench.bench.run.store import read_store
+from olne_bench.plugins import PluginError
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
     """Show what the run in FOLDER has done.
 
-    done: with a valid result, or declined by the estimator. failed: without. stale: run with
-    other parameters, or other code than the present one, of scenario, estimator or scoring.
-    missing: not run.
+    done: with a valid result, or declined by the estimator. failed: without. harness_error: not
+    judged, and no estimator is to blame. stale: run with other parameters, or other code than the
+    present one, of scenario, sensor, estimator or scoring. missing: not run.
     """
-    with read_store(folder, check=True) as store:
+    with read_store(folder) as store:
         runs = store.runs()
-        records = list(store.records())
+        stored = Stored(store.records())
     suite = last_suite(runs, folder)
-    table, notes = _table(suite, records)
+    table, notes = _table(suite, stored)
     click.echo(_heading(folder, runs))
     click.echo(table.to_string(index=False))
     for note in notes:
@@ -35,30 +38,31 @@ def status(folder: Path) -> None:
         click.echo(hint)
 
 
-def _table(suite: Suite, records: list[Record]) -> tuple[pd.DataFrame, list[str]]:
+def _table(suite: Suite, stored: Stored) -> tuple[pd.DataFrame, list[str]]:
     """One row per scenario and estimator, and what is to be said about those without one."""
     rows, notes = [], []
     for scenario, estimator in suite.pairs():
         part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
         try:
-            found = progress(expand(part), records)
-        except (EstimatorError, ValueError) as error:
+            found = Counter(stored.state(trial) for trial in expand(part))
+        except PluginError as error:
             notes.append(f"{estimator.label} on {scenario.label}: not known here: {error}")
             continue
-        counts = {name: len(trials) for name, trials in vars(found).items()}
+        counts = {state: found[state] for state in STATES}
         rows.append({"scenario": scenario.label, "estimator": estimator.label} | counts)
-    names = ["scenario", "estimator", "done", "failed", "stale", "missing"]
-    return pd.DataFrame(rows, columns=names), notes
+    return pd.DataFrame(rows, columns=["scenario", "estimator", *STATES]), notes
 
 
 def _heading(folder: Path, runs: list[Provenance]) -> str:
     last = runs[-1]
-    name = read_suite_json(last.suite).name
+    suite = read_suite_json(last.suite)
     commit = f", commit {last.commit[:12]}" if last.commit else ""
+    own = "its own" if suite.salt == suite.name else repr(suite.salt)
+    release = last.versions.get("olne-bench", "?")
     return (
-        f"{folder}: suite {name}, {len(runs)} run{'s' if len(runs) > 1 else ''}, the last one of "
-        f"{last.started} on {last.executor}, olne-bench {last.versions.get('olne-bench', '?')}"
-        f"{commit}"
+        f"{folder}: suite {suite.name}, {len(runs)} run{'s' if len(runs) > 1 else ''}, the last "
+        f"one of {last.started} on {last.executor}, olne-bench {release}{commit}; "
+        f"salt {salt_id(suite.salt)} ({own})"
     )
 
 
@@ -68,6 +72,8 @@ def _hints(table: pd.DataFrame, last: Provenance) -> list[str]:
         hints.append("'olne-bench run' with this --out runs what is missing or stale")
     if table["failed"].any():
         hints.append("'olne-bench run --retry failed' runs what has failed once more")
-    if last.selection:
+    if table["harness_error"].any():
+        hints.append("'olne-bench run --retry harness_error' runs once more what was not judged")
+    if str(last.selection):
         hints.append(f"the last run was asked for a part only: {last.selection}")
     return hints

@@ -1,30 +1,25 @@
-"""Whether what an estimator returned is an estimate."""
+"""Whether what a player sent is an estimate of the problem."""
 
-import contextlib
 import json
-import math
-import numbers
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.text import one_line
+from olne_bench.bench.judge.raw_estimate import (
+    LONGEST_EXTRA,
+    MOST_EXTRAS,
+    InvalidEstimateError,
+    RawEstimate,
+    is_plain_number,
+)
+from olne_bench.bench.process.messages import Array, unpack
+from olne_bench.bench.text import clip
 from olne_bench.estimators.protocol import Problem
 
 #: How far a covariance may be from symmetric and positive semi-definite, over its largest entry.
 COVARIANCE_TOLERANCE = 1e-6
-#: Scalar extras that a trial keeps, and the longest text among them.
-MOST_EXTRAS = 20
-_LONGEST_TEXT = 200
-_LARGEST_INTEGER = 2**63
 #: Row sums within these are safe to divide by.
 _SMALLEST_SUM, _LARGEST_SUM = 1e-290, 1e290
-
-
-class InvalidEstimateError(Exception):
-    """An estimator returned something that is not an estimate."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +32,8 @@ class CheckedEstimate:
         covariance: (N*K, N*K) of weights so scaled, or None.
         converged: as in ``Estimate``.
         message: one line.
-        objective: out of the extras, or None.
-        extras: JSON text of the other extras that are finite numbers, truth values or short texts,
-            the first ``MOST_EXTRAS`` by name.
+        objective: what the estimator minimised, or None.
+        extras: JSON text of its other scalar extras, or None.
     """
 
     weights: np.ndarray
@@ -51,46 +45,28 @@ class CheckedEstimate:
     extras: str | None
 
 
-def check_estimate(result: Any, problem: Problem) -> CheckedEstimate:
-    """Read an estimate attribute by attribute, as plugins need not use our class.
+def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
+    """Check an estimate and scale its weights.
 
     Raises:
         InvalidEstimateError: on one that is not an estimate of the problem.
     """
-    if result is None:
-        raise InvalidEstimateError("returned NoneType without 'weights'")
-    weights = _weights(result, (problem.game.num_players, problem.game.num_weights))
-    extras = _extras(result)
+    game = problem.game
+    weights = _weights(raw.weights, (game.num_players, game.num_weights))
     return CheckedEstimate(
         weights=weights,
-        states=_states(result, problem.game.state_shape),
-        covariance=_covariance(result, weights.size),
-        converged=_converged(result),
-        message=_message(result),
-        objective=_objective(extras),
-        extras=_scalars(extras),
+        states=_finite("states", raw.states, game.state_shape),
+        covariance=_covariance(raw.covariance, weights.size),
+        converged=raw.converged,
+        message=clip(raw.message),
+        objective=raw.objective,
+        extras=_extras(raw),
     )
 
 
-def _read(result: Any, name: str) -> Any:
-    """An optional attribute; None where it is absent."""
-    try:
-        return getattr(result, name, None)
-    except Exception as error:  # a property may be foreign code too
-        raise InvalidEstimateError(
-            f"{name} cannot be read: {type(error).__name__}: {error}"
-        ) from error
-
-
-def _weights(result: Any, expected: tuple[int, int]) -> np.ndarray:
-    given = _read(result, "weights")
-    if given is None and not hasattr(result, "weights"):
-        raise InvalidEstimateError(f"returned {type(result).__name__} without 'weights'")
-    weights = _as_array("weights", given)
-    if weights.shape != expected:
-        raise InvalidEstimateError(f"weights have the shape {weights.shape}, expected {expected}")
-    if not np.isfinite(weights).all():
-        raise InvalidEstimateError("weights are not finite")
+def _weights(given: Array, expected: tuple[int, int]) -> np.ndarray:
+    weights = _finite("weights", given, expected)
+    assert weights is not None
     if (weights < 0).any():
         raise InvalidEstimateError(f"weights are negative: the least is {weights.min():g}")
     largest = weights.max(axis=1, keepdims=True)
@@ -103,29 +79,25 @@ def _weights(result: Any, expected: tuple[int, int]) -> np.ndarray:
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _states(result: Any, expected: tuple[int, int, int]) -> np.ndarray | None:
-    given = _read(result, "states")
+def _finite(name: str, given: Array | None, expected: tuple[int, ...]) -> np.ndarray | None:
     if given is None:
         return None
-    states = _as_array("states", given)
-    if states.shape != expected:
-        raise InvalidEstimateError(f"states have the shape {states.shape}, expected {expected}")
-    if not np.isfinite(states).all():
-        raise InvalidEstimateError("states are not finite")
-    return states
+    verb, has = ("is", "has") if name == "covariance" else ("are", "have")
+    try:
+        array = unpack(given)
+    except ValueError as error:
+        raise InvalidEstimateError(f"{name} {verb} not an array of numbers: {error}") from error
+    if array.shape != expected:
+        raise InvalidEstimateError(f"{name} {has} the shape {array.shape}, expected {expected}")
+    if not np.isfinite(array).all():
+        raise InvalidEstimateError(f"{name} {verb} not finite")
+    return array
 
 
-def _covariance(result: Any, size: int) -> np.ndarray | None:
-    given = _read(result, "covariance")
-    if given is None:
+def _covariance(given: Array | None, size: int) -> np.ndarray | None:
+    covariance = _finite("covariance", given, (size, size))
+    if covariance is None:
         return None
-    covariance = _as_array("covariance", given)
-    if covariance.shape != (size, size):
-        raise InvalidEstimateError(
-            f"covariance has the shape {covariance.shape}, expected {(size, size)}"
-        )
-    if not np.isfinite(covariance).all():
-        raise InvalidEstimateError("covariance is not finite")
     scale = np.abs(covariance).max()
     if scale > 0:
         scaled = covariance / scale
@@ -144,82 +116,11 @@ def _covariance(result: Any, size: int) -> np.ndarray | None:
     return covariance
 
 
-def _converged(result: Any) -> bool:
-    given = _scalar(_read(result, "converged"))
-    if given is None and not hasattr(result, "converged"):
-        return True
-    if isinstance(given, int) and given in (0, 1):
-        return bool(given)
-    raise InvalidEstimateError(f"converged is {_short(given)}, expected True or False")
-
-
-def _message(result: Any) -> str:
-    given = _read(result, "message")
-    if given is None:
-        return ""
-    if not isinstance(given, str | bytes):
-        raise InvalidEstimateError(f"message is {_short(given)}, expected a text")
-    return one_line(given if isinstance(given, str) else given.decode(errors="replace"))
-
-
-def _extras(result: Any) -> Mapping[Any, Any]:
-    given = _read(result, "extras")
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        raise InvalidEstimateError(f"extras are {_short(given)}, expected a mapping by name")
-    try:
-        return dict(given)
-    except Exception as error:  # a mapping may be foreign code too
-        raise InvalidEstimateError(
-            f"extras cannot be read: {type(error).__name__}: {error}"
-        ) from error
-
-
-def _objective(extras: Mapping[Any, Any]) -> float | None:
-    given = _scalar(extras.get("objective"))
-    if given is None:
+def _extras(raw: RawEstimate) -> str | None:
+    for name, value in raw.extras.items():
+        known = len(value) <= LONGEST_EXTRA if isinstance(value, str) else is_plain_number(value)
+        if not known or len(raw.extras) > MOST_EXTRAS:
+            raise InvalidEstimateError(f"extras[{clip(name)!r}] is more than a trial keeps")
+    if not raw.extras:
         return None
-    if isinstance(given, numbers.Real) and not isinstance(given, bool):
-        with contextlib.suppress(OverflowError):
-            return float(given)
-    raise InvalidEstimateError(f"extras['objective'] is {_short(given)}, expected a number")
-
-
-def _scalars(extras: Mapping[Any, Any]) -> str | None:
-    kept: dict[str, str | float] = {}
-    for name in sorted(name for name in extras if isinstance(name, str) and name != "objective"):
-        value = _scalar(extras[name])
-        if isinstance(value, str) and len(value) <= _LONGEST_TEXT:
-            kept[one_line(name)] = one_line(value)
-        elif (isinstance(value, int) and abs(value) < _LARGEST_INTEGER) or (
-            isinstance(value, float) and math.isfinite(value)
-        ):
-            kept[one_line(name)] = value
-    first = dict(list(kept.items())[:MOST_EXTRAS])
-    return json.dumps(first, sort_keys=True) if first else None
-
-
-def _scalar(value: Any) -> Any:
-    """NumPy's scalars and arrays of no dimension as Python's own."""
-    return value.item() if isinstance(value, np.generic | np.ndarray) and value.ndim == 0 else value
-
-
-def _short(value: Any) -> str:
-    """A value for a message."""
-    try:
-        text = one_line(repr(value))
-    except Exception:  # foreign code
-        text = ""
-    return text if 0 < len(text) <= 60 else f"a {type(value).__name__}"
-
-
-def _as_array(what: str, value: Any) -> np.ndarray:
-    verb = "is" if what == "covariance" else "are"
-    try:
-        array = np.asarray(value)
-        if array.dtype.kind in "cSUmMV":
-            raise TypeError(f"its type is {array.dtype}")
-        return np.asarray(array, dtype=float)
-    except Exception as error:  # a sequence may be foreign code too
-        raise InvalidEstimateError(f"{what} {verb} not an array of numbers: {error}") from error
+    return json.dumps({clip(name): value for name, value in raw.extras.items()}, sort_keys=True)

@@ -1,164 +1,314 @@
-"""Run one trial: play the scenario, observe it, estimate, judge the estimate."""
+"""The referee judges trials: it plays a scenario, lets sensors observe, and scores an estimate.
 
-import time
-import traceback
-import zlib
-from collections.abc import Callable
-from copy import deepcopy
-from dataclasses import replace
+It alone knows the truth. An estimator sits in a process of its own (``Player``) and is told a
+problem and observations, nothing else.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 
-from olne_bench.bench.judge.differences import find_change
-from olne_bench.bench.judge.estimate_check import (
-    CheckedEstimate,
-    InvalidEstimateError,
-    check_estimate,
-)
-from olne_bench.bench.judge.metrics import cosine_error, covered, position_error
-from olne_bench.bench.judge.observe import observe, squared_error
+from olne_bench import plugins
+from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.metrics.judged import HeldOut, Judged
+from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
+from olne_bench.bench.judge.observe import observe, observed, sensor_model
+from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimate
+from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.judge.truth import (
-    held_out_error,
-    observed_noise_scale,
+    Draw,
+    held_out,
+    noise_seed,
     predict_from_start,
     true_recordings,
     unit_cosine_limit,
 )
-from olne_bench.bench.plan.trial import Outcome, Trial
-from olne_bench.bench.text import one_line
+from olne_bench.bench.plan.entries import MetricEntry, SensorEntry
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.registry import load_estimator
-from olne_bench.games.observation import VIEWS, FullView
+from olne_bench.games.observation import FullView, whitening
+from olne_bench.games.sensor import Layer, SensorModel
+
+Announce = Callable[[str, float], None]
+
+#: What a player may take in all, start of its process and repetitions included, in time limits.
+_PLAYER_LIMITS, _PLAYER_START = 10, 1000.0
 
 
-def no_stages(name: str) -> None:
-    """Takes the names of stages, for nobody."""
+@dataclass(frozen=True)
+class PlayerTask:
+    """All that a player process is told.
+
+    Attributes:
+        reference: of the estimator.
+        parameters: of its class.
+        plugin: tells foreign estimators apart; empty for one that is built in.
+        homes: files of plugins whose classes the problem is made of.
+        problem: what is known about the game.
+        observations: one for each trajectory.
+        seed: of the estimator's random numbers.
+        time_limit: seconds for set-up, and again for the estimate.
+    """
+
+    reference: str
+    parameters: dict[str, Any]
+    plugin: str
+    homes: tuple[str, ...]
+    problem: Problem
+    observations: tuple[Observation, ...]
+    seed: int
+    time_limit: float
 
 
-def evaluate(trial: Trial, begin: Callable[[str], None] = no_stages) -> Outcome:
-    """Run a trial in this process.
+@dataclass(frozen=True)
+class Answer:
+    """What a player answers.
 
-    Whatever an estimator raises becomes an outcome. Its hanging or dying does not: that is for the
-    executor to see to.
+    Attributes:
+        declined: why it does not take the problem, None where it does.
+        estimate: unchecked.
+        seconds: from the observations' leaving to the estimate's arrival.
+    """
+
+    declined: str | None = None
+    estimate: RawEstimate | None = None
+    seconds: float = 0.0
+
+
+class PlayerFault(Exception):  # noqa: N818 (whose fault it is, not an error of ours)
+    """A player has no answer.
+
+    Attributes:
+        status: of the trial.
+        seconds: as of ``Answer``, where an estimate came that is none.
+    """
+
+    def __init__(self, status: str, message: str, seconds: float | None = None) -> None:
+        super().__init__(message)
+        self.status, self.seconds = status, seconds
+
+
+class Player(Protocol):
+    """Where an estimator sits."""
+
+    def estimate(self, task: PlayerTask) -> Answer:
+        """Its answer.
+
+        Raises:
+            PlayerFault: where there is none.
+        """
+
+
+class ForeignMetrics(Protocol):
+    """Where metrics of foreign code are worked out."""
+
+    def score(
+        self, metric: MetricEntry, case: Judged, homes: Sequence[str], seconds: float
+    ) -> float | None:
+        """What a metric says of a trial.
+
+        Raises:
+            MetricError: where it says nothing that could be kept.
+        """
+
+
+@dataclass(frozen=True)
+class _Case:
+    """The truth of a trial, and what is seen of it."""
+
+    draw: Draw
+    recordings: tuple[Recording, ...]
+    problem: Problem
+    observations: tuple[Observation, ...]
+    outcome: Outcome = field(default_factory=lambda: Outcome("ok"))
+
+
+def silent(stage: str, seconds: float) -> None:
+    """An ``Announce`` that tells nobody."""
+
+
+def judge(
+    trial: Trial, player: Player, foreign: ForeignMetrics, announce: Announce = silent
+) -> Outcome:
+    """Judge a trial.
+
+    Whatever goes wrong outside of the player is ``harness_error``, never an estimator's failure.
 
     Args:
-        trial: what to run.
-        begin: told the name of each stage as it begins: set-up, estimate, scoring. Each of them has
-            the trial's time limit for itself.
+        trial: what to judge.
+        player: where its estimator sits.
+        foreign: where foreign metrics are worked out.
+        announce: told each stage as it begins, and how long it may take: set-up, estimate,
+            scoring.
     """
-    begin("set-up")
-    view = VIEWS[trial.view]
+    announce("set-up", trial.time_limit)
     try:
-        recordings = true_recordings(trial.scenario, trial.seed)
-        limit = unit_cosine_limit(trial.scenario, trial.seed, view)
+        case = _case(trial)
     except NoEquilibriumError as error:
-        return Outcome("skipped", str(error))
-    recording = recordings[0]
-    scale = observed_noise_scale(recording.scenario, view)
-    problem = Problem(recording.scenario.game, view, trial.sigma, noise_scale=tuple(scale))
-    observations = tuple(
-        _read_only(one) for one in observe(recordings, (view,), trial.sigma, trial.seed)
+        return Outcome("skipped", clip(str(error)))
+    except BaseException as error:  # a scenario or a sensor may be foreign code
+        return Outcome("harness_error", f"set-up: {describe_error(error)}")
+    announce("estimate", _PLAYER_LIMITS * trial.time_limit + _PLAYER_START)
+    try:
+        answer = player.estimate(_task(trial, case))
+    except PlayerFault as fault:
+        message = clip(str(fault))
+        return replace(
+            case.outcome, status=fault.status, message=message, solve_seconds=fault.seconds
+        )
+    if answer.declined is not None or answer.estimate is None:
+        return replace(case.outcome, status="skipped", message=answer.declined or "")
+    announce("scoring", trial.time_limit)
+    outcome = replace(case.outcome, solve_seconds=answer.seconds)
+    try:
+        estimate = check_estimate(answer.estimate, case.problem)
+        return _scored(estimate, trial, case, outcome, foreign)
+    except InvalidEstimateError as error:
+        return replace(outcome, status="invalid", message=clip(str(error)))
+    except (Exception, SystemExit) as error:
+        return replace(outcome, status="harness_error", message=f"scoring: {describe_error(error)}")
+
+
+def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
+    """The layers of a sensor's stack, the innermost first.
+
+    Raises:
+        PluginError: where one cannot be made.
+    """
+    made = [plugins.make(plugins.SENSOR, entry.name, entry.parameters) for entry in sensor.layers]
+    return tuple(layer for one in made for layer in _layers(one))
+
+
+def _layers(sensor: Any) -> tuple[Layer, ...]:
+    with plugins.at_home(sensor):
+        return tuple(sensor.layers())
+
+
+def _case(trial: Trial) -> _Case:
+    draw = Draw.of(trial.scenario, trial.seed, trial.salt)
+    recordings = true_recordings(draw)
+    scenario = recordings[0].scenario
+    layers = layers_of(trial.sensor)
+    model = sensor_model(scenario, layers)
+    problem = Problem(
+        scenario.game,
+        model.view,
+        trial.sigma,
+        noise_scale=model.noise_scale,
+        noise_covariance=model.noise_covariance,
     )
+    seed = noise_seed(trial.scenario, trial.sigma, trial.seed, trial.salt)
+    observations = observe(recordings, layers, trial.sigma, seed)
+    seen = [one.y for one in observations] if model.may_miss else None
+    limit = unit_cosine_limit(draw, model, seen)
     outcome = Outcome(
         status="ok",
-        observation_error=_observation_error(recording, trial),
+        observation_error=_observation_error(
+            recordings[0], model, observations[0], trial.sigma, seed
+        ),
         truth_objective=sum(
-            squared_error(problem, one.states, seen)
+            _squared_error(one, model, seen)
             for one, seen in zip(recordings, observations, strict=True)
         ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
-
-    # The truth behind the problem is kept for other trials, so foreign code gets a copy.
-    handed = deepcopy(problem) if trial.plugin else problem
-    try:
-        estimator = load_estimator(trial.estimator.name, trial.estimator.parameters)
-        reason = estimator.supports(handed) if hasattr(estimator, "supports") else None
-        if len(observations) > 1 and not getattr(estimator, "several", False):
-            reason = f"takes one trajectory at a time, not {len(observations)}"
-        if reason:
-            return replace(outcome, status="skipped", message=one_line(str(reason)))
-        if hasattr(estimator, "warm_up"):
-            estimator.warm_up(handed)
-        rng = np.random.default_rng(zlib.crc32(repr(trial.key).encode()))
-        observation = observations if len(observations) > 1 else observations[0]
-        begin("estimate")
-        started = time.perf_counter()
-        result = estimator.estimate(handed, observation, rng=rng, budget=trial.time_limit)
-        outcome = replace(outcome, solve_seconds=time.perf_counter() - started)
-    except BaseException as error:  # nobody else raises here: a worker does not hear of Ctrl-C
-        return replace(outcome, status="crash", message=describe_error(error))
-
-    begin("scoring")
-    try:
-        changed = find_change(problem, handed, "problem")
-        if changed is not None:
-            raise InvalidEstimateError(f"it changed the problem: {changed}")
-        estimate = check_estimate(result, problem)
-    except InvalidEstimateError as error:
-        return replace(outcome, status="invalid", message=one_line(str(error)))
-    return _judge(estimate, trial, recording, outcome)
+    return _Case(draw, recordings, problem, observations, outcome)
 
 
-def _judge(
-    estimate: CheckedEstimate, trial: Trial, recording: Recording, outcome: Outcome
+def _task(trial: Trial, case: _Case) -> PlayerTask:
+    return PlayerTask(
+        reference=trial.estimator.name,
+        parameters=trial.estimator.parameters,
+        plugin=trial.plugin,
+        homes=trial.home_plugins,
+        problem=case.problem,
+        observations=case.observations,
+        seed=stream(trial.salt, "estimator", *trial.key),
+        time_limit=trial.time_limit,
+    )
+
+
+def _scored(
+    estimate: CheckedEstimate,
+    trial: Trial,
+    case: _Case,
+    outcome: Outcome,
+    foreign: ForeignMetrics,
 ) -> Outcome:
     """Score a well-formed estimate."""
-    scenario = recording.scenario
     outcome = replace(
         outcome,
         message=estimate.message,
-        cosine_error=cosine_error(scenario.weights, estimate.weights),
         weights=estimate.weights.tolist(),
         objective=estimate.objective,
         extras=estimate.extras,
     )
-    if estimate.covariance is not None and trial.sigma > 0:
-        inside = covered(scenario.weights, estimate.weights, estimate.covariance)
-        outcome = replace(outcome, covered=int(inside))
-    if estimate.states is not None:
-        error = position_error(recording.states, estimate.states)
-        outcome = replace(outcome, reconstruction_error=error)
+    judged = Judged(case.recordings, estimate, prediction=None, sigma=trial.sigma)
     if not estimate.converged:
         message = estimate.message or "the estimator gives no reason"
-        return replace(outcome, status="not_converged", message=message)
-    prediction = predict_from_start(
-        trial.scenario, trial.seed, estimate.weights, trial.root_iterations
-    )
+        outcome = replace(outcome, status="not_converged", message=message)
+        return _with_scores(outcome, judged, trial, foreign)
+    prediction = predict_from_start(case.draw, estimate.weights, trial.root_iterations)
     outcome = replace(outcome, published_forward=int(prediction.published))
     if prediction.root is None:
         message = "no root of the game found at the estimated weights"
-        return replace(outcome, status="failed_forward", message=message)
-    error = position_error(recording.states, prediction.root.states)
-    return replace(outcome, position_error=error, held_out_error=_held_out(trial, estimate.weights))
+        outcome = replace(outcome, status="failed_forward", message=message)
+        return _with_scores(outcome, judged, trial, foreign)
+    judged = replace(
+        judged,
+        prediction=prediction.root.states,
+        held_out=partial(_held_out, case.draw, estimate.weights, trial.root_iterations),
+    )
+    return _with_scores(outcome, judged, trial, foreign)
 
 
-def _held_out(trial: Trial, weights: np.ndarray) -> float | None:
+def _with_scores(
+    outcome: Outcome, judged: Judged, trial: Trial, foreign: ForeignMetrics
+) -> Outcome:
+    """The outcome with what all metrics say of it."""
+    scores: dict[str, float | None] = {}
+    notes = [outcome.message] if outcome.message else []
+    for entry in trial.metrics:
+        if plugins.is_built_in(plugins.METRIC, entry.name):
+            metric = plugins.make(plugins.METRIC, entry.name, entry.parameters)
+            scores |= score_all([metric], judged)
+        elif not (entry.declaration.get("needs_prediction") and judged.prediction is None):
+            try:
+                found = foreign.score(entry, judged, trial.home_plugins, trial.time_limit)
+                scores[entry.column] = found
+            except MetricError as error:  # its own fault, and nobody else's
+                notes.append(clip(str(error)))
+    return replace(outcome, scores=scores, message=clip("; ".join(notes)))
+
+
+def _held_out(draw: Draw, weights: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
     try:
-        return held_out_error(trial.scenario, trial.seed, weights, trial.root_iterations)
+        return held_out(draw, weights, root_iterations)
     except NoEquilibriumError:  # nothing near this draw to predict
         return None
 
 
-def _observation_error(recording: Recording, trial: Trial) -> float:
-    (seen,) = observe([recording], (FullView(),), trial.sigma, trial.seed)
-    return position_error(recording.states, seen.y)
+def _observation_error(
+    recording: Recording, model: SensorModel, observation: Observation, sigma: float, seed: int
+) -> float:
+    """Mean absolute position noise [m] of the full state under the trial's noise."""
+    names = model.view.component_names(recording.scenario.game.dynamics)
+    y = observation.y
+    if model.may_miss or not {"px", "py"} <= set(names):
+        (full,) = observe((recording,), (FullView(),), sigma, seed)
+        names, y = recording.scenario.game.dynamics.state_names, full.y
+    places = [names.index("px"), names.index("py")]
+    return float(np.mean(np.abs(recording.states[..., :2] - y[..., places])))
 
 
-def _read_only(observation: Observation) -> Observation:
-    """An estimator that writes into its input gets an exception and so a row of its own."""
-    for array in (observation.y, observation.extra):
-        if array is not None:
-            array.setflags(write=False)
-    return observation
-
-
-def describe_error(error: BaseException) -> str:
-    """One line: what was raised, and where."""
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    try:
-        text = str(error)
-    except Exception:  # an exception class may be foreign code too
-        text = "no text"
-    return one_line(f"{type(error).__name__}: {text} ({place.filename}:{place.lineno})")
+def _squared_error(recording: Recording, model: SensorModel, observation: Observation) -> float:
+    """Sum of squared observation errors of the true motion, over their noise at sigma = 1."""
+    expected = observed(model.view, recording)[:-1]
+    root = whitening(np.array(model.covariance))
+    return float(np.nansum(((expected - observation.y) @ root.T) ** 2))

@@ -1,126 +1,173 @@
 """Ground truth of scenarios, worked out once per process."""
 
+import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.metrics.judged import HeldOut
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.judge.streams import stream
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import Recording, record
-from olne_bench.envs.scenarios import Scenario, get_scenario, is_family
+from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.information import (
     cosine_error_limit,
     joint_weight_covariance,
     observation_sensitivity,
+    of_seen,
 )
 from olne_bench.games.nearest_root import Prediction, predict
-from olne_bench.games.observation import View
+from olne_bench.games.sensor import SensorModel
 
 #: Other initial states that predictions are held to.
 HELD_OUT = 5
 
-_Key = tuple[str, tuple[tuple[str, Any], ...], int]
+
+@dataclass(frozen=True)
+class Draw:
+    """One member of a scenario family, or a fixed scenario.
+
+    Attributes:
+        name: of the scenario, or its file.
+        options: its own, as JSON.
+        trajectories: how many times the players are seen.
+        seed: of the draw; a fixed scenario uses it for other starts only.
+    """
+
+    name: str
+    options: str
+    trajectories: int
+    seed: int
+
+    @classmethod
+    def of(cls, scenario: ScenarioEntry, seed: int, salt: str) -> "Draw":
+        """The draw of a trial: who does not know the salt does not know it.
+
+        Args:
+            scenario: of the trial.
+            seed: of the trial.
+            salt: of its suite.
+        """
+        options = json.dumps(scenario.options, sort_keys=True)
+        key = (options, seed) if scenario.family else ()
+        own = stream(salt, "draw", scenario.name, *key)
+        return cls(scenario.name, options, scenario.trajectories, own)
 
 
-def true_recording(scenario: ScenarioEntry, seed: int) -> Recording:
-    """The recording of a scenario's draw.
+def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
+    """What the noise of a trial is drawn from: the same for every sensor and estimator.
+
+    Args:
+        scenario: of the trial.
+        sigma: its noise level.
+        seed: of the trial.
+        salt: of its suite.
+    """
+    options = json.dumps(scenario.options, sort_keys=True)
+    return stream(salt, "noise", scenario.name, options, round(sigma * 1e9), seed)
+
+
+def true_recording(draw: Draw) -> Recording:
+    """What happens in a draw.
 
     Raises:
         NoEquilibriumError: where no certified equilibrium was found.
     """
-    return _recording(_key(scenario, seed))
+    return _recording(draw.name, draw.options, draw.seed)
 
 
-def true_recordings(scenario: ScenarioEntry, seed: int) -> tuple[Recording, ...]:
-    """The recording of a scenario's draw and, where it shows several trajectories, the others.
+def true_recordings(draw: Draw) -> tuple[Recording, ...]:
+    """What happens in a draw and, where it shows several trajectories, from the other starts.
 
     Raises:
         NoEquilibriumError: where no certified equilibrium was found.
     """
-    key = _key(scenario, seed)
-    first = _recording(key)
-    return (first, *_neighbours(key, scenario.trajectories - 1, "trajectories"))
+    return (true_recording(draw), *_nearby(draw, draw.trajectories - 1, "trajectories"))
 
 
-def held_out_error(
-    scenario: ScenarioEntry, seed: int, weights: np.ndarray, root_iterations: int
-) -> float | None:
-    """Mean absolute position error [m] of predictions from other initial states nearby.
+def held_out(draw: Draw, weights: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
+    """Predictions from other initial states nearby.
 
     There are ``HELD_OUT`` of them, each with a certified equilibrium at the true weights. The
     prediction at the given weights (N, K) from the draw's own initial state
-    (``predict_from_start``) is followed to each (``nearby_starts.follow_start``); None
-    where there is none, or no root is found for one of them.
+    (``predict_from_start``) is followed to each (``nearby_starts.follow_start``).
+
+    Returns:
+        None where there is no prediction, or no root is found for one of the starts.
 
     Raises:
         NoEquilibriumError: where there are too few certified equilibria nearby.
     """
-    return _held_out_error(_key(scenario, seed), weights.tobytes(), root_iterations)
+    return _held_out(draw, weights.tobytes(), root_iterations)
 
 
-def unit_cosine_limit(scenario: ScenarioEntry, seed: int, view: View) -> float | None:
-    """Expected cosine error of an efficient estimator at sigma = 1; None if not identifiable.
-
-    To be multiplied by sigma^2 (``games.information.cosine_error_limit``).
-    """
-    return _unit_limit(_key(scenario, seed), scenario.trajectories, view)
-
-
-def predict_from_start(
-    scenario: ScenarioEntry, seed: int, weights: np.ndarray, root_iterations: int
-) -> Prediction:
+def predict_from_start(draw: Draw, weights: np.ndarray, root_iterations: int) -> Prediction:
     """The forward game at weights (N, K), from a draw's true initial state.
 
     The last ones are kept, as some estimators return the same weights again and again.
     ``root_iterations`` are those of ``Suite``.
     """
-    return _prediction(_key(scenario, seed), weights.tobytes(), root_iterations)
+    return _prediction(draw, weights.tobytes(), root_iterations)
 
 
-def _key(scenario: ScenarioEntry, seed: int) -> _Key:
-    options = tuple(sorted(scenario.options.items()))
-    return scenario.name, options, seed if is_family(scenario.name) else 0
+def unit_cosine_limit(
+    draw: Draw, model: SensorModel, seen: Sequence[np.ndarray] | None = None
+) -> float | None:
+    """Expected cosine error of an efficient estimator at sigma = 1; None if not identifiable.
+
+    To be multiplied by sigma^2 (``games.information.cosine_error_limit``).
+
+    Args:
+        draw: the truth.
+        model: of the sensor.
+        seen: observations (T, N, d) of each trajectory, where samples are missing.
+    """
+    if seen is None:
+        return _unit_limit(draw, model)
+    sensitivities = [
+        of_seen(rows, y) for rows, y in zip(sensitivities_of(draw, model), seen, strict=True)
+    ]
+    return _limit(true_recording(draw), sensitivities)
 
 
-def observed_noise_scale(scenario: Scenario, view: View) -> np.ndarray:
-    """Relative standard deviations (d,) of the noise on what a view shows."""
-    return view.noise_scale(np.array(scenario.noise_scale), scenario.game.dynamics)
+@lru_cache(maxsize=64)
+def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
+    """Of each trajectory's observations, over their noise (``observation_sensitivity``).
 
-
-def sensitivities_of(recordings: Sequence[Recording], view: View) -> list[np.ndarray]:
-    """Of each recording's observations, over their noise (``observation_sensitivity``)."""
-    return [
+    Raises:
+        ValueError: where an equilibrium is singular, so that it is no function of the weights.
+    """
+    return tuple(
         observation_sensitivity(
             one.scenario.game,
-            view,
+            model.view,
             one.states,
             one.controls,
             one.costates,
             one.scenario.weights,
-            noise_scale=observed_noise_scale(one.scenario, view),
+            noise_covariance=model.covariance,
         )
-        for one in recordings
-    ]
+        for one in true_recordings(draw)
+    )
 
 
 @lru_cache(maxsize=64)
-def _recording(key: _Key) -> Recording:
-    name, options, seed = key
-    return record(get_scenario(name, seed, **dict(options)))
+def _recording(name: str, options: str, seed: int) -> Recording:
+    return record(get_scenario(name, seed, **json.loads(options)))
 
 
 @lru_cache(maxsize=64)
-def _neighbours(key: _Key, count: int, stream: str) -> tuple[Recording, ...]:
-    return neighbours(_recording(key), count, stream, seed=key[2])
+def _nearby(draw: Draw, count: int, purpose: str) -> tuple[Recording, ...]:
+    return neighbours(true_recording(draw), count, purpose, seed=draw.seed)
 
 
 @lru_cache(maxsize=16)
-def _held_out_error(key: _Key, weights: bytes, root_iterations: int) -> float | None:
-    recordings = _neighbours(key, HELD_OUT, "held out")
-    known = _prediction(key, weights, root_iterations).root
+def _held_out(draw: Draw, weights: bytes, root_iterations: int) -> tuple[HeldOut, ...] | None:
+    recordings = _nearby(draw, HELD_OUT, "held out")
+    known = _prediction(draw, weights, root_iterations).root
     if known is None:
         return None
     shaped = np.frombuffer(weights).reshape(recordings[0].scenario.weights.shape)
@@ -128,14 +175,15 @@ def _held_out_error(key: _Key, weights: bytes, root_iterations: int) -> float | 
     if len(roots) < len(recordings):
         return None
     pairs = zip(recordings, roots, strict=True)
-    return float(np.mean([position_error(one.states, root.states) for one, root in pairs]))
+    return tuple(HeldOut(one.states, root.states) for one, root in pairs)
 
 
 @lru_cache(maxsize=128)
-def _unit_limit(key: _Key, trajectories: int, view: View) -> float | None:
-    recordings = (_recording(key), *_neighbours(key, trajectories - 1, "trajectories"))
-    recording = recordings[0]
-    sensitivities = sensitivities_of(recordings, view)
+def _unit_limit(draw: Draw, model: SensorModel) -> float | None:
+    return _limit(true_recording(draw), sensitivities_of(draw, model))
+
+
+def _limit(recording: Recording, sensitivities: Sequence[np.ndarray]) -> float | None:
     covariance = joint_weight_covariance(recording.scenario.game, sensitivities)
     if covariance is None:
         return None
@@ -143,8 +191,8 @@ def _unit_limit(key: _Key, trajectories: int, view: View) -> float | None:
 
 
 @lru_cache(maxsize=8)
-def _prediction(key: _Key, weights: bytes, root_iterations: int) -> Prediction:
-    recording = _recording(key)
+def _prediction(draw: Draw, weights: bytes, root_iterations: int) -> Prediction:
+    recording = true_recording(draw)
     scenario = recording.scenario
     shaped = np.frombuffer(weights).reshape(scenario.weights.shape)
     return predict(

@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 
 _COMPILED = {".pyc", ".pyo", ".so", ".pyd"}
-_LENGTH = 12
+LENGTH = 12
 #: Worlds are named by strings such as "highway_v0" and imported at their first use.
 _WORLD = re.compile(r"[a-z]\w*_v\d+")
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -42,7 +42,7 @@ def fingerprint(modules: Mapping[str, Path], roots: Mapping[str, Path], own: Pat
     digest = hashlib.sha256()
     for name in sorted(found):
         digest.update(f"{name} {_content(found[name])}\n".encode())
-    return digest.hexdigest()[:_LENGTH]
+    return digest.hexdigest()[:LENGTH]
 
 
 def _folder(name: str, roots: Mapping[str, Path], own: Path | None) -> Path | None:

@@ -1,25 +1,36 @@
-"""Trials: the unit of work of a study, and the row that it leaves behind."""
+"""Trials: the unit of work of a study."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
-from olne_bench.bench.plan.suite import EstimatorEntry, ScenarioEntry, Suite
-from olne_bench.bench.plan.versions import Versions, versions
-from olne_bench.envs.scenarios import is_family
-from olne_bench.estimators.registry import is_built_in
-
-#: What can become of a trial. Everything but ``ok`` and ``skipped`` is a failure.
-STATUSES = (
-    "ok",
-    "not_converged",  # the estimator says that its result is not valid
-    "failed_forward",  # no root of the game at the estimated weights was found
-    "timeout",  # killed at the time limit
-    "crash",  # raised an exception or took its process down
-    "invalid",  # returned something that is not an estimate
-    "skipped",  # says that it does not support the problem
+from olne_bench.bench.plan.entries import (
+    EstimatorEntry,
+    MetricEntry,
+    ScenarioEntry,
+    SensorEntry,
 )
+from olne_bench.bench.plan.salt import salt_id
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.versions import Versions, versions
+from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in
+
+#: Columns of a row that are known beforehand, and their SQL types.
+LABEL_COLUMNS = {
+    "suite": "TEXT",
+    "scenario": "TEXT",
+    "sensor": "TEXT",
+    "sigma": "REAL",
+    "seed": "INTEGER",
+    "salt_id": "TEXT",
+    "estimator": "TEXT",
+    "parameters": "TEXT",
+    "count": "INTEGER",
+}
+#: Those that identify a trial.
+KEY_COLUMNS = ("scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "parameters")
 
 
 @dataclass(frozen=True)
@@ -29,36 +40,48 @@ class Trial:
     Attributes:
         suite: name of the suite.
         scenario: scenario with options.
-        view: name of the observation model.
+        sensor: what the players are seen through.
         sigma: noise level.
         seed: of the noise, and of the draw where the scenario is a family.
         estimator: estimator with parameters and label.
+        metrics: what the estimate is scored by.
         count: how many trials of the study this one stands for.
         time_limit: wall-clock seconds for each of its stages (``bench.judge.referee``).
         root_iterations: as in ``Suite``.
+        salt: what the streams of noise and draws are seeded with, beside the seed.
         versions: of the code that it is to be run with.
     """
 
     suite: str
     scenario: ScenarioEntry
-    view: str
+    sensor: SensorEntry
     sigma: float
     seed: int
     estimator: EstimatorEntry
+    metrics: tuple[MetricEntry, ...]
     count: int
     time_limit: float
     root_iterations: int
+    salt: str
     versions: Versions = field(default_factory=Versions)
 
     @property
     def plugin(self) -> str:
         """What tells apart estimators that are not built in; empty where it is."""
-        return "" if is_built_in(self.estimator.name) else self.estimator.label
+        return _plugin(self.estimator)
+
+    @property
+    def home_plugins(self) -> tuple[str, ...]:
+        """Foreign code among what the trial is played with: its scenario and its sensor."""
+        named = [(SCENARIO, self.scenario.name)]
+        named += [(SENSOR, layer.name) for layer in self.sensor.layers]
+        return tuple(dict.fromkeys(name for kind, name in named if not is_built_in(kind, name)))
 
     @property
     def key(self) -> tuple[str, ...]:
         """What identifies the trial, whatever the version of the code."""
-        return tuple(str(self.labels[column]) for column in KEY_COLUMNS)
+        labels = self.labels
+        return tuple(str(labels[column]) for column in KEY_COLUMNS)
 
     @property
     def labels(self) -> dict[str, Any]:
@@ -66,68 +89,47 @@ class Trial:
         return {
             "suite": self.suite,
             "scenario": self.scenario.label,
-            "view": self.view,
+            "sensor": self.sensor.label,
             "sigma": self.sigma,
             "seed": self.seed,
+            "salt_id": salt_id(self.salt),
             "estimator": self.estimator.label,
             "parameters": json.dumps(self.estimator.parameters, sort_keys=True),
             "count": self.count,
         }
 
 
-KEY_COLUMNS = ("scenario", "view", "sigma", "seed", "estimator", "parameters")
+def explain_difference(trial: Trial) -> str | None:
+    """One line on how this process's code is not what a trial was made for; None where it is."""
+    actual = versions(trial.scenario, trial.sensor, trial.estimator, trial.metrics)
+    subjects = {
+        "estimator": f"the code of estimator {trial.estimator.label!r}",
+        "scenario": f"the code of scenario {trial.scenario.label!r}",
+        "sensor": f"the code of sensor {trial.sensor.label!r}",
+        "scoring": "the code of the scoring",
+        "environment": "the environment (versions of libraries, compiler or none)",
+    }
+    for name, subject in subjects.items():
+        here, there = getattr(actual, name), getattr(trial.versions, name)
+        if here != there:
+            return f"{subject} is {here} in the worker and {there} where the run was started"
+    return None
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What a trial found.
-
-    Attributes:
-        status: one of ``STATUSES``.
-        message: one line; empty where all is well.
-        cosine_error: eqn. cosine_metric, mean over players.
-        cosine_limit: its expectation for an efficient estimator (Cramer-Rao bound).
-        position_error: mean absolute position difference [m] of the forward game at the estimated
-            weights to the truth.
-        held_out_error: the same from five other initial states nearby; None where the game has no
-            root at one of them.
-        covered: 1 where the truth lies in the 95% ellipsoid of the estimate's covariance, 0 where
-            it does not; None without covariance.
-        reconstruction_error: the same of the estimator's own trajectory.
-        published_forward: 1 where the published study's own prediction step finds a root at the
-            estimated weights, 0 where only another search does, or none
-            (``games.nearest_root``).
-        observation_error: mean absolute position noise [m] of the observation.
-        objective: what the estimator minimised.
-        truth_objective: sum of squared observation errors of the true trajectory, each over its
-            noise scale.
-        solve_seconds: wall-clock time of the estimate, solver construction excluded.
-        weights: (N, K) nested list of estimated weights.
-        extras: JSON text of what else the estimator says in finite numbers and short texts; None
-            without any.
-    """
-
-    status: str
-    message: str = ""
-    cosine_error: float | None = None
-    cosine_limit: float | None = None
-    position_error: float | None = None
-    held_out_error: float | None = None
-    covered: int | None = None
-    reconstruction_error: float | None = None
-    published_forward: int | None = None
-    observation_error: float | None = None
-    objective: float | None = None
-    truth_objective: float | None = None
-    solve_seconds: float | None = None
-    weights: list[list[float]] | None = None
-    extras: str | None = None
+def number_of_trials(suite: Suite, seeds: int | None = None) -> int:
+    """How many trials ``expand`` yields."""
+    total = 0
+    for scenario, estimator in suite.pairs():
+        most = min(suite.seeds_of(scenario, estimator), seeds or suite.seeds)
+        for sigma in suite.sigmas_of(scenario):
+            total += 1 if sigma == 0 and not scenario.family else most
+    return total * len(suite.sensors)
 
 
 def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
     """All trials of a suite.
 
-    A worker builds the solvers of a game, view and estimator once and keeps the latest. So in a
+    A worker builds the solvers of a game, sensor and estimator once and keeps the latest. So in a
     fixed scenario the seed changes fastest; in a family, where every seed has a game of its own,
     slowest.
 
@@ -137,36 +139,60 @@ def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
     """
     numbers = range(min(seeds or suite.seeds, suite.seeds))
     for scenario in suite.scenarios:
-        if is_family(scenario.name):
-            for seed in numbers:
-                yield from _trials(suite, scenario, [seed])
-        else:
-            yield from _trials(suite, scenario, numbers, alike_without_noise=True)
+        cells = list(_cells(suite, scenario))
+        for part in (range(k, k + 1) for k in numbers) if scenario.family else (numbers,):
+            for cell in cells:
+                yield from _trials(suite, scenario, cell, part)
 
 
-def _trials(
-    suite: Suite, scenario: ScenarioEntry, seeds: Sequence[int], alike_without_noise: bool = False
-) -> Iterator[Trial]:
+def in_order_of_plugins(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
+    """As ``expand``, built-in estimators first, then those of one plugin after the other."""
+    groups: dict[str, list[EstimatorEntry]] = {}
+    for estimator in suite.estimators:
+        groups.setdefault(_plugin(estimator), []).append(estimator)
+    for name in sorted(groups):
+        part = suite.model_copy(update={"estimators": tuple(groups[name])})
+        yield from expand(part, seeds)
+
+
+def _plugin(estimator: EstimatorEntry) -> str:
+    return "" if is_built_in(ESTIMATOR, estimator.name) else estimator.label
+
+
+class _Cell(NamedTuple):
+    """What the trials of a scenario's sensor and estimator share."""
+
+    sensor: SensorEntry
+    estimator: EstimatorEntry
+    versions: Versions
+
+
+def _cells(suite: Suite, scenario: ScenarioEntry) -> Iterator[_Cell]:
     estimators = [estimator for entry, estimator in suite.pairs() if entry == scenario]
+    for sensor, estimator in product(suite.sensors, estimators):
+        code = versions(scenario, sensor, estimator, suite.metrics)
+        yield _Cell(sensor, estimator, code)
+
+
+def _trials(suite: Suite, scenario: ScenarioEntry, cell: _Cell, seeds: range) -> Iterator[Trial]:
     # A trial is the same in whatever selection of noise it is run.
     bare = scenario.model_copy(update={"sigmas": (), "seeds": None})
-    for view in suite.views:
-        for estimator in estimators:
-            code = versions(scenario, estimator)
-            most = suite.seeds_of(scenario, estimator)
-            own = [seed for seed in seeds if seed < most]
-            for sigma in suite.sigmas_of(scenario):
-                alike = alike_without_noise and sigma == 0
-                for seed in own[:1] if alike else own:
-                    yield Trial(
-                        suite=suite.name,
-                        scenario=bare,
-                        view=view,
-                        sigma=sigma,
-                        seed=seed,
-                        estimator=estimator,
-                        count=most if alike else 1,
-                        time_limit=suite.time_limit,
-                        root_iterations=suite.root_iterations,
-                        versions=code,
-                    )
+    most = suite.seeds_of(scenario, cell.estimator)
+    own = range(seeds.start, min(seeds.stop, most))
+    for sigma in suite.sigmas_of(scenario):
+        alike = not scenario.family and sigma == 0
+        for seed in own[:1] if alike else own:
+            yield Trial(
+                suite=suite.name,
+                scenario=bare,
+                sensor=cell.sensor,
+                sigma=sigma,
+                seed=seed,
+                estimator=cell.estimator,
+                metrics=suite.metrics,
+                count=most if alike else 1,
+                time_limit=suite.time_limit,
+                root_iterations=suite.root_iterations,
+                salt=suite.salt,
+                versions=cell.versions,
+            )

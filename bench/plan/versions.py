@@ -1,94 +1,132 @@
-"""Versions of what a trial's result depends on: estimator, scenario, scoring."""
+"""Versions of what a trial's result depends on."""
 
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
 from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import olne_bench
-from olne_bench.bench.plan.fingerprint import fingerprint
-from olne_bench.bench.plan.suite import EstimatorEntry, ScenarioEntry
-from olne_bench.estimators.registry import estimator_source, is_file_reference
+from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
+from olne_bench.bench.plan.fingerprint import LENGTH, fingerprint
+from olne_bench.games.native import backend
+from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
-_GAMES, _ENVS, _ESTIMATORS = (
-    {f"olne_bench.{name}": _PACKAGES} for name in ("games", "envs", "estimators")
+_GAMES, _ENVS, _ESTIMATORS, _BENCH = (
+    {f"olne_bench.{name}": _PACKAGES} for name in ("games", "envs", "estimators", "bench")
 )
+_COMMON = {
+    ESTIMATOR: _GAMES | _ESTIMATORS,
+    SCENARIO: _ENVS | _GAMES,
+    SENSOR: _ENVS | _GAMES,
+    METRIC: _GAMES | _BENCH,
+}
+#: What plays a scenario, and what lets a sensor see it.
+_AT_WORK = {SCENARIO: ("recording",), SENSOR: ("wrappers",)}
 _SCORING = (
-    "judge.differences",
     "judge.estimate_check",
-    "judge.metrics",
+    "judge.metrics.formulas",
+    "judge.metrics.judged",
+    "judge.metrics.scoring",
     "judge.nearby_starts",
     "judge.observe",
+    "judge.raw_estimate",
     "judge.referee",
+    "judge.streams",
     "judge.truth",
+    "run.player",
     "text",
 )
+#: Another version of one of these may round otherwise, or draw other numbers.
+_LIBRARIES = ("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env")
 
 
 @dataclass(frozen=True)
 class Versions:
-    """Fingerprints; rows of a trial with the same three are the same measurement.
+    """Fingerprints; rows of a trial with the same ones are the same measurement.
 
     Attributes:
         estimator: of the estimator's code, with what it imports from its own package or folder
             and from this benchmark. Its parameters are part of a trial's key anyway.
         scenario: of the scenario's code, and of what plays it.
-        scoring: of what turns an estimate into a row.
+        sensor: of the code of the sensor's layers.
+        scoring: of what turns an estimate into a row, metrics with their parameters included.
+        environment: of libraries, and of what solves the games: compiled code or NumPy.
     """
 
     estimator: str = ""
     scenario: str = ""
+    sensor: str = ""
     scoring: str = ""
+    environment: str = ""
 
 
-def versions(scenario: ScenarioEntry, estimator: EstimatorEntry) -> Versions:
-    """The versions as this process's code has them.
+#: Columns of a row, and their SQL types.
+VERSION_COLUMNS = {f"{f.name}_version": "TEXT" for f in fields(Versions)}
+
+
+def versions(
+    scenario: ScenarioEntry,
+    sensor: SensorEntry,
+    estimator: EstimatorEntry,
+    metrics: tuple[MetricEntry, ...],
+) -> Versions:
+    """The versions as this machine's code has them; foreign code is read, not run.
 
     Raises:
-        EstimatorError: where the estimator cannot be loaded.
+        UserError: where the code of one of them is not found.
     """
+    named = tuple((m.name, json.dumps(m.parameters, sort_keys=True)) for m in metrics)
     return Versions(
-        estimator=_estimator_version(estimator.name),
-        scenario=_scenario_version(scenario.name),
-        scoring=_scoring_version(),
+        estimator=_version(ESTIMATOR, estimator.name),
+        scenario=_version(SCENARIO, scenario.name),
+        sensor=_digest(_version(SENSOR, layer.name) for layer in sensor.layers),
+        scoring=_scoring(named),
+        environment=_digest(f"{name} {value}" for name, value in environment().items()),
     )
 
 
-def explain_difference(
-    scenario: ScenarioEntry, estimator: EstimatorEntry, expected: Versions
-) -> str | None:
-    """One line on how this process's code differs from what is expected; None where it does not."""
-    actual = versions(scenario, estimator)
-    for what, old, new in (
-        (f"estimator {estimator.label!r}", expected.estimator, actual.estimator),
-        (f"scenario {scenario.label!r}", expected.scenario, actual.scenario),
-        ("the scoring", expected.scoring, actual.scoring),
-    ):
-        if old != new:
-            return f"the code of {what} is {new} in the worker and {old} where the run was started"
-    return None
+@lru_cache(maxsize=1)
+def environment() -> Mapping[str, str]:
+    """Versions of libraries, and the backend: what ``Versions.environment`` is made of."""
+    found = {name: _library(name) for name in _LIBRARIES}
+    return found | {"backend": backend()}
+
+
+def _library(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "missing"
 
 
 @lru_cache(maxsize=256)
-def _estimator_version(reference: str) -> str:
-    module, path = estimator_source(reference)
-    roots = _GAMES | _ESTIMATORS
-    if is_file_reference(reference):
-        return fingerprint({path.stem: path}, roots, own=path.parent)
+def _version(kind: Kind, reference: str) -> str:
+    module, path = source(kind, reference)
+    around = _modules("olne_bench.envs", _AT_WORK.get(kind, ()))
+    if is_file(reference):
+        return fingerprint({path.stem: path} | around, _COMMON[kind], own=path.parent)
     top = module.partition(".")[0]
     depth = module.count(".") + (path.name == "__init__.py")
-    return fingerprint({module: path}, {top: path.parents[depth]} | roots, own=None)
+    # This package has roots of its own; of another one, all of it may count.
+    folder = {} if top == "olne_bench" else {top: path.parents[depth]}
+    return fingerprint({module: path} | around, folder | _COMMON[kind], own=None)
 
 
-@lru_cache(maxsize=256)
-def _scenario_version(name: str) -> str:
-    starts = _modules("olne_bench.envs", (f"scenarios.{name}", "recording"))
-    return fingerprint(starts, _ENVS | _GAMES, own=None)
+@lru_cache(maxsize=64)
+def _scoring(metrics: tuple[tuple[str, str], ...]) -> str:
+    own = fingerprint(_modules("olne_bench.bench", _SCORING), _GAMES, own=None)
+    return _digest([own, *(f"{_version(METRIC, name)} {given}" for name, given in metrics)])
 
 
-@lru_cache(maxsize=1)
-def _scoring_version() -> str:
-    return fingerprint(_modules("olne_bench.bench", _SCORING), _GAMES, own=None)
+def _digest(texts: Iterable[str]) -> str:
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(f"{text}\n".encode())
+    return digest.hexdigest()[:LENGTH]
 
 
 def _modules(package: str, names: tuple[str, ...]) -> dict[str, Path]:

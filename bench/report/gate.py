@@ -1,34 +1,31 @@
 """Acceptance: a run against the limits of its suite."""
 
-import shlex
+import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.plan.suite import Limits, Suite, read_suite_json, select
-from olne_bench.bench.report.statistics.attempts import is_family_label
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.plan.limits import GateLimits
+from olne_bench.bench.plan.select import select
+from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.report.measures import IDENTIFIABLE
+from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.errors import UserError
 
-_KEY = ["estimator", "scenario", "view", "sigma", "seed"]
+_KEY = ["estimator", "scenario", "sensor", "sigma", "seed"]
 
-#: Columns of the leaderboard that limits are on; times are compared apart.
-_COLUMNS = {
-    "cosine_error": "cosine_error_median",
-    "identifiable_cosine_error": "identifiable_cosine_error_median",
-    "position_error": "position_error_median",
-    "limit_ratio": "limit_ratio",
-    "failures": "failures",
-    "published_failures": "published_failures",
-}
+#: Columns of the leaderboard that limits are on whatever the metrics of a run.
+_COUNTS = ("limit_ratio", "failures", "published_failures")
 
 
 @dataclass(frozen=True)
-class Plan:
+class Task:
     """What a run set out to do.
 
     Attributes:
@@ -40,38 +37,27 @@ class Plan:
     seeds: int
 
 
-def plan_of(run: Provenance) -> Plan:
+def task_of(run: Provenance) -> Task:
     """What a stored run was asked to do."""
-    words = shlex.split(run.selection)
-    chosen: dict[str, list[str]] = {}
-    for option, value in zip(words[::2], words[1::2], strict=True):
-        chosen.setdefault(option.removeprefix("--"), []).append(value)
-    part = select(
-        read_suite_json(run.suite),
-        scenarios=tuple(chosen.get("scenario", ())),
-        views=tuple(chosen.get("view", ())),
-        sigmas=tuple(float(sigma) for sigma in chosen.get("sigma", ())),
-        estimators=tuple(chosen.get("estimator", ())),
-    )
-    return Plan(part, run.seeds)
+    return Task(select(read_suite_json(run.suite), run.selection), run.seeds)
 
 
 @dataclass(frozen=True)
-class Check:
-    """One limit in one scenario and view.
+class LimitOutcome:
+    """What became of one limit in one scenario and sensor.
 
     Attributes:
         estimator: its label.
         scenario: label of the scenario.
-        view: name of the view.
-        limit: what is limited, as in ``Limits``.
+        sensor: name of the sensor.
+        limit: what is limited, as in ``GateLimits``.
         value: what the run has; not a number where it does not say.
         bound: what it may be at most.
     """
 
     estimator: str
     scenario: str
-    view: str
+    sensor: str
     limit: str
     value: float
     bound: float
@@ -82,29 +68,51 @@ class Check:
         return self.value <= self.bound
 
 
-def check_limits(table: pd.DataFrame, gate: dict[str, Limits]) -> list[Check]:
-    """Check every limit.
+def check_limits(
+    table: pd.DataFrame, gate: Mapping[str, GateLimits], study: Study = USUAL
+) -> list[LimitOutcome]:
+    """What became of every limit.
 
     Args:
         table: a leaderboard.
         gate: limits by estimator label.
+        study: of the run.
 
     Raises:
-        UserError: where the run has nothing that a limit is about, so nothing passes unseen.
+        UserError: where the run has nothing that a limit is about, so nothing passes unseen, or a
+            limit is on what no gate may limit.
     """
+    for estimator, limits in gate.items():
+        _refuse_unknown_limits(estimator, limits, study.metrics)
     return [
-        check for estimator, limits in gate.items() for check in _checks(table, estimator, limits)
+        outcome
+        for estimator, limits in gate.items()
+        for outcome in _outcomes(table, estimator, limits)
     ]
 
 
-def missing_trials(trials: pd.DataFrame, plans: Iterable[Plan]) -> list[str]:
+def _refuse_unknown_limits(
+    estimator: str, limits: GateLimits, metrics: Iterable[MetricDeclaration]
+) -> None:
+    gated = [metric.name for metric in (*metrics, IDENTIFIABLE) if metric.gated]
+    known = [*gated, *_COUNTS, "time_ratio"]
+    for name in limits.bounds:
+        if name not in known:
+            raise UserError(
+                f"[gate.{estimator}] limits {name!r}, which is no metric of the run that a gate "
+                f"may limit; there are: {', '.join(known)}"
+            )
+
+
+def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task], study: Study = USUAL) -> list[str]:
     """What has not been done of what was set out to be done, in words.
 
     Args:
         trials: rows of a run.
-        plans: of all that wrote to it; what they share counts once.
+        tasks: of all that wrote to it; what they share counts once.
+        study: of the run.
     """
-    planned = {key for plan in plans for key in _keys(plan)}
+    planned = {key for task in tasks for key in _keys(task, study)}
     done = set(trials[_KEY].itertuples(index=False, name=None))
     whole = Counter(key[:3] for key in planned)
     missing = Counter(key[:3] for key in planned - done)
@@ -114,23 +122,23 @@ def missing_trials(trials: pd.DataFrame, plans: Iterable[Plan]) -> list[str]:
     ]
 
 
-def _keys(plan: Plan) -> Iterator[tuple[str, str, str, float, int]]:
-    """The trials of a plan, as ``plan.trial.expand`` has them; unknown names are no error."""
-    suite = plan.suite
+def _keys(task: Task, study: Study) -> Iterator[tuple[str, str, str, float, int]]:
+    """The trials of a task, as ``plan.trial.expand`` has them; unknown names are no error."""
+    suite = task.suite
     for scenario, estimator in suite.pairs():
-        seeds = range(min(plan.seeds, suite.seeds_of(scenario, estimator)))
-        fixed = not is_family_label(scenario.label)
-        for view, sigma in product(suite.views, suite.sigmas_of(scenario)):
+        seeds = range(min(task.seeds, suite.seeds_of(scenario, estimator)))
+        fixed = not scenario.family
+        for sensor, sigma in product(suite.sensors, suite.sigmas_of(scenario)):
             for seed in seeds[:1] if fixed and sigma == 0 else seeds:
-                yield estimator.label, scenario.label, view, sigma, seed
+                yield estimator.label, scenario.label, sensor.label, sigma, seed
 
 
-def _checks(table: pd.DataFrame, estimator: str, limits: Limits) -> Iterator[Check]:
+def _outcomes(table: pd.DataFrame, estimator: str, limits: GateLimits) -> Iterator[LimitOutcome]:
     _require("estimator", [estimator], table["estimator"])
     _require("scenario", limits.scenarios, table["scenario"])
-    _require("view", limits.views, table["view"])
+    _require("sensor", limits.sensors, table["sensor"])
     rows = table[table["estimator"] == estimator]
-    for what, names in (("scenario", limits.scenarios), ("view", limits.views)):
+    for what, names in (("scenario", limits.scenarios), ("sensor", limits.sensors)):
         rows = rows[rows[what].isin(names)] if names else rows
     tried = rows[rows["trials"] > 0]
     if tried.empty:
@@ -140,16 +148,18 @@ def _checks(table: pd.DataFrame, estimator: str, limits: Limits) -> Iterator[Che
             if limit == "time_ratio":
                 value = row["solve_seconds_median"] / _time(table, row, limits.time_reference)
             else:
-                value = row[_COLUMNS[limit]]
-            yield Check(estimator, row["scenario"], row["view"], limit, float(value), bound)
+                value = row.get(limit if limit in _COUNTS else f"{limit}_median", math.nan)
+            yield LimitOutcome(
+                estimator, row["scenario"], row["sensor"], limit, float(value), bound
+            )
 
 
 def _time(table: pd.DataFrame, row: dict, reference: str) -> float:
     _require("time_reference", [reference], table["estimator"])
-    same = (table["scenario"] == row["scenario"]) & (table["view"] == row["view"])
+    same = (table["scenario"] == row["scenario"]) & (table["sensor"] == row["sensor"])
     found = table.loc[same & (table["estimator"] == reference), "solve_seconds_median"]
     # More than half of the reference's attempts without an end are no measure of anything.
-    return float(found.iloc[0]) if len(found) and np.isfinite(found.iloc[0]) else float("nan")
+    return float(found.iloc[0]) if len(found) and np.isfinite(found.iloc[0]) else math.nan
 
 
 def _require(what: str, names: list[str] | tuple[str, ...], known: pd.Series) -> None:

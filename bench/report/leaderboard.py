@@ -1,4 +1,4 @@
-"""The leaderboard: one row per scenario, view and estimator, over all attempts.
+"""The leaderboard: one row per scenario, sensor and estimator, over all attempts.
 
 A failure has no error, so it ranks worse than any: quantiles are taken over all attempts with
 failures at infinity, and a median of ``inf`` says that more than half of the attempts failed.
@@ -7,92 +7,110 @@ failures at infinity, and a median of ``inf`` says that more than half of the at
 import numpy as np
 import pandas as pd
 
+from olne_bench.bench.judge.metrics.cosine_error import CosineError
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
+from olne_bench.bench.report.measures import IDENTIFIABLE, compared, in_table, primary
 from olne_bench.bench.report.statistics.attempts import (
-    WORST,
     attempts_of,
     errors_of,
-    lacks_held_out,
+    measured,
     quantile,
 )
 from olne_bench.bench.report.statistics.estimator_comparison import ranks
 from olne_bench.bench.report.statistics.intervals import mean_by_seed
+from olne_bench.bench.report.study import USUAL, Study
 
 #: Noise up to which errors are compared with the statistical limit, which is a small-noise
 #: expansion. Where a study has none so small, the least that it has is taken.
 LIMIT_SIGMA = 0.01
 
-_KEY = ["scenario", "view", "estimator"]
+_KEY = ["scenario", "sensor", "estimator"]
 
 
-def leaderboard(trials: pd.DataFrame, comparisons: pd.DataFrame | None = None) -> pd.DataFrame:
+def leaderboard(
+    trials: pd.DataFrame, comparisons: pd.DataFrame | None = None, study: Study = USUAL
+) -> pd.DataFrame:
     """Summarise trials.
 
     Args:
         trials: rows as in ``trials.parquet``; ``identifiable_cosine_error`` may be among them, of
             which only rows that have one count.
         comparisons: from ``bench.report.statistics.estimator_comparison``, for ranks.
+        study: of the run.
 
     Returns:
-        One row per (scenario, view, estimator): ``trials``, ``failures`` and
-        ``published_failures`` (rows counted with their ``count``; skipped ones apart), of each
-        error the median, quartiles and mean with its 95 % interval over seeds, ``coverage``
-        (share of 95 % ellipsoids that hold the truth, among the ``coverage_trials`` estimates with
-        one), ``limit_ratio`` (mean cosine error over its statistical limit for small noise), the
-        median time, infinite for attempts that never came to an end, and ranks with ties. In means,
-        a failure has the largest error there is: 1 for angles, infinity for positions. The best
-        median position error comes first within a scenario and view.
+        One row per (scenario, sensor, estimator): ``trials``, ``failures`` and
+        ``published_failures`` (rows counted with their ``count``), ``skipped`` and
+        ``harness_errors`` (which are no attempts); of each metric with values the median, quartiles
+        and mean with its 95 % interval over seeds, or ``_share`` and ``_trials`` (how many have a
+        value); ``limit_ratio`` (mean cosine error over its statistical limit for small noise), the
+        median time, infinite for attempts that never came to an end, and ranks with ties by the
+        metrics that are compared. In means, a failure has the largest error there is, such as 1 for
+        angles and infinity for positions. The best median of the primary metric, the position
+        error, comes first within a scenario and sensor.
     """
-    if "held_out_error" in trials:
-        lacks = lacks_held_out(trials)
-        trials = (
-            trials.assign(lacks_held_out=lacks)
-            if trials["held_out_error"].notna().any()
-            else trials.drop(columns="held_out_error")  # not measured, which is nobody's failure
-        )
-    groups = trials.groupby(_KEY, sort=True)
-    rows = [dict(zip(_KEY, key, strict=True)) | _summary(group) for key, group in groups]
-    columns = list(rows[0]) if rows else []
-    table = pd.DataFrame(rows, columns=columns)
+    metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
+    about = {metric.name: measured(trials, metric, study) for metric in metrics}
+    rows = [
+        dict(zip(_KEY, key, strict=True))
+        | _counts(group)
+        | _measures(attempts_of(group), metrics, about)
+        for key, group in trials.groupby(_KEY, sort=True)
+    ]
+    table = pd.DataFrame(rows, columns=list(rows[0]) if rows else [])
     if table.empty:
         return table
+    ranked = compared(metrics)
     if comparisons is not None:
-        for error in ("position_error", "cosine_error"):
-            table[f"{error}_rank"] = ranks(comparisons, table, error)
-    order = ["scenario", "view", "position_error_median", "failures", "cosine_error_median"]
-    return table.sort_values([*order, "estimator"], ignore_index=True)
+        for metric in ranked:
+            table[f"{metric.name}_rank"] = ranks(comparisons, table, metric.name)
+    first = primary(metrics)
+    others = [f"{metric.name}_median" for metric in ranked if metric != first]
+    best = [f"{first.name}_median"] if first else []
+    order = ["scenario", "sensor", *best, "failures", *others, "estimator"]
+    return table.sort_values(order, ignore_index=True)
 
 
-def _summary(group: pd.DataFrame) -> dict[str, float | int]:
+def _counts(group: pd.DataFrame) -> dict[str, float | int]:
     attempts = attempts_of(group)
-    count, seeds = attempts["count"].to_numpy(), attempts["seed"].to_numpy()
+    count = attempts["count"].to_numpy()
     failed = (attempts["status"] != "ok").to_numpy()
-    summary: dict[str, float | int] = {
+    return {
         "trials": int(count.sum()),
         "failures": int(count[failed].sum()),
         "published_failures": int(count[published_failures(attempts)].sum()),
-        "skipped": int(group["count"].sum() - count.sum()),
+        "skipped": int(group.loc[group["status"] == "skipped", "count"].sum()),
+        "harness_errors": int((group["status"] == "harness_error").sum()),
     }
-    for error, worst in WORST.items():
-        if error not in attempts:
-            continue
-        known = np.full(len(attempts), True)
-        if error == "identifiable_cosine_error":
-            values = attempts[error].to_numpy(float)
-            known = ~np.isnan(values)
-        else:
-            values = errors_of(attempts, error)
-        if error == "held_out_error":
-            known = ~attempts["lacks_held_out"].to_numpy(bool)
-        for name, share in (("median", 0.5), ("q25", 0.25), ("q75", 0.75)):
-            summary[f"{error}_{name}"] = quantile(values[known], count[known], share)
-        mean = mean_by_seed(np.minimum(values, worst)[known], seeds[known], count[known])
-        summary[f"{error}_mean"] = mean.estimate
-        summary[f"{error}_mean_low"] = mean.low
-        summary[f"{error}_mean_high"] = float(np.minimum(mean.high, worst))
-    summary["coverage"], summary["coverage_trials"] = _coverage(attempts)
+
+
+def _measures(
+    attempts: pd.DataFrame, metrics: list[MetricDeclaration], about: dict[str, pd.Series]
+) -> dict[str, float | int]:
+    summary: dict[str, float | int] = {}
+    for metric in metrics:
+        rows = attempts[about[metric.name].reindex(attempts.index)]
+        summary |= _share(rows, metric) if metric.is_share else _error(rows, metric)
     summary["limit_ratio"] = _limit_ratio(attempts)
+    count = attempts["count"].to_numpy()
     summary["solve_seconds_median"] = quantile(_times(attempts), count, 0.5)
     return summary
+
+
+def _error(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float | int]:
+    """Quantiles and mean of an error over all attempts, failures included."""
+    values, count = errors_of(attempts, metric), attempts["count"].to_numpy()
+    seeds = attempts["seed"].to_numpy()
+    quantiles = {
+        f"{metric.name}_{name}": quantile(values, count, share)
+        for name, share in (("median", 0.5), ("q25", 0.25), ("q75", 0.75))
+    }
+    mean = mean_by_seed(np.minimum(values, metric.worst), seeds, count)
+    return quantiles | {
+        f"{metric.name}_mean": mean.estimate,
+        f"{metric.name}_mean_low": mean.low,
+        f"{metric.name}_mean_high": float(np.minimum(mean.high, metric.worst)),
+    }
 
 
 def published_failures(attempts: pd.DataFrame) -> np.ndarray:
@@ -110,20 +128,24 @@ def _times(attempts: pd.DataFrame) -> np.ndarray:
     return attempts["solve_seconds"].fillna(np.inf).to_numpy(float)
 
 
-def _coverage(attempts: pd.DataFrame) -> tuple[float, int]:
-    """Share of ellipsoids that hold the truth, and how many ellipsoids there are."""
-    if "covered" not in attempts or not attempts["covered"].notna().any():
-        return float("nan"), 0
-    told = attempts[attempts["covered"].notna()]
-    share = np.average(told["covered"].to_numpy(float), weights=told["count"])
-    return float(share), int(told["count"].sum())
+def _share(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float | int]:
+    """Share of attempts with a value, and how many these are."""
+    told = attempts[attempts[metric.name].notna()]
+    number = int(told["count"].sum())
+    share = np.average(told[metric.name].to_numpy(float), weights=told["count"]) if number else None
+    return {
+        f"{metric.name}_share": float("nan") if share is None else float(share),
+        f"{metric.name}_trials": number,
+    }
 
 
 def _limit_ratio(attempts: pd.DataFrame) -> float:
-    sigma = attempts["sigma"]
+    metric, sigma = declare(CosineError), attempts["sigma"]
+    if metric.name not in attempts:
+        return float("nan")
     most = max(LIMIT_SIGMA, sigma[sigma > 0].min())
     small = attempts[(sigma > 0) & (sigma <= most)]
-    errors = np.minimum(errors_of(small, "cosine_error"), WORST["cosine_error"])
+    errors = np.minimum(errors_of(small, metric), metric.worst)
     limits = small["cosine_limit"].to_numpy(float)
     known = np.isfinite(limits) & (limits > 0)
     if not known.any():

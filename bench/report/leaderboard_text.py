@@ -1,73 +1,106 @@
 """The leaderboard for a paper or a README: LaTeX and Markdown."""
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.escapes import markdown_text
+from olne_bench.bench.report.measures import in_leaderboard, primary
 from olne_bench.bench.report.statistics.estimator_comparison import leaders
+from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.text import one_line
 
-_ERRORS = {
-    "position_error": "Position error [m]",
-    "cosine_error": "Cosine error",
-}
 _ROUNDING = 1e-9  # below, errors are a solver's rounding
 
 
-def markdown(table: pd.DataFrame) -> str:
-    """The leaderboard as a Markdown table; the leaders of a scenario and view are bold."""
-    shown = _shown(table, number=_plain, bold="**{}**".format, percent="%")
-    for column in ("Scenario", "View", "Estimator"):
-        shown[column] = [_markdown_text(text) for text in shown[column]]
-    texts = ("Scenario", "View", "Estimator")
-    rule = ["---" if column in texts else "---:" for column in shown]
+@dataclass(frozen=True)
+class _Markup:
+    """How a language writes what is not a name.
+
+    Attributes:
+        number: a number, infinite or missing ones too.
+        bold: text in bold.
+        text: a name, with nothing in it that the language would act on.
+    """
+
+    number: Callable[[float], str]
+    bold: Callable[[str], str]
+    text: Callable[[str], str]
+
+
+def markdown(table: pd.DataFrame, study: Study = USUAL) -> str:
+    """The leaderboard as a Markdown table; the leaders of a scenario and sensor are bold."""
+    shown = _shown(table, study, _Markup(_plain, "**{}**".format, markdown_text))
+    rule = ["---" if k < 3 else "---:" for k in range(len(shown.columns))]
     lines = [list(shown.columns), rule, *shown.to_numpy().tolist()]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def latex(table: pd.DataFrame) -> str:
+def latex(table: pd.DataFrame, study: Study = USUAL) -> str:
     """The leaderboard as a LaTeX ``tabular``, for the package booktabs."""
-    shown = _shown(table, number=_mathematical, bold="\\textbf{{{}}}".format, percent="\\%")
-    style = shown.style.hide(axis="index")
-    style = style.format(escape="latex", subset=["Scenario", "View", "Estimator"])
+    shown = _shown(table, study, _Markup(_mathematical, "\\textbf{{{}}}".format, _latex_text))
     kinds = "l" * 3 + "r" * (len(shown.columns) - 3)
-    return style.to_latex(column_format=kinds, hrules=True)
+    return shown.style.hide(axis="index").to_latex(column_format=kinds, hrules=True)
 
 
-def _shown(  # type: ignore[no-untyped-def]
-    table: pd.DataFrame, *, number, bold, percent: str
-) -> pd.DataFrame:
-    shown = pd.DataFrame(
-        {
-            "Scenario": table["scenario"],
-            "View": table["view"],
-            "Estimator": table["estimator"],
-            "Rank": table["position_error_rank"].astype("string").fillna(number(math.nan)),
-        }
-    )
-    for error, title in _ERRORS.items():
-        columns = [f"{error}_{name}" for name in ("median", "q25", "q75")]
-        texts = [
-            (number(middle), f" [{number(low)}, {number(high)}]")
-            for middle, low, high in table[columns].itertuples(index=False)
-        ]
-        shown[title] = [
-            (bold(middle) if best else middle) + rest
-            for (middle, rest), best in zip(texts, leaders(table, error), strict=True)
-        ]
-    if "held_out_error_median" in table:
-        shown["Held out [m]"] = table["held_out_error_median"].map(number)
-    shown["Identifiable"] = table["identifiable_cosine_error_median"].map(number)
-    shown["Error / bound"] = table["limit_ratio"].map(number)
-    covered = table[["coverage", "coverage_trials"]].itertuples(index=False)
-    shown["Covered"] = [
-        f"{share:.0%} of {count}".replace("%", percent) if count else number(math.nan)
-        for share, count in covered
-    ]
+def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
+    """All cells as text, in the language's own words; so are the heads of columns."""
+    number, text = markup.number, markup.text
+    columns = {
+        head: table[name].map(text)
+        for head, name in (
+            ("Scenario", "scenario"),
+            ("Sensor", "sensor"),
+            ("Estimator", "estimator"),
+        )
+    }
+    metrics = in_leaderboard(study.metrics, table)
+    first = primary(metrics)
+    if first is not None and f"{first.name}_rank" in table:
+        ranked = table[f"{first.name}_rank"].astype("string")
+        columns["Rank"] = ranked.fillna(number(math.nan))
+    for metric in metrics:
+        columns[text(metric.title)] = pd.Series(_cells(table, metric, markup), table.index)
+    columns[text("Error / bound")] = table["limit_ratio"].map(number)
     counts = table[["failures", "published_failures", "trials"]].itertuples(index=False)
-    shown["Failures (published)"] = [f"{a} ({b}) of {n}" for a, b, n in counts]
-    shown["Time [ms]"] = (1e3 * table["solve_seconds_median"]).map(number)
-    return shown
+    failures = [f"{a} ({b}) of {n}" for a, b, n in counts]
+    columns["Failures (published)"] = pd.Series(failures, table.index)
+    if _has_harness_errors(table):
+        columns["Harness errors"] = table["harness_errors"].astype("string")
+    columns[text("Time [ms]")] = (1e3 * table["solve_seconds_median"]).map(number)
+    return pd.DataFrame(columns)
+
+
+def _has_harness_errors(table: pd.DataFrame) -> bool:
+    return bool((table["harness_errors"] > 0).any())
+
+
+def _cells(table: pd.DataFrame, metric: MetricDeclaration, markup: _Markup) -> list[str]:
+    """A share with its number of trials, a compared error with its quartiles, else a median."""
+    number = markup.number
+    if metric.is_share:
+        told = table[[f"{metric.name}_share", f"{metric.name}_trials"]].itertuples(index=False)
+        return [
+            markup.text(f"{share:.0%} of {count}") if count else number(math.nan)
+            for share, count in told
+        ]
+    if not metric.compared:
+        return [number(value) for value in table[f"{metric.name}_median"]]
+    quartiles = table[[f"{metric.name}_{name}" for name in ("median", "q25", "q75")]]
+    best = (
+        leaders(table, metric.name).tolist()
+        if f"{metric.name}_rank" in table
+        else [False] * len(table)
+    )
+    return [
+        (markup.bold(number(middle)) if leads else number(middle))
+        + f" [{number(low)}, {number(high)}]"
+        for (middle, low, high), leads in zip(quartiles.itertuples(index=False), best, strict=True)
+    ]
 
 
 def _plain(value: float) -> str:
@@ -92,6 +125,16 @@ def _mathematical(value: float) -> str:
     return _plain(value)
 
 
-def _markdown_text(text: str) -> str:
-    """A name as text: nothing that Markdown, or HTML in it, would act on."""
-    return "".join(f"\\{c}" if c in "\\`*_[]<>|#&" else c for c in text)
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+} | {c: f"\\{c}" for c in "&%$#_{}"}
+
+
+def _latex_text(text: str) -> str:
+    """A name as text: nothing that LaTeX would act on."""
+    return "".join(_LATEX.get(c, c) for c in one_line(text))

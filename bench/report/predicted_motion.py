@@ -10,10 +10,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from olne_bench.bench.judge.metrics import position_error
-from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.judge.metrics.formulas import position_error
+from olne_bench.bench.judge.truth import Draw, true_recording
+from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.envs.recording import Recording
 from olne_bench.games.game import Game
 from olne_bench.games.nearest_root import nearest_root
@@ -23,38 +24,47 @@ _ITERATIONS = 60  # of IPOPT
 _TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known
 
 
-def replay(scenario: ScenarioEntry, trial: Mapping[Any, Any]) -> np.ndarray | None:
+def predict_again(draw: Draw, trial: Mapping[Any, Any]) -> np.ndarray | None:
     """The predicted states (T, N, n) of a trial.
 
     Args:
-        scenario: of the trial.
+        draw: of the trial.
         trial: its row, with ``seed, status, weights, position_error, published_forward``.
 
     Returns:
         None where the trial has no prediction by the published step, or none with its error is
         found again.
+
+    Raises:
+        NotDrawnError: where its weights do not fit the scenario.
     """
-    game = true_recording(scenario, int(trial["seed"])).scenario.game
+    game = true_recording(draw).scenario.game
     weights = estimated_weights(trial["weights"], game)
     if trial["status"] != "ok" or weights is None or trial["published_forward"] == 0:
         return None
     error = float(trial["position_error"])
-    return _replay(scenario.model_dump_json(), int(trial["seed"]), weights.tobytes(), error)
+    return _predict_again(draw, weights.tobytes(), error)
 
 
 def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
-    """Weights (N, K) of a row, or None where the trial left none that the game can take."""
+    """Weights (N, K) of a row; None where the trial left none.
+
+    Raises:
+        NotDrawnError: on weights that the game cannot take, as of another version of it.
+    """
+    if value is None or (isinstance(value, float) and np.isnan(value)) or value is pd.NA:
+        return None
     try:
         rows = np.array([list(row) for row in value], dtype=float)
         game.check_weights(rows)
-        return rows  # to the last digit: scaled once more, the published step may end elsewhere
-    except (TypeError, ValueError):
-        return None
+    except (TypeError, ValueError) as error:
+        raise NotDrawnError(f"stored weights do not fit the scenario: {error}") from error
+    return rows  # to the last digit: scaled once more, the published step may end elsewhere
 
 
 @lru_cache(maxsize=4096)  # the page and the figures show the same trials
-def _replay(scenario: str, seed: int, weights: bytes, error: float) -> np.ndarray | None:
-    recording = true_recording(ScenarioEntry.model_validate_json(scenario), seed)
+def _predict_again(draw: Draw, weights: bytes, error: float) -> np.ndarray | None:
+    recording = true_recording(draw)
     shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
     absolute, relative = _TOLERANCE
     for find in (_followed, _nearest):

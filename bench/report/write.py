@@ -1,38 +1,42 @@
 """What a run leaves to take home: tables and figures, made from the store alone."""
 
-import math
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-from pyarrow import csv, parquet
+from pyarrow import Table, csv, parquet
 
-from olne_bench.bench.files import whole_file
+from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.report.escapes import csv_safe, csv_safe_arrow
 from olne_bench.bench.report.figures import draw_figures
 from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.page.render import render_page
-from olne_bench.bench.report.results import find
-from olne_bench.bench.report.statistics.attempts import FLOOR, weighed
+from olne_bench.bench.report.statistics.attempts import weighed
+from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.tables import RunTables, tabulate
+from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import parse_weights, read_store, to_frame
 from olne_bench.errors import UserError
-
-_LEGEND = """
-Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
-published_failures: also those where the published search misses a root that another one finds.
-cosine error: angle between estimated and true weights; position error [m]: prediction by the
-forward game at the estimated weights; held out: its median from five other initial states.
-covered: share of the estimates' 95 % ellipsoids that hold the true weights.
-identifiable: median cosine error less what the data cannot show at 0.01 m.
-rank: by position error; differences that are not significant are ties, and where so few trials
-are independent that none could be, there is none. /limit: mean cosine error
-over its statistical limit (the Cramer-Rao bound) at little noise. ms: median time of one
-estimate; those that were stopped or broke off count as infinitely slow."""
-_FLOOR_LEGEND = """
-uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
+from olne_bench.files import whole_file
 
 
-def write_report(folder: Path, formats: Sequence[str]) -> pd.DataFrame:
+@dataclass(frozen=True)
+class Report:
+    """What was written.
+
+    Attributes:
+        tables: of the run.
+        study: of the run.
+        notes: what could not be shown, and why.
+    """
+
+    tables: RunTables
+    study: Study
+    notes: list[str]
+
+
+def write_report(folder: Path, formats: Sequence[str]) -> Report:
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
@@ -43,9 +47,6 @@ def write_report(folder: Path, formats: Sequence[str]) -> pd.DataFrame:
         folder: a run folder.
         formats: of the figures; none are drawn where it is empty.
 
-    Returns:
-        The leaderboard.
-
     Raises:
         UserError: if the folder holds no run, or cannot be written.
     """
@@ -53,56 +54,51 @@ def write_report(folder: Path, formats: Sequence[str]) -> pd.DataFrame:
         rows, runs = store.table(), store.runs()
     if not rows.num_rows:
         raise UserError(f"the run in {folder} has no finished trial yet")
+    study = study_of(read_suite_json(run.suite) for run in runs)
     try:
-        with whole_file(folder / "trials.csv") as path:
-            csv.write_csv(rows, path)
-        rows = parse_weights(rows)
-        with whole_file(folder / "trials.parquet") as path:
-            parquet.write_table(rows, path, compression="zstd")
-        trials = weighed(to_frame(rows))
-        findings = find(trials)
-        for name, table in findings.tables().items():
-            with whole_file(folder / f"{name}.csv") as path:
-                table.to_csv(path, index=False)
-        for name, text in (
-            ("leaderboard.md", markdown(findings.leaderboard)),
-            ("leaderboard.tex", latex(findings.leaderboard)),
-        ):
-            with whole_file(folder / name) as path:
-                path.write_text(text, encoding="utf-8")
-        with whole_file(folder / "index.html") as path:
-            page = render_page(trials, findings, runs)
-            path.write_text(page, encoding="utf-8")
+        trials = weighed(_write_trials(rows, folder))
+        tables = tabulate(trials, study)
+        _write_tables(tables, study, folder)
+        notes = list(tables.notes)
         if formats:
-            draw_figures(trials, folder / "figures", formats)
+            notes += draw_figures(trials, folder / "figures", formats, study).notes
+        notes += _write_page(trials, tables, runs, study, notes, folder / "index.html")
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
-    return findings.leaderboard
+    return Report(tables, study, list(dict.fromkeys(notes)))
 
 
-def format_leaderboard(table: pd.DataFrame) -> str:
-    """The leaderboard as text for a terminal."""
-    counts = ["trials", "failures", "published_failures"]
-    shown = table[["scenario", "view", "estimator", *counts]].copy()
-    for error in ("cosine_error", "position_error"):
-        quartiles = table[[f"{error}_median", f"{error}_q25", f"{error}_q75"]]
-        shown[f"{error.replace('_', ' ')} [IQR]"] = [
-            f"{_short(median)} [{_short(low)}, {_short(high)}]"
-            for median, low, high in quartiles.itertuples(index=False)
-        ]
-    if "held_out_error_median" in table:
-        shown["held out"] = table["held_out_error_median"].map(_short)
-    shown["covered"] = table["coverage"].map("{:.0%}".format).replace("nan%", "")
-    if "identifiable_cosine_error_median" in table:
-        shown["identifiable"] = table["identifiable_cosine_error_median"].map(_short)
-    shown["/limit"] = table["limit_ratio"].map(partial(_short, digits=".2f"))
-    shown["rank"] = table["position_error_rank"].astype("string").fillna("-")
-    shown["ms"] = (1e3 * table["solve_seconds_median"]).map(partial(_short, digits=".1f"))
-    legend = _LEGEND + (_FLOOR_LEGEND if FLOOR in set(table["estimator"]) else "")
-    return f"{shown.to_string(index=False)}\n{legend}"
+def _write_trials(rows: Table, folder: Path) -> pd.DataFrame:
+    with whole_file(folder / "trials.csv") as path:
+        csv.write_csv(csv_safe_arrow(rows), path)
+    parsed = parse_weights(rows)
+    with whole_file(folder / "trials.parquet") as path:
+        parquet.write_table(parsed, path, compression="zstd")
+    return to_frame(parsed)
 
 
-def _short(value: float, digits: str = ".2g") -> str:
-    if math.isnan(value):
-        return "-"
-    return "∞" if math.isinf(value) else f"{value:{digits}}"
+def _write_tables(tables: RunTables, study: Study, folder: Path) -> None:
+    for name, table in tables.by_name().items():
+        with whole_file(folder / f"{name}.csv") as path:
+            csv_safe(table).to_csv(path, index=False)
+    for name, text in (
+        ("leaderboard.md", markdown(tables.leaderboard, study)),
+        ("leaderboard.tex", latex(tables.leaderboard, study)),
+    ):
+        with whole_file(folder / name) as path:
+            path.write_text(text, encoding="utf-8")
+
+
+def _write_page(
+    trials: pd.DataFrame,
+    tables: RunTables,
+    runs: Sequence[Provenance],
+    study: Study,
+    notes: Sequence[str],
+    place: Path,
+) -> list[str]:
+    """Write the page, and return what it could not show."""
+    page = render_page(trials, tables, runs, study, notes)
+    with whole_file(place) as path:
+        path.write_text(page.html, encoding="utf-8")
+    return page.notes

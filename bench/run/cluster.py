@@ -8,7 +8,6 @@ same as on one machine, and so are the rows. Only the driver, which is here, wri
 import importlib.util
 import itertools
 import logging
-import math
 import signal
 import threading
 import time
@@ -16,17 +15,18 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from concurrent.futures import wait as futures_wait
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from olne_bench.bench.plan.trial import Outcome, Trial
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.process.child import TICK
 from olne_bench.bench.run.executor import never
-from olne_bench.bench.run.referee_loop import run_trial
-from olne_bench.bench.run.referee_process import TICK, WorkerProcess
+from olne_bench.bench.run.referee_process import RefereeProcess
 from olne_bench.errors import UserError
 
 #: Trials go out in chunks, as a task costs a scheduler several milliseconds. A worker answers
@@ -37,15 +37,19 @@ _LARGEST_CHUNK = 64
 _AHEAD = 3
 #: How often the cluster's threads are counted anew [s].
 _COUNT_SECONDS = 5.0
+#: A scheduler that has not answered for so long is given up [s].
+_SILENCE_SECONDS = 60.0
 #: How often a chunk may be lost with its Dask workers, of which each time several have died.
 _LOSSES = 20
 _CONNECT_SECONDS = 20.0
+#: A scheduler that accepts a connection and then says nothing is given up after this time [s].
+_GREETING_SECONDS = 60.0
 #: How often a cluster of one's own is started, at most.
 _STARTS = 4
 #: What Dask gets to close in when somebody waits for it [s].
 _STOP_SECONDS = 1.5
 
-_idle: SimpleQueue[WorkerProcess[Trial]] = SimpleQueue()
+_idle: SimpleQueue[RefereeProcess] = SimpleQueue()
 """Processes of this Dask worker that wait for their next chunk."""
 
 
@@ -55,6 +59,7 @@ def run_on_dask(
     cluster: str,
     log: Path | None = None,
     memory: int | None = None,
+    hidden: Path | None = None,
     stop: Callable[[], bool] = never,
 ) -> Iterator[tuple[Trial, Outcome]]:
     """Run trials on a cluster; yields each with its outcome as it ends.
@@ -65,7 +70,8 @@ def run_on_dask(
             workers on this machine.
         log: file for whatever estimators print on a local cluster; workers elsewhere print to
             their standard error.
-        memory: limit [bytes] of the memory of each process that runs trials, None for no limit.
+        memory: limit [bytes] of the memory of each process that runs foreign code, None for none.
+        hidden: folder that foreign code cannot read, as it holds the run.
         stop: asked several times a second; once true, what has ended is yielded and no more.
 
     Raises:
@@ -75,7 +81,8 @@ def run_on_dask(
     local = cluster.startswith("local:")
     with _client(cluster, stop) as client:
         if client is not None:
-            yield from _Run(client, log if local else None, memory, stop).run(iter(trials))
+            places = _Places(log if local else None, memory, hidden)
+            yield from _Run(client, places, stop).run(iter(trials))
 
 
 def check_cluster(cluster: str) -> None:
@@ -95,7 +102,7 @@ def check_cluster(cluster: str) -> None:
 
 
 def run_chunk(
-    trials: list[Trial], log: Path | None, memory: int | None
+    trials: list[Trial], log: Path | None, memory: int | None, hidden: Path | None
 ) -> tuple[list[Outcome], float]:
     """Run trials one after the other; the part of a task that is executed on the cluster.
 
@@ -103,47 +110,44 @@ def run_chunk(
         trials: what to run.
         log: as in ``run_on_dask``.
         memory: as in ``run_on_dask``.
+        hidden: as in ``run_on_dask``.
 
     Returns:
         Outcomes of as many of the first trials as fit into a moment, one at least, and the
         seconds that they took.
     """
     try:
-        worker = _idle.get_nowait()
+        referee = _idle.get_nowait()
     except Empty:
-        worker = WorkerProcess(run_trial, log=log, memory=memory)
+        referee = RefereeProcess(log=log, memory=memory, hidden=hidden)
     outcomes: list[Outcome] = []
     started = time.monotonic()
     try:
         for trial in trials:
-            worker.assign(trial)
-            outcomes.append(worker.wait())
+            referee.assign(trial)
+            outcomes.append(referee.wait())
             seconds = time.monotonic() - started
             if seconds > _CHUNK_SECONDS:
                 break
     except BaseException:
-        worker.stop()
+        referee.stop()
         raise
-    _idle.put(worker)
+    _idle.put(referee)
     return outcomes, seconds
 
 
 class _Run:
     """Trials on their way to a cluster and back."""
 
-    def __init__(
-        self, client: Any, log: Path | None, memory: int | None, stop: Callable[[], bool]
-    ) -> None:
+    def __init__(self, client: Any, places: "_Places", stop: Callable[[], bool]) -> None:
         self._client = client
-        self._log = log
-        self._memory = memory
+        self._places = places
         self._stop = stop
         self._ended: SimpleQueue[Any] = SimpleQueue()
         self._running: dict[Any, _Chunk] = {}
         self._again: deque[Trial] = deque()
         self._chunk = 1
-        self._threads = 1
-        self._counted = -math.inf
+        self._census = _Census(client)
 
     def run(self, source: Iterator[Trial]) -> Iterator[tuple[Trial, Outcome]]:
         """Yield trials with their outcomes as they end."""
@@ -153,16 +157,14 @@ class _Run:
                 future = self._ended.get(timeout=TICK)
             except Empty:
                 self._check_connection()
+                self._fill(source)
             else:
                 ended = self._collect(future)
                 self._fill(source)
                 yield from ended
 
     def _fill(self, source: Iterator[Trial]) -> None:
-        if time.monotonic() - self._counted > _COUNT_SECONDS:
-            self._threads = max(1, sum(self._client.nthreads().values()))
-            self._counted = time.monotonic()
-        while len(self._running) < _AHEAD * self._threads:
+        while len(self._running) < _AHEAD * self._census.threads:
             again = [self._again.popleft() for _ in range(min(self._chunk, len(self._again)))]
             trials = again or list(itertools.islice(source, self._chunk))
             if not trials:
@@ -170,7 +172,10 @@ class _Run:
             self._submit(_Chunk(trials))
 
     def _submit(self, chunk: "_Chunk") -> None:
-        future = self._client.submit(run_chunk, chunk.trials, self._log, self._memory, pure=False)
+        places = self._places
+        future = self._client.submit(
+            run_chunk, chunk.trials, places.log, places.memory, places.hidden, pure=False
+        )
         self._running[future] = chunk
         future.add_done_callback(self._ended.put)
 
@@ -210,6 +215,46 @@ class _Run:
                 "the connection to the Dask scheduler is lost. All that has ended is stored: "
                 "run the same command again to go on"
             )
+        if self._census.silence > _SILENCE_SECONDS:
+            raise UserError(
+                f"the Dask scheduler has not answered for {_SILENCE_SECONDS:g} s. All that has "
+                "ended is stored: run the same command again to go on"
+            )
+
+
+class _Census:
+    """Counts the cluster's threads again and again, beside the run: a call may never return.
+
+    Attributes:
+        threads: as counted last, at least 1.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self.threads = 1
+        self._client = client
+        self._answered = time.monotonic()
+        threading.Thread(target=self._count, daemon=True).start()
+
+    @property
+    def silence(self) -> float:
+        """Seconds since the scheduler has answered."""
+        return time.monotonic() - self._answered
+
+    def _count(self) -> None:
+        while self._client.status in ("running", "connecting"):
+            with suppress(Exception):  # a lost connection is noticed where it matters
+                self.threads = max(1, sum(self._client.nthreads().values()))
+                self._answered = time.monotonic()
+            time.sleep(_COUNT_SECONDS)
+
+
+@dataclass(frozen=True)
+class _Places:
+    """What ``run_chunk`` is told beside its trials."""
+
+    log: Path | None
+    memory: int | None
+    hidden: Path | None
 
 
 @dataclass(frozen=True)
@@ -230,10 +275,13 @@ def _client(cluster: str, stop: Callable[[], bool]) -> Iterator[Any]:
     connected: Future[tuple[Any, ExitStack]] = Future()
     resource_tracker.ensure_running()  # if Dask starts it, signals are unblocked
     threading.Thread(target=_connect, args=(cluster, connected), daemon=True).start()
+    deadline = time.monotonic() + _GREETING_SECONDS
     while not connected.done():
         if stop():
             yield None
             return
+        if time.monotonic() > deadline:
+            raise UserError(f"--dask {cluster}: no answer within {_GREETING_SECONDS:g} s")
         futures_wait([connected], timeout=TICK)
     client, stack = connected.result()
     try:

@@ -12,6 +12,9 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
+from olne_bench.bench.plan.select import Selection
+from olne_bench.bench.plan.values import cut
+from olne_bench.bench.plan.versions import environment
 from olne_bench.errors import UserError
 
 _DISTRIBUTION = "olne-bench"
@@ -25,10 +28,11 @@ class Provenance:
         started: wall-clock time, UTC, ISO 8601; for people, nothing is ordered by it.
         suite: the suite with all plugins, as JSON.
         suite_text: the suite's file, as it was.
-        selection: what was asked of it, such as ``--scenario two_player``.
+        selection: what was asked of it.
         seeds: number of noise draws; draw ``k`` has the seed ``k``.
         executor: where trials ran.
         versions: of Python and the packages that this benchmark requires.
+        environment: what ``Versions.environment`` is made of.
         commit: git commit of this benchmark, with ``-dirty`` after it where files were changed;
             empty where it was not run from a repository.
         machine: system, processor, cores and memory of the driver.
@@ -37,16 +41,17 @@ class Provenance:
     started: str
     suite: str
     suite_text: str
-    selection: str
+    selection: Selection
     seeds: int
     executor: str
     versions: dict[str, str]
+    environment: dict[str, str]
     commit: str
     machine: dict[str, str]
 
 
 def provenance(
-    *, suite: str, suite_text: str, selection: str, seeds: int, executor: str
+    *, suite: str, suite_text: str, selection: Selection, seeds: int, executor: str
 ) -> Provenance:
     """The provenance of a run that starts now, on this machine."""
     return Provenance(
@@ -57,9 +62,16 @@ def provenance(
         seeds=seeds,
         executor=executor,
         versions=_versions(),
+        environment=dict(environment()),
         commit=_commit(),
         machine=_machine(),
     )
+
+
+def provenance_json(source: Provenance) -> str:
+    """A provenance as a store holds it."""
+    data = {f.name: getattr(source, f.name) for f in fields(Provenance)}
+    return json.dumps(data | {"selection": source.selection.model_dump()})
 
 
 def read_provenance(text: str) -> Provenance:
@@ -70,11 +82,13 @@ def read_provenance(text: str) -> Provenance:
     """
     try:
         stored = json.loads(text)
-        return Provenance(**{f.name: stored[f.name] for f in fields(Provenance)})
-    except (ValueError, TypeError, KeyError) as error:
+        data = {f.name: stored[f.name] for f in fields(Provenance)}
+        data["selection"] = Selection.model_validate_json(json.dumps(stored["selection"]))
+        return Provenance(**data)
+    except (ValueError, TypeError, KeyError) as error:  # pydantic's are ValueErrors
         raise UserError(
-            f"what the store says of its runs cannot be read ({error!r}): it is damaged, or of "
-            "another version of olne-bench"
+            f"what the store says of its runs cannot be read ({cut(repr(error))}): it is damaged, "
+            "or of another version of olne-bench"
         ) from error
 
 

@@ -1,69 +1,69 @@
 """What of a suite is done already, and whether a run may go on where another one stopped."""
 
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from functools import cached_property
 
+from olne_bench.bench.plan.outcome import FAILURES
+from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
-from olne_bench.bench.plan.trial import STATUSES, Trial
+from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import Record
 from olne_bench.errors import UserError
 
-#: What ``--retry`` takes: all failures, or one kind of them.
-RETRIES = ("failed", *(status for status in STATUSES if status not in ("ok", "skipped")))
+#: What ``--retry`` takes: all failures of estimators, one kind of them, or faults of the harness.
+RETRIES = ("failed", *FAILURES, "harness_error")
+
+#: What can be stored of a trial: a valid result, or that the estimator declined; an attempt that
+#: failed; a fault of the harness; rows of other code or parameters only; nothing.
+STATES = ("done", "failed", "harness_error", "stale", "missing")
+
+_PLACE = [k for k, name in enumerate(KEY_COLUMNS) if name != "parameters"]
 
 
-@dataclass(frozen=True)
-class Progress:
-    """Trials of a suite by what is stored of them.
+class Stored:
+    """What a store holds, to be asked about one trial after the other."""
 
-    Attributes:
-        done: with the present code, and its result is valid or the estimator had declined.
-        failed: with the present code.
-        stale: with former code or parameters only.
-        missing: not at all.
-    """
+    def __init__(self, records: Iterable[Record]) -> None:
+        self._statuses = {(record.key, record.versions): record.status for record in records}
 
-    done: list[Trial]
-    failed: list[Trial]
-    stale: list[Trial]
-    missing: list[Trial]
+    def status(self, trial: Trial) -> str | None:
+        """The status of a trial with the present code; None where it has no row."""
+        return self._statuses.get((trial.key, trial.versions)) if self._statuses else None
 
-
-def progress(trials: Iterable[Trial], records: Iterable[Record]) -> Progress:
-    """Sort trials by what is stored of them."""
-    stored: dict[tuple[str, ...], dict[object, str]] = {}
-    for record in records:
-        *place, parameters = record.key
-        stored.setdefault(tuple(place), {})[parameters, record.versions] = record.status
-    sorted_out = Progress([], [], [], [])
-    for trial in trials:
-        *place, parameters = trial.key
-        found = stored.get(tuple(place), {})
-        status = found.get((parameters, trial.versions))
+    def state(self, trial: Trial) -> str:
+        """One of ``STATES``."""
+        status = self.status(trial)
         if status is None:
-            (sorted_out.stale if found else sorted_out.missing).append(trial)
-        else:
-            (sorted_out.done if status in ("ok", "skipped") else sorted_out.failed).append(trial)
-    return sorted_out
+            return "stale" if _place(trial.key) in self._places else "missing"
+        if status == "harness_error":
+            return status
+        return "failed" if status in FAILURES else "done"
+
+    @cached_property
+    def _places(self) -> set[tuple[str, ...]]:
+        return {_place(key) for key, _ in self._statuses}
+
+
+def _place(key: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(key[k] for k in _PLACE)
 
 
 def pending(
-    trials: Iterable[Trial], records: Iterable[Record], retry: Collection[str] = ()
-) -> list[Trial]:
+    trials: Iterable[Trial], stored: Stored, retry: Collection[str] = ()
+) -> Iterator[Trial]:
     """Trials that have no row with the present code, or one that is to be tried again.
 
     Args:
         trials: what is to be done.
-        records: what is stored.
+        stored: what is stored.
         retry: some of ``RETRIES``.
     """
-    finished = {
-        (record.key, record.versions)
-        for record in records
-        if not (record.status in retry or ("failed" in retry and record.status in RETRIES))
-    }
-    return [trial for trial in trials if (trial.key, trial.versions) not in finished]
+    again = {*retry, *(FAILURES if "failed" in retry else ())}
+    for trial in trials:
+        status = stored.status(trial)
+        if status is None or status in again:
+            yield trial
 
 
 def last_suite(runs: Sequence[Provenance], place: object) -> Suite:
@@ -82,7 +82,8 @@ def check_same_suite(
 ) -> None:
     """Refuse to go on where the suite has changed in a way that would mix two studies.
 
-    A suite may gain scenarios, views, noise levels and estimators.
+    A suite may gain scenarios, sensors, noise levels and estimators. Another metric makes all
+    rows stale.
 
     Args:
         suite: the present one.
@@ -112,7 +113,9 @@ def _difference(former: Suite, suite: Suite) -> str | None:
         old, new = getattr(former, name), getattr(suite, name)
         if old != new:
             return f"{name} was {old} and is {new}"
-    for name in ("scenarios", "views", "sigmas"):
+    if former.salt != suite.salt:
+        return f"its salt was {salt_id(former.salt)} and is {salt_id(suite.salt)}"
+    for name in ("scenarios", "sensors", "sigmas"):
         new_items = getattr(suite, name)
         gone = [item for item in getattr(former, name) if item not in new_items]
         if gone:

@@ -1,21 +1,26 @@
 """Scenarios: games with ground truth. One file each; the file's name is the scenario's name.
 
-A scenario module defines ``make(**options) -> Scenario``. A family of scenarios, of which every
-seed draws another member, takes ``seed`` as its first argument; a fixed scenario does not. Where a
-draw takes long, as one that is solved to be certified, the module also defines
-``check(**options)``, which raises what ``make`` would. Put a new file into this folder and
-``get_scenario`` knows it.
+A scenario is a class with a ``name``, fields that are its options, and ``draw``. A family, of which
+every seed draws another member, has ``draw(self, seed)``; a fixed scenario has ``draw(self)``. The
+class refuses bad options as it is made, without drawing. Put a new file into this folder and
+``get_scenario`` knows it; it knows those of installed packages and of files too.
 """
-
-import inspect
-from functools import cache
-from importlib import import_module
-from pkgutil import iter_modules
-from types import ModuleType
 
 import numpy as np
 
-from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario, one_number
+from olne_bench.plugins import (
+    SCENARIO,
+    PluginError,
+    at_home,
+    describe_foreign_error,
+    find_class,
+    is_built_in,
+    make,
+    names,
+    parameter_names,
+    takes_seed,
+)
 
 __all__ = [
     "Scenario",
@@ -27,87 +32,89 @@ __all__ = [
     "scenario_options",
 ]
 
-_NOT_SCENARIOS = {"scenario"}
+_SEED_LIMIT = 2**63  # tables hold seeds as 64-bit integers
 
 
 def scenario_names() -> list[str]:
-    """Names of all scenarios."""
-    return sorted(m.name for m in iter_modules(__path__) if m.name not in _NOT_SCENARIOS)
+    """Names of the built-in and the installed scenarios."""
+    return names(SCENARIO)
 
 
 def is_family(name: str) -> bool:
     """Whether another seed gives another member; a fixed scenario is the same for all.
 
     Raises:
-        ValueError: on an unknown name.
+        PluginError: on an unknown name, or a scenario that cannot be imported.
     """
-    return "seed" in _parameters(name)
+    return takes_seed(find_class(SCENARIO, name))
 
 
 def scenario_options(name: str) -> list[str]:
     """Names of a scenario's own options.
 
     Raises:
-        ValueError: on an unknown name.
+        PluginError: as ``is_family`` does.
     """
-    return [parameter for parameter in _parameters(name) if parameter != "seed"]
+    return parameter_names(find_class(SCENARIO, name))
 
 
 def get_scenario(name: str, seed: int | None = None, **options: object) -> Scenario:
     """Draw a scenario.
 
     Args:
-        name: one of ``scenario_names()``.
+        name: one of ``scenario_names()``, or ``path.py`` / ``path.py:Class``.
         seed: which member of a family, 0 where absent; a fixed scenario ignores it.
         **options: the scenario's own options, such as ``num_players`` of ``random``.
 
     Raises:
-        ValueError: on an unknown name or option (the message names the alternatives), or a value
-            or seed that is none.
+        PluginError: on an unknown name or option (the message names the alternatives), a value
+            that the scenario refuses, or a foreign scenario that draws none.
+        ValueError: on a seed that is none.
+        NoEquilibriumError: where a family finds no member that can be played.
     """
-    _check_names(name, options)
-    draw = {"seed": checked_seed(seed)} if is_family(name) else {}
-    return _module(name).make(**draw, **options)
+    plugin = check_options(name, **options)
+    arguments = (checked_seed(seed),) if takes_seed(type(plugin)) else ()
+    if is_built_in(SCENARIO, name):
+        drawn: Scenario = plugin.draw(*arguments)  # type: ignore[attr-defined]
+        return drawn
+    try:
+        with at_home(plugin):
+            foreign = plugin.draw(*arguments)  # type: ignore[attr-defined]
+    except NoEquilibriumError:
+        raise
+    except BaseException as error:
+        raise PluginError(
+            f"scenario {name!r} cannot be drawn: {describe_foreign_error(error)}"
+        ) from error
+    if type(foreign) is not Scenario:
+        raise PluginError(f"scenario {name!r} has to draw an olne_bench.envs.scenarios.Scenario")
+    return foreign
 
 
-def check_options(name: str, **options: object) -> None:
-    """Refuse what ``get_scenario`` refuses, without the seconds that a draw may take.
+def check_options(name: str, **options: object) -> object:
+    """The plugin, ready to draw; refuses options without the seconds that a draw may take.
 
     Raises:
-        ValueError: on an unknown name or option, or a value that the scenario refuses.
+        PluginError: on an unknown name or option, or a value that the scenario refuses.
     """
-    _check_names(name, options)
-    module = _module(name)
-    getattr(module, "check", module.make)(**options)
-
-
-def _check_names(name: str, options: dict[str, object]) -> None:
     known = scenario_options(name)
     for option in options:
         if option not in known:
             choice = ", ".join(known) or "none"
-            raise ValueError(f"scenario {name!r} has no option {option!r}; known are: {choice}")
+            raise PluginError(f"scenario {name!r} has no option {option!r}; known are: {choice}")
+    return make(SCENARIO, name, options)
 
 
 def checked_seed(seed: int | None) -> int:
     """The seed of a draw, 0 where absent.
 
     Raises:
-        ValueError: unless it is an integer of at least 0.
+        ValueError: unless it is an integer of at least 0 and below 2**63.
     """
     if seed is None:
         return 0
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"a seed is an integer of at least 0, got {seed!r}")
+    if seed >= _SEED_LIMIT:
+        raise ValueError(f"a seed is an integer below 2**63, got {one_number(seed)}")
     return int(seed)
-
-
-def _parameters(name: str) -> list[str]:
-    return list(inspect.signature(_module(name).make).parameters)
-
-
-@cache  # asked for with every trial
-def _module(name: str) -> ModuleType:
-    if name not in scenario_names():
-        raise ValueError(f"unknown scenario {name!r}; known are: {', '.join(scenario_names())}")
-    return import_module(f"{__name__}.{name}")

@@ -4,7 +4,9 @@ Cars drive in pairs, a fast one behind a slow one in a right lane, the pairs far
 each fast car to pass its own. The fast cars' task is to keep a left lane.
 """
 
+from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -27,23 +29,28 @@ SLOW = (18.0, 20.0)  # [m/s] target speeds
 QUICK = (27.0, 29.0)  # [m/s]
 
 
-def make(seed: int = 0, num_players: int = 5) -> Scenario:
-    """One draw.
+@dataclass(frozen=True)
+class Highway:
+    """Pairs of a fast car behind a slow one; every seed draws others.
 
-    Args:
-        seed: of the draw.
+    Attributes:
         num_players: N, 3 to 8.
     """
-    check(num_players)
-    return draw_playable("highway", partial(draw, count=num_players), seed, num_players)
+
+    name: ClassVar[str] = "highway"
+    num_players: int = 5
+
+    def __post_init__(self) -> None:
+        check_num_players(self.name, self.num_players, *PLAYERS)
+
+    def draw(self, seed: int = 0) -> Scenario:
+        """The first playable proposal of a seed."""
+        return draw_playable(
+            self.name, partial(propose, count=self.num_players), seed, self.num_players
+        )
 
 
-def check(num_players: int = 5) -> None:
-    """Refuse what ``make`` refuses."""
-    check_num_players("highway", num_players, *PLAYERS)
-
-
-def draw(rng: np.random.Generator, count: int) -> Scenario:
+def propose(rng: np.random.Generator, count: int) -> Scenario:
     """One draw, which may be unplayable."""
     drivers = []
     for index in range(count):

@@ -5,6 +5,7 @@ their normalised units. The road runs along y.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,15 +42,21 @@ CARS = (
 )
 
 
-def make() -> Scenario:
+@dataclass(frozen=True)
+class HighwayOvertaking:
     """The fixed scenario."""
-    return Scenario(
-        name="highway_overtaking",
-        game=Game(tuple(_player(car) for car in CARS), UNICYCLE, HORIZON, DT),
-        weights=np.array([[car.proximity, 1, 1, 1] for car in CARS]),
-        initial_state=np.array([[car.px, car.py, ROAD_HEADING, car.speed] for car in CARS]),
-        limits=LIMITS,
-    )
+
+    name: ClassVar[str] = "highway_overtaking"
+
+    def draw(self) -> Scenario:
+        """The scenario."""
+        return Scenario(
+            name=self.name,
+            game=Game(tuple(_player(car) for car in CARS), UNICYCLE, HORIZON, DT),
+            weights=np.array([[car.proximity, 1, 1, 1] for car in CARS]),
+            initial_state=np.array([[car.px, car.py, ROAD_HEADING, car.speed] for car in CARS]),
+            limits=LIMITS,
+        )
 
 
 def _player(car: Car) -> Player:

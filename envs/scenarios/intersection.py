@@ -1,6 +1,8 @@
 """HighwayEnv's intersection: cars from different arms cross, turn left or turn right."""
 
+from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,23 +25,28 @@ DISTANCE = (8.0, 13.0)  # [m] of the first car from the stop line
 SPACING = 8.0  # [m] that each further car is farther away
 
 
-def make(seed: int = 0, num_players: int = 3) -> Scenario:
-    """One draw.
+@dataclass(frozen=True)
+class Intersection:
+    """Cars that cross or turn; every seed draws others.
 
-    Args:
-        seed: of the draw.
+    Attributes:
         num_players: N, 2 to 4, each from an arm of its own.
     """
-    check(num_players)
-    return draw_playable("intersection", partial(draw, count=num_players), seed, num_players)
+
+    name: ClassVar[str] = "intersection"
+    num_players: int = 3
+
+    def __post_init__(self) -> None:
+        check_num_players(self.name, self.num_players, *PLAYERS)
+
+    def draw(self, seed: int = 0) -> Scenario:
+        """The first playable proposal of a seed."""
+        return draw_playable(
+            self.name, partial(propose, count=self.num_players), seed, self.num_players
+        )
 
 
-def check(num_players: int = 3) -> None:
-    """Refuse what ``make`` refuses."""
-    check_num_players("intersection", num_players, *PLAYERS)
-
-
-def draw(rng: np.random.Generator, count: int) -> Scenario:
+def propose(rng: np.random.Generator, count: int) -> Scenario:
     """One draw, which may be unplayable."""
     arms = rng.permutation(ARMS)[:count]
     drivers = [_driver(rng, int(arm), SPACING * rank) for rank, arm in enumerate(arms)]

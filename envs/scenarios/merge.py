@@ -1,6 +1,8 @@
 """HighwayEnv's merge: cars on the ramp join the right lane of a highway with cars on it."""
 
+from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,23 +26,28 @@ SPEED = (21.0, 25.0)  # [m/s], target
 LEFT_SPEED = (25.0, 28.0)  # [m/s], target on the left lane
 
 
-def make(seed: int = 0, num_players: int = 4) -> Scenario:
-    """One draw.
+@dataclass(frozen=True)
+class Merge:
+    """Cars on a ramp join the right lane of a highway; every seed draws others.
 
-    Args:
-        seed: of the draw.
+    Attributes:
         num_players: N, 2 to 6.
     """
-    check(num_players)
-    return draw_playable("merge", partial(draw, count=num_players), seed, num_players)
+
+    name: ClassVar[str] = "merge"
+    num_players: int = 4
+
+    def __post_init__(self) -> None:
+        check_num_players(self.name, self.num_players, *PLAYERS)
+
+    def draw(self, seed: int = 0) -> Scenario:
+        """The first playable proposal of a seed."""
+        return draw_playable(
+            self.name, partial(propose, count=self.num_players), seed, self.num_players
+        )
 
 
-def check(num_players: int = 4) -> None:
-    """Refuse what ``make`` refuses."""
-    check_num_players("merge", num_players, *PLAYERS)
-
-
-def draw(rng: np.random.Generator, count: int) -> Scenario:
+def propose(rng: np.random.Generator, count: int) -> Scenario:
     """One draw, which may be unplayable."""
     network = road_network("merge")
     drivers = []

@@ -4,9 +4,12 @@ The players start around a circle and head, roughly, for the other side, so that
 middle. Same cost features and units as ``two_player``.
 """
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 
-from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count
+from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count, one_number
 from olne_bench.games.dynamics import UNICYCLE
 from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -14,6 +17,7 @@ from olne_bench.games.game import Game, Player
 HORIZON = 25
 DT = 0.25  # [s]
 PLAYERS = (2, 3, 4)  # drawn from these where the number is not given
+MOST_PLAYERS = 50  # more take hours to solve
 WEIGHT_RANGE = (0.2, 1.0)
 SPEED_RANGE = (0.05, 0.3)  # [m/s]
 RADIUS_RANGE = (0.9, 1.3)  # [m] of starts and goals
@@ -23,36 +27,45 @@ HEADING_SPREAD = np.deg2rad(15)  # [rad] around the direction to the goal
 LIMITS = Limits(controls=(2 * np.pi, 2.0), states=(38.0, 38.0, 42.0, 13.0))
 
 
-def make(seed: int = 0, num_players: int | None = None) -> Scenario:
-    """One draw.
+@dataclass(frozen=True)
+class Random:
+    """Players who cross; every seed draws others.
 
-    Args:
-        seed: of the draw.
-        num_players: N, at least 1; drawn as well where absent.
+    Attributes:
+        num_players: N, 1 to 50; drawn as well where absent.
     """
-    if num_players is not None:
-        check_count("num_players", num_players)
-        if num_players < 1:
-            raise ValueError(f"num_players must be at least 1, got {num_players}")
-    rng = np.random.default_rng([seed, num_players or 0])
-    count = num_players or int(rng.choice(PLAYERS))
 
-    slots = rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / count
-    angles = slots + rng.uniform(-0.25, 0.25, count) * 2 * np.pi / count
-    starts = _on_circle(angles, rng.uniform(*RADIUS_RANGE, count))
-    opposite = angles + np.pi + rng.uniform(-GOAL_SPREAD, GOAL_SPREAD, count)
-    goals = _on_circle(opposite, rng.uniform(*RADIUS_RANGE, count))
-    direction = np.arctan2(*(goals - starts).T[::-1])
-    headings = direction + rng.uniform(-HEADING_SPREAD, HEADING_SPREAD, count)
-    speeds = rng.uniform(*SPEED_RANGE, count)
+    name: ClassVar[str] = "random"
+    num_players: int | None = None
 
-    return Scenario(
-        name="random",
-        game=Game(tuple(_player(goal) for goal in goals), UNICYCLE, HORIZON, DT),
-        weights=rng.uniform(*WEIGHT_RANGE, (count, 4)),
-        initial_state=np.column_stack([starts, headings, speeds]),
-        limits=LIMITS,
-    )
+    def __post_init__(self) -> None:
+        if self.num_players is not None:
+            check_count("num_players", self.num_players)
+            if not 1 <= self.num_players <= MOST_PLAYERS:
+                given = one_number(self.num_players)
+                raise ValueError(f"num_players must be 1 to {MOST_PLAYERS}, got {given}")
+
+    def draw(self, seed: int = 0) -> Scenario:
+        """The member of a seed."""
+        rng = np.random.default_rng([seed, self.num_players or 0])
+        count = self.num_players or int(rng.choice(PLAYERS))
+
+        slots = rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / count
+        angles = slots + rng.uniform(-0.25, 0.25, count) * 2 * np.pi / count
+        starts = _on_circle(angles, rng.uniform(*RADIUS_RANGE, count))
+        opposite = angles + np.pi + rng.uniform(-GOAL_SPREAD, GOAL_SPREAD, count)
+        goals = _on_circle(opposite, rng.uniform(*RADIUS_RANGE, count))
+        direction = np.arctan2(*(goals - starts).T[::-1])
+        headings = direction + rng.uniform(-HEADING_SPREAD, HEADING_SPREAD, count)
+        speeds = rng.uniform(*SPEED_RANGE, count)
+
+        return Scenario(
+            name=self.name,
+            game=Game(tuple(_player(goal) for goal in goals), UNICYCLE, HORIZON, DT),
+            weights=rng.uniform(*WEIGHT_RANGE, (count, 4)),
+            initial_state=np.column_stack([starts, headings, speeds]),
+            limits=LIMITS,
+        )
 
 
 def _on_circle(angles: np.ndarray, radii: np.ndarray) -> np.ndarray:

@@ -1,7 +1,9 @@
 """HighwayEnv's roundabout: cars on the ring meet cars that enter it."""
 
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,23 +27,28 @@ ENTRY_DISTANCE = (4.0, 20.0)  # [m] from the start of the entry's curve
 RING_PLACE = (0.0, 12.0)  # [m] along the ring's segment before the entry
 
 
-def make(seed: int = 0, num_players: int = 3) -> Scenario:
-    """One draw.
+@dataclass(frozen=True)
+class Roundabout:
+    """Cars on the ring and cars that enter it; every seed draws others.
 
-    Args:
-        seed: of the draw.
+    Attributes:
         num_players: N, 2 to 4: alternately on the ring west of an entry and on the entry.
     """
-    check(num_players)
-    return draw_playable("roundabout", partial(draw, count=num_players), seed, num_players)
+
+    name: ClassVar[str] = "roundabout"
+    num_players: int = 3
+
+    def __post_init__(self) -> None:
+        check_num_players(self.name, self.num_players, *PLAYERS)
+
+    def draw(self, seed: int = 0) -> Scenario:
+        """The first playable proposal of a seed."""
+        return draw_playable(
+            self.name, partial(propose, count=self.num_players), seed, self.num_players
+        )
 
 
-def check(num_players: int = 3) -> None:
-    """Refuse what ``make`` refuses."""
-    check_num_players("roundabout", num_players, *PLAYERS)
-
-
-def draw(rng: np.random.Generator, count: int) -> Scenario:
+def propose(rng: np.random.Generator, count: int) -> Scenario:
     """One draw, which may be unplayable."""
     sides = ("s", "n")  # two conflicts, on opposite sides of the ring
     drivers = [

@@ -7,6 +7,10 @@ import numpy as np
 from olne_bench.games.game import Game
 
 
+class NoEquilibriumError(Exception):
+    """A scenario for which no certified equilibrium was found; it must not serve as truth."""
+
+
 def check_count(name: str, value: object) -> None:
     """Refuse an option that is no whole number.
 
@@ -15,6 +19,12 @@ def check_count(name: str, value: object) -> None:
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name} must be a whole number, got {value!r}")
+
+
+def one_number(value: int | np.integer) -> str:
+    """A whole number as text, which Python refuses to write out beyond some thousand digits."""
+    number = int(value)
+    return str(number) if abs(number) < 10**20 else f"a number of {number.bit_length()} bits"
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,9 @@ experiments, in their normalised units. Each player starts on the unit circle, t
 direction to its goal on the other side.
 """
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
@@ -21,17 +24,23 @@ INITIAL_SPEED = 0.1  # [m/s]
 LIMITS = Limits(controls=(1.0, 1.0), states=(20.0, 20.0, 8.0, 7.0))
 
 
-def make() -> Scenario:
+@dataclass(frozen=True)
+class TwoPlayer:
     """The fixed scenario."""
-    return Scenario(
-        name="two_player",
-        game=Game(tuple(_player(d) for d in DIRECTIONS), UNICYCLE, HORIZON, DT),
-        weights=np.ones((2, 4)),
-        initial_state=np.array(
-            [[-np.cos(d), -np.sin(d), d + HEADING_OFFSET, INITIAL_SPEED] for d in DIRECTIONS]
-        ),
-        limits=LIMITS,
-    )
+
+    name: ClassVar[str] = "two_player"
+
+    def draw(self) -> Scenario:
+        """The scenario."""
+        return Scenario(
+            name=self.name,
+            game=Game(tuple(_player(d) for d in DIRECTIONS), UNICYCLE, HORIZON, DT),
+            weights=np.ones((2, 4)),
+            initial_state=np.array(
+                [[-np.cos(d), -np.sin(d), d + HEADING_OFFSET, INITIAL_SPEED] for d in DIRECTIONS]
+            ),
+            limits=LIMITS,
+        )
 
 
 def _player(direction: float) -> Player:

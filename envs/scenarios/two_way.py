@@ -1,7 +1,8 @@
 """HighwayEnv's two-way road: a car overtakes on the lane of the oncoming traffic and returns."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -27,24 +28,29 @@ SLOW = (14.0, 16.0)  # [m/s] target speeds
 QUICK = (24.0, 27.0)  # [m/s]
 
 
-def make(seed: int = 0, num_players: int = 3) -> Scenario:
-    """One draw.
+@dataclass(frozen=True)
+class TwoWay:
+    """One car overtakes against oncoming traffic; every seed draws others.
 
-    Args:
-        seed: of the draw.
-        num_players: N, 3 to 5: one that overtakes, one slow, one oncoming; a fourth drives
-            behind the slow one's place in the queue, a fifth is oncoming as well.
+    Attributes:
+        num_players: N, 3 to 5: one that overtakes, one slow, one oncoming; a fourth drives behind
+            the slow one's place in the queue, a fifth is oncoming as well.
     """
-    check(num_players)
-    return draw_playable("two_way", partial(draw, count=num_players), seed, num_players)
+
+    name: ClassVar[str] = "two_way"
+    num_players: int = 3
+
+    def __post_init__(self) -> None:
+        check_num_players(self.name, self.num_players, *PLAYERS)
+
+    def draw(self, seed: int = 0) -> Scenario:
+        """The first playable proposal of a seed."""
+        return draw_playable(
+            self.name, partial(propose, count=self.num_players), seed, self.num_players
+        )
 
 
-def check(num_players: int = 3) -> None:
-    """Refuse what ``make`` refuses."""
-    check_num_players("two_way", num_players, *PLAYERS)
-
-
-def draw(rng: np.random.Generator, count: int) -> Scenario:
+def propose(rng: np.random.Generator, count: int) -> Scenario:
     """One draw, which may be unplayable."""
     start = 100.0
     quick = rng.uniform(*QUICK)

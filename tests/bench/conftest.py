@@ -11,15 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.games.root_following import follow_root
 
 SUITE = """
 name = "small"
 scenarios = ["two_player"]
-views = ["full"]
+sensors = ["full"]
 sigmas = [0.01, 0.1]
 seeds = 4
 time_limit = 20.0
@@ -32,19 +32,23 @@ from types import SimpleNamespace
 import numpy as np
 
 class Drawn:
+    name = "Drawn"
     def estimate(self, problem, observation, *, rng, budget):
         return SimpleNamespace(weights=rng.uniform(0.5, 1, (2, 4)))
 
 class Fails:
+    name = "Fails"
     def estimate(self, problem, observation, *, rng, budget):
         raise RuntimeError("always")
 
 class Slow(Drawn):
+    name = "Slow"
     def estimate(self, *args, **kwargs):
         time.sleep(0.4)
         return super().estimate(*args, **kwargs)
 
 class Hangs(Drawn):
+    name = "Hangs"
     def estimate(self, *args, **kwargs):
         while True:
             time.sleep(0.1)
@@ -100,7 +104,7 @@ def prediction_error() -> Callable[[str, int, np.ndarray], float]:
     """The position error of the forward game at weights, from a scenario's own start."""
 
     def error(scenario: str, seed: int, weights: np.ndarray) -> float:
-        truth = true_recording(ScenarioEntry.from_label(scenario), seed)
+        truth = true_recording(ScenarioEntry(name=scenario), seed)
         known = truth.scenario
         root = follow_root(known.game, truth.root, known.weights, weights)
         assert root is not None

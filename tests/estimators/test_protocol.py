@@ -7,9 +7,9 @@ from olne_bench.envs.recording import record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.registry import EstimatorError, estimator_names, load_estimator
 from olne_bench.estimators.trajectory_fit import fit_trajectory
 from olne_bench.games.observation import VIEWS
+from olne_bench.plugins import ESTIMATOR, PluginError, make, names
 
 RNG = np.random.default_rng(0)
 RECORDING = record(get_scenario("two_player"))
@@ -23,10 +23,10 @@ def position_error(states: np.ndarray, other: np.ndarray) -> float:
 
 def estimate(name: str, y: np.ndarray, extra: np.ndarray | None = None):
     problem = Problem(GAME, VIEWS["full"], 0.01)
-    return load_estimator(name).estimate(problem, Observation(y, extra), rng=RNG, budget=60)
+    return make(ESTIMATOR, name).estimate(problem, Observation(y, extra), rng=RNG, budget=60)
 
 
-@pytest.mark.parametrize("name", estimator_names())
+@pytest.mark.parametrize("name", names(ESTIMATOR))
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -41,7 +41,7 @@ def test_an_observation_of_another_problem_is_refused(name, change, expected):
         estimate(name, change(RECORDING.states))
 
 
-@pytest.mark.parametrize("name", estimator_names())
+@pytest.mark.parametrize("name", names(ESTIMATOR))
 def test_an_extra_sample_of_a_wrong_shape_is_refused(name):
     with pytest.raises(ValueError, match=r"extra has the shape \(1, 4\), expected \(2, 4\)"):
         estimate(name, RECORDING.states, EXTRA[:1])
@@ -94,7 +94,7 @@ def test_perfect_observation_recovers_the_weights(name, view, scenario):
     recording = record(get_scenario(scenario))
     game, width = recording.scenario.game, 4 if view == "full" else 3
     observation = Observation(recording.states[..., :width], recording.extra_state[:, :width])
-    result = load_estimator(name).estimate(
+    result = make(ESTIMATOR, name).estimate(
         Problem(game, VIEWS[view]), observation, rng=RNG, budget=60
     )
     assert result.converged
@@ -146,5 +146,5 @@ def test_the_joint_method_explains_the_data_no_worse_than_the_truth():
     ],
 )
 def test_a_parameter_out_of_range_is_named_with_its_range(name, parameters, expected):
-    with pytest.raises(EstimatorError, match=expected):
-        load_estimator(name, parameters)
+    with pytest.raises(PluginError, match=expected):
+        make(ESTIMATOR, name, parameters)

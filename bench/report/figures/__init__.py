@@ -1,18 +1,21 @@
 """Figures of a study, drawn from its table of trials.
 
-One module per kind of figure. Each has ``draw(trials) -> Figure | None``, given the trials of one
-scenario; None means that the trials hold nothing for it to show.
+One module per kind of figure. Each has ``draw(trials, study) -> Figure``, given the trials of one
+scenario; it raises ``NotDrawnError`` where it cannot show them.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
 
 from olne_bench.bench.report.figures import errors, failures, landscape, style, trajectories
 from olne_bench.bench.report.figures.style import FORMATS, USUAL_FORMATS
+from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.study import USUAL, Study
 
-__all__ = ["FORMATS", "USUAL_FORMATS", "draw_figures"]
+__all__ = ["FORMATS", "USUAL_FORMATS", "Drawn", "draw_figures"]
 
 _KINDS = {
     "errors": errors.draw,
@@ -22,28 +25,54 @@ _KINDS = {
 }
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """What became of figures.
+
+    Attributes:
+        files: written.
+        notes: what could not be drawn, and why.
+    """
+
+    files: list[Path] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
 def draw_figures(
-    trials: pd.DataFrame, directory: Path, formats: Sequence[str] = USUAL_FORMATS
-) -> list[Path]:
+    trials: pd.DataFrame,
+    directory: Path,
+    formats: Sequence[str] = USUAL_FORMATS,
+    study: Study = USUAL,
+) -> Drawn:
     """Draw every figure that the trials allow, for each scenario on its own.
 
     Args:
-        trials: one row per trial, with the columns ``scenario, view, sigma, seed, estimator,
-            status, cosine_error, position_error, observation_error, count, weights``. Any part of
-            a study will do.
+        trials: one row per trial, with the columns ``scenario, sensor, sigma, seed, estimator,
+            status, observation_error, count, weights`` and one per metric. Any part of a study
+            will do.
         directory: where ``<kind>_<scenario>.png`` and so on go; made if absent.
         formats: some of ``FORMATS``.
+        study: of the run.
 
     Returns:
-        The files written. The same trials give the same bytes.
+        The files written, of which the same trials give the same bytes, and what is missing.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    written = []
+    drawn = Drawn()
     with style.applied():
         for scenario in sorted(trials["scenario"].unique()):
             rows = trials[trials["scenario"] == scenario]
             for kind, draw in _KINDS.items():
-                figure = draw(rows)
-                if figure is not None:
-                    written += style.save(figure, directory / f"{kind}_{scenario}", formats)
-    return written
+                try:
+                    figure = draw(rows, study)
+                except NotDrawnError as error:
+                    drawn.notes.append(f"figure {kind} of {scenario}: {error}")
+                else:
+                    stem = directory / f"{kind}_{_file_name(scenario)}"
+                    drawn.files.extend(style.save(figure, stem, formats))
+    return drawn
+
+
+def _file_name(label: str) -> str:
+    """A label as part of a file's name, on any system."""
+    return "".join(c if c.isprintable() and c not in '/\\:*?"<>|' else "_" for c in label)

@@ -10,11 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import PercentFormatter
 from matplotlib.transforms import blended_transform_factory
 
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.rolling import RollingStatistics, rolling_statistics
 from olne_bench.bench.report.figures.series import Series, split
+from olne_bench.bench.report.measures import in_table
+from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.study import USUAL, Study
 
 #: Points per rolling window, as in the paper.
 WINDOW = 60
@@ -25,68 +30,91 @@ _SMALLEST_WINDOW = 5
 _MANY = 150  # points of a series, from which on they are drawn small and faint
 _MOST = 4000  # points and windows of a series that are drawn; more would look no different
 
-_PANELS = {
-    "cosine_error": "Cosine error of the weights [-]",
-    "position_error": "Mean absolute position prediction error [m]",
-}
+_COLUMNS = 2  # of panels
 _ABSCISSA = "Mean absolute position observation error [m]"
-
-#: Errors below are solver noise and of no interest; they are drawn at the lower edge.
-_SMALLEST = {"cosine_error": 1e-7, "position_error": 1e-5}
 _TRIANGLE_STEP = 0.03  # of the panel's height, between the rows of two series
 _TRIANGLES_HEIGHT = 0.3  # of the panel's height, at most, for all rows
 
 
-def draw(trials: pd.DataFrame) -> Figure | None:
-    """Two panels for the trials of one scenario, or None where there was no attempt."""
-    series = split(trials)
-    if not series:
-        return None
-    figure = Figure(figsize=(9.2, 4.1))
-    panels = figure.subplots(1, len(_PANELS))
-    for axes, (column, label) in zip(panels, _PANELS.items(), strict=True):
-        _panel(axes, series, column)
-        axes.set(xlabel=_ABSCISSA, ylabel=label)
+def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
+    """A panel for each metric that the trials of one scenario have values of.
+
+    Raises:
+        NotDrawnError: without attempts, or metrics.
+    """
+    series = split(trials, study)
+    metrics = in_table(study.metrics, pd.concat([s.trials for s in series]))
+    if not metrics:
+        raise NotDrawnError("no metric has a value")
+    rows = -(-len(metrics) // _COLUMNS)
+    figure = Figure(figsize=(9.2, 0.5 + 3.6 * rows))
+    panels = figure.subplots(rows, min(_COLUMNS, len(metrics)), squeeze=False).ravel()
+    for axes in panels[len(metrics) :]:
+        axes.remove()
+    for axes, metric in zip(panels, metrics, strict=False):
+        (_share_panel if metric.is_share else _panel)(axes, series, metric)
+        axes.set(xlabel=_ABSCISSA, ylabel=style.printable(metric.title))
     figure.suptitle(f"{trials['scenario'].iloc[0]}: error of the estimates")
     style.legend_below(figure, _entries(series))
     return figure
 
 
-def _panel(axes: Axes, series: Sequence[Series], column: str) -> None:
-    bottom = _bottom(series, column)
-    failing = [s for s in series if _failed(s, column).any()]
+def _share_panel(axes: Axes, series: Sequence[Series], metric: MetricDeclaration) -> None:
+    """The share at each noise level, where there is one."""
+    _abscissa(axes, series)
+    for s in series:
+        told = s.trials[s.trials[metric.name].notna()]
+        if told.empty:
+            continue
+        levels = told.groupby("sigma")
+        shares = levels[metric.name].mean()
+        places = s.trials.assign(x=s.observation_error).groupby("sigma")["x"].mean()
+        axes.plot(places[shares.index], shares, marker=s.marker, markersize=3.5, **_line(s))
+    axes.set_ylim(-0.03, 1.03)
+    axes.yaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0))
+
+
+def _panel(axes: Axes, series: Sequence[Series], metric: MetricDeclaration) -> None:
+    bottom = _bottom(series, metric)
+    failing = [s for s in series if _failed(s, metric).any()]
     step = min(_TRIANGLE_STEP, _TRIANGLES_HEIGHT / max(len(failing), 1))
-    top = _top(series, column, bottom, reserved=0.03 + step * len(failing))
+    top = _top(series, metric, bottom, reserved=0.03 + step * len(failing))
     style.log_axis(axes, bottom, top)
+    _abscissa(axes, series)
+    for s in series:
+        _points(axes, s, metric, bottom)
+    for s in series:
+        _median(axes, s, metric, bottom, top)
+    for row, s in enumerate(failing):
+        _triangles(axes, s, metric, height=0.985 - step * row)
+
+
+def _abscissa(axes: Axes, series: Sequence[Series]) -> None:
     right = max(s.observation_error.max() for s in series) or 1.0
     axes.set_xlim(-0.02 * right, 1.02 * right)
-    for s in series:
-        _points(axes, s, column, bottom)
-    for s in series:
-        _median(axes, s, column, bottom, top)
-    for row, s in enumerate(failing):
-        _triangles(axes, s, column, height=0.985 - step * row)
 
 
-def _bottom(series: Sequence[Series], column: str) -> float:
+def _bottom(series: Sequence[Series], metric: MetricDeclaration) -> float:
     """Power of ten below the errors under noise; those without noise are about zero."""
-    values = np.concatenate([s.error(column)[s.trials["sigma"] > 0] for s in series])
-    values = values[np.isfinite(values) & (values > _SMALLEST[column])]
-    return float(10 ** np.floor(np.log10(values.min()))) if values.size else _SMALLEST[column]
+    values = np.concatenate([s.error(metric)[s.trials["sigma"] > 0] for s in series])
+    values = values[np.isfinite(values) & (values > metric.negligible)]
+    return float(10 ** np.floor(np.log10(values.min()))) if values.size else metric.negligible
 
 
-def _top(series: Sequence[Series], column: str, bottom: float, reserved: float) -> float:
+def _top(
+    series: Sequence[Series], metric: MetricDeclaration, bottom: float, reserved: float
+) -> float:
     """Upper limit that leaves a share of the height above the highest point."""
-    values = np.concatenate([s.error(column) for s in series])
+    values = np.concatenate([s.error(metric) for s in series])
     largest = max(values[np.isfinite(values)], default=bottom)
     decades = max(np.log10(max(largest, bottom) / bottom), 1.0)
     return bottom * 10 ** (decades / (1 - reserved))
 
 
-def _points(axes: Axes, series: Series, column: str, bottom: float) -> None:
+def _points(axes: Axes, series: Series, metric: MetricDeclaration, bottom: float) -> None:
     if series.is_floor:
         return
-    error = series.error(column)
+    error = series.error(metric)
     shown = _thinned(np.isfinite(error))
     size, alpha = (2.6, 0.3) if len(error) > _MANY else (4, 0.6)
     axes.plot(
@@ -110,19 +138,28 @@ def _thinned(mask: np.ndarray) -> np.ndarray:
     return places[:: 1 + len(places) // _MOST]
 
 
-def rolling_errors(series: Series, column: str, most: int | None = None) -> RollingStatistics:
+def rolling_errors(
+    series: Series, metric: MetricDeclaration, most: int | None = None
+) -> RollingStatistics:
     """Rolling median and quartiles of an error over the observation error, in windows of 60.
 
     Small studies have smaller windows. ``most`` is that of ``rolling_statistics``.
     """
     window = int(np.clip(series.count.sum() // _FEWEST_WINDOWS, _SMALLEST_WINDOW, WINDOW))
+    about = series.measured(metric)
     return rolling_statistics(
-        series.observation_error, series.error(column), series.count, window, most
+        series.observation_error[about],
+        series.error(metric)[about],
+        series.count[about],
+        window,
+        most,
     )
 
 
-def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) -> None:
-    rolling = rolling_errors(series, column, _MOST)
+def _median(
+    axes: Axes, series: Series, metric: MetricDeclaration, bottom: float, top: float
+) -> None:
+    rolling = rolling_errors(series, metric, _MOST)
     lower, median, upper = (
         np.maximum(q, bottom) for q in (rolling.lower, rolling.median, rolling.upper)
     )
@@ -141,14 +178,14 @@ def _median(axes: Axes, series: Series, column: str, bottom: float, top: float) 
         )
 
 
-def _failed(series: Series, column: str) -> np.ndarray:
+def _failed(series: Series, metric: MetricDeclaration) -> np.ndarray:
     """The published definition of failure speaks of predictions; weights are there anyhow."""
-    without = np.isinf(series.error(column))
-    return without | series.published_failed if column == "position_error" else without
+    without = np.isinf(series.error(metric)) & series.measured(metric)
+    return without | series.published_failed if metric.needs_prediction else without
 
 
-def _triangles(axes: Axes, series: Series, column: str, height: float) -> None:
-    failed = _thinned(_failed(series, column))
+def _triangles(axes: Axes, series: Series, metric: MetricDeclaration, height: float) -> None:
+    failed = _thinned(_failed(series, metric))
     axes.plot(
         series.observation_error[failed],
         np.full(len(failed), height),

@@ -14,18 +14,20 @@ from scipy.stats import binomtest
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.series import Series, split
 from olne_bench.bench.report.leaderboard import published_failures
+from olne_bench.bench.report.study import USUAL, Study
 
 _SPREAD = 0.27  # of the distance between two noise levels
 
 
-def draw(trials: pd.DataFrame) -> Figure | None:
-    """Share of failures by the published definition; None without attempts.
+def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
+    """Share of failures by the published definition.
 
     With 95 % Wilson intervals. The legend says how many trials are left without any prediction.
+
+    Raises:
+        NotDrawnError: without attempts.
     """
-    series = split(trials)
-    if not series:
-        return None
+    series = split(trials, study)
     figure = Figure(figsize=(8.4, 4.1))
     axes = figure.subplots()
     levels = sorted(pd.concat([s.trials["sigma"] for s in series]).unique())

@@ -13,31 +13,29 @@ from matplotlib.lines import Line2D
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.panels import scene_panels
 from olne_bench.bench.report.figures.scene import Scene, player_colour, scene_of
-from olne_bench.bench.report.figures.series import Series, contenders, split, views_in
+from olne_bench.bench.report.figures.series import Series, contenders, sensors_in, split
+from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.predicted_motion import estimated_weights
+from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.games.features import Stage
 
 _CELLS = 160  # along the longer side of the slice
 _LEVELS = 11
 
 
-def draw(trials: pd.DataFrame) -> Figure | None:
+def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     """Cost of a position for one player, where and when it passes another most closely.
 
     One panel for the truth and one per estimator, at the median of its weights at the largest
-    noise level that all estimators have in common, in the full view where there is one.
+    noise level that all estimators have in common, with the full sensor where there is one.
+
+    Raises:
+        NotDrawnError: as ``scene_of``, and without weights, or weights that fit the scenario.
     """
-    attempts = trials[trials["status"] != "skipped"]
-    if attempts.empty:
-        return None
-    scene = scene_of(attempts)
-    if scene is None:
-        return None
-    view = views_in(scene.trials)[0]
-    series = contenders(split(scene.trials[scene.trials["view"] == view]))
+    scene = scene_of(trials, study)
+    sensor = sensors_in(scene.trials)[0]
+    series = contenders(split(scene.trials[scene.trials["sensor"] == sensor], study))
     sigma = _common_sigma(series, scene)
-    if sigma is None:
-        return None
     panels = [("truth", scene.recording.scenario.weights)]
     for s in series:
         weights = median_weights(s, scene, sigma)
@@ -51,7 +49,7 @@ def draw(trials: pd.DataFrame) -> Figure | None:
     time = step * scene.recording.scenario.game.dt
     figure.suptitle(
         f"{trials['scenario'].iloc[0]}: cost of a position for player {player + 1} at "
-        f"t = {time:g} s,\nat median estimates ({style.printable(view)} view, σ = {sigma:g})"
+        f"t = {time:g} s,\nat median estimates ({style.printable(sensor)}, σ = {sigma:g})"
     )
     return figure
 
@@ -114,7 +112,7 @@ def median_weights(series: Series, scene: Scene, sigma: float) -> np.ndarray | N
     return median / median.sum(axis=1, keepdims=True)
 
 
-def _common_sigma(series: Sequence[Series], scene: Scene) -> float | None:
+def _common_sigma(series: Sequence[Series], scene: Scene) -> float:
     """Largest noise level at which every estimator left weights, else at which any did."""
     game = scene.recording.scenario.game
 
@@ -127,7 +125,7 @@ def _common_sigma(series: Sequence[Series], scene: Scene) -> float | None:
         for sigma in levels:
             if enough(left_weights(s, sigma) for s in series):
                 return float(sigma)
-    return None
+    raise NotDrawnError("no estimate left weights")
 
 
 def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

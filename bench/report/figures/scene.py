@@ -1,16 +1,22 @@
 """The truth behind trials, and the plane in which it is drawn."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
 from olne_bench.bench.report.figures import style
-from olne_bench.envs.recording import NoEquilibriumError, Recording
-from olne_bench.envs.scenarios import is_family
+from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.predicted_motion import predict_again
+from olne_bench.bench.report.statistics.attempts import attempts_of
+from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
+from olne_bench.envs.recording import Recording
+from olne_bench.games.observation import FullView
 
 _MARGIN = 0.12  # of its own extent, on each side
 _LEAST_MARGIN = 0.05  # of the larger extent
@@ -30,7 +36,8 @@ class Scene:
         limits: ((low, high) to the right, (low, high) upwards) [m].
     """
 
-    entry: ScenarioEntry
+    study: Study
+    name: str
     recording: Recording
     trials: pd.DataFrame
     axes_order: tuple[int, int]
@@ -47,6 +54,15 @@ class Scene:
         """Whether panels belong below rather than beside each other."""
         width, height = self.extents
         return width > _ELONGATED * height
+
+    def observed(self, sigma: float, seed: int) -> np.ndarray:
+        """Full states (T, N, n) under a trial's noise, whatever its sensor shows of them."""
+        noise = self.study.noise_seed(self.name, sigma, seed)
+        return observe((self.recording,), (FullView(),), sigma, noise)[0].y
+
+    def predicted(self, trial: Mapping[Any, Any]) -> np.ndarray | None:
+        """The predicted states (T, N, n) of a trial's row, None where it has none."""
+        return predict_again(self.study.draw(self.name, int(trial["seed"])), trial)
 
     def plane(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates to the right and upwards of states (..., n)."""
@@ -65,18 +81,22 @@ def player_colour(player: int) -> str:
     return style.PLAYER_COLOURS[player % len(style.PLAYER_COLOURS)]
 
 
-def scene_of(trials: pd.DataFrame) -> Scene | None:
-    """The scene of one scenario's trials; None if the scenario is unknown or has no equilibrium.
+def scene_of(trials: pd.DataFrame, study: Study = USUAL) -> Scene:
+    """The scene of one scenario's attempts; of a seeded family it is the lowest seed's draw.
 
-    Of a seeded family it is the lowest seed's draw.
+    Raises:
+        NotDrawnError: without attempts, or where the scenario cannot be played here.
     """
-    name = trials["scenario"].iloc[0]
+    trials = attempts_of(trials)
+    if trials.empty:
+        raise NotDrawnError("nothing was attempted")
+    name = str(trials["scenario"].iloc[0])
     seed = int(trials["seed"].min())
     try:
-        entry = ScenarioEntry.from_label(name)
-        recording = true_recording(entry, seed)
-    except (TypeError, ValueError, NoEquilibriumError):
-        return None
+        draw = study.draw(name, seed)
+        recording = true_recording(draw)
+    except UNKNOWN_HERE as error:
+        raise NotDrawnError(f"it cannot be played here: {why_unknown(error)}") from error
     positions = recording.states[..., :2].reshape(-1, 2)
     low, high = positions.min(axis=0), positions.max(axis=0)
     extents = high - low
@@ -84,5 +104,5 @@ def scene_of(trials: pd.DataFrame) -> Scene | None:
     limits = [(float(a), float(b)) for a, b in zip(low - margins, high + margins, strict=True)]
     width, height = (b - a for a, b in limits)
     order = (1, 0) if height > _ELONGATED * width else (0, 1)
-    rows = trials[trials["seed"] == seed] if is_family(entry.name) else trials
-    return Scene(entry, recording, rows, order, (limits[order[0]], limits[order[1]]))
+    rows = trials[trials["seed"] == seed] if study.is_family(name) else trials
+    return Scene(study, name, recording, rows, order, (limits[order[0]], limits[order[1]]))

@@ -6,40 +6,42 @@ import numpy as np
 import pandas as pd
 from matplotlib.typing import ColorType, LineStyleType
 
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.leaderboard import published_failures
-from olne_bench.bench.report.statistics.attempts import errors_of
-
-#: Views in the order in which they are drawn; others follow.
-_VIEW_ORDER = ("full", "partial")
+from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, measured
+from olne_bench.bench.report.study import USUAL, Study
 
 
 @dataclass(frozen=True)
 class Series:
-    """All attempts of one estimator in one view.
+    """All attempts of one estimator with one sensor.
 
     Attributes:
         estimator: its label, arbitrary text.
-        view: name of the view.
+        sensor: name of the sensor.
         trials: its rows; trials that the estimator declined (``skipped``) are not among them.
         colour: of lines and points.
-        line_style: tells views apart without colour.
+        line_style: tells sensors apart without colour.
         marker: tells estimators apart where colours repeat.
+        study: of the run.
     """
 
     estimator: str
-    view: str
+    sensor: str
     trials: pd.DataFrame
     colour: ColorType
     line_style: LineStyleType
     marker: str
+    study: Study = USUAL
 
     @property
     def name(self) -> str:
         """What the legend says."""
         if self.is_floor:
             return f"{self.estimator} (floor)"
-        return f"{style.printable(self.estimator)}, {style.printable(self.view)} view"
+        return f"{style.printable(self.estimator)}, {style.printable(self.sensor)}"
 
     @property
     def is_floor(self) -> bool:
@@ -56,9 +58,13 @@ class Series:
         measured = self.trials["observation_error"].to_numpy(float)
         return np.where(np.isfinite(measured), measured, expected)
 
-    def error(self, column: str) -> np.ndarray:
+    def error(self, metric: MetricDeclaration) -> np.ndarray:
         """An error of each row, infinite for failures."""
-        return errors_of(self.trials, column)
+        return errors_of(self.trials, metric)
+
+    def measured(self, metric: MetricDeclaration) -> np.ndarray:
+        """Which rows a metric is about."""
+        return measured(self.trials, metric, self.study).to_numpy(bool)
 
     @property
     def count(self) -> np.ndarray:
@@ -76,28 +82,35 @@ class Series:
         return published_failures(self.trials)
 
 
-def split(trials: pd.DataFrame) -> list[Series]:
-    """Series of one scenario, contenders first, the floor last."""
-    attempts = trials[trials["status"] != "skipped"]
+def split(trials: pd.DataFrame, study: Study = USUAL) -> list[Series]:
+    """Series of one scenario, contenders first, the floor last.
+
+    Raises:
+        NotDrawnError: without attempts.
+    """
+    attempts = attempts_of(trials)
+    if attempts.empty:
+        raise NotDrawnError("nothing was attempted")
     estimators = style.estimator_order(attempts["estimator"].tolist())
-    views = views_in(attempts)
     colours = style.estimator_colours(estimators)
+    slots = style.sensor_slots([*study.sensors, *sensors_in(attempts)])
     series: list[Series] = []
     for place, estimator in enumerate(estimators):
-        for column, view in enumerate(views):
-            rows = attempts[(attempts["estimator"] == estimator) & (attempts["view"] == view)]
+        for sensor in sensors_in(attempts):
+            rows = attempts[(attempts["estimator"] == estimator) & (attempts["sensor"] == sensor)]
             if rows.empty:
                 continue
             if estimator == style.FLOOR and any(s.is_floor for s in series):
-                continue  # it looks at no observation, so one view tells all
+                continue  # it looks at no observation, so one sensor tells all
             series.append(
                 Series(
                     estimator,
-                    view,
+                    sensor,
                     rows,
-                    colour=colours[estimator][min(column, 1)],
-                    line_style=style.LINE_STYLES[column % len(style.LINE_STYLES)],
+                    colour=style.shade(colours[estimator], slots[sensor]),
+                    line_style=style.LINE_STYLES[slots[sensor] % len(style.LINE_STYLES)],
                     marker=style.MARKERS[place % len(style.MARKERS)],
+                    study=study,
                 )
             )
     return series
@@ -108,7 +121,6 @@ def contenders(series: list[Series]) -> list[Series]:
     return [s for s in series if not s.is_floor] or series
 
 
-def views_in(trials: pd.DataFrame) -> list[str]:
-    """Names of the views that occur, the paper's first."""
-    names = trials["view"].unique().tolist()
-    return [v for v in _VIEW_ORDER if v in names] + sorted(set(names) - set(_VIEW_ORDER))
+def sensors_in(trials: pd.DataFrame) -> list[str]:
+    """Labels of the sensors that occur, the paper's first."""
+    return list(style.sensor_slots(trials["sensor"].unique().tolist(), known_only=True))

@@ -9,8 +9,10 @@ from typing import Any
 
 import matplotlib
 import matplotlib.style
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from matplotlib.typing import LineStyleType
@@ -20,7 +22,7 @@ from olne_bench.bench.report.statistics.attempts import FLOOR
 #: Okabe and Ito's palette, told apart by colour-blind readers: one colour per player.
 PLAYER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
-#: One (strong, light) pair per estimator: the two views are shades of one hue.
+#: One (strong, light) pair per estimator, for the paper's two sensors: shades of one hue.
 ESTIMATOR_COLOURS = (
     ("#0072B2", "#56B4E9"),
     ("#D55E00", "#E69F00"),
@@ -31,6 +33,8 @@ ESTIMATOR_COLOURS = (
 )
 #: Estimators that keep their pair whatever else was run with them.
 _FIXED_COLOURS = {"kkt_constrained": 0, "kkt_residual": 1}
+
+_PAPER_SENSORS = ("full", "partial")
 
 FLOOR_COLOUR = "#8C8C8C"
 
@@ -117,6 +121,50 @@ def estimator_colours(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     free = ESTIMATOR_COLOURS[len(_FIXED_COLOURS) :]
     own = {n: ESTIMATOR_COLOURS[slot] for n, slot in _FIXED_COLOURS.items() if n in names}
     return pairs | own | {n: free[k % len(free)] for k, n in enumerate(others)}
+
+
+def sensor_slots(labels: Sequence[str], known_only: bool = False) -> dict[str, int]:
+    """A number per sensor, the same for the paper's two in any company.
+
+    Args:
+        labels: of sensors, in any order and number.
+        known_only: leave out the paper's where they are not among the labels.
+    """
+    others = sorted(set(labels) - set(_PAPER_SENSORS))
+    slots = {label: slot for slot, label in enumerate([*_PAPER_SENSORS, *others])}
+    return {k: v for k, v in slots.items() if not known_only or k in labels}
+
+
+def shade(pair: tuple[str, str], slot: int) -> str:
+    """An estimator's colour for a sensor, each slot another one.
+
+    The first two are the pair itself; others lie between the strong one made darker and the light
+    one made lighter, as far from their predecessors as they can.
+    """
+    if slot < len(pair):
+        return pair[slot]
+    strong, light = (np.array(to_rgb(colour)) for colour in pair)
+    place = _halvings(slot - len(pair) + 1)
+    nodes = [0.45 * strong, strong, light, 0.4 * light + 0.6]
+    mixed = [
+        np.interp(place, np.linspace(0, 1, len(nodes)), [n[c] for n in nodes]) for c in (0, 1, 2)
+    ]
+    return to_hex((mixed[0], mixed[1], mixed[2]))
+
+
+def is_light(colour: str) -> bool:
+    """Whether a colour stands out on a dark ground as it is."""
+    red, green, blue = to_rgb(colour)
+    return 0.299 * red + 0.587 * green + 0.114 * blue > 0.55
+
+
+def _halvings(number: int) -> float:
+    """Van der Corput's sequence less its ends: 1/2, 1/4, 3/4, 1/8, ... for 1, 2, 3, 4, ..."""
+    value, weight = 0.0, 0.5
+    while number:
+        value += weight * (number & 1)
+        number, weight = number >> 1, weight / 2
+    return value
 
 
 def log_axis(axes: Axes, bottom: float, top: float) -> None:

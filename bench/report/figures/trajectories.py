@@ -9,13 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.panels import scene_panels
 from olne_bench.bench.report.figures.scene import Scene, player_colour, scene_of
-from olne_bench.bench.report.figures.series import Series, contenders, split, views_in
-from olne_bench.bench.report.predicted_motion import replay
-from olne_bench.games.observation import FullView
+from olne_bench.bench.report.figures.series import Series, contenders, sensors_in, split
+from olne_bench.bench.report.study import USUAL, Study
 
 #: Most sequences in one panel, as in the paper.
 MOST_SEQUENCES = 40
@@ -24,23 +22,21 @@ _COLUMNS = 3
 _TRUTH_STYLE = (0, (3, 1.5))
 
 
-def draw(trials: pd.DataFrame) -> Figure | None:
+def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     """Truth and observations, then one panel per series.
 
     Predictions are made again from the estimated weights (``bench.report.predicted_motion``),
     from the true initial state.
+
+    Raises:
+        NotDrawnError: as ``scene_of``, and where weights do not fit the scenario.
     """
-    attempts = trials[trials["status"] != "skipped"]
-    if attempts.empty:
-        return None
-    scene = scene_of(attempts)
-    if scene is None:
-        return None
+    scene = scene_of(trials, study)
     sigma = largest_with_predictions(scene.trials)
     seeds = sorted(scene.trials.loc[scene.trials["sigma"] == sigma, "seed"].unique())
     seeds = seeds[:MOST_SEQUENCES]
     shown = scene.trials["seed"].isin(seeds) & (scene.trials["sigma"] == sigma)
-    series = contenders(split(scene.trials[shown]))
+    series = contenders(split(scene.trials[shown], study))
 
     figure, (first, *panels) = scene_panels(
         scene, [(0, 0), *_places(scene, series)], margin=(0.3, 0.9)
@@ -63,30 +59,37 @@ def largest_with_predictions(trials: pd.DataFrame) -> float:
 
 
 def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
-    """A row per estimator, a column per view; one column where the scene is wide.
+    """A row per estimator, a column per sensor; one column where the scene is wide.
 
-    With a single view, the panels follow each other.
+    With a single sensor, the panels follow each other.
     """
     if scene.is_wide:
         return [(1 + k, 0) for k in range(len(series))]
-    views = views_in(pd.concat([s.trials for s in series]))
-    if len(views) == 1:
+    sensors = sensors_in(pd.concat([s.trials for s in series]))
+    if len(sensors) == 1:
         return [divmod(1 + k, _COLUMNS) for k in range(len(series))]
     estimators = style.estimator_order([s.estimator for s in series])
-    return [(estimators.index(s.estimator), 1 + views.index(s.view)) for s in series]
+    return [(estimators.index(s.estimator), 1 + sensors.index(s.sensor)) for s in series]
 
 
 def _observations(axes: Axes, scene: Scene, sigma: float, seeds: Sequence[int]) -> None:
-    # All views and estimators meet the same noise, and none hides positions.
+    # All sensors and estimators meet the same noise, and none hides positions.
     for seed in seeds:
-        positions = observe([scene.recording], (FullView(),), sigma, int(seed))[0].y
-        _bundle(axes, scene, positions, marker=".", markersize=2, linestyle="none", alpha=0.4)
+        _bundle(
+            axes,
+            scene,
+            scene.observed(sigma, int(seed)),
+            marker=".",
+            markersize=2,
+            linestyle="none",
+            alpha=0.4,
+        )
     _truth(axes, scene)
     axes.set_title(f"Truth and {len(seeds)} observed sequence{'s' * (len(seeds) != 1)}")
 
 
 def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
-    predicted = [replay(scene.entry, trial) for trial in series.trials.to_dict("records")]
+    predicted = [scene.predicted(trial) for trial in series.trials.to_dict("records")]
     found = [states for states in predicted if states is not None]
     for states in found:
         _bundle(axes, scene, states, linewidth=0.8, alpha=0.45, marker=".", markevery=[-1])
@@ -95,7 +98,7 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
     without = len(predicted) - len(found) - failed
     parts = [
         style.printable(series.estimator),
-        f"{style.printable(series.view)} view, {failed} of {len(series.trials)} failed",
+        f"{style.printable(series.sensor)}, {failed} of {len(series.trials)} failed",
         *[f"{without} not drawn"] * (without > 0),
     ]
     axes.set_title((", " if scene.is_wide else "\n").join(parts))

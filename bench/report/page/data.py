@@ -1,16 +1,21 @@
 """What the page's charts show, as plain lists and numbers."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.errors import rolling_errors
 from olne_bench.bench.report.figures.series import Series, split
-from olne_bench.bench.report.page.numbers import significant
+from olne_bench.bench.report.measures import in_table, primary
+from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.page.numbers import rounded
 from olne_bench.bench.report.page.scenes import scene_data
-from olne_bench.bench.report.statistics.attempts import ERRORS
+from olne_bench.bench.report.study import USUAL, Study
 
 #: Trials drawn as points, on the whole page; beyond, some are left out, evenly.
 _MOST_POINTS = 14_000
@@ -18,20 +23,48 @@ _FEWEST_POINTS = 60  # of a series
 _MOST_NODES = 120  # of a rolling line
 
 
-def chart_data(trials: pd.DataFrame) -> dict[str, Any]:
+@dataclass(frozen=True)
+class ChartData:
+    """What the page's script draws.
+
+    Attributes:
+        content: plain data.
+        notes: what cannot be drawn, and why.
+    """
+
+    content: dict[str, Any]
+    notes: list[str]
+
+
+def chart_data(trials: pd.DataFrame, study: Study = USUAL) -> ChartData:
     """Everything that the page's script draws.
 
     Args:
         trials: of a run.
+        study: of the run.
     """
     names = sorted(trials["scenario"].unique())
     plain = trials.drop(columns="weights")
-    parts = {name: split(plain[plain["scenario"] == name]) for name in names}
+    parts: dict[str, list[Series]] = {}
+    scenes: dict[str, dict[str, Any] | None] = dict.fromkeys(names)
+    notes = []
+    for name in names:
+        parts[name] = []
+        try:
+            parts[name] = split(plain[plain["scenario"] == name], study)
+            own = trials[trials["scenario"] == name]
+            scenes[name] = scene_data(own, number=len(names), study=study)
+        except NotDrawnError as error:
+            notes.append(f"trajectories of {name} on the page: {error}")
     drawn = sum(not s.is_floor for series in parts.values() for s in series)
     most = max(_FEWEST_POINTS, _MOST_POINTS // max(1, drawn))
     estimators = style.estimator_order(trials["estimator"].tolist())
     colours = style.estimator_colours(estimators)
-    return {
+    metrics = errors_shown(trials, study)
+    content = {
+        "metrics": [_metric(metric) for metric in metrics],
+        "primary": getattr(primary(metrics), "name", None),
+        "sensors": list(style.sensor_slots(trials["sensor"].unique().tolist(), known_only=True)),
         "estimators": [
             {"name": name, "colours": colours[name], "floor": name == style.FLOOR}
             for name in estimators
@@ -40,44 +73,71 @@ def chart_data(trials: pd.DataFrame) -> dict[str, Any]:
         "scenarios": [
             {
                 "name": name,
-                "series": [_series(s, most) for s in series],
-                "scene": scene_data(trials[trials["scenario"] == name], number=len(names)),
+                "series": [_series(s, most, metrics) for s in series],
+                "scene": scenes[name],
             }
             for name, series in parts.items()
         ],
     }
+    return ChartData(content, notes)
 
 
-def _series(series: Series, most: int) -> dict[str, Any]:
+def errors_shown(trials: pd.DataFrame, study: Study) -> list[MetricDeclaration]:
+    """The errors that have charts, and columns among the values of a trial."""
+    return [metric for metric in in_table(study.metrics, trials) if not metric.is_share]
+
+
+def _metric(metric: MetricDeclaration) -> dict[str, Any]:
+    return {
+        "name": metric.name,
+        "label": metric.label,
+        "title": metric.title,
+        "unit": metric.unit,
+        "negligible": metric.negligible,
+        "prediction": metric.needs_prediction,
+    }
+
+
+def _series(series: Series, most: int, metrics: Sequence[MetricDeclaration]) -> dict[str, Any]:
     order = np.argsort(series.observation_error, kind="stable")
     every = -(-len(order) // most)
     shown = order[::every]
     rows = series.trials.iloc[shown]
     return {
         "estimator": series.estimator,
-        "view": series.view,
-        "dashed": series.line_style != style.LINE_STYLES[0],
-        "light": series.colour == style.estimator_colours([series.estimator])[series.estimator][1],
+        "sensor": series.sensor,
+        "colour": series.colour,
+        "dash": style.LINE_STYLES.index(series.line_style),
+        "light": style.is_light(str(series.colour)),
         "every": every,
         "points": None
         if series.is_floor
         else {
-            "x": significant(series.observation_error[shown]),
+            "x": rounded(series.observation_error[shown]),
             "sigma": rows["sigma"].tolist(),
             "seed": rows["seed"].tolist(),
             "status": rows["status"].tolist(),
             "published": series.published_failed[shown].astype(int).tolist(),
-            **{error: significant(series.error(error)[shown]) for error in ERRORS},
+            **{metric.name: _points(series, metric, shown) for metric in metrics},
         },
-        "rolling": {error: _rolling(series, error) for error in ERRORS},
+        "rolling": {metric.name: _rolling(series, metric) for metric in metrics},
     }
 
 
-def _rolling(series: Series, error: str) -> dict[str, list[float | None]]:
-    rolling = rolling_errors(series, error, _MOST_NODES)
+def _points(
+    series: Series, metric: MetricDeclaration, shown: np.ndarray
+) -> list[float | str | None]:
+    """Errors; None for a failure, and a dash where the metric says nothing."""
+    values: list[float | None] = rounded(series.error(metric)[shown])
+    about = series.measured(metric)[shown]
+    return [value if told else "–" for value, told in zip(values, about, strict=True)]
+
+
+def _rolling(series: Series, metric: MetricDeclaration) -> dict[str, list[float | None]]:
+    rolling = rolling_errors(series, metric, _MOST_NODES)
     return {
-        "x": significant(rolling.x),
-        "low": significant(rolling.lower),
-        "mid": significant(rolling.median),
-        "high": significant(rolling.upper),
+        "x": rounded(rolling.x),
+        "low": rounded(rolling.lower),
+        "mid": rounded(rolling.median),
+        "high": rounded(rolling.upper),
     }

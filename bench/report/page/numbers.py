@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 
-def significant(values: np.ndarray, digits: int = 4) -> list[float | None]:
+def rounded(values: np.ndarray, digits: int = 4) -> list[float | None]:
     """Numbers rounded to significant digits; None for those that are not finite."""
     return [float(f"{v:.{digits - 1}e}") if math.isfinite(v) else None for v in values.tolist()]
 

@@ -90,17 +90,17 @@
     }
     function filter() {
       const words = byId("filter").value.toLowerCase().split(/\s+/).filter(Boolean);
-      const view = byId("board-view").value;
+      const sensor = byId("board-sensor").value;
       let shown = 0;
       for (const row of rows) {
         const text = [0, 1, 2].map((k) => row.cells[k].textContent).join(" ").toLowerCase();
-        row.hidden = !(words.every((word) => text.includes(word)) && (!view || row.dataset.view === view));
+        row.hidden = !(words.every((word) => text.includes(word)) && (!sensor || row.dataset.sensor === sensor));
         shown += !row.hidden;
       }
       byId("board-count").textContent = shown === rows.length ? `${shown} rows` : `${shown} of ${rows.length} rows`;
       rule();
     }
-    /* A line between scenarios and views where neighbouring rows belong together. */
+    /* A line between scenarios and sensors where neighbouring rows belong together. */
     function rule() {
       const sorted = heads.some((head) => head.hasAttribute("aria-sort"));
       const visible = all("tr", body).filter((row) => !row.hidden);
@@ -109,7 +109,7 @@
         row.classList.toggle("group", !sorted && k > 0 && group(row) !== group(visible[k - 1]));
       });
     }
-    sorter.append(new Option("scenario, view, error", ""));
+    sorter.append(new Option("scenario, sensor, error", ""));
     heads.forEach((head, column) => {
       if ("nosort" in head.dataset) return;
       const button = document.createElement("button"), name = head.textContent.trim();
@@ -129,19 +129,22 @@
       event.target.setAttribute("aria-pressed", String(table.classList.toggle("all")));
     });
     byId("filter").addEventListener("input", filter);
-    byId("board-view").addEventListener("change", filter);
+    byId("board-sensor").addEventListener("change", filter);
     filter();
   }
 
   /* What is shown ------------------------------------------------------------------------- */
 
-  const state = { scenario: 0, views: new Set(), estimators: new Set(), sample: 0, view: "", time: 0 };
+  const state = { scenario: 0, sensors: new Set(), estimators: new Set(), sample: 0, sensor: "", time: 0 };
   const scenario = () => data.scenarios[state.scenario];
-  const allViews = [...new Set(data.scenarios.flatMap((s) => s.series.map((x) => x.view)))];
+  const allSensors = data.sensors;
   const looks = new Map(data.estimators.map((e) => [e.name, e]));
   const visible = () => scenario().series.filter(
-    (s) => state.estimators.has(s.estimator) && (state.views.has(s.view) || looks.get(s.estimator).floor));
-  const seriesColour = (s) => (isDark() && s.light ? looks.get(s.estimator).colours[1] : shade(looks.get(s.estimator).colours[s.light ? 1 : 0]));
+    (s) => state.estimators.has(s.estimator) && (state.sensors.has(s.sensor) || looks.get(s.estimator).floor));
+  const seriesColour = (s) => (s.light ? s.colour : shade(s.colour));
+  const DASHES = [[], [7, 4], [2, 4], [8, 3, 2, 3]];
+  const metricOf = new Map(data.metrics.map((m) => [m.name, m]));
+  const withUnit = (metric, value) => (typeof value === "string" ? value : value === null || value === undefined || !metric.unit ? number(value) : `${number(value)} ${metric.unit}`);
 
   function chips(holder, names, chosen, mark) {
     for (const name of names) {
@@ -156,7 +159,7 @@
         swatch.style.setProperty("--b", looks.get(name).colours[1]);
         button.append(swatch);
       }
-      button.append(mark ? name : `${name} view`);
+      button.append(name);
       button.addEventListener("click", () => {
         const on = !chosen.has(name);
         if (on) chosen.add(name); else chosen.delete(name);
@@ -170,7 +173,7 @@
   function filterTables() {
     const error = byId("pair-error").value;
     for (const row of all("table.filtered tbody tr[data-scenario]")) {
-      row.hidden = row.dataset.scenario !== scenario().name || !state.views.has(row.dataset.view)
+      row.hidden = row.dataset.scenario !== scenario().name || !state.sensors.has(row.dataset.sensor)
         || (row.dataset.error !== undefined && row.dataset.error !== error);
     }
     for (const cell of all("[data-estimator]")) cell.hidden = !state.estimators.has(cell.dataset.estimator);
@@ -179,8 +182,8 @@
   /* Errors over noise --------------------------------------------------------------------- */
 
   class Chart {
-    constructor(canvas, column, smallest) {
-      Object.assign(this, { canvas, column, smallest, at: null });
+    constructor(canvas, metric) {
+      Object.assign(this, { canvas, metric, column: metric.name, smallest: metric.negligible, at: null });
       canvas.addEventListener("pointermove", (event) => this.hover(event));
       canvas.addEventListener("pointerdown", (event) => this.hover(event));
       canvas.addEventListener("pointerleave", () => this.leave());
@@ -191,7 +194,7 @@
     layout() {
       const shown = visible();
       const finite = shown.flatMap((s) => s.points
-        ? s.points[this.column].filter((y, k) => y !== null && s.points.sigma[k] > 0) : []);
+        ? s.points[this.column].filter((y, k) => typeof y === "number" && s.points.sigma[k] > 0) : []);
       const lines = shown.flatMap((s) => s.rolling[this.column].mid.filter((y) => y !== null));
       const values = [...finite, ...lines].filter((y) => y > this.smallest);
       const right = Math.max(1e-9, ...shown.flatMap((s) => s.points ? s.points.x : s.rolling[this.column].x));
@@ -201,7 +204,7 @@
       high = Math.max(high * 1.15, low * 10);
       /* The published definition of failure speaks of predictions. */
       const fails = (s, k) => s.points[this.column][k] === null
-        || (this.column === "position_error" && s.points.published[k] === 1);
+        || (this.metric.prediction && s.points.published[k] === 1);
       const failing = shown.filter((s) => s.points && s.points.x.some((_, k) => fails(s, k)));
       const box = { left: 50, right: this.width - 10, top: 12 + 11 * failing.length, bottom: this.height - 26 };
       this.x = (x) => box.left + 6 + (x / right) * (box.right - box.left - 12);
@@ -212,7 +215,7 @@
         if (!s.points) return;
         s.points.x.forEach((x, k) => {
           const y = s.points[this.column][k];
-          if (y !== null) this.marks.push({ s, k, px: this.x(x), py: this.y(y), failed: false });
+          if (typeof y === "number") this.marks.push({ s, k, px: this.x(x), py: this.y(y), failed: false });
           if (fails(s, k)) this.marks.push({ s, k, px: this.x(x), py: 8 + 11 * failing.indexOf(s), failed: true });
         });
       });
@@ -229,7 +232,7 @@
       if (!this.shown.length) {
         c.fillStyle = css("--soft");
         c.textAlign = "center";
-        c.fillText("Pick an estimator and a view above", (box.left + box.right) / 2, (box.top + box.bottom) / 2);
+        c.fillText("Pick an estimator and a sensor above", (box.left + box.right) / 2, (box.top + box.bottom) / 2);
       }
       if (this.at) this.ring(this.at);
     }
@@ -287,7 +290,7 @@
         }
       }
       c.lineWidth = floor ? 1.3 : 2.4;
-      c.setLineDash(s.dashed && !floor ? [7, 4] : []);
+      c.setLineDash(floor ? [] : DASHES[s.dash]);
       c.beginPath();
       let open = false;
       r.x.forEach((x, k) => {
@@ -313,10 +316,9 @@
       if (!m) return hideTip();
       const p = m.s.points, box = this.canvas.getBoundingClientRect();
       return showTip([
-        `${m.s.estimator}, ${m.s.view} view`,
+        `${m.s.estimator}, ${m.s.sensor}`,
         `σ = ${number(p.sigma[m.k])}, seed ${p.seed[m.k]}`,
-        `cosine error ${number(p.cosine_error[m.k])}`,
-        `position error ${p.position_error[m.k] === null ? "∞" : `${number(p.position_error[m.k])} m`}`,
+        ...data.metrics.map((metric) => `${metric.label} ${withUnit(metric, p[metric.name][m.k])}`),
         p.status[m.k] === "ok" ? (p.published[m.k] ? "the published step finds no root" : "ok") : p.status[m.k],
       ], box.left + m.px, box.top + m.py);
     }
@@ -430,7 +432,7 @@
       this.at = -1;
       this.figure = document.createElement("figure");
       const caption = document.createElement("figcaption");
-      caption.textContent = series ? `${series.estimator}, ${series.view} view` : "Truth and observations";
+      caption.textContent = series ? `${series.estimator}, ${series.sensor}` : "Truth and observations";
       this.canvas = document.createElement("canvas");
       this.canvas.tabIndex = 0;
       this.canvas.setAttribute("role", "application");
@@ -450,7 +452,7 @@
       });
       const scene = scenario().scene;
       this.bundle = scene.samples.filter((s) => s.sigma === scene.bundle).map((sample) => {
-        const found = series && sample.predictions.find((p) => p.estimator === series.estimator && p.view === series.view);
+        const found = series && sample.predictions.find((p) => p.estimator === series.estimator && p.sensor === series.sensor);
         return { sample, found, paths: series ? found && found.paths : sample.observed };
       }).filter((one) => one.sample && (!series || one.found));
       const missing = this.bundle.filter((one) => !one.paths);
@@ -488,7 +490,7 @@
       if (k < 0) { hideTip(); return; }
       const { sample, found } = this.bundle[k], box = this.canvas.getBoundingClientRect();
       const lines = [`σ = ${number(sample.sigma)}, seed ${sample.seed}`];
-      if (found) lines.push(`position error ${number(found.errors[1])} m`, `cosine error ${number(found.errors[0])}`);
+      if (found) lines.push(...data.metrics.map((metric) => `${metric.label} ${withUnit(metric, found.errors[metric.name] ?? "–")}`));
       showTip(lines, x ?? box.left + box.width / 2, y ?? box.top + 10);
     }
 
@@ -525,11 +527,11 @@
     select.replaceChildren(...scene.samples.map((s, k) => new Option(`σ = ${number(s.sigma)}, seed ${s.seed}`, k)));
     state.sample = Math.min(state.sample, scene.samples.length - 1);
     select.value = state.sample;
-    const views = [...new Set(scene.samples.flatMap((s) => s.predictions.map((p) => p.view)))]
-      .sort((a, b) => allViews.indexOf(a) - allViews.indexOf(b));
-    byId("trial-view").replaceChildren(...views.map((v) => new Option(v, v)));
-    if (!views.includes(state.view)) state.view = views[0];
-    byId("trial-view").value = state.view;
+    const sensors = [...new Set(scene.samples.flatMap((s) => s.predictions.map((p) => p.sensor)))]
+      .sort((a, b) => allSensors.indexOf(a) - allSensors.indexOf(b));
+    byId("trial-sensor").replaceChildren(...sensors.map((v) => new Option(v, v)));
+    if (!sensors.includes(state.sensor)) state.sensor = sensors[0];
+    byId("trial-sensor").value = state.sensor;
     const last = scene.truth[0].length - 1;
     byId("time").max = last;
     setTime(last);
@@ -546,7 +548,7 @@
     if (!scene) return;
     const sample = scene.samples[state.sample], t = state.time, upto = t + 1, ink = css("--ink");
     const plane = new Plane(byId("player"), scene, isWide(scene) ? 380 : 440);
-    const shown = sample.predictions.filter((p) => p.view === state.view && state.estimators.has(p.estimator));
+    const shown = sample.predictions.filter((p) => p.sensor === state.sensor && state.estimators.has(p.estimator));
     scene.truth.forEach((path, i) => {
       plane.path(path, ink, { width: 1, alpha: 0.22 });
       sample.observed[i].slice(0, upto).forEach((point) => plane.dot(point, css("--soft"), 2.3, 0.75));
@@ -588,7 +590,7 @@
       row.append(name);
       const off = p.paths && p.paths.reduce((sum, path, i) =>
         sum + Math.hypot(path[t][0] - scene.truth[i][t][0], path[t][1] - scene.truth[i][t][1]), 0) / p.paths.length;
-      const cells = [p.paths ? off.toFixed(3) : "–", number(p.errors[1]), p.errors[0] === null ? "–" : number(p.errors[0])];
+      const cells = [p.paths ? off.toFixed(3) : "–", ...data.metrics.map((m) => (p.errors[m.name] === null ? (m.prediction && p.status !== "ok" ? "∞" : "–") : number(p.errors[m.name])))];
       cells.forEach((text) => {
         const cell = row.insertCell();
         cell.textContent = text;
@@ -620,17 +622,14 @@
 
   /* All together -------------------------------------------------------------------------- */
 
-  const charts = [
-    new Chart(byId("chart-cosine"), "cosine_error", 1e-7),
-    new Chart(byId("chart-position"), "position_error", 1e-5),
-  ];
+  const charts = all("canvas[data-metric]").map((canvas) => new Chart(canvas, metricOf.get(canvas.dataset.metric)));
 
   /* What lines and signs of the charts mean; colours are told by the buttons. */
   function legend() {
     const shown = visible(), entries = [];
-    for (const view of allViews) {
-      const one = shown.find((s) => s.view === view && !looks.get(s.estimator).floor);
-      if (one) entries.push([one.dashed ? "l-dashed" : "l-solid", `${view} view, median`]);
+    for (const sensor of allSensors) {
+      const one = shown.find((s) => s.sensor === sensor && !looks.get(s.estimator).floor);
+      if (one) entries.push([`l-dash-${one.dash}`, `${sensor}, median`]);
     }
     entries.push(["l-band", "quartiles"], ["l-failed", "failed"]);
     const floor = shown.find((s) => looks.get(s.estimator).floor);
@@ -655,7 +654,7 @@
   function setUp() {
     applyTheme();
     setUpBoard();
-    chips(byId("views"), allViews, state.views, false);
+    chips(byId("sensors"), allSensors, state.sensors, false);
     chips(byId("estimators"), data.estimators.map((e) => e.name), state.estimators, true);
     byId("scenario").addEventListener("change", (event) => {
       play(false);
@@ -665,7 +664,7 @@
       redraw();
     });
     byId("trial").addEventListener("change", (event) => { state.sample = Number(event.target.value); drawPlayer(); });
-    byId("trial-view").addEventListener("change", (event) => { state.view = event.target.value; drawPlayer(); });
+    byId("trial-sensor").addEventListener("change", (event) => { state.sensor = event.target.value; drawPlayer(); });
     byId("time").addEventListener("input", (event) => { play(false); setTime(Number(event.target.value)); });
     byId("play").addEventListener("click", () => play(!playing));
     byId("pair-error").addEventListener("change", filterTables);

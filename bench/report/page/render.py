@@ -9,17 +9,21 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.measures import in_leaderboard, primary
 from olne_bench.bench.report.page.data import chart_data
 from olne_bench.bench.report.page.numbers import human
 from olne_bench.bench.report.page.verdicts import verdicts
-from olne_bench.bench.report.results import Findings
-from olne_bench.bench.report.statistics.attempts import ERRORS, FLOOR
+from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE, leaders
+from olne_bench.bench.report.statistics.harness_errors import in_words
 from olne_bench.bench.report.statistics.identifiability import REFERENCE_SIGMA
+from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.tables import RunTables
 from olne_bench.bench.run.provenance import Provenance
 
 _FOLDER = Path(__file__).parent
@@ -35,19 +39,65 @@ class Bar:
     high: float
 
 
+@dataclass(frozen=True)
+class Page:
+    """The page.
+
+    Attributes:
+        html: all of it.
+        notes: what it could not show, and why.
+    """
+
+    html: str
+    notes: list[str]
+
+
 def render_page(
     trials: pd.DataFrame,
-    findings: Findings,
+    tables: RunTables,
     runs: Sequence[Provenance],
-) -> str:
+    study: Study = USUAL,
+    notes: Sequence[str] = (),
+) -> Page:
     """The page as HTML.
 
     Args:
         trials: rows of a run.
-        findings: its tables.
+        tables: made of them.
         runs: where the rows come from, the last one last.
+        study: of the run.
+        notes: what else could not be shown, which the page says as well.
     """
-    table = findings.leaderboard
+    table = tables.leaderboard
+    charts = chart_data(trials, study)
+    metrics = in_leaderboard(study.metrics, table)
+    first = primary(metrics)
+    html = _template().render(
+        title=str(trials["suite"].iloc[0]),
+        description=_description(runs),
+        css=_own("page.css"),
+        script=_own("page.js"),
+        data=charts.content,
+        colours=style.estimator_colours(table["estimator"].unique().tolist()),
+        verdicts=verdicts(table, tables.comparisons, study),
+        rows=_board(table, metrics, first),
+        metrics=metrics,
+        primary=first,
+        comparisons=_rows(tables.comparisons),
+        weights=_weights(tables),
+        trial_count=int(table["trials"].sum()),
+        harness_errors=in_words(tables.harness_errors),
+        notes=list(dict.fromkeys([*notes, *charts.notes])),
+        runs=list(runs),
+        written=datetime.now(UTC).isoformat(sep=" ", timespec="minutes"),
+        sigma=REFERENCE_SIGMA,
+        significance=SIGNIFICANCE,
+        floor=FLOOR,
+    )
+    return Page(html, charts.notes)
+
+
+def _template() -> Template:
     environment = Environment(
         loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined
     )
@@ -59,28 +109,7 @@ def render_page(
         "key": _sort_key,
         "moment": _moment,
     }
-    return environment.get_template("template.html").render(
-        title=str(trials["suite"].iloc[0]),
-        description=_description(runs),
-        css=_own("page.css"),
-        script=_own("page.js"),
-        data=chart_data(trials),
-        colours=style.estimator_colours(table["estimator"].unique().tolist()),
-        verdicts=verdicts(table, findings.comparisons),
-        rows=_board(table),
-        shows={
-            "held_out": "held_out_error_median" in table,
-            "coverage": bool(table["coverage"].notna().any()),
-        },
-        comparisons=_rows(findings.comparisons),
-        weights=_weights(findings),
-        trial_count=int(table["trials"].sum()),
-        runs=list(runs),
-        written=datetime.now(UTC).isoformat(sep=" ", timespec="minutes"),
-        sigma=REFERENCE_SIGMA,
-        significance=SIGNIFICANCE,
-        floor=FLOOR,
-    )
+    return environment.get_template("template.html")
 
 
 def _own(name: str) -> Markup:
@@ -97,24 +126,32 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(k): v for k, v in row.items()} for row in table.to_dict("records")]
 
 
-def _board(table: pd.DataFrame) -> list[dict[str, Any]]:
+def _board(
+    table: pd.DataFrame, metrics: Sequence[MetricDeclaration], first: MetricDeclaration | None
+) -> list[dict[str, Any]]:
     """Rows of the leaderboard with their bars, the floor below those that it measures."""
-    ranked = table["position_error_rank"].astype("Float64").to_numpy(float, na_value=math.nan)
+    ranked = [m.name for m in metrics if f"{m.name}_rank" in table]
+    table = table.assign(**{f"{name}_leads": leaders(table, name) for name in ranked})
     table = table.assign(
-        position_error_rank=ranked,
-        **{f"{error}_leads": leaders(table, error) for error in ERRORS},
+        **{
+            f"{name}_rank": table[f"{name}_rank"]
+            .astype("Float64")
+            .to_numpy(float, na_value=math.nan)
+            for name in ranked
+        }
     )
-    rows = [row | {"bar": bar} for row, bar in zip(_rows(table), _bars(table), strict=True)]
-    groups = list(dict.fromkeys((row["scenario"], row["view"]) for row in rows))
+    bars = _bars(table, first) if first else [Bar(0.0, None, 0.0)] * len(table)
+    rows = [row | {"bar": bar} for row, bar in zip(_rows(table), bars, strict=True)]
+    groups = list(dict.fromkeys((row["scenario"], row["sensor"]) for row in rows))
     place = {group: number for number, group in enumerate(groups)}
     return sorted(
-        rows, key=lambda row: (place[row["scenario"], row["view"]], row["estimator"] == FLOOR)
+        rows, key=lambda row: (place[row["scenario"], row["sensor"]], row["estimator"] == FLOOR)
     )
 
 
-def _bars(table: pd.DataFrame) -> list[Bar]:
-    """Position errors of the leaderboard's rows on one logarithmic scale."""
-    columns = [f"position_error_{name}" for name in ("q25", "median", "q75")]
+def _bars(table: pd.DataFrame, metric: MetricDeclaration) -> list[Bar]:
+    """A metric of the leaderboard's rows on one logarithmic scale."""
+    columns = [f"{metric.name}_{name}" for name in ("q25", "median", "q75")]
     values = table[columns].to_numpy(float)
     logs = [[_log(v) for v in row] for row in values]
     finite = [v for row in logs for v in row if math.isfinite(v)]
@@ -128,15 +165,15 @@ def _log(value: float) -> float:
     return math.log10(max(value, _SMALLEST_SHOWN)) if math.isfinite(value) else math.inf
 
 
-def _weights(findings: Findings) -> list[dict[str, Any]]:
+def _weights(tables: RunTables) -> list[dict[str, Any]]:
     """Identifiability, each row with the estimators' ratios to the bound."""
-    key = ["scenario", "view", "player", "weight"]
+    key = ["scenario", "sensor", "player", "weight"]
     ratios: dict[tuple[Any, ...], dict[str, float]] = {}
-    for row in _rows(findings.bound_ratios):
+    for row in _rows(tables.bound_ratios):
         ratios.setdefault(tuple(row[k] for k in key), {})[row["estimator"]] = row["ratio"]
     return [
         row | {"ratios": ratios.get(tuple(row[k] for k in key), {})}
-        for row in _rows(findings.identifiability)
+        for row in _rows(tables.identifiability)
     ]
 
 

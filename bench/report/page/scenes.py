@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.report.figures.scene import Scene, scene_of
 from olne_bench.bench.report.figures.trajectories import largest_with_predictions
-from olne_bench.bench.report.page.numbers import decimals, significant
-from olne_bench.bench.report.predicted_motion import replay
+from olne_bench.bench.report.measures import in_table
+from olne_bench.bench.report.page.numbers import decimals, rounded
 from olne_bench.bench.report.statistics.attempts import attempts_of
-from olne_bench.games.observation import FullView
+from olne_bench.bench.report.study import USUAL, Study
 
 #: Coordinates drawn and predictions made, about, for the whole page; most sequences of a bundle.
 _MOST_COORDINATES = 140_000
@@ -23,8 +22,8 @@ _OTHER_SEEDS = 1
 _PLACES = 3  # millimetres
 
 
-def scene_data(trials: pd.DataFrame, *, number: int) -> dict[str, Any] | None:
-    """Truth and sample trials of one scenario; None where it cannot be played here.
+def scene_data(trials: pd.DataFrame, *, number: int, study: Study = USUAL) -> dict[str, Any]:
+    """Truth and sample trials of one scenario.
 
     A bundle of sequences at the largest noise level at which everybody has predictions, and a few
     at other levels. Predictions are made again (``bench.report.predicted_motion``).
@@ -32,13 +31,15 @@ def scene_data(trials: pd.DataFrame, *, number: int) -> dict[str, Any] | None:
     Args:
         trials: of one scenario.
         number: of scenarios that share the page.
+        study: of the run.
+
+    Raises:
+        NotDrawnError: where it cannot be played here.
     """
     attempts = attempts_of(trials)
-    scene = scene_of(attempts) if len(attempts) else None
-    if scene is None:
-        return None
+    scene = scene_of(attempts, study)
     steps, players, _ = scene.recording.states.shape
-    paths = 1 + attempts.groupby(["estimator", "view"]).ngroups
+    paths = 1 + attempts.groupby(["estimator", "sensor"]).ngroups
     most = min(_MOST_COORDINATES // (2 * steps * players), _MOST_PREDICTIONS) // (number * paths)
     bundle = largest_with_predictions(scene.trials)
     chosen = _chosen(scene, bundle, int(np.clip(most, _FEWEST_SEQUENCES, _MOST_SEQUENCES)))
@@ -49,7 +50,7 @@ def scene_data(trials: pd.DataFrame, *, number: int) -> dict[str, Any] | None:
         "dt": scene.recording.scenario.game.dt,
         "truth": _paths(scene, scene.recording.states),
         "bundle": bundle,
-        "samples": [_sample(scene, *one) for one in chosen],
+        "samples": [_sample(scene, *one, study) for one in chosen],
     }
 
 
@@ -66,23 +67,24 @@ def _chosen(scene: Scene, bundle: float, sequences: int) -> list[tuple[float, in
     ]
 
 
-def _sample(scene: Scene, sigma: float, seed: int) -> dict[str, Any]:
+def _sample(scene: Scene, sigma: float, seed: int, study: Study) -> dict[str, Any]:
     trials = scene.trials
     rows = trials[(trials["sigma"] == sigma) & (trials["seed"] == seed)]
-    # All views and estimators meet the same noise, and none hides positions.
-    observed = observe([scene.recording], (FullView(),), sigma, seed)[0].y
+    # All sensors and estimators meet the same noise, and none hides positions.
+    metrics = [m for m in in_table(study.metrics, trials) if not m.is_share]
     return {
         "sigma": sigma,
         "seed": seed,
-        "observed": _paths(scene, observed),
+        "observed": _paths(scene, scene.observed(sigma, seed)),
         "predictions": [
             {
                 "estimator": trial["estimator"],
-                "view": trial["view"],
+                "sensor": trial["sensor"],
                 "status": trial["status"],
-                "errors": significant(
-                    np.array([trial["cosine_error"], trial["position_error"]], dtype=float)
-                ),
+                "errors": {
+                    metric.name: rounded(np.array([trial[metric.name]], dtype=float))[0]
+                    for metric in metrics
+                },
                 "paths": _predicted(scene, trial),
             }
             for trial in rows.to_dict("records")
@@ -91,7 +93,7 @@ def _sample(scene: Scene, sigma: float, seed: int) -> dict[str, Any]:
 
 
 def _predicted(scene: Scene, trial: dict[Any, Any]) -> list[list[list[float]]] | None:
-    states = replay(scene.entry, trial)
+    states = scene.predicted(trial)
     return None if states is None else _paths(scene, states)
 
 

@@ -7,74 +7,88 @@ from typing import Any
 
 import pandas as pd
 
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.measures import in_leaderboard, primary
 from olne_bench.bench.report.page.numbers import human
 from olne_bench.bench.report.statistics.attempts import FLOOR
-from olne_bench.bench.report.statistics.estimator_comparison import significant
+from olne_bench.bench.report.statistics.estimator_comparison import significant_wins
+from olne_bench.bench.report.study import USUAL, Study
 
 
 @dataclass(frozen=True)
 class Line:
-    """The outcome in one view.
+    """The outcome with one sensor.
 
     Attributes:
-        view: its name.
-        first: the estimator with the least median position error; empty where half of the
-            attempts of each have no prediction.
-        error: that error [m].
+        sensor: its name.
+        first: the estimator with the least median of the primary metric; empty where half of the
+            attempts of each fail.
+        error: that error, with its unit.
         remark: how it compares with the next one.
     """
 
-    view: str
+    sensor: str
     first: str
-    error: float
+    error: str
     remark: str
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of one scenario, view by view."""
+    """The outcome of one scenario, sensor by sensor."""
 
     scenario: str
     lines: list[Line]
 
 
-def verdicts(table: pd.DataFrame, comparisons: pd.DataFrame) -> list[Verdict]:
-    """The outcome of every scenario of a leaderboard.
+def verdicts(table: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUAL) -> list[Verdict]:
+    """The outcome of every scenario of a leaderboard; none where nothing is compared.
 
     Args:
         table: a leaderboard.
         comparisons: of the same trials, from ``bench.report.statistics.estimator_comparison``.
+        study: of the run.
     """
-    beaten = set(significant(comparisons, "position_error").itertuples(index=False, name=None))
+    metric = primary(in_leaderboard(study.metrics, table))
+    if metric is None:
+        return []
+    told = significant_wins(comparisons, metric.name)
+    beaten = set(told.itertuples(index=False, name=None))
     return [
-        Verdict(str(scenario), [_line(group, beaten) for _, group in rows.groupby("view")])
+        Verdict(
+            str(scenario), [_line(group, beaten, metric) for _, group in rows.groupby("sensor")]
+        )
         for scenario, rows in table.groupby("scenario")
     ]
 
 
-def _line(rows: pd.DataFrame, beaten: set[tuple[Any, ...]]) -> Line:
+def _line(rows: pd.DataFrame, beaten: set[tuple[Any, ...]], metric: MetricDeclaration) -> Line:
     """The floor is first, or next, where there is nobody else.
 
     Args:
-        rows: of one scenario and view.
-        beaten: scenario, view, winner and loser of every significant comparison.
+        rows: of one scenario and sensor.
+        beaten: scenario, sensor, winner and loser of every significant comparison.
+        metric: that counts.
     """
+    median = f"{metric.name}_median"
     rows = rows.assign(floor=rows["estimator"] == FLOOR)
-    first, *others = rows.sort_values(["floor", "position_error_median"]).to_dict("records")
-    error, view = first["position_error_median"], str(first["view"])
-    if math.isinf(error):
-        return Line(view, "", error, "")
-    return Line(
-        view, first["estimator"], error, _against(first, others[0], beaten) if others else ""
-    )
+    first, *others = rows.sort_values(["floor", median]).to_dict("records")
+    error, sensor = first[median], str(first["sensor"])
+    if not math.isfinite(error):
+        return Line(sensor, "", "", "")
+    remark = _against(first, others[0], beaten, metric) if others else ""
+    return Line(sensor, first["estimator"], _with_unit(error, metric), remark)
 
 
 def _against(
-    first: dict[Hashable, Any], other: dict[Hashable, Any], beaten: set[tuple[Any, ...]]
+    first: dict[Hashable, Any],
+    other: dict[Hashable, Any],
+    beaten: set[tuple[Any, ...]],
+    metric: MetricDeclaration,
 ) -> str:
-    name, theirs = other["estimator"], other["position_error_median"]
-    error, place = first["position_error_median"], (first["scenario"], first["view"])
-    size = "half of its attempts fail" if math.isinf(theirs) else f"{human(theirs)} m"
+    name, theirs = other["estimator"], other[f"{metric.name}_median"]
+    error, place = first[f"{metric.name}_median"], (first["scenario"], first["sensor"])
+    size = "half of its attempts fail" if math.isinf(theirs) else _with_unit(theirs, metric)
     if theirs < error:
         return f"{name}: {size}"
     if (*place, name, first["estimator"]) in beaten:  # medians and most trials can disagree
@@ -83,3 +97,7 @@ def _against(
         return f"{name}: {size}, no significant difference"
     factor = theirs / error if error > 0 else math.inf
     return f"{name}: {size}" + (f", {human(factor)} times as much" if factor < math.inf else "")
+
+
+def _with_unit(value: float, metric: MetricDeclaration) -> str:
+    return f"{human(value)} {metric.unit}".rstrip()

@@ -3,46 +3,25 @@
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.plan.suite import ScenarioEntry
-from olne_bench.envs.scenarios import is_family
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.measures import FAILURES, IDENTIFIABLE
+from olne_bench.bench.report.study import USUAL, Study
 
 #: The estimator that all others must beat: a reference, not a contender.
 FLOOR = "uniform"
 
-#: The errors that estimators are compared by.
-ERRORS = ("cosine_error", "position_error")
-
-#: The largest error there is. Angles between weights, none of which is negative, end at 90
-#: degrees; a prediction can be any number of metres off.
-WORST = {
-    "cosine_error": 1.0,
-    "identifiable_cosine_error": 1.0,
-    "position_error": np.inf,
-    "held_out_error": np.inf,
-}
-
-#: Compared like an error: 1 for an attempt without a prediction, else 0.
-FAILURES = "failures"
-
-_PREDICTIONS = ("position_error",)
+#: What becomes of trials that are no attempts: an estimator declined, or the harness failed.
+NO_ATTEMPTS = ("skipped", "harness_error")
 
 
 def attempts_of(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials less those that an estimator declined."""
-    return trials[trials["status"] != "skipped"]
+    """Trials less those that an estimator declined, and those that the harness itself spoilt."""
+    return trials[~trials["status"].isin(NO_ATTEMPTS)]
 
 
-def is_family_label(label: str) -> bool:
-    """Whether every seed of the scenario with this label has a draw of its own."""
-    try:
-        return is_family(ScenarioEntry.from_label(label).name)
-    except ValueError:
-        return True  # unknown here: the careful choice
-
-
-def families(trials: pd.DataFrame) -> pd.Series:
+def families(trials: pd.DataFrame, study: Study = USUAL) -> pd.Series:
     """Which rows are of a family."""
-    return trials["scenario"].map({s: is_family_label(s) for s in trials["scenario"].unique()})
+    return trials["scenario"].map({s: study.is_family(s) for s in trials["scenario"].unique()})
 
 
 def weighed(trials: pd.DataFrame) -> pd.DataFrame:
@@ -50,10 +29,10 @@ def weighed(trials: pd.DataFrame) -> pd.DataFrame:
 
     As stored, such a row stands for all noise draws of its suite. Where a run was asked for a part
     of them, or was stopped, it must not outweigh the others: it counts as often as there are draws
-    of the same scenario, view and estimator at other levels, and at least once.
+    of the same scenario, sensor and estimator at other levels, and at least once.
     """
     shared = trials["count"] > 1
-    key = ["scenario", "view", "estimator"]
+    key = ["scenario", "sensor", "estimator"]
     draws = trials[~shared].groupby(key)["seed"].nunique()
     own = pd.MultiIndex.from_frame(trials.loc[shared, key])
     count = trials["count"].copy()
@@ -61,33 +40,50 @@ def weighed(trials: pd.DataFrame) -> pd.DataFrame:
     return trials.assign(count=count)
 
 
-def noisy(attempts: pd.DataFrame) -> pd.DataFrame:
+def noisy(attempts: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Attempts that chance has a part in: not those without noise, unless of a family's draws."""
-    return attempts[(attempts["count"] == 1) & ((attempts["sigma"] > 0) | families(attempts))]
+    drawn = families(attempts, study).astype(bool)
+    return attempts[(attempts["count"] == 1) & ((attempts["sigma"] > 0) | drawn)]
 
 
-def lacks_held_out(trials: pd.DataFrame) -> pd.Series:
-    """Which rows have no held-out error since nothing could be held out.
+def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USUAL) -> pd.Series:
+    """Which rows a metric is about: a failure is one, an estimate it says nothing of is none.
 
-    There may be no equilibrium near a draw to predict, so none of its estimates has an error. A
-    failed estimate is a failure there, too.
+    A metric that needs a prediction and says nothing of one has lost it, which is a failure; but
+    where it says nothing of anybody's estimate of a draw, there was nothing to be had, as where no
+    equilibrium is near enough to be predicted. Nor is one that needs none about an estimator that
+    it never says anything of.
     """
-    draw = trials["seed"].where(families(trials), -1)
-    some = trials["held_out_error"].notna().groupby([trials["scenario"], draw]).transform("any")
-    return ~some & (trials["status"] == "ok")
+    if metric == FAILURES:
+        return pd.Series(True, trials.index)
+    told = trials[metric.name].notna()
+    if metric == IDENTIFIABLE:
+        return told  # failures are told, as infinite
+    valid = trials["status"].isin(_valid(metric))
+    if metric.needs_prediction:
+        draw = trials["seed"].where(families(trials, study).astype(bool), -1)
+        told = told.groupby([trials["scenario"], draw]).transform("any")
+        return told | ~valid
+    who = [trials[name] for name in ("scenario", "sensor", "estimator")]
+    silent = valid.groupby(who).transform("any") & ~told.groupby(who).transform("any")
+    return (told | ~valid) & ~silent
 
 
-def errors_of(attempts: pd.DataFrame, column: str) -> np.ndarray:
+def errors_of(attempts: pd.DataFrame, metric: MetricDeclaration) -> np.ndarray:
     """An error of each row, infinite for failures.
 
     A forward game without a root (``failed_forward``) is a failure of the prediction only: the
-    weights are there and have a cosine error. Of ``FAILURES``, which rows are failures.
+    weights are there and have errors of their own. Of ``FAILURES``, which rows are failures.
     """
-    if column == FAILURES:
+    if metric == FAILURES:
         return attempts["status"].ne("ok").to_numpy(float)
-    valid = ["ok"] if column in _PREDICTIONS else ["ok", "failed_forward"]
-    values = attempts[column].to_numpy(dtype=float, na_value=np.nan)
-    return np.where(attempts["status"].isin(valid) & np.isfinite(values), values, np.inf)
+    values = attempts[metric.name].to_numpy(dtype=float, na_value=np.nan)
+    valid = attempts["status"].isin(_valid(metric)) & np.isfinite(values)
+    return np.where(valid, values, np.inf)
+
+
+def _valid(metric: MetricDeclaration) -> list[str]:
+    return ["ok"] if metric.needs_prediction else ["ok", "failed_forward"]
 
 
 def quantile(values: np.ndarray, count: np.ndarray, share: float) -> float:

@@ -14,15 +14,17 @@ import pandas as pd
 from scipy.signal import convolve
 from scipy.stats import binom
 
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.measures import compared, in_table
 from olne_bench.bench.report.statistics.attempts import (
-    ERRORS,
     FLOOR,
     attempts_of,
     errors_of,
-    is_family_label,
+    measured,
     noisy,
 )
 from olne_bench.bench.report.statistics.intervals import share_interval
+from olne_bench.bench.report.study import USUAL, Study
 
 #: Comparisons with an adjusted p-value below are significant.
 SIGNIFICANCE = 0.05
@@ -31,45 +33,52 @@ _LEAST_UNITS = 6
 #: Differences below are ties: absolute, of rounding; relative to the smaller error, too small to
 #: matter, as of two solvers that end at the same optimum.
 _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
-_GROUP = ["scenario", "view"]
+_GROUP = ["scenario", "sensor"]
 _PAIR = [*_GROUP, "sigma", "seed"]
 
 
-def compare_estimators(trials: pd.DataFrame) -> pd.DataFrame:
-    """All pairs of estimators, for both errors, in every scenario and view.
+def compare_estimators(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """All pairs of estimators, by each metric that is compared, in every scenario and sensor.
 
     Rows without noise have nothing random in them and do not take part, unless they are of a
     family's draws.
 
     Returns:
-        Columns ``error, scenario, view, estimator, other``, ``pairs`` (trials that both have
+        Columns ``error, scenario, sensor, estimator, other``, ``pairs`` (trials that both have
         attempted), ``units`` (how many of them are independent: in a family, its draws), ``wins``
         (share in which ``estimator`` has the smaller error, a tie counting half) with ``wins_low``
         and ``wins_high`` (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm
-        for all comparisons of the table, by both errors.
+        for all comparisons of the table, by all metrics.
     """
-    attempts = noisy(attempts_of(trials))
+    attempts = noisy(attempts_of(trials), study)
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "units"]
     columns += ["wins", "wins_low", "wins_high", "p"]
-    rows = [row for error in ERRORS for row in _compare(attempts, error)]
+    metrics = in_table(compared(study.metrics), trials)
+    rows = [row for metric in metrics for row in _compare(attempts, metric, study)]
     table = pd.DataFrame(rows, columns=columns)
     return table.assign(p_holm=holm(table["p"].to_numpy(float)))
 
 
-def paired_errors(first: pd.DataFrame, second: pd.DataFrame, error: str) -> pd.DataFrame:
+def paired_errors(
+    first: pd.DataFrame, second: pd.DataFrame, metric: MetricDeclaration
+) -> pd.DataFrame:
     """Errors ``a`` and ``b`` of two tables of attempts where both have tried the same trial."""
-    tables = [t[_PAIR].assign(**{n: errors_of(t, error)}) for n, t in (("a", first), ("b", second))]
+    named = (("a", first), ("b", second))
+    tables = [t[_PAIR].assign(**{name: errors_of(t, metric)}) for name, t in named]
     return tables[0].merge(tables[1], on=_PAIR)
 
 
-def compare_pairs(pairs: pd.DataFrame) -> dict[str, float]:
-    """``pairs, units, wins, wins_low, wins_high, p`` of ``paired_errors`` of one scenario."""
+def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
+    """``pairs, units, wins, wins_low, wins_high, p`` of ``paired_errors`` of one scenario.
+
+    Args:
+        pairs: of the scenario.
+        family: whether it is one, so that the trials of a seed share one draw.
+    """
     a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
     with np.errstate(invalid="ignore"):  # two failures
         tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
     advantage = np.where(tie, 0, np.where(a < b, 1, -1))
-    # In a family the trials of a seed share one draw; else every trial stands for itself.
-    family = len(pairs) > 0 and is_family_label(pairs["scenario"].iloc[0])
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
     wins = share_interval((1 + advantage) / 2, units)
     return {
@@ -120,8 +129,8 @@ def holm(p: np.ndarray) -> np.ndarray:
     return result
 
 
-def significant(comparisons: pd.DataFrame, error: str) -> pd.DataFrame:
-    """Columns ``scenario, view, winner, loser`` of the significant comparisons by an error."""
+def significant_wins(comparisons: pd.DataFrame, error: str) -> pd.DataFrame:
+    """Columns ``scenario, sensor, winner, loser`` of the significant comparisons by an error."""
     told = comparisons[(comparisons["error"] == error) & (comparisons["p_holm"] < SIGNIFICANCE)]
     loses = told["wins"] < 0.5
     return told[_GROUP].assign(
@@ -137,7 +146,7 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
 
     Args:
         comparisons: from ``compare_estimators``.
-        estimators: rows with ``scenario, view, estimator``.
+        estimators: rows with ``scenario, sensor, estimator``.
         error: which one to rank by.
 
     Returns:
@@ -145,7 +154,7 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
         where there are so few independent units that nobody could be told apart.
     """
     of_error = comparisons[comparisons["error"] == error]
-    told = significant(of_error, error)
+    told = significant_wins(of_error, error)
     beaten = told[told["winner"] != FLOOR].groupby([*_GROUP, "loser"]).size()
     keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
     found = pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
@@ -167,10 +176,14 @@ def leaders(table: pd.DataFrame, error: str) -> pd.Series:
     return (first & (table["estimator"] != FLOOR)).astype(bool)
 
 
-def _compare(attempts: pd.DataFrame, error: str) -> Iterator[dict[str, object]]:
-    for (scenario, view), rows in attempts.groupby(_GROUP, sort=True):
+def _compare(
+    attempts: pd.DataFrame, metric: MetricDeclaration, study: Study
+) -> Iterator[dict[str, object]]:
+    attempts = attempts[measured(attempts, metric, study)]
+    for (scenario, sensor), rows in attempts.groupby(_GROUP, sort=True):
         parts = dict(list(rows.groupby("estimator", sort=True)))
+        family = study.is_family(str(scenario))
         for first, second in combinations(parts, 2):
-            pairs = paired_errors(parts[first], parts[second], error)
-            labels = {"error": error, "scenario": scenario, "view": view}
-            yield labels | {"estimator": first, "other": second} | compare_pairs(pairs)
+            pairs = paired_errors(parts[first], parts[second], metric)
+            labels = {"error": metric.name, "scenario": scenario, "sensor": sensor}
+            yield labels | {"estimator": first, "other": second} | compare_pairs(pairs, family)

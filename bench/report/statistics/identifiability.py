@@ -6,50 +6,50 @@ of them count.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from olne_bench.bench.judge.metrics import identifiable_cosine_error
-from olne_bench.bench.judge.truth import sensitivities_of, true_recordings
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.judge.metrics.formulas import identifiable_cosine_error
+from olne_bench.bench.judge.truth import Draw, sensitivities_of, true_recording
 from olne_bench.bench.report.leaderboard import LIMIT_SIGMA
-from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of
-from olne_bench.envs.recording import NoEquilibriumError, Recording
-from olne_bench.envs.scenarios import is_family
+from olne_bench.bench.report.statistics.attempts import attempts_of
+from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
+from olne_bench.envs.recording import Recording
 from olne_bench.games.information import Identifiability, identifiability
-from olne_bench.games.observation import VIEWS
+from olne_bench.games.sensor import SensorModel
 
 #: Noise level [m] at which parameters are said to be identified or not.
 REFERENCE_SIGMA = LIMIT_SIGMA
-_GROUP = ["scenario", "view"]
+_GROUP = ["scenario", "sensor"]
 
 
-def identifiability_table(trials: pd.DataFrame) -> pd.DataFrame:
-    """One row per scenario, view, player and weight.
+def identifiability_table(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """One row per scenario, sensor, player and weight.
 
     Returns:
-        Columns ``scenario, view, player`` (from 1), ``weight, truth``, ``bound`` (Cramer-Rao, as a
-        standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that the
+        Columns ``scenario, sensor, player`` (from 1), ``weight, truth``, ``bound`` (Cramer-Rao, as
+        a standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that the
         data leave) and ``identified``. Scenarios that cannot be played here have no rows.
     """
     return _table(
         ["truth", "bound", "left", "identified"],
         [
             labels | {"player": i + 1, "weight": weight} | cell
-            for labels, truth, known in _known_truths(trials)
+            for labels, truth, known in _known_truths(trials, study)
             for (i, weight), cell in _cells(truth, known)
         ],
     )
 
 
-def bound_ratios(trials: pd.DataFrame) -> pd.DataFrame:
+def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """How far from the Cramer-Rao bound each estimator is, weight by weight.
 
     Returns:
-        Columns ``scenario, view, player, weight, estimator, ratio, identified``: the root mean
+        Columns ``scenario, sensor, player, weight, estimator, ratio, identified``: the root mean
         squared error of a weight over its bound, for noise above 0 and up to ``REFERENCE_SIGMA``;
         1 is as good as an unbiased estimator can be, a failure makes it infinite. Where a weight
         is not ``identified`` the bound exceeds what an error can be, and ratios say nothing.
@@ -57,8 +57,8 @@ def bound_ratios(trials: pd.DataFrame) -> pd.DataFrame:
     small = attempts_of(trials)
     small = small[small["sigma"].between(0, REFERENCE_SIGMA, inclusive="right")]
     rows = []
-    for labels, truth, known in _known_truths(trials):
-        chosen = _rows_of(small, labels)
+    for labels, truth, known in _known_truths(trials, study):
+        chosen = _rows_of(small, labels, study)
         for estimator, group in chosen.groupby("estimator", sort=True):
             ratios = _ratios(group, truth, known)
             rows += [
@@ -71,17 +71,17 @@ def bound_ratios(trials: pd.DataFrame) -> pd.DataFrame:
     return _table(["estimator", "ratio", "identified"], rows)
 
 
-def identifiable_errors(trials: pd.DataFrame) -> np.ndarray:
-    """``bench.judge.metrics.identifiable_cosine_error`` of each row.
+def identifiable_errors(trials: pd.DataFrame, study: Study = USUAL) -> np.ndarray:
+    """``bench.judge.metrics.formulas.identifiable_cosine_error`` of each row.
 
     Infinite for failures, and not a number where it is not known what can be identified.
     """
     errors = np.full(len(trials), np.nan)
     places = pd.Series(np.arange(len(trials)), trials.index)
-    for labels, truth, known in _known_truths(trials):
-        rows = _rows_of(trials, labels)
+    for labels, truth, known in _known_truths(trials, study):
+        rows = _rows_of(trials, labels, study)
         errors[places[rows.index]] = np.inf
-        rows = rows[np.isfinite(errors_of(rows, "cosine_error"))]
+        rows = rows[_weights_are_there(rows)]
         shape = truth.scenario.weights.shape
         found = identifiable_cosine_error(
             truth.scenario.weights, weights_of(rows, shape), known.projections
@@ -102,38 +102,72 @@ def weights_of(rows: pd.DataFrame, shape: tuple[int, ...]) -> np.ndarray:
     return np.array(nested, dtype=float).reshape(-1, *shape)
 
 
+@dataclass(frozen=True)
+class _Unknown:
+    """Why a scenario's weights cannot be judged here."""
+
+    reason: str
+
+
+def unknown_truths(trials: pd.DataFrame, study: Study = USUAL) -> list[str]:
+    """What has no rows in the tables of this module, and why."""
+    return [
+        f"what can be known of {scenario}, {sensor}: {found.reason}"
+        for scenario, sensor, found in _truths(trials, study)
+        if isinstance(found, _Unknown)
+    ]
+
+
 def _known_truths(
-    trials: pd.DataFrame,
+    trials: pd.DataFrame, study: Study
 ) -> Iterator[tuple[dict[str, str], Recording, Identifiability]]:
-    """Scenario and view as columns, the truth, and what can be known of it."""
+    """Scenario and sensor as columns, the truth, and what can be known of it."""
+    for scenario, sensor, found in _truths(trials, study):
+        if not isinstance(found, _Unknown):
+            yield {"scenario": scenario, "sensor": sensor}, *found
+
+
+def _truths(
+    trials: pd.DataFrame, study: Study
+) -> Iterator[tuple[str, str, tuple[Recording, Identifiability] | _Unknown]]:
     pairs = trials[_GROUP].drop_duplicates().sort_values(_GROUP)
-    for scenario, view in pairs.itertuples(index=False):
+    for scenario, sensor in pairs.itertuples(index=False):
         first = int(trials.loc[trials["scenario"] == scenario, "seed"].min())
-        found = _truth(scenario, view, first)
-        if found is not None:
-            yield {"scenario": scenario, "view": view}, *found
+        try:
+            draw = study.draw(scenario, first)
+            found = _truth(draw, study.sensor_model(sensor, draw))
+        except UNKNOWN_HERE as error:
+            yield scenario, sensor, _Unknown(why_unknown(error))
+        else:
+            yield scenario, sensor, found
 
 
 @lru_cache(maxsize=64)
-def _truth(label: str, view: str, seed: int) -> tuple[Recording, Identifiability] | None:
-    try:
-        recordings = true_recordings(ScenarioEntry.from_label(label), seed)
-        known = identifiability(
-            recordings[0].scenario.game,
-            sensitivities_of(recordings, VIEWS[view]),
-            sigma=REFERENCE_SIGMA,
-        )
-    except (KeyError, TypeError, ValueError, NoEquilibriumError):
-        return None  # a scenario or view of another version, or a truth that cannot be varied
-    return recordings[0], known
+def _truth(draw: Draw, model: SensorModel) -> tuple[Recording, Identifiability]:
+    """The truth, and what can be known of it where no sample is missing.
+
+    Raises:
+        One of ``UNKNOWN_HERE``: on a scenario of another version, or a truth that cannot be varied.
+    """
+    recording = true_recording(draw)
+    known = identifiability(
+        recording.scenario.game, sensitivities_of(draw, model), sigma=REFERENCE_SIGMA
+    )
+    return recording, known
 
 
-def _rows_of(trials: pd.DataFrame, labels: dict[str, str]) -> pd.DataFrame:
-    rows = trials[(trials["scenario"] == labels["scenario"]) & (trials["view"] == labels["view"])]
-    if is_family(ScenarioEntry.from_label(labels["scenario"]).name):
-        first = trials.loc[trials["scenario"] == labels["scenario"], "seed"].min()
-        rows = rows[rows["seed"] == first]
+def _rows_of(trials: pd.DataFrame, labels: dict[str, str], study: Study) -> pd.DataFrame:
+    scenario, sensor = labels["scenario"], labels["sensor"]
+    rows = trials[(trials["scenario"] == scenario) & (trials["sensor"] == sensor)]
+    if study.is_family(scenario):
+        rows = rows[rows["seed"] == trials.loc[trials["scenario"] == scenario, "seed"].min()]
     return rows
+
+
+def _weights_are_there(rows: pd.DataFrame) -> np.ndarray:
+    """Which rows have an estimate, be there a prediction or not."""
+    valid = rows["status"].isin(["ok", "failed_forward"])
+    return (valid & rows["weights"].notna()).to_numpy(bool)
 
 
 def _cells(
@@ -154,7 +188,7 @@ def _cells(
 
 def _ratios(group: pd.DataFrame, truth: Recording, known: Identifiability) -> np.ndarray:
     shape = truth.scenario.weights.shape
-    if not np.isfinite(errors_of(group, "cosine_error")).all():
+    if not _weights_are_there(group).all():
         return np.full(shape, np.inf)
     errors = weights_of(group, shape) - truth.scenario.weights
     relative = errors / (group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA * known.bound)

@@ -1,29 +1,28 @@
 """Two runs against each other, on the same observations."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.report.statistics.attempts import (
-    ERRORS,
-    FAILURES,
-    attempts_of,
-    noisy,
-    quantile,
-)
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.measures import FAILURES, compared, in_table
+from olne_bench.bench.report.statistics.attempts import attempts_of, measured, noisy, quantile
 from olne_bench.bench.report.statistics.estimator_comparison import (
     SIGNIFICANCE,
     compare_pairs,
     holm,
     paired_errors,
 )
+from olne_bench.bench.report.study import USUAL, Study
 
-_GROUP = ["scenario", "view"]
+_GROUP = ["scenario", "sensor"]
 
 
-def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str]) -> pd.DataFrame:
-    """What became of the estimators, in every scenario and view that both runs have.
+def compare_runs(
+    before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str], study: Study = USUAL
+) -> pd.DataFrame:
+    """What became of the estimators, in every scenario and sensor that both runs have.
 
     Trials without noise have nothing random in them and take no part, unless of a family's draws.
 
@@ -31,27 +30,23 @@ def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str])
         before: trials of one run.
         after: trials of another one, or the same.
         names: estimators to compare, label in ``before`` to label in ``after``.
+        study: of both runs.
 
     Returns:
-        Columns ``error`` (one of ``ERRORS``, or ``failures``), ``scenario, view, estimator, other,
-        pairs``, the medians ``before`` and ``after`` over the pairs (of failures, their shares),
-        ``better`` (share of pairs that improved, a tie counting half) with ``better_low`` and
-        ``better_high`` (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or ``worse`` where
-        significant, else ``same``.
+        Columns ``error`` (a metric that is compared, or ``failures``), ``scenario, sensor,
+        estimator, other, pairs``, the medians ``before`` and ``after`` over the pairs (of failures,
+        their shares), ``better`` (share of pairs that improved, a tie counting half) with
+        ``better_low`` and ``better_high`` (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or
+        ``worse`` where significant, else ``same``.
     """
-    tables = [noisy(attempts_of(trials)) for trials in (before, after)]
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after"]
     columns += ["better", "better_low", "better_high", "p"]
-    rows = []
-    for error in (*ERRORS, FAILURES):
-        for old, new in names.items():
-            first = tables[0][tables[0]["estimator"] == old]
-            second = tables[1][tables[1]["estimator"] == new]
-            pairs = paired_errors(second, first, error)
-            middle = np.mean if error == FAILURES else _median
-            for (scenario, view), group in pairs.groupby(_GROUP, sort=True):
-                labels = {"error": error, "scenario": scenario, "view": view}
-                rows.append(labels | {"estimator": old, "other": new} | _change(group, middle))
+    metrics = in_table(in_table(compared(study.metrics), before), after)
+    rows = [
+        row
+        for metric in (*metrics, FAILURES)
+        for row in _changes((before, after), names, metric, study)
+    ]
     table = pd.DataFrame(rows, columns=columns)
     table["p_holm"] = holm(table["p"].to_numpy(float))
     told = table["p_holm"] < SIGNIFICANCE
@@ -63,10 +58,29 @@ def changes(before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str])
     return table
 
 
+def _changes(
+    runs: tuple[pd.DataFrame, pd.DataFrame],
+    names: Mapping[str, str],
+    metric: MetricDeclaration,
+    study: Study,
+) -> Iterator[dict[str, object]]:
+    """What became of the estimators by one metric, a row per scenario and sensor."""
+    before, after = (noisy(attempts_of(trials), study) for trials in runs)
+    before, after = (t[measured(t, metric, study)] for t in (before, after))
+    middle = np.mean if metric == FAILURES else _median
+    for old, new in names.items():
+        first, second = before[before["estimator"] == old], after[after["estimator"] == new]
+        pairs = paired_errors(second, first, metric)
+        for (scenario, sensor), group in pairs.groupby(_GROUP, sort=True):
+            labels = {"error": metric.name, "scenario": scenario, "sensor": sensor}
+            change = _change(group, middle, study.is_family(str(scenario)))
+            yield labels | {"estimator": old, "other": new} | change
+
+
 def _change(
-    pairs: pd.DataFrame, middle: Callable[[np.ndarray], np.floating | float]
+    pairs: pd.DataFrame, middle: Callable[[np.ndarray], np.floating | float], family: bool
 ) -> dict[str, float]:
-    found = compare_pairs(pairs)
+    found = compare_pairs(pairs, family)
     return {
         "pairs": found["pairs"],
         "before": float(middle(pairs["b"].to_numpy())),

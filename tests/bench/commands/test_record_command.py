@@ -306,7 +306,7 @@ def test_goals_are_where_players_were_last_seen(own_tracks, monkeypatch):
             games.append(problem.game)
             return SimpleNamespace(weights=np.ones((2, 4)))
 
-    monkeypatch.setattr("olne_bench.bench.commands.estimate.load_estimator", lambda _: Spy())
+    monkeypatch.setattr("olne_bench.bench.commands.estimate.make", lambda *_: Spy())
     run("estimate", own_tracks, "--scenario", "two_player")
     goals = [player.task[0].goal for player in games[0].players]
     np.testing.assert_array_equal(goals, read_recording(own_tracks).states[0][-1, :, :2])
@@ -324,6 +324,7 @@ def test_estimators_run_on_recordings_with_truth(tmp_path, capsys):
 
 
 RAISES = """class Raises:
+    name = "raises"
     def estimate(self, *args, **kwargs):
         raise RuntimeError("no licence")
 """

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
 from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import (
-    held_out_error,
+    held_out_predictions,
     true_recording,
     true_recordings,
     unit_cosine_limit,
 )
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.games.nearest_root import Prediction
 from olne_bench.games.newton import Root, newton_root
@@ -81,11 +81,17 @@ def test_several_trajectories_have_a_lower_limit():
     assert 0.2 < three / one < 0.5
 
 
+def held_out_error(weights: np.ndarray) -> float:
+    found = held_out_predictions(TWO, 0, weights, 100)
+    assert found is not None and len(found) == 5
+    return float(np.mean([position_error(one.states, one.prediction) for one in found]))
+
+
 def test_held_out_predictions_are_exact_at_the_truth_and_err_elsewhere():
     weights = true_recording(TWO, 0).scenario.weights
-    assert held_out_error(TWO, 0, weights, 100) < 1e-9
+    assert held_out_error(weights) < 1e-9
     other = weights * np.array([1.0, 1.5, 0.7, 1.0])
-    assert held_out_error(TWO, 0, other / other.sum(axis=1, keepdims=True), 100) > 1e-3
+    assert held_out_error(other / other.sum(axis=1, keepdims=True)) > 1e-3
 
 
 HOPELESS = np.array([[1.0, 0, 0, 0]] * 2)  # nothing but to avoid each other, whatever the speed
@@ -121,4 +127,4 @@ def test_without_a_prediction_there_are_no_held_out_ones(monkeypatch):
     nothing = Prediction(None, published=False)
     monkeypatch.setattr("olne_bench.bench.judge.truth._prediction", lambda *_: nothing)
     weights = np.array([[0.4, 0.2, 0.2, 0.2], [0.2, 0.2, 0.2, 0.4]])
-    assert held_out_error(TWO, 0, weights, 100) is None
+    assert held_out_predictions(TWO, 0, weights, 100) is None

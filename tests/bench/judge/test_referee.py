@@ -8,7 +8,9 @@ import pytest
 from olne_bench.bench.judge.estimate_check import MOST_EXTRAS, InvalidEstimateError, check_estimate
 from olne_bench.bench.judge.referee import evaluate
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry, load_suite, select
+from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import VIEWS
@@ -52,6 +54,7 @@ import numpy as np
 from types import SimpleNamespace
 
 class Single:
+    name = "Single"
     def estimate(self, problem, observation, *, rng, budget):
         assert observation.y.ndim == 3
         return SimpleNamespace(weights=np.ones((2, 4)), covariance={covariance})
@@ -77,8 +80,8 @@ def test_an_estimator_of_several_trajectories_is_given_all_of_them(tmp_path):
     noise_free, noisy = outcomes(tmp_path, '["kkt_constrained"]')
     assert noise_free.status == noisy.status == "ok"
     assert noise_free.cosine_error < 1e-9
-    assert noise_free.covered is None  # an ellipsoid without extent
-    assert noisy.covered in (0, 1)
+    assert noise_free.covers_truth is None  # an ellipsoid without extent
+    assert noisy.covers_truth in (0, 1)
     assert 0 <= noisy.held_out_error < 0.1
     assert noisy.objective < noisy.truth_objective
 
@@ -92,7 +95,7 @@ def test_a_plugin_of_one_trajectory_is_skipped_where_there_are_more(tmp_path):
 def test_a_plugin_of_one_trajectory_is_given_one(tmp_path):
     for outcome in outcomes(tmp_path, plugin(tmp_path), trajectories=""):
         assert outcome.status == "ok"
-        assert outcome.covered is None
+        assert outcome.covers_truth is None
 
 
 @pytest.mark.parametrize(
@@ -186,25 +189,30 @@ import numpy as np
 from types import SimpleNamespace
 
 class Changes:
+    name = "Changes"
     def estimate(self, problem, observation, *, rng, budget):
         object.__setattr__(problem.game, "dt", 5.0)
         return SimpleNamespace(weights=np.ones((2, 4)))
 
 class ChangesAFeature:
+    name = "ChangesAFeature"
     def supports(self, problem):
         object.__setattr__(problem.game.players[1], "preferences", ())
     def estimate(self, problem, observation, *, rng, budget):
         return SimpleNamespace(weights=np.ones((2, 4)))
 
 class Interrupts:
+    name = "Interrupts"
     def estimate(self, *args, **kwargs):
         raise KeyboardInterrupt
 
 class Leaves:
+    name = "Leaves"
     def estimate(self, *args, **kwargs):
         raise GeneratorExit("early")
 
 class HasNoText:
+    name = "HasNoText"
     def estimate(self, *args, **kwargs):
         class Mute(Exception):
             def __str__(self):
@@ -212,6 +220,7 @@ class HasNoText:
         raise Mute
 
 class Surrogates:
+    name = "Surrogates"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.ones((2, 4)), message="\\udc80")
 """

@@ -19,7 +19,7 @@ FILES = {
     "deep/__init__.py": "",
     "deep/part.py": "from . import other\nx = 1\n",
     "deep/other.py": "y = 1\nworld = 'world_v0'\n",
-    "deep/world_v0.py": "w = 1\n",
+    "olne_bench/envs/world_v0.py": "w = 1\n",
     "unrelated.py": "z = 1\n",
     "main.npz": "data",
 }
@@ -29,7 +29,7 @@ FILES = {
 def folder(tmp_path):
     for name, text in FILES.items():
         path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     return tmp_path
 
@@ -38,7 +38,7 @@ def taken(folder, tmp_path_factory):
     # Contents are remembered by path, so every look is at a copy.
     copy = tmp_path_factory.mktemp("copy")
     for name in FILES:
-        (copy / name).parent.mkdir(exist_ok=True)
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (copy / name).write_text((folder / name).read_text())
     return fingerprint({"main": copy / "main.py"}, {}, own=copy)
 
@@ -51,7 +51,7 @@ def taken(folder, tmp_path_factory):
         ("deep/part.py", "x = 1", "x = 2", True),
         ("deep/other.py", "y = 1", "y = 2", True),
         ("deep/__init__.py", "", "import os", True),
-        ("deep/world_v0.py", "w = 1", "w = 2", True),
+        ("olne_bench/envs/world_v0.py", "w = 1", "w = 2", True),
         ("main.npz", "data", "other data", True),
         ("unrelated.py", "z = 1", "z = 2", False),
         ("main.py", "  # comment", "", False),

@@ -2,14 +2,10 @@ import re
 
 import pytest
 
-from olne_bench.bench.plan.suite import (
-    ScenarioEntry,
-    check_gate,
-    load_suite,
-    read_suite_json,
-    select,
-    suite_names,
-)
+from olne_bench.bench.plan.check import check_gate
+from olne_bench.bench.plan.load import load_suite, suite_names
+from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.plan.trial import expand
 from olne_bench.envs.highway_roads import ROAD_NAMES
 from olne_bench.errors import UserError
@@ -17,7 +13,7 @@ from olne_bench.errors import UserError
 GOOD = """
 name = "tiny"
 scenarios = ["two_player"]
-views = ["full"]
+sensors = ["full"]
 sigmas = [0.0, 0.1]
 seeds = 3
 estimators = ["uniform"]
@@ -46,7 +42,8 @@ def test_paper_suite_is_the_published_study():
                 part = [
                     t
                     for t in trials
-                    if (t.scenario.label, t.view, t.estimator.label) == (scenario, view, estimator)
+                    if (t.scenario.label, t.sensor.label, t.estimator.label)
+                    == (scenario, view, estimator)
                 ]
                 # The filter's forward games would take too long on five players.
                 all_of_it = estimator != "ukf" or scenario == "two_player"
@@ -64,11 +61,11 @@ def test_paper_suite_is_the_published_study():
         ("0.1]", "nan]", "sigmas.1"),
         ("0.1]", "0.0]", "sigma 0.0 is listed twice"),
         ("two_player", "three_player", "unknown scenario 'three_player'; known are: highway"),
-        ('"two_player"', '{name="random", options={players=3}}', "known are: num_players"),
+        ('"two_player"', '{name="random", options={players=3}}', "its parameters: num_players"),
         ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
         ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
         ("seeds = 3", "seeds = 3\nroot_iterations = 0", "root_iterations: Input should be greater"),
-        ('"full"', '"fulll"', "unknown view 'fulll'; known are: full, partial"),
+        ('"full"', '"fulll"', "unknown sensor 'fulll'; known are: correlated, drop, full"),
         (
             '"uniform"',
             '"unifrom"',
@@ -76,7 +73,7 @@ def test_paper_suite_is_the_published_study():
         ),
         ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
         ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),
-        ('["full"]', "[]", "views"),
+        ('["full"]', "[]", "sensors"),
         ("seeds = 3", "seeds = true", "seeds: Input should be a valid integer, got True"),
         ("seeds = 3", "seeds = 3\ntime_limit = true", "time_limit: Input should be a valid number"),
         ("0.1]", "true]", "sigmas.1: Input should be a valid number, got True"),
@@ -101,7 +98,10 @@ def test_a_malformed_suite_is_refused_in_one_line(tmp_path, old, new, expected):
             "nobody = {failures = 0}",
             "[gate.nobody] is for an unknown estimator 'nobody'; the suite ",
         ),
-        ("uniform = {failures = 0, views = ['rear']}", "[gate.uniform]: unknown view 'rear'; the "),
+        (
+            "uniform = {failures = 0, sensors = ['rear']}",
+            "[gate.uniform]: unknown sensor 'rear'; the ",
+        ),
         (
             "uniform = {failures = 0, scenarios = ['x']}",
             "[gate.uniform]: unknown scenario 'x'; the",
@@ -123,7 +123,7 @@ def test_gates_of_our_suites_are_about_them(name):
 
 def test_selecting_keeps_the_trials_of_the_whole():
     suite = load_suite("paper")
-    part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.01,))
+    part = select(suite, Selection(scenarios=("two_player",), sensors=("full",), sigmas=(0.01,)))
     whole = {trial.key: trial for trial in expand(suite)}
     chosen = list(expand(part, seeds=5))
     assert len(chosen) == 4 * 5
@@ -142,14 +142,16 @@ def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
     )
     seeds = [trial.seed for trial in expand(load_suite(path))]
     assert seeds == sorted(seeds)
-    views = [
-        trial.view for trial in expand(load_suite("quick")) if trial.scenario.name == "two_player"
+    seen = [
+        trial.sensor.label
+        for trial in expand(load_suite("quick"))
+        if trial.scenario.name == "two_player"
     ]
-    assert views == sorted(views)
+    assert seen == sorted(seen)
 
 
 def test_traffic_of_the_highway_suite_is_checked_without_being_solved(monkeypatch):
-    monkeypatch.setattr("olne_bench.envs.driving.certified_equilibrium", None)
+    monkeypatch.setattr("olne_bench.envs.playability.certified_equilibrium", None)
     suite = load_suite("highway")
     assert {entry.name for entry in suite.scenarios} == set(ROAD_NAMES)
     assert (min(suite.sigmas), max(suite.sigmas)) == (0, 2)
@@ -166,7 +168,7 @@ def test_trajectories_of_the_suite_are_those_of_scenarios_that_do_not_say(tmp_pa
     suite = load_suite(write(tmp_path, text + "trajectories = 4\n"))
     assert [entry.label for entry in suite.scenarios] == ["two_player(trajectories=4)", "random"]
     for entry in suite.scenarios:
-        assert ScenarioEntry.from_label(entry.label) == entry
+        assert suite.scenario(entry.label) == entry
 
 
 def test_an_estimator_may_be_limited_to_scenarios_and_seeds(tmp_path):
@@ -193,12 +195,14 @@ def test_a_scenario_may_have_noise_levels_and_seeds_of_its_own(tmp_path):
     assert [(t.sigma, t.seed, t.count) for t in own] == [(0.0, 0, 2), (0.5, 0, 1), (0.5, 1, 1)]
     assert sum(t.count for t in trials if t.scenario.name == "two_player") == 6
     # What is selected is part of the whole; a scenario without the level is left out.
-    part = list(expand(select(suite, sigmas=(0.5,))))
+    part = list(expand(select(suite, Selection(sigmas=(0.5,)))))
     assert part == own[1:]
-    assert {t.scenario.name for t in expand(select(suite, sigmas=(0.1,)))} == {"two_player"}
-    assert len(list(expand(select(suite, sigmas=(0.0,)), seeds=1))) == 2
+    assert {t.scenario.name for t in expand(select(suite, Selection(sigmas=(0.1,))))} == {
+        "two_player"
+    }
+    assert len(list(expand(select(suite, Selection(sigmas=(0.0,))), seeds=1))) == 2
     with pytest.raises(UserError, match=re.escape("has no sigma 0.2; it has: 0.0, 0.1, 0.5")):
-        select(suite, sigmas=(0.2,))
+        select(suite, Selection(sigmas=(0.2,)))
     # A run stores its suite and reads it again.
     again = read_suite_json(suite.model_dump_json())
     assert [t.key for t in expand(again)] == [t.key for t in trials]
@@ -225,9 +229,9 @@ def test_a_malformed_limit_is_refused(tmp_path, entry, message):
 
 def test_names_are_not_empty(tmp_path):
     path = write(tmp_path, GOOD.replace(GOOD.split('"')[1], "", 1))
-    with pytest.raises(UserError, match="name: a suite needs a name that is not empty, got ''"):
+    with pytest.raises(UserError, match="name: a text that is not empty is needed, got ''"):
         load_suite(path)
     plugin = tmp_path / "plugin.py"
     plugin.write_text("class A:\n    name = ''\n    def estimate(self): pass\n")
-    with pytest.raises(UserError, match="has the name '': its class attribute 'name' has to be a"):
+    with pytest.raises(UserError, match="has '' for a name: it has to be a text"):
         load_suite(write(tmp_path, GOOD), (str(plugin),))

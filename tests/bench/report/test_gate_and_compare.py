@@ -7,22 +7,22 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.commands.cli import main
-from olne_bench.bench.plan.suite import Limits
+from olne_bench.bench.plan.suite import GateLimits
 from olne_bench.bench.report.gate import check_limits
-from olne_bench.bench.report.statistics.run_comparison import changes
+from olne_bench.bench.report.statistics.run_comparison import compare_runs
 from olne_bench.bench.run.store import open_store
 
 SUITE = """
 name = "small"
 scenarios = ["two_player"]
-views = ["full", "partial"]
+sensors = ["full", "partial"]
 sigmas = [0.05]
 seeds = 12
 estimators = ["kkt_residual", "uniform"]
 """
 GATE = """
 [gate.kkt_residual]
-views = ["full"]
+sensors = ["full"]
 cosine_error = 0.9
 failures = 12
 time_ratio = 100000
@@ -76,9 +76,9 @@ def test_a_limit_that_is_not_kept(run, tmp_path, capsys):
         ("[gate.kkt_residual]\nerror = 1\n", "unknown key 'gate.kkt_residual.error'; known are"),
         ("[gate.kkt_residual]\ncosine_error = -1\n", "greater than or equal to 0"),
         ("[gate.kkt_residual]\ntime_ratio = 2\n", "time_ratio and time_reference belong together"),
-        ("[gate.kkt_residual]\nviews = ['full']\n", "no limit is set; there are: cosine_error"),
+        ("[gate.kkt_residual]\nsensors = ['full']\n", "no limit is set; there are: cosine_error"),
         ("[gate.nobody]\nfailures = 0\n", "the run has none; it has: kkt_residual, uniform"),
-        ("[gate.uniform]\nfailures = 0\nviews = ['x']\n", "it has: full, partial"),
+        ("[gate.uniform]\nfailures = 0\nsensors = ['x']\n", "it has: full, partial"),
     ],
 )
 def test_bad_gates_are_one_line(run, tmp_path, capsys, gate, expected):
@@ -91,10 +91,10 @@ def test_bad_gates_are_one_line(run, tmp_path, capsys, gate, expected):
 
 def test_what_is_not_known_does_not_pass():
     table = pd.DataFrame(
-        {"scenario": ["s"], "view": ["v"], "estimator": ["e"], "trials": [3]}
+        {"scenario": ["s"], "sensor": ["v"], "estimator": ["e"], "trials": [3]}
         | {"limit_ratio": [float("nan")], "solve_seconds_median": [0.1]}
     )
-    (check,) = check_limits(table, {"e": Limits(limit_ratio=5.0)})
+    (check,) = check_limits(table, {"e": GateLimits(limit_ratio=5.0)})
     assert not check.passed
 
 
@@ -103,8 +103,8 @@ def test_what_is_not_known_does_not_pass():
 )
 def test_times_without_an_end_do_not_pass(own, reference, ratio):
     table = pd.DataFrame({"estimator": ["e", "r"], "solve_seconds_median": [own, reference]})
-    table = table.assign(scenario="s", view="v", trials=3)
-    (check,) = check_limits(table, {"e": Limits(time_ratio=3.0, time_reference="r")})
+    table = table.assign(scenario="s", sensor="v", trials=3)
+    (check,) = check_limits(table, {"e": GateLimits(time_ratio=3.0, time_reference="r")})
     assert check.value == pytest.approx(ratio, nan_ok=True)
     assert check.passed == (ratio == 2)
 
@@ -132,13 +132,13 @@ def test_bad_comparisons_are_one_line(run, tmp_path, capsys):
 
 def test_a_new_failure_is_worse():
     rows = [
-        {"scenario": "two_player", "view": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
+        {"scenario": "two_player", "sensor": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
         | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
         for k in range(20)
     ]
     before = pd.DataFrame(rows)
     after = before.assign(status=["crash"] * 12 + ["ok"] * 8)
-    table = changes(before, after, {"e": "e"})
+    table = compare_runs(before, after, {"e": "e"})
     assert (table["verdict"] == "worse").all()
     after = table.set_index("error")["after"]
     assert after["cosine_error"] == after["position_error"] == float("inf")
@@ -148,7 +148,7 @@ def test_a_new_failure_is_worse():
 def test_small_gains_do_not_make_up_for_new_failures():
     """28 trials are slightly better, 12 of 40 crash: better by sign, and worse."""
     rows = [
-        {"scenario": "two_player", "view": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
+        {"scenario": "two_player", "sensor": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
         | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
         for k in range(40)
     ]
@@ -156,7 +156,7 @@ def test_small_gains_do_not_make_up_for_new_failures():
     after = before.assign(
         status=["crash"] * 12 + ["ok"] * 28, cosine_error=0.099, position_error=0.99
     )
-    table = changes(before, after, {"e": "e"}).set_index("error")
+    table = compare_runs(before, after, {"e": "e"}).set_index("error")
     assert table["verdict"].to_dict() == {
         "cosine_error": "better",
         "position_error": "better",
@@ -210,9 +210,9 @@ def test_a_selection_has_to_be_done_as_well(tmp_path, capsys):
     suite = tmp_path / "small.toml"
     suite.write_text(SUITE.replace("seeds = 12", "seeds = 2") + GATE)
     halves = tmp_path / "a", tmp_path / "b"
-    for half, view in zip(halves, ("full", "partial"), strict=True):
+    for half, sensor in zip(halves, ("full", "partial"), strict=True):
         command = ["run", str(suite), "--out", str(half), "--no-figures", "--jobs", "1"]
-        main([*command, "--view", view])
+        main([*command, "--sensor", sensor])
     assert call("gate", halves[0]) == 0
     lose(halves[1], "estimator = 'kkt_residual' AND seed = 1")
     lacking = "FAILS  kkt_residual, two_player, partial: 1 of 2 trials are done"
@@ -224,7 +224,7 @@ def test_a_selection_has_to_be_done_as_well(tmp_path, capsys):
     assert call("gate", tmp_path / "whole") == 1
     said = capsys.readouterr().out
     assert lacking in said
-    assert "by the parts that were run: --view full; --view partial" in said
+    assert "by the parts that were run: --sensor full; --sensor partial" in said
 
 
 def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):

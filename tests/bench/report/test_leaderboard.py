@@ -8,7 +8,7 @@ from olne_bench.bench.report.leaderboard import leaderboard
 def trial(**changes):
     row = {
         "scenario": "s",
-        "view": "full",
+        "sensor": "full",
         "estimator": "e",
         "sigma": 0.01,
         "seed": 0,
@@ -80,9 +80,27 @@ def test_quantiles_agree_with_numpy():
 
 
 def test_coverage_is_over_estimates_with_an_ellipsoid():
-    row = only_row(trial(covered=1, count=3), trial(covered=0), trial(covered=np.nan))
-    assert row["coverage"] == pytest.approx(0.75)
-    assert np.isnan(only_row(trial(covered=np.nan))["coverage"])
+    row = only_row(
+        trial(covers_truth=1, count=3), trial(covers_truth=0), trial(covers_truth=np.nan)
+    )
+    assert row["covers_truth_share"] == pytest.approx(0.75)
+    assert row["covers_truth_trials"] == 4
+    assert "covers_truth_share" not in only_row(trial(covers_truth=np.nan))
+    two = [trial(covers_truth=1), trial(estimator="f", covers_truth=np.nan)]
+    shares = leaderboard(pd.DataFrame(two))["covers_truth_share"]
+    assert shares[0] == 1 and np.isnan(shares[1])
+
+
+def test_an_estimator_without_a_trajectory_has_no_error_of_it():
+    """One that returns some is measured by all of its attempts."""
+    nan = np.nan
+    rows = [trial(reconstruction_error=e, seed=k) for k, e in enumerate((0.1, 0.3, nan))]
+    rows.append(trial(status="crash", reconstruction_error=nan, seed=3))
+    rows += [trial(estimator="none", reconstruction_error=nan), trial(estimator="none")]
+    rows.append(trial(estimator="none", status="crash", reconstruction_error=nan))
+    median = leaderboard(pd.DataFrame(rows)).set_index("estimator")["reconstruction_error_median"]
+    assert median["e"] == 0.3  # of 0.1, 0.3 and the crash
+    assert np.isnan(median["none"])
 
 
 def test_a_lost_held_out_prediction_ranks_worst():

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.report.leaderboard_terminal import format_leaderboard
 from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
-from olne_bench.bench.report.write import format_leaderboard
 
 ODD = r"50%_of <b>|&$x\y"
 COLUMNS = 12
@@ -21,7 +21,7 @@ def table() -> pd.DataFrame:
     rows = [
         {
             "scenario": "two_player",
-            "view": "full",
+            "sensor": "full",
             "estimator": name,
             "sigma": 0.01,
             "seed": seed,
@@ -31,7 +31,7 @@ def table() -> pd.DataFrame:
             "cosine_limit": 0.01,
             "position_error": scale * rng.uniform(1, 2),
             "held_out_error": 2 * scale,
-            "covered": None if name == "never" else int(seed < 27),
+            "covers_truth": None if name == "never" else int(seed < 27),
             "published_forward": 1,
             "solve_seconds": None if name == "never" else 0.5,
             "count": 1,

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.metrics import position_error
+from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.truth import predict_from_start, true_recording
 from olne_bench.bench.plan.suite import ScenarioEntry
-from olne_bench.bench.report.predicted_motion import replay
+from olne_bench.bench.report.predicted_motion import predict_again
 
 ENTRY = ScenarioEntry(name="two_player")
 
@@ -28,7 +28,7 @@ def test_a_replay_is_the_motion_that_was_scored(spread):
     rng = np.random.default_rng(3)
     weights = rng.dirichlet(np.full(4, 1 / spread), 2)
     row = scored(weights)
-    states = replay(ENTRY, row)
+    states = predict_again(ENTRY, row)
     assert states is not None
     assert position_error(true_recording(ENTRY, 0).states, states) == pytest.approx(
         row["position_error"], rel=1e-3, abs=1e-5
@@ -37,10 +37,10 @@ def test_a_replay_is_the_motion_that_was_scored(spread):
 
 def test_another_motion_than_that_scored_is_not_shown():
     row = scored(np.full((2, 4), 0.25))
-    assert replay(ENTRY, row | {"position_error": row["position_error"] + 0.3}) is None
+    assert predict_again(ENTRY, row | {"position_error": row["position_error"] + 0.3}) is None
 
 
 def test_failures_have_no_replay():
     row = scored(np.full((2, 4), 0.25))
-    assert replay(ENTRY, row | {"status": "failed_forward"}) is None
-    assert replay(ENTRY, row | {"weights": None}) is None
+    assert predict_again(ENTRY, row | {"status": "failed_forward"}) is None
+    assert predict_again(ENTRY, row | {"weights": None}) is None

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from olne_bench.bench.judge.referee import evaluate
-from olne_bench.bench.plan.suite import load_suite, select
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.executor import run_trials
 
@@ -16,113 +17,138 @@ from types import SimpleNamespace
 import numpy as np
 
 class Good:
+    name = "Good"
     def estimate(self, problem, observation, *, rng, budget):
         print("chatty")
         return SimpleNamespace(weights=np.full((2, 4), 2.0))
 
 class Hangs(Good):
+    name = "Hangs"
     def estimate(self, *args, **kwargs):
         while True:
             time.sleep(0.1)
 
 class Dies(Good):
+    name = "Dies"
     def estimate(self, *args, **kwargs):
         os._exit(7)
 
 class EndsWell(Good):
+    name = "EndsWell"
     def estimate(self, *args, **kwargs):
         os._exit(0)
 
 class Exits(Good):
+    name = "Exits"
     def estimate(self, *args, **kwargs):
         sys.exit("done")
 
 class Segfaults(Good):
+    name = "Segfaults"
     def estimate(self, *args, **kwargs):
         ctypes.string_at(0)
 
 class IsKilled(Good):
+    name = "IsKilled"
     def estimate(self, *args, **kwargs):
         os.kill(os.getpid(), signal.SIGKILL)
 
 class Hoards(Good):
+    name = "Hoards"
     kept = []
     def estimate(self, *args, **kwargs):
         while True:
             self.kept.append(np.ones(2**24))
 
 class Forks(Good):
+    name = "Forks"
     def estimate(self, problem, observation, *, rng, budget):
         os.fork()
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class LeavesProcess(Good):
+    name = "LeavesProcess"
     def estimate(self, problem, observation, *, rng, budget):
         subprocess.Popen(["sleep", "1234.5"])
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class HidesProcess(Good):
+    name = "HidesProcess"
     def estimate(self, problem, observation, *, rng, budget):
         subprocess.run(["sh", "-c", "sleep 1234.5 &"])
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class DiesWithAChild(Good):
+    name = "DiesWithAChild"
     def estimate(self, *args, **kwargs):
         if os.fork():
             os._exit(9)
         time.sleep(1234.5)
 
 class TimeBomb(Good):
+    name = "TimeBomb"
     def estimate(self, problem, observation, *, rng, budget):
         threading.Timer(1.0, os._exit, [5]).start()
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class ClosesEverything(Good):
+    name = "ClosesEverything"
     def estimate(self, *args, **kwargs):
         os.closerange(0, 100)
         time.sleep(1234.5)
 
 class Raises(Good):
+    name = "Raises"
     def estimate(self, *args, **kwargs):
         raise RuntimeError("no\\nidea")
 
 class Mutates(Good):
+    name = "Mutates"
     def estimate(self, problem, observation, *, rng, budget):
         observation.y[0] = 0
 
 class Nothing(Good):
+    name = "Nothing"
     def estimate(self, *args, **kwargs):
         return None
 
 class Shape(Good):
+    name = "Shape"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.ones((3, 4)))
 
 class NotANumber(Good):
+    name = "NotANumber"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.full((2, 4), np.nan))
 
 class Negative(Good):
+    name = "Negative"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.full((2, 4), -1.0))
 
 class Text(Good):
+    name = "Text"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights="heavy")
 
 class States(Good):
+    name = "States"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.ones((2, 4)), states=np.zeros((1, 2, 4)))
 
 class GivesUp(Good):
+    name = "GivesUp"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.ones((2, 4)), converged=False, message="lost")
 
 class Refuses(Good):
+    name = "Refuses"
     def supports(self, problem):
         return "too many players"
 
 class Random(Good):
+    name = "Random"
     def estimate(self, problem, observation, *, rng, budget):
         return SimpleNamespace(weights=rng.uniform(0.5, 1, (2, 4)))
 """
@@ -217,6 +243,7 @@ import numpy as np
 from types import SimpleNamespace
 
 class Patches:
+    name = "Patches"
     def estimate(self, problem, observation, *, rng, budget):
         np.linalg.norm = lambda *args, **kwargs: 1.0
         np.linalg.solve = np.linalg.eigvalsh = None
@@ -245,6 +272,7 @@ from types import SimpleNamespace
 import numpy as np
 
 class Slow:
+    name = "Slow"
     def warm_up(self, problem):
         time.sleep(self.set_up)
     def estimate(self, problem, observation, *, rng, budget):
@@ -252,12 +280,15 @@ class Slow:
         return SimpleNamespace(weights=self.weights, converged=False)
 
 class UsesItsTime(Slow):
+    name = "UsesItsTime"
     set_up, work, weights = 2.0, 2.0, np.ones((2, 4))
 
 class SetsUpForLong(Slow):
+    name = "SetsUpForLong"
     set_up, work, weights = 60.0, 0.0, np.ones((2, 4))
 
 class EstimatesForLong(Slow):
+    name = "EstimatesForLong"
     set_up, work, weights = 0.0, 60.0, np.ones((2, 4))
 
 class Endless:
@@ -265,6 +296,7 @@ class Endless:
         time.sleep(60.0)
 
 class IsReadForLong(Slow):
+    name = "IsReadForLong"
     set_up, work, weights = 0.0, 0.0, Endless()
 """
 

@@ -8,7 +8,7 @@ import time
 import pandas as pd
 import pytest
 
-from olne_bench.bench.plan.suite import load_suite
+from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.store import read_store

@@ -2,27 +2,36 @@ import sqlite3
 from contextlib import closing
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from olne_bench.bench.plan.suite import load_suite, select
-from olne_bench.bench.plan.trial import Outcome, expand
+from olne_bench.bench.plan.entries import MetricEntry
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.plan.versions import Versions
 from olne_bench.bench.run.provenance import Provenance
-from olne_bench.bench.run.resume import pending, progress
-from olne_bench.bench.run.store import APPLICATION_ID, FILE_NAME, VERSION, open_store, read_store
+from olne_bench.bench.run.resume import Stored, pending
+from olne_bench.bench.run.store import MESSAGE_SIZE, Record, open_store, read_store
+from olne_bench.bench.run.store_layout import FILE_NAME, VERSION
 from olne_bench.errors import UserError
 
-SOURCE = Provenance("", "{}", "", "", 1, "", {}, "", {})
+SOURCE = Provenance("", "{}", "", Selection(), 1, "", {}, {}, "", {})
 
 
 @pytest.fixture
 def trials():
-    part = select(load_suite("quick"), scenarios=("two_player",), estimators=("uniform",))
+    part = select(
+        load_suite("quick"), Selection(scenarios=("two_player",), estimators=("uniform",))
+    )
     return list(expand(part, seeds=2))
 
 
 def test_rows_come_back(tmp_path, trials):
-    outcome = Outcome("ok", "fine", cosine_error=0.1, weights=[[0.25] * 4] * 2)
+    outcome = Outcome(
+        "ok", "fine", extras='{"a": 1}', scores={"cosine_error": 0.1}, weights=[[0.25] * 4] * 2
+    )
     with open_store(tmp_path) as store:
         store.add(trials[0], outcome)
     with read_store(tmp_path) as store:
@@ -31,22 +40,9 @@ def test_rows_come_back(tmp_path, trials):
     row = frame.iloc[0]
     assert row["weights"] == [[0.25] * 4] * 2
     assert (row["status"], row["message"], row["cosine_error"]) == ("ok", "fine", 0.1)
+    assert np.isnan(row["position_error"])
+    assert row["extras"] == '{"a": 1}'
     assert row["count"] == 5
-
-
-def test_extras_come_back_and_older_stores_have_none(tmp_path, trials):
-    with open_store(tmp_path) as store:
-        store.add(trials[0], Outcome("ok", extras='{"starts": 3}'))
-    connection = sqlite3.connect(tmp_path / FILE_NAME)
-    with connection:
-        assert connection.execute("SELECT extras FROM trials").fetchall() == [('{"starts": 3}',)]
-        connection.execute("ALTER TABLE trials DROP COLUMN extras")
-    connection.close()
-    with open_store(tmp_path) as store:
-        store.add(trials[1], Outcome("ok", extras='{"starts": 4}'))
-        found = store.frame()["extras"]
-    assert len(found) == 2
-    assert list(found.dropna()) == ['{"starts": 4}']
 
 
 def test_order_does_not_depend_on_when_rows_were_written(tmp_path, trials):
@@ -83,24 +79,19 @@ def test_another_programs_database_is_refused_and_left_alone(tmp_path):
     assert path.read_bytes() == before
 
 
-def test_a_newer_store_is_refused(tmp_path, trials):
+@pytest.mark.parametrize(
+    ("layout", "expected"),
+    [(VERSION + 1, "a newer version.*layout 5"), (VERSION - 1, "an unreleased version.*layout 3")],
+)
+def test_a_store_of_another_layout_is_refused(tmp_path, trials, layout, expected):
     with open_store(tmp_path) as store:
         store.add(trials[0], Outcome("ok"))
     connection = sqlite3.connect(tmp_path / FILE_NAME)
-    connection.execute(f"PRAGMA user_version = {VERSION + 1}")
+    connection.execute(f"PRAGMA user_version = {layout}")
     connection.close()
-    with pytest.raises(UserError, match=rf"newer version.*layout {VERSION + 1}"):
-        open_store(tmp_path).__enter__()
-
-
-def test_a_truncated_store_is_reported(tmp_path, trials):
-    with open_store(tmp_path) as store:
-        for trial in trials:
-            store.add(trial, Outcome("ok", "x" * 2000))
-    path = tmp_path / FILE_NAME
-    path.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(UserError, match="damaged"), read_store(tmp_path) as store:
-        store.frame()
+    for opened in (open_store, read_store):
+        with pytest.raises(UserError, match=expected):
+            opened(tmp_path).__enter__()
 
 
 def test_no_run_is_reported(tmp_path):
@@ -128,34 +119,9 @@ def test_damage_is_found_before_anything_is_added(tmp_path, trials):
     assert path.read_bytes() == damaged
 
 
-def test_a_store_of_layout_1_is_taken_over(tmp_path, trials):
-    connection = sqlite3.connect(tmp_path / FILE_NAME)
-    key = ("scenario", "view", "sigma", "seed", "estimator", "parameters")
-    with connection:
-        connection.execute(
-            "CREATE TABLE trials (suite TEXT, scenario TEXT, view TEXT, sigma REAL, seed INTEGER, "
-            "estimator TEXT, parameters TEXT, count INTEGER, status TEXT, message TEXT, "
-            f"weights TEXT, PRIMARY KEY ({', '.join(key)}))"
-        )
-        connection.execute(
-            "INSERT INTO trials VALUES ('quick', 'two_player', 'full', 0.0, 0, 'uniform', '{}', "
-            "5, 'ok', '', '[[0.5, 0.5]]')"
-        )
-        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        connection.execute("PRAGMA user_version = 1")
-    connection.close()
-    with read_store(tmp_path) as store:
-        (row,) = store.frame().to_dict("records")
-        assert (row["count"], row["status"], row["weights"]) == (5, "ok", [[0.5, 0.5]])
-        assert pending(trials, store.records()) == trials  # nobody knows which code it was
-    with open_store(tmp_path) as store:
-        store.add(trials[0], Outcome("ok"))
-        assert len(list(store.records())) == 2
-
-
 def test_rows_of_former_code_are_kept_apart(tmp_path, trials):
     new = trials[0]
-    old = replace(new, versions=Versions("a", "b", "c"))
+    old = replace(new, versions=Versions("a", "b", "c", "d", "e"))
     with open_store(tmp_path) as store:
         store.begin_run(SOURCE, [old])
         store.add(old, Outcome("ok", "old"))
@@ -177,34 +143,92 @@ def test_rows_of_former_parameters_are_kept_apart(tmp_path, trials):
             store.begin_run(SOURCE, [trial])
             store.add(trial, Outcome("ok"))
         assert list(store.frame()["parameters"]) == [new.labels["parameters"]]
-        assert progress([old], store.records()).done == [old]
+        assert Stored(store.records()).state(old) == "done"
     with open_store(tmp_path / "b") as store:
         store.begin_run(SOURCE, [old])
         store.add(old, Outcome("ok"))
-        assert progress([new], store.records()).stale == [new]
+        assert Stored(store.records()).state(new) == "stale"
         with pytest.raises(UserError, match=r"parameters of 'uniform' .* are .*1.5.* there and {}"):
             store.merge(tmp_path / "a" / FILE_NAME)
 
 
-def test_a_store_of_layout_2_takes_the_parameters_of_its_last_run(tmp_path, trials):
+@pytest.mark.parametrize("lost", [1, 100, 4096, 5000, 20_000])
+def test_a_store_that_lost_its_end_is_reported(tmp_path, trials, lost):
     with open_store(tmp_path) as store:
-        for text in ("x", "y"):
-            entry = trials[0].estimator.model_copy(update={"parameters": {"a": text}})
-            trial = replace(trials[0], estimator=entry)
-            store.begin_run(SOURCE, [trial])
-            store.add(trial, Outcome("ok", text))
-    with closing(sqlite3.connect(tmp_path / FILE_NAME)) as connection, connection:
-        names = "scenario, estimator, parameters, estimator_version, scenario_version"
-        names += ", scoring_version"
-        connection.execute("DROP TABLE current")
-        connection.execute(
-            f"CREATE TABLE current ({names}, PRIMARY KEY (scenario, estimator, parameters)) "
-            "WITHOUT ROWID"
-        )
-        connection.execute(f"INSERT INTO current SELECT {names} FROM trials ORDER BY run DESC")
-        connection.execute("PRAGMA user_version = 2")
-    with read_store(tmp_path) as store:
-        assert list(store.frame()["message"]) == ["y"]
+        for trial in trials:
+            store.add(trial, Outcome("ok", "x" * 1000))
+    path = tmp_path / FILE_NAME
+    left = path.read_bytes()[:-lost]
+    path.write_bytes(left)
+    for opened in (open_store, read_store):
+        with pytest.raises(UserError, match=r"damaged \(it has \d+ bytes instead of \d+\)"):
+            opened(tmp_path).__enter__()
+    assert path.read_bytes() == left
+
+
+def test_a_store_in_use_is_read(tmp_path, trials):
+    with open_store(tmp_path) as store:
+        store.add(trials[0], Outcome("ok"))
+        with read_store(tmp_path) as reader:
+            assert len(reader.frame()) == 1
+
+
+def test_messages_are_cut(tmp_path, trials):
+    with open_store(tmp_path) as store:
+        for trial, letter in zip(trials, "aä€", strict=False):
+            store.add(trial, Outcome("crash", letter * 30_000_000))
+        found = store.frame()["message"]
+    assert {message[0] for message in found} == set("aä€")
+    for message in found:
+        assert MESSAGE_SIZE - 5 < len(message.encode()) <= MESSAGE_SIZE
+        assert message.endswith("...")
+
+
+def test_a_metric_has_a_column_as_soon_as_a_run_has_it(tmp_path, trials):
+    former = replace(trials[0], metrics=trials[0].metrics[:1])
+    more = MetricEntry(name="mine.py", column="mine")
+    later = replace(trials[1], metrics=(*former.metrics, more))
+    own = former.metrics[0].column
+    with open_store(tmp_path / "a") as store:
+        store.begin_run(SOURCE, [former])
+        store.add(former, Outcome("ok", scores={own: 0.5}))
+        before = list(store.frame())
+    with open_store(tmp_path / "a") as store:
+        store.begin_run(SOURCE, [former, later])
+        store.add(later, Outcome("ok", scores={own: 0.25, "mine": 2.0}))
+        assert list(store.frame()["mine"].dropna()) == [2.0]
+        assert list(store.frame()) == [*before, "mine"]
+    with open_store(tmp_path / "b") as store:
+        store.add(former, Outcome("ok", scores={own: 0.5}))
+        assert store.merge(tmp_path / "a" / FILE_NAME) == (1, 1)
+        assert store.frame()[[own, "mine"]].dropna().to_numpy().tolist() == [[0.25, 2.0]]
+
+
+def test_merging_names_what_differs_in_the_environment(tmp_path, trials):
+    trial = trials[0]
+    for name, version in (("a", "2.3"), ("b", "2.4")):
+        with open_store(tmp_path / name) as store:
+            versions = replace(trial.versions, environment=name)
+            source = replace(SOURCE, environment={"numpy": version, "backend": "native"})
+            store.begin_run(source, [replace(trial, versions=versions)])
+    expected = r"environment version of 'uniform' on 'two_player', 'full', is b there and a here "
+    with open_store(tmp_path / "a") as store, pytest.raises(UserError) as caught:
+        store.merge(tmp_path / "b" / FILE_NAME)
+    assert expected + "(numpy 2.4 there, 2.3 here); run one" in str(caught.value)
+
+
+def test_faults_of_the_harness_are_kept_apart(trials):
+    statuses = ("ok", "skipped", "crash", "harness_error")
+    records = [
+        Record(trial.key, trial.versions, status)
+        for trial, status in zip(trials, statuses, strict=False)
+    ]
+    stored = Stored(records)
+    states = [stored.state(trial) for trial in trials[:5]]
+    assert states == ["done", "done", "failed", "harness_error", "missing"]
+    for retry, expected in (((), []), (("failed",), [2]), (("harness_error", "crash"), [2, 3])):
+        todo = list(pending(trials, stored, retry))
+        assert todo == [*(trials[k] for k in expected), *trials[4:]]
 
 
 @pytest.mark.parametrize("writable", [True, False])

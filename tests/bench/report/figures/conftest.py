@@ -16,7 +16,7 @@ def make_trials(prediction_error) -> Trials:
     def make(
         scenario: str = "two_player",
         estimators: tuple[str, ...] = ("kkt_constrained", "kkt_residual", "uniform"),
-        views: tuple[str, ...] = ("full", "partial"),
+        sensors: tuple[str, ...] = ("full", "partial"),
         sigmas: tuple[float, ...] = (0.0, 0.01, 0.1),
         seeds: int = 2,
         status: str = "ok",
@@ -24,7 +24,7 @@ def make_trials(prediction_error) -> Trials:
         rng = np.random.default_rng(0)
         rows = []
         for estimator in estimators:
-            for view in views:
+            for sensor in sensors:
                 for sigma in sigmas:
                     for seed in range(seeds if sigma else 1):
                         truth = get_scenario(scenario, seed).weights
@@ -35,7 +35,7 @@ def make_trials(prediction_error) -> Trials:
                             {
                                 "suite": "test",
                                 "scenario": scenario,
-                                "view": view,
+                                "sensor": sensor,
                                 "sigma": sigma,
                                 "seed": seed,
                                 "estimator": estimator,

@@ -11,6 +11,10 @@ from olne_bench.bench.report.figures import FORMATS, USUAL_FORMATS, draw_figures
 KINDS = ("errors", "failures", "trajectories", "landscape")
 
 
+def drawn(*arguments: object) -> list[Path]:
+    return draw_figures(*arguments).files  # type: ignore[arg-type]
+
+
 def names(files: list[Path]) -> set[str]:
     return {file.name for file in files}
 
@@ -37,7 +41,7 @@ def assert_drawn(files: list[Path]) -> None:
 
 
 def test_a_study_gives_every_figure_small_and_not_blank(make_trials, tmp_path):
-    files = draw_figures(make_trials(), tmp_path / "new" / "folder", FORMATS)
+    files = drawn(make_trials(), tmp_path / "new" / "folder", FORMATS)
     assert names(files) == expected("two_player", formats=FORMATS)
     assert_drawn(files)
     assert max(file.stat().st_size for file in files) < 300_000
@@ -45,17 +49,17 @@ def test_a_study_gives_every_figure_small_and_not_blank(make_trials, tmp_path):
 
 def test_reruns_give_identical_files(make_trials, tmp_path):
     trials = make_trials(seeds=1, sigmas=(0.0, 0.1))
-    first, second = (draw_figures(trials, tmp_path / run, FORMATS) for run in ("a", "b"))
+    first, second = (drawn(trials, tmp_path / run, FORMATS) for run in ("a", "b"))
     for a, b in zip(first, second, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
         assert b"<dc:date>" not in a.read_bytes()
 
 
 def test_the_users_own_settings_do_not_matter(make_trials, tmp_path):
-    trials = make_trials(estimators=("a",), views=("full",), seeds=1, sigmas=(0.1,))
-    plain = draw_figures(trials, tmp_path / "a")
+    trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
+    plain = drawn(trials, tmp_path / "a")
     with matplotlib.rc_context({"lines.linewidth": 9, "axes.facecolor": "red", "font.size": 30}):
-        changed = draw_figures(trials, tmp_path / "b")
+        changed = drawn(trials, tmp_path / "b")
         assert matplotlib.rcParams["lines.linewidth"] == 9
     for a, b in zip(plain, changed, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
@@ -65,22 +69,22 @@ def test_the_users_own_settings_do_not_matter(make_trials, tmp_path):
     "part",
     [
         {"estimators": ("uniform",)},
-        {"estimators": ("unknown_method",), "views": ("partial",), "sigmas": (0.0,)},
-        {"estimators": ("kkt_residual",), "sigmas": (0.1,), "seeds": 1, "views": ("full",)},
-        {"views": ("bearing_only",), "sigmas": (0.05,)},
+        {"estimators": ("unknown_method",), "sensors": ("partial",), "sigmas": (0.0,)},
+        {"estimators": ("kkt_residual",), "sigmas": (0.1,), "seeds": 1, "sensors": ("full",)},
+        {"sensors": ("bearing_only",), "sigmas": (0.05,)},
         {"status": "failed_forward"},
     ],
-    ids=["floor only", "no noise", "single row", "unknown view", "no prediction"],
+    ids=["floor only", "no noise", "single row", "unknown sensor", "no prediction"],
 )
 def test_any_part_of_a_study_will_do(make_trials, tmp_path, part):
-    files = draw_figures(make_trials(**part), tmp_path)
+    files = drawn(make_trials(**part), tmp_path)
     assert names(files) == expected("two_player")
     assert_drawn(files)
 
 
 @pytest.mark.parametrize("status", ["timeout", "crash", "invalid", "not_converged"])
 def test_failures_alone_are_drawn_as_such(make_trials, tmp_path, status):
-    files = draw_figures(make_trials(status=status), tmp_path)
+    files = drawn(make_trials(status=status), tmp_path)
     # Without weights there is no landscape, but the bundles say that all failed.
     assert names(files) == expected("two_player", ("errors", "failures", "trajectories"))
     assert_drawn(files)
@@ -88,44 +92,44 @@ def test_failures_alone_are_drawn_as_such(make_trials, tmp_path, status):
 
 def test_single_failure(make_trials, tmp_path):
     trials = make_trials(status="crash", sigmas=(0.1,), seeds=1).head(1)
-    assert_drawn(draw_figures(trials, tmp_path))
+    assert_drawn(drawn(trials, tmp_path))
 
 
 def test_nothing_attempted_gives_no_figure(make_trials, tmp_path):
     trials = make_trials(status="skipped")
-    assert draw_figures(trials, tmp_path) == []
-    assert draw_figures(trials.head(0), tmp_path) == []
+    assert drawn(trials, tmp_path) == []
+    assert drawn(trials.head(0), tmp_path) == []
 
 
 def test_skipped_trials_change_nothing(make_trials, tmp_path):
-    trials = make_trials(estimators=("a",), views=("full",), seeds=1, sigmas=(0.1,))
+    trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
     declined = make_trials(estimators=("picky",), status="skipped")
-    alone = draw_figures(trials, tmp_path / "a")
-    together = draw_figures(pd.concat([trials, declined], ignore_index=True), tmp_path / "b")
+    alone = drawn(trials, tmp_path / "a")
+    together = drawn(pd.concat([trials, declined], ignore_index=True), tmp_path / "b")
     for a, b in zip(alone, together, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
 
 
 def test_a_scenario_unknown_here_still_has_statistics(make_trials, tmp_path):
     trials = make_trials().assign(scenario="of_another_version")
-    files = draw_figures(trials, tmp_path)
+    files = drawn(trials, tmp_path)
     assert names(files) == expected("of_another_version", ("errors", "failures"))
 
 
 def test_each_scenario_on_its_own(make_trials, tmp_path):
     highway = make_trials("highway_overtaking", ("kkt_residual",), ("full",), (0.1,), 1)
     family = make_trials("random", ("kkt_residual",), ("full",), (0.1,), 3)
-    files = draw_figures(pd.concat([highway, family], ignore_index=True), tmp_path)
+    files = drawn(pd.concat([highway, family], ignore_index=True), tmp_path)
     assert names(files) == expected("highway_overtaking") | expected("random")
     assert_drawn(files)
 
 
 def test_weights_as_read_from_parquet(make_trials, tmp_path):
-    trials = make_trials(estimators=("a",), views=("full",), seeds=1, sigmas=(0.1,))
+    trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
     trials.to_parquet(tmp_path / "trials.parquet")
     stored = pd.read_parquet(tmp_path / "trials.parquet")
     assert isinstance(stored["weights"].iloc[0], np.ndarray)
-    fresh, read = draw_figures(trials, tmp_path / "a"), draw_figures(stored, tmp_path / "b")
+    fresh, read = drawn(trials, tmp_path / "a"), drawn(stored, tmp_path / "b")
     for a, b in zip(fresh, read, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
 
@@ -144,7 +148,7 @@ ODD_NAMES = (
 
 
 def test_names_of_estimators_are_text_and_nothing_else(make_trials, tmp_path):
-    files = draw_figures(make_trials("two_player", ODD_NAMES, ("full",), (0.1,), 1), tmp_path)
+    files = drawn(make_trials("two_player", ODD_NAMES, ("full",), (0.1,), 1), tmp_path)
     assert names(files) == expected("two_player")
     assert_drawn(files)
     for file in files:
@@ -156,8 +160,8 @@ def test_names_of_estimators_are_text_and_nothing_else(make_trials, tmp_path):
 @pytest.mark.parametrize("name", ODD_NAMES)
 def test_names_are_shown_as_they_are(make_trials, name):
     with style.applied():
-        figure = errors.draw(make_trials(estimators=(name,), views=("full",), seeds=1))
+        figure = errors.draw(make_trials(estimators=(name,), sensors=("full",), seeds=1))
     (legend,) = figure.legends
     text = legend.get_texts()[0]
-    assert text.get_text() == f"{style.printable(name)}, full view"
+    assert text.get_text() == f"{style.printable(name)}, full"
     assert not text.get_parse_math()

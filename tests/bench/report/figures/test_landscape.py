@@ -4,6 +4,7 @@ import pytest
 from olne_bench.bench.report.figures import landscape, trajectories
 from olne_bench.bench.report.figures.scene import scene_of
 from olne_bench.bench.report.figures.series import split
+from olne_bench.bench.report.not_drawn import NotDrawnError
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,7 @@ def test_closest_pass():
 
 
 def test_median_over_what_left_weights(make_trials, scene):
-    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.1,), seeds=4)
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=4)
     rows = [[0.4, 0.2, 0.2, 0.2], [0.1, 0.3, 0.3, 0.3]]
     values = [rows, rows[::-1], None, [[0.4, 0.2, 0.2, 0.2]] * 2]
     trials["weights"] = values
@@ -51,9 +52,11 @@ def test_median_over_what_left_weights(make_trials, scene):
 
 @pytest.mark.parametrize("value", [None, np.nan, [], [[1.0]], "weights", [[np.nan] * 4] * 2])
 def test_unusable_weights_leave_no_landscape(make_trials, value):
-    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.1,), seeds=1)
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=1)
     trials["weights"] = [value] * len(trials)
-    assert landscape.draw(trials) is None
+    expected = "no estimate left weights" if value is None or value is np.nan else "do not fit"
+    with pytest.raises(NotDrawnError, match=expected):
+        landscape.draw(trials)
 
 
 def titles(figure):
@@ -61,20 +64,20 @@ def titles(figure):
 
 
 def test_bundles_say_how_many_failed(make_trials):
-    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.01, 0.1), seeds=3)
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.01, 0.1), seeds=3)
     last = trials.index[-1]
     trials.loc[last, "status"] = "failed_forward"
     figure = trajectories.draw(trials)
     assert titles(figure) == [
         "Truth and 3 observed sequences",
-        "a\nfull view, 1 of 3 failed",
+        "a\nfull, 1 of 3 failed",
     ]
     # Truth and start per player, and the two predictions of each.
     assert len(figure.axes[1].lines) == 2 * 2 + 2 * 2
 
 
 def test_bundles_are_of_the_largest_noise_at_which_everybody_predicts_something(make_trials):
-    trials = make_trials(estimators=("a", "b"), views=("full",), sigmas=(0.01, 0.1))
+    trials = make_trials(estimators=("a", "b"), sensors=("full",), sigmas=(0.01, 0.1))
     assert trajectories.draw(trials).get_suptitle().endswith("σ = 0.1")
     lost = (trials["estimator"] == "b") & (trials["sigma"] == 0.1)
     trials.loc[lost, "status"] = "failed_forward"
@@ -84,7 +87,7 @@ def test_bundles_are_of_the_largest_noise_at_which_everybody_predicts_something(
 
 
 def test_prediction_at_the_true_weights_is_the_truth(make_trials, scene):
-    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.1,), seeds=1)
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=1)
     trials["weights"] = [scene.recording.scenario.weights.tolist()]
     predicted = trajectories.draw(trials).axes[1].lines[0].get_xydata()
     np.testing.assert_allclose(predicted, scene.recording.states[:, 0, :2], atol=1e-6)

@@ -2,7 +2,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from olne_bench.bench.judge.metrics.cosine_error import CosineError
+from olne_bench.bench.judge.metrics.declaration import declare
+from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.report.figures import failures, series, style
+
+COSINE_ERROR, POSITION_ERROR = declare(CosineError), declare(PositionError)
 
 
 def only(trials):
@@ -11,23 +16,23 @@ def only(trials):
 
 
 def test_failures_are_the_worst_errors_there_are(make_trials):
-    part = {"estimators": ("a",), "views": ("full",), "sigmas": (0.1,), "seeds": 1}
+    part = {"estimators": ("a",), "sensors": ("full",), "sigmas": (0.1,), "seeds": 1}
     kinds = ("ok", "failed_forward", "not_converged", "timeout")
     found = only(pd.concat([make_trials(**part, status=kind) for kind in kinds]))
-    assert np.isfinite(found.error("cosine_error")).tolist() == [True, True, False, False]
-    assert np.isfinite(found.error("position_error")).tolist() == [True, False, False, False]
+    assert np.isfinite(found.error(COSINE_ERROR)).tolist() == [True, True, False, False]
+    assert np.isfinite(found.error(POSITION_ERROR)).tolist() == [True, False, False, False]
     assert found.failed.tolist() == [False, True, True, True]
 
 
 def test_a_number_left_by_a_failure_is_no_result(make_trials):
-    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.1,), seeds=1)
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=1)
     found = only(trials.assign(status="not_converged", cosine_error=1e-9, position_error=1e-9))
-    assert np.isinf(found.error("cosine_error")).all()
-    assert np.isinf(found.error("position_error")).all()
+    assert np.isinf(found.error(COSINE_ERROR)).all()
+    assert np.isinf(found.error(POSITION_ERROR)).all()
 
 
 def test_noise_that_was_not_measured_is_put_at_its_expectation(make_trials):
-    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.1,), status="crash")
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), status="crash")
     noise = np.abs(0.1 * np.random.default_rng(0).standard_normal(100_000)).mean()
     assert only(trials).observation_error == pytest.approx(noise, rel=0.01)
 
@@ -37,14 +42,14 @@ def test_contenders_keep_their_colour_in_any_company(make_trials):
     crowd = series.split(
         make_trials(estimators=("a", "kkt_residual", "uniform", "kkt_constrained"))
     )
-    colours = {(s.estimator, s.view): s.colour for s in crowd}
-    assert [colours[s.estimator, s.view] for s in alone] == [s.colour for s in alone]
+    colours = {(s.estimator, s.sensor): s.colour for s in crowd}
+    assert [colours[s.estimator, s.sensor] for s in alone] == [s.colour for s in alone]
     assert len({s.colour for s in crowd}) == len(crowd)
     assert crowd[-1].is_floor
     assert sum(s.is_floor for s in crowd) == 1
 
 
-def test_views_differ_in_line_style_and_repeated_colours_in_marker(make_trials):
+def test_sensors_differ_in_line_style_and_repeated_colours_in_marker(make_trials):
     many = series.split(make_trials(estimators=tuple("abcdef"), sigmas=(0.1,), seeds=1))
     looks = {(s.colour, str(s.line_style), s.marker) for s in many}
     assert len(looks) == len(many) == 12
@@ -52,7 +57,7 @@ def test_views_differ_in_line_style_and_repeated_colours_in_marker(make_trials):
 
 
 def test_shares_of_failures_with_intervals(make_trials):
-    trials = make_trials(estimators=("a",), views=("full",), sigmas=(0.0, 0.1), seeds=10)
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.0, 0.1), seeds=10)
     trials.loc[trials.index[1:5], "status"] = "timeout"  # 4 of the 10 with noise
     shares = failures.failure_shares(only(trials)).set_index("sigma")
     assert shares.loc[0.0].tolist() == [0, 0, 0]  # 40 equal sequences: nothing random

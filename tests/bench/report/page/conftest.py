@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.report.page.render import render_page
-from olne_bench.bench.report.results import find
+from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.envs.scenarios import get_scenario
 
@@ -34,13 +34,13 @@ def provenance() -> Provenance:
 
 @pytest.fixture(scope="session")
 def small_study(prediction_error) -> pd.DataFrame:
-    """Two scenarios, two views, three estimators, one of which fails now and then."""
+    """Two scenarios, two sensors, three estimators, one of which fails now and then."""
     rng = np.random.default_rng(0)
     rows = []
     for scenario in ("two_player", "highway_overtaking"):
         truth = get_scenario(scenario).weights
         for estimator in ("kkt_constrained", HOSTILE, "uniform"):
-            for view in ("full", "partial"):
+            for sensor in ("full", "partial"):
                 for sigma in (0.01, 0.05):
                     for seed in range(6):
                         spread = 0 if estimator == "uniform" else 2 * sigma
@@ -53,7 +53,7 @@ def small_study(prediction_error) -> pd.DataFrame:
                             {
                                 "suite": "small <study>",
                                 "scenario": scenario,
-                                "view": view,
+                                "sensor": sensor,
                                 "sigma": sigma,
                                 "seed": seed,
                                 "estimator": estimator,
@@ -76,6 +76,6 @@ def small_study(prediction_error) -> pd.DataFrame:
 @pytest.fixture(scope="session")
 def page(small_study: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "index.html"
-    html = render_page(small_study, find(small_study), [provenance()])
+    html = render_page(small_study, tabulate(small_study), [provenance()]).html
     path.write_text(html, encoding="utf-8")
     return path

@@ -77,7 +77,7 @@ def test_filtering(tab: Page) -> None:
     tab.fill("#filter", "two_player KKT")
     assert column(tab, 3) == ["kkt_constrained"] * 2
     assert tab.locator("#board-count").inner_text() == "2 of 12 rows"
-    tab.select_option("#board-view", "partial")
+    tab.select_option("#board-sensor", "partial")
     assert column(tab, 2) == ["partial"]
     tab.fill("#filter", "")
     assert len(column(tab, 1)) == 6
@@ -137,7 +137,7 @@ def test_picking_estimators_and_scenarios(tab: Page) -> None:
 
 
 def test_values_on_hover_and_by_keyboard(tab: Page) -> None:
-    tab.locator("#chart-position").scroll_into_view_if_needed()
+    tab.locator("#chart-position").scroll_into_sensor_if_needed()
     tab.locator("#chart-position").focus()
     tab.keyboard.press("ArrowRight")
     said = tab.locator("#tip").inner_text()

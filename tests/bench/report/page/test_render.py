@@ -9,7 +9,7 @@ import pytest
 
 from olne_bench.bench.report.page.numbers import human
 from olne_bench.bench.report.page.render import render_page
-from olne_bench.bench.report.results import find
+from olne_bench.bench.report.tables import tabulate
 
 
 class Tags(HTMLParser):
@@ -73,12 +73,12 @@ def test_a_large_study_leaves_points_out(small_study: pd.DataFrame, monkeypatch)
     monkeypatch.setattr(data, "_MOST_POINTS", 10)
     monkeypatch.setattr(data, "_FEWEST_POINTS", 5)
     monkeypatch.setattr(data, "scene_data", lambda *_, **__: None)
-    chart = data.chart_data(small_study)
+    chart = data.chart_data(small_study).content
     assert {s["every"] for s in chart["scenarios"][0]["series"] if s["points"]} == {3}
 
 
 def test_nothing_but_failures_of_a_scenario_that_is_not_known() -> None:
-    row = {"suite": "s", "scenario": "gone", "view": "full", "estimator": "e", "parameters": "{}"}
+    row = {"suite": "s", "scenario": "gone", "sensor": "full", "estimator": "e", "parameters": "{}"}
     row |= {
         "sigma": 0.1,
         "seed": 0,
@@ -90,7 +90,7 @@ def test_nothing_but_failures_of_a_scenario_that_is_not_known() -> None:
     numbers = ("cosine_error", "position_error", "cosine_limit", "observation_error")
     trials = pd.DataFrame([row]).assign(**dict.fromkeys((*numbers, "solve_seconds"), np.nan))
     trials["published_forward"] = np.nan
-    html = render_page(trials, find(trials), [])
+    html = render_page(trials, tabulate(trials), []).html
     assert embedded(html)["scenarios"][0]["scene"] is None
     assert "kept no provenance" in html
 
@@ -99,10 +99,10 @@ def test_only_leaders_are_bold(small_study: pd.DataFrame) -> None:
     """Never the floor, an infinite median, or anybody where nobody is told apart."""
 
     def bold(trials: pd.DataFrame) -> list[str]:
-        findings = find(trials)
-        html = render_page(trials, findings, [])
+        tables = tabulate(trials)
+        html = render_page(trials, tables, []).html
         cells = re.findall(r'<td class="n half"[^>]*>\s*(<b>)?', html)
-        assert len(cells) == 2 * len(findings.leaderboard)
+        assert len(cells) == 2 * len(tables.leaderboard)
         leads = html.count('class="rank first"')
         assert leads == sum(cell != "" for cell in cells[::2])
         return [cell for cell in cells if cell]
@@ -111,10 +111,10 @@ def test_only_leaders_are_bold(small_study: pd.DataFrame) -> None:
     known = one["estimator"].isin(["kkt_constrained", "uniform"])
     worse = one["position_error"].where(known, 50.0)
     told = one.assign(position_error=worse.where(one["status"] == "ok"))
-    assert len(bold(told)) == 2  # by position error, in each view
+    assert len(bold(told)) == 2  # by position error, in each sensor
     few = told[told["seed"] < 2]
     assert bold(few) == []
-    assert find(few).leaderboard["position_error_rank"].isna().all()
+    assert tabulate(few).leaderboard["position_error_rank"].isna().all()
 
 
 @pytest.mark.parametrize(

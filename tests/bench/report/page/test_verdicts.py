@@ -13,16 +13,16 @@ def line(
 ):
     """``told``: winner and loser of the significant comparisons."""
     names, errors = zip(*rows, strict=True)
-    table = pd.DataFrame({"scenario": "s", "view": "full", "estimator": names})
+    table = pd.DataFrame({"scenario": "s", "sensor": "full", "estimator": names})
     table = table.assign(position_error_median=errors)
     comparisons = pd.DataFrame(
         [
-            {"error": error, "scenario": "s", "view": "full", "estimator": a, "other": b}
+            {"error": error, "scenario": "s", "sensor": "full", "estimator": a, "other": b}
             | {"p_holm": 0.01 if {(a, b), (b, a)} & set(told) else 0.2}
             | {"wins": 0.9 if (b, a) not in told else 0.1}
             for a, b in combinations(sorted(names), 2)
         ],
-        columns=["error", "scenario", "view", "estimator", "other", "p_holm", "wins"],
+        columns=["error", "scenario", "sensor", "estimator", "other", "p_holm", "wins"],
     )
     (verdict,) = verdicts(table, comparisons)
     (found,) = verdict.lines

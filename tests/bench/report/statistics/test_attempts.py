@@ -4,7 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from olne_bench.bench.judge.metrics.cosine_error import CosineError
+from olne_bench.bench.judge.metrics.declaration import declare
+from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.report.statistics.attempts import errors_of, noisy, quantile, weighed
+
+COSINE_ERROR, POSITION_ERROR = declare(CosineError), declare(PositionError)
 
 errors = st.lists(st.floats(0, 10) | st.just(float("inf")), min_size=1, max_size=12)
 shares = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -47,13 +52,13 @@ def test_a_forward_game_without_a_root_is_a_failure_of_the_prediction_only():
             "position_error": [0.3, np.nan, np.nan, 0.4],
         }
     )
-    assert errors_of(rows, "cosine_error").tolist() == [0.1, 0.2, np.inf, np.inf]
-    assert errors_of(rows, "position_error").tolist() == [0.3, np.inf, np.inf, 0.4]
+    assert errors_of(rows, COSINE_ERROR).tolist() == [0.1, 0.2, np.inf, np.inf]
+    assert errors_of(rows, POSITION_ERROR).tolist() == [0.3, np.inf, np.inf, 0.4]
 
 
 def counted(rows) -> pd.DataFrame:
     columns = ["scenario", "estimator", "sigma", "seed", "count"]
-    return pd.DataFrame(rows, columns=columns).assign(view="full")
+    return pd.DataFrame(rows, columns=columns).assign(sensor="full")
 
 
 def test_rows_without_noise_count_as_often_as_draws_were_run():

@@ -25,7 +25,7 @@ def study(errors: dict[str, np.ndarray], scenario: str = "two_player") -> pd.Dat
             rows.append(
                 {
                     "scenario": scenario,
-                    "view": "full",
+                    "sensor": "full",
                     "sigma": 0.01 * (level + 1),
                     "seed": seed,
                     "estimator": name,
@@ -131,7 +131,7 @@ def test_holm(p: list[float]) -> None:
 def test_the_whole_table_is_adjusted_at_once() -> None:
     rng = np.random.default_rng(0)
     trials = study({"a": rng.uniform(size=(3, 10)), "b": rng.uniform(size=(3, 10))})
-    table = compare_estimators(pd.concat([trials, trials.assign(view="partial")]))
+    table = compare_estimators(pd.concat([trials, trials.assign(sensor="partial")]))
     assert len(table) == 4
     np.testing.assert_allclose(table["p_holm"], holm(table["p"].to_numpy()))
 
@@ -144,7 +144,7 @@ def test_ranks_tie_what_cannot_be_told_apart() -> None:
     )
     comparisons = compare_estimators(trials)
     names = pd.DataFrame({"estimator": ["fails", "equal", "best", "worse"]})
-    table = names.assign(scenario="two_player", view="full")
+    table = names.assign(scenario="two_player", sensor="full")
     assert ranks(comparisons, table, "position_error").tolist() == [4, 1, 1, 3]
 
 
@@ -152,7 +152,7 @@ def test_one_estimator_alone_has_the_first_rank() -> None:
     trials = study({"a": np.ones((2, 3))})
     comparisons = compare_estimators(trials)
     assert comparisons.empty
-    table = trials[["scenario", "view", "estimator"]].drop_duplicates()
+    table = trials[["scenario", "sensor", "estimator"]].drop_duplicates()
     assert ranks(comparisons, table, "cosine_error").tolist() == [1]
 
 
@@ -160,7 +160,7 @@ def test_the_floor_takes_nobodys_rank() -> None:
     """Where equal weights happen to be the truth, the best contender still comes first."""
     errors = np.zeros((4, 20)), np.full((4, 20), 0.1), np.full((4, 20), 0.5)
     names = pd.DataFrame({"estimator": ["uniform", "near", "far"]})
-    table = names.assign(scenario="two_player", view="full")
+    table = names.assign(scenario="two_player", sensor="full")
     for order, expected in (((0, 1, 2), [1, 1, 2]), ((2, 0, 1), [3, 1, 2])):
         found = study(dict(zip(names["estimator"], (errors[k] for k in order), strict=True)))
         assert ranks(compare_estimators(found), table, "position_error").tolist() == expected
@@ -178,7 +178,7 @@ def test_the_floor_takes_nobodys_rank() -> None:
 def test_too_few_units_have_no_rank(scenario: str, seeds: int, ranked: bool) -> None:
     """Three levels of two draws are six trials, but two draws of a family."""
     trials = study({"a": np.zeros((3, seeds)), "b": np.ones((3, seeds))}, scenario)
-    names = pd.DataFrame({"estimator": ["a", "b"]}).assign(scenario=scenario, view="full")
+    names = pd.DataFrame({"estimator": ["a", "b"]}).assign(scenario=scenario, sensor="full")
     found = ranks(compare_estimators(trials), names, "position_error")
     assert found.notna().tolist() == [ranked] * 2
 
@@ -195,6 +195,6 @@ def test_leaders_are_better_than_somebody() -> None:
             ("few", "a", pd.NA, 0.1, False),
         ],
         columns=["scenario", "estimator", "cosine_error_rank", "cosine_error_median", "leads"],
-    ).assign(view="full")
+    ).assign(sensor="full")
     table = table.astype({"cosine_error_rank": "Int64"})
     assert leaders(table, "cosine_error").tolist() == table["leads"].tolist()

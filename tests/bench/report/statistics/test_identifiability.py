@@ -2,13 +2,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.metrics.formulas import cosine_error
+from olne_bench.bench.plan.suite import ScenarioEntry
 from olne_bench.bench.report.statistics.identifiability import (
     REFERENCE_SIGMA,
     bound_ratios,
     identifiability_table,
     identifiable_errors,
 )
+from olne_bench.bench.report.study import Study
 from olne_bench.envs.scenarios import get_scenario
 
 
@@ -18,7 +20,7 @@ def trials(scenario: str, weights: np.ndarray, **changes: object) -> pd.DataFram
     rows = [
         {
             "scenario": scenario,
-            "view": "full",
+            "sensor": "full",
             "estimator": "e",
             "sigma": REFERENCE_SIGMA,
             "seed": seed,
@@ -50,10 +52,13 @@ def test_several_trajectories_tell_more_than_one() -> None:
         trials("two_player", truth[None] + [[0.1, -0.1, 0, 0]]).assign(scenario=label)
         for label in ("two_player", "two_player(trajectories=4)")
     )
-    less, more = (identifiability_table(rows)["bound"].to_numpy() for rows in (one, four))
+    study = Study(
+        scenarios={"two_player(trajectories=4)": ScenarioEntry(name="two_player", trajectories=4)}
+    )
+    less, more = (identifiability_table(rows, study)["bound"].to_numpy() for rows in (one, four))
     assert (more < less).all()
     assert 1.2 < np.median(less / more) < 5
-    ratios = [bound_ratios(rows)["ratio"].to_numpy() for rows in (one, four)]
+    ratios = [bound_ratios(rows, study)["ratio"].to_numpy() for rows in (one, four)]
     np.testing.assert_allclose(ratios[1] * more, ratios[0] * less)
 
 
@@ -98,11 +103,11 @@ def test_what_is_not_known_here_is_left_out() -> None:
     assert np.isnan(identifiable_errors(rows)).all()
 
 
-@pytest.mark.parametrize("view", ["full", "partial"])
-def test_seeing_less_identifies_less(view: str) -> None:
+@pytest.mark.parametrize("sensor", ["full", "partial"])
+def test_seeing_less_identifies_less(sensor: str) -> None:
     truth = get_scenario("two_player").weights
     full, other = (
-        identifiability_table(trials("two_player", truth[None], view=v)) for v in ("full", view)
+        identifiability_table(trials("two_player", truth[None], sensor=v)) for v in ("full", sensor)
     )
     assert (other["bound"] >= full["bound"] * (1 - 1e-9)).all()
     assert (other["left"] >= full["left"] * (1 - 1e-9)).all()

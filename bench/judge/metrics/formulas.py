@@ -1,4 +1,4 @@
-"""Metrics: pure functions of estimate and truth."""
+"""What metrics compute: pure functions of arrays."""
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
@@ -58,7 +58,7 @@ def position_error(states: np.ndarray, other: np.ndarray) -> float:
     return float(np.mean(np.abs(states[..., :2] - other[..., :2])))
 
 
-def covered(
+def covers_truth(
     weights: np.ndarray, estimated: np.ndarray, covariance: np.ndarray, level: float = 0.95
 ) -> bool:
     """Whether the truth lies in the ellipsoid of an estimate's covariance.

@@ -1,10 +1,18 @@
+"""Formulas of the metrics, ellipsoids on the simplex among them."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.linalg import block_diag
 
-from olne_bench.bench.judge.metrics import cosine_error, identifiable_cosine_error, position_error
+from olne_bench.bench.judge.metrics.formulas import (
+    cosine_error,
+    covers_truth,
+    identifiable_cosine_error,
+    position_error,
+)
 
 weights = arrays(float, (3, 4), elements=st.floats(0.01, 10))
 scales = arrays(float, (3, 1), elements=st.floats(0.01, 100))
@@ -72,3 +80,56 @@ def test_identifiable_error_ignores_scale_and_order_of_players(true, estimated, 
 def test_where_nothing_is_identified_all_errors_are_forgiven(true, estimated):
     found = identifiable_cosine_error(true, estimated[None], np.zeros((3, 4, 4)))
     assert found == pytest.approx(0, abs=1e-12)
+
+
+WEIGHTS = np.array([[0.4, 0.2, 0.1, 0.3], [0.25, 0.25, 0.3, 0.2]])
+CENTRED = block_diag(*[np.eye(4) - 0.25] * 2)
+
+
+def test_true_ellipsoids_hold_the_truth_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    factor = CENTRED @ rng.standard_normal((8, 8)) * 0.01
+    covariance = factor @ factor.T
+    draws = (factor @ rng.standard_normal((8, 4000))).T.reshape(-1, 2, 4)
+    share = np.mean([covers_truth(WEIGHTS, WEIGHTS + draw, covariance) for draw in draws])
+    assert share == pytest.approx(0.95, abs=0.012)
+    half = np.mean([covers_truth(WEIGHTS, WEIGHTS + d, covariance, level=0.5) for d in draws])
+    assert half == pytest.approx(0.5, abs=0.03)
+
+
+def test_the_centre_is_inside_and_a_far_point_outside():
+    covariance = 1e-4 * CENTRED
+    assert covers_truth(WEIGHTS, WEIGHTS, covariance)
+    far = WEIGHTS + np.array([[0.1, -0.1, 0, 0], [0, 0, 0, 0]])
+    assert not covers_truth(WEIGHTS, far, covariance)
+
+
+def test_a_covariance_without_extent_holds_what_is_exact_only():
+    """It is singular everywhere, or on one player's weights, beyond their sums."""
+    flat = block_diag(1e-4 * CENTRED[:4, :4], np.zeros((4, 4)))
+    step = np.array([0.001, -0.001, 0, 0])
+    nobody, first, second = 0 * WEIGHTS, np.stack([step, 0 * step]), np.stack([0 * step, step])
+    for covariance, inside in (
+        (np.zeros((8, 8)), (True, False, False)),
+        (flat, (True, True, False)),
+    ):
+        found = [covers_truth(WEIGHTS, WEIGHTS + e, covariance) for e in (nobody, first, second)]
+        assert tuple(found) == inside
+    assert not covers_truth(WEIGHTS, WEIGHTS + 100 * first, flat)
+
+
+def test_what_is_no_covariance_holds_nothing():
+    assert not covers_truth(WEIGHTS, WEIGHTS[:, ::-1], -1e-4 * CENTRED)
+
+
+def test_a_covariance_counts_with_both_its_halves():
+    """Entries may differ from their mirror images by rounding; what counts is their mean."""
+    rng = np.random.default_rng(1)
+    factor = CENTRED @ rng.standard_normal((8, 8)) * 0.01
+    covariance = factor @ factor.T
+    skew = np.triu(rng.standard_normal((8, 8)), 1)
+    skew = 1e-5 * (skew - skew.T)
+    edge = factor @ rng.standard_normal((8, 400))
+    inside = [covers_truth(WEIGHTS, WEIGHTS + e.reshape(2, 4), covariance) for e in edge.T]
+    again = [covers_truth(WEIGHTS, WEIGHTS + e.reshape(2, 4), covariance + skew) for e in edge.T]
+    assert inside == again and 0.9 < np.mean(inside) < 1

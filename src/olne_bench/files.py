@@ -1,4 +1,4 @@
-"""Files that commands write: named well, written whole, users' own never overwritten."""
+"""Files that are written: named well, written whole, users' own never overwritten."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,0 +1,48 @@
+"""``olne-bench list``: everything that there is to run, and to run with."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+import click
+
+from olne_bench.plugins import KINDS, PluginError, is_built_in, names, source
+
+#: Not through the suites' own module: that imports what they are made of, which takes a second.
+_SUITES = Path(__file__).parents[1] / "plan" / "suites"
+
+
+@click.command(name="list")
+def list_all() -> None:
+    """List every suite, estimator, scenario, sensor and metric.
+
+    Those of installed packages, too, with the module that holds them; none is imported.
+    """
+    click.echo("suites")
+    for path in sorted(_SUITES.glob("*.toml")):
+        suite = tomllib.loads(path.read_text(encoding="utf-8"))
+        click.echo(f"  {path.stem:<20} {suite['description']}")
+    for kind in KINDS:
+        click.echo(f"{kind.name}s")
+        for name in names(kind):
+            try:
+                module, path = source(kind, name)
+                note = f"of {module}"
+                if is_built_in(kind, name):
+                    fields = _fields(path)
+                    note = f"parameters: {', '.join(fields)}" if fields else ""
+            except PluginError as error:
+                note = f"cannot be used: {error}"
+            shown = name if name.isprintable() else ascii(name)
+            click.echo(f"  {shown:<20} {note}".rstrip())
+
+
+def _fields(path: Path) -> list[str]:
+    """Parameters of a built-in plugin: fields of the class whose name is its file's."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for found in [node for node in tree.body if isinstance(node, ast.ClassDef)]:
+        fields = [node for node in found.body if isinstance(node, ast.AnnAssign)]
+        named = {ast.unparse(one.target): ast.unparse(one.annotation) for one in fields}
+        if named.pop("name", None) is not None:
+            return [name for name, kind in named.items() if not kind.startswith("ClassVar")]
+    return []

@@ -1,0 +1,20 @@
+"""Whether an estimator knows how much it does not know."""
+
+from olne_bench.bench.judge.metrics import formulas
+from olne_bench.bench.judge.metrics.judged import Judged
+
+
+class CoversTruth:
+    """Share of the estimates' 95 % ellipsoids that hold the true weights."""
+
+    name = "covers_truth"
+    label = "covered"
+    worst = 1.0
+    summary = "share"
+
+    def score(self, case: Judged) -> float | None:
+        """1 where the ellipsoid holds the truth, else 0; None without a covariance or noise."""
+        covariance = case.estimate.covariance
+        if covariance is None or case.sigma == 0:
+            return None
+        return float(formulas.covers_truth(case.weights, case.estimate.weights, covariance))

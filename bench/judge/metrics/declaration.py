@@ -1,0 +1,127 @@
+"""What a metric says of itself, once, for all tables, figures, pages, gates and comparisons."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from olne_bench.errors import UserError
+
+#: How trials are summarised: errors by quantiles and a mean, a share (of 0 and 1) by its mean.
+SUMMARIES = ("error", "share")
+
+
+@dataclass(frozen=True)
+class MetricDeclaration:
+    """A metric as a report needs to know it. All fields are plain data.
+
+    Attributes:
+        name: column in tables of trials, and name of limits in a suite's gate.
+        label: what people read; the name, with spaces, where a metric does not say.
+        unit: of the values, such as ``m``; empty without.
+        worst: largest value there is; a mean counts a failure with it.
+        needs_prediction: whether it is a property of the forward game at the estimated weights,
+            so that an attempt without one fails it.
+        gated: whether a suite's gate may limit it.
+        compared: whether estimators, and runs, are compared and ranked by it.
+        summary: one of ``SUMMARIES``.
+        negligible: errors below are a solver's rounding; figures draw them at their lower edge.
+        description: one sentence.
+    """
+
+    name: str
+    label: str = ""
+    unit: str = ""
+    worst: float = math.inf
+    needs_prediction: bool = False
+    gated: bool = False
+    compared: bool = False
+    summary: str = "error"
+    negligible: float = 1e-9
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        problem = _problem(self)
+        if problem:
+            raise UserError(f"metric {self.name!r}: {problem}")
+        if not self.label:
+            object.__setattr__(self, "label", self.name.replace("_", " "))
+
+    @property
+    def is_share(self) -> bool:
+        """Whether trials are summarised by a share."""
+        return self.summary == "share"
+
+    @property
+    def title(self) -> str:
+        """Label with unit, such as ``Position error [m]``."""
+        text = self.label[:1].upper() + self.label[1:]
+        return f"{text} [{self.unit}]" if self.unit else text
+
+    def stored(self) -> dict[str, Any]:
+        """All fields, as a suite stores them; ``declaration_from`` reads them."""
+        return asdict(self)
+
+
+def declare(metric: Any) -> MetricDeclaration:
+    """The declaration of a metric: the attributes of its class that have a meaning here.
+
+    Args:
+        metric: a class with ``name`` and ``score``, or an instance of one.
+
+    Raises:
+        UserError: on a value that a declaration cannot have.
+    """
+    given = {
+        f.name: getattr(metric, f.name)
+        for f in fields(MetricDeclaration)
+        if getattr(metric, f.name, None) is not None
+    }
+    if "name" not in given:
+        raise UserError(f"metric {getattr(metric, '__name__', type(metric).__name__)} has no name")
+    lines = [line.strip() for line in (getattr(metric, "__doc__", None) or "").strip().splitlines()]
+    summary = " ".join(lines[: lines.index("")] if "" in lines else lines)
+    return MetricDeclaration(**{"description": summary} | given)
+
+
+def declaration_from(stored: Mapping[str, Any]) -> MetricDeclaration:
+    """A declaration as a suite has stored it; what other versions added is left out.
+
+    Raises:
+        UserError: on a value that a declaration cannot have.
+    """
+    known = {f.name for f in fields(MetricDeclaration)}
+    # JSON has no infinity, so some writers leave null in its place.
+    return MetricDeclaration(**{k: v for k, v in stored.items() if k in known and v is not None})
+
+
+def _problem(declared: MetricDeclaration) -> str:
+    """What is wrong with a declaration; empty where nothing is."""
+    if not isinstance(declared.name, str) or not declared.name.isidentifier():
+        return "its name is to be a column, so letters, digits and underscores"
+    for field, kinds in _KINDS.items():
+        value = getattr(declared, field)
+        if not isinstance(value, kinds) or (bool not in kinds and isinstance(value, bool)):
+            return f"{field} is {value!r}, expected {kinds[0].__name__}"
+    if math.isnan(declared.worst):
+        return "worst is not a number"
+    if declared.summary not in SUMMARIES:
+        return f"summary is {declared.summary!r}; known are: {', '.join(SUMMARIES)}"
+    if declared.is_share and (declared.compared or declared.gated):
+        return "a share has no error to compare or to limit; it cannot be compared or gated"
+    if not declared.negligible > 0:
+        return f"negligible is {declared.negligible!r}, expected more than 0"
+    return ""
+
+
+_KINDS: dict[str, tuple[type, ...]] = {
+    "label": (str,),
+    "unit": (str,),
+    "description": (str,),
+    "summary": (str,),
+    "worst": (float, int),
+    "negligible": (float, int),
+    "needs_prediction": (bool,),
+    "gated": (bool,),
+    "compared": (bool,),
+}

@@ -1,0 +1,69 @@
+"""A trial as metrics see it: the truth beside the estimate."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from olne_bench.bench.judge.estimate_check import CheckedEstimate
+from olne_bench.envs.recording import Recording
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A prediction from another initial state nearby.
+
+    Attributes:
+        states: (T, N, n) of the true equilibrium there.
+        prediction: (T, N, n) at the estimated weights.
+    """
+
+    states: np.ndarray
+    prediction: np.ndarray
+
+
+def nothing_held_out() -> None:
+    """There is no other initial state to predict from."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One trial to be scored. Its arrays cannot be written to, as trials share the truth.
+
+    Attributes:
+        recordings: what happened, one per trajectory that was shown; predictions are of the first.
+        estimate: what the estimator returned, well-formed.
+        prediction: (T, N, n) states of the forward game at the estimated weights, from the first
+            recording's start; None where there is none.
+        sigma: noise level of the observations [m].
+        held_out: works out predictions from other initial states; None where nothing could be
+            held out, or the game has no root at one of them.
+    """
+
+    recordings: tuple[Recording, ...]
+    estimate: CheckedEstimate
+    prediction: np.ndarray | None
+    sigma: float
+    held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing_held_out
+
+    def __post_init__(self) -> None:
+        for one in self.recordings:
+            _lock(one.states, one.controls, one.costates, one.extra_state, one.scenario.weights)
+        estimate = self.estimate
+        _lock(estimate.weights, estimate.states, estimate.covariance, self.prediction)
+
+    @property
+    def states(self) -> np.ndarray:
+        """(T, N, n) true states of the first recording."""
+        return self.recordings[0].states
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(N, K) true weights, rows sum to one."""
+        return self.recordings[0].scenario.weights
+
+
+def _lock(*arrays: np.ndarray | None) -> None:
+    for array in arrays:
+        if array is not None:
+            array.setflags(write=False)

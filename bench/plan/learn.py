@@ -1,0 +1,128 @@
+"""What a suite learns from the plugins it names: labels, families, declarations, files."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from olne_bench import plugins as registry
+from olne_bench.bench.plan.entries import (
+    EstimatorEntry,
+    MetricEntry,
+    PluginEntry,
+    ScenarioEntry,
+    SensorEntry,
+)
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.errors import UserError
+from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Description, Kind
+
+#: Kind of a plugin, None where that is to be found out; its reference; its parameters.
+Question = tuple[Kind | None, str, Mapping[str, Any]]
+Describe = Callable[[list[Question]], list[Description]]
+
+
+def describe_here(questions: list[Question]) -> list[Description]:
+    """What plugins say of themselves, asked in this process: for code that may run in it."""
+    return [registry.describe(*question) for question in questions]
+
+
+def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
+    """The suite with all that its plugins say of themselves, and with more plugins.
+
+    Args:
+        suite: as its file has it.
+        plugins: references to add, each as what it is.
+        describe: asks plugins.
+
+    Raises:
+        UserError: on the first plugin that cannot be used.
+    """
+    metrics = _all_metrics(suite)
+    questions: list[Question] = [
+        *((SCENARIO, entry.name, entry.options) for entry in suite.scenarios),
+        *((SENSOR, layer.name, layer.parameters) for e in suite.sensors for layer in e.layers),
+        *((ESTIMATOR, entry.name, entry.parameters) for entry in suite.estimators),
+        *((METRIC, entry.name, entry.parameters) for entry in metrics),
+        *((None, plugin, {}) for plugin in plugins),
+    ]
+    answers = describe(questions)
+    for answer in answers:
+        if answer.error:
+            raise UserError(answer.error)
+    said = iter(answers)
+    whole = suite.model_copy(
+        update={
+            "scenarios": tuple(_scenario(entry, next(said)) for entry in suite.scenarios),
+            "sensors": tuple(_sensor(entry, said) for entry in suite.sensors),
+            "estimators": tuple(_estimator(entry, next(said)) for entry in suite.estimators),
+            "metrics": tuple(_metric(entry, next(said)) for entry in metrics),
+        }
+    )
+    for plugin, answer in zip(plugins, said, strict=True):
+        whole = _add(whole, plugin, answer)
+    return whole
+
+
+def _all_metrics(suite: Suite) -> list[MetricEntry]:
+    """This package's own, each with the parameters that the suite gives it, then the others."""
+    others = list(suite.metrics)
+    own = []
+    for name in registry.names(METRIC):
+        if registry.is_built_in(METRIC, name):
+            given = next((entry for entry in others if entry.name == name), None)
+            own.append(given or MetricEntry(name=name))
+            if given is not None:
+                others.remove(given)
+    return [*own, *others]
+
+
+def _add(suite: Suite, plugin: str, said: Description) -> Suite:
+    if said.kind == SCENARIO.name:
+        entry = ScenarioEntry(name=plugin, trajectories=suite.trajectories)
+        scenario = _scenario(entry, said)
+        return suite.model_copy(update={"scenarios": (*suite.scenarios, scenario)})
+    if said.kind == SENSOR.name:
+        sensor = _sensor(SensorEntry(layers=(PluginEntry(name=plugin),)), iter([said]))
+        return suite.model_copy(update={"sensors": (*suite.sensors, sensor)})
+    if said.kind == METRIC.name:
+        metric = _metric(MetricEntry(name=plugin), said)
+        return suite.model_copy(update={"metrics": (*suite.metrics, metric)})
+    estimator = _estimator(EstimatorEntry(name=plugin), said)
+    return suite.model_copy(update={"estimators": (*suite.estimators, estimator)})
+
+
+# Whoever goes on with a run, or works on it elsewhere, may be in another folder: references are
+# absolute. Entries are made anew, so that what a plugin says is checked as what a file says is.
+
+
+def _scenario(entry: ScenarioEntry, said: Description) -> ScenarioEntry:
+    named = dict(entry.options)
+    if entry.trajectories > 1:
+        named["trajectories"] = entry.trajectories
+    label = entry.label or labelled(said.label, named)
+    learnt = {"name": said.reference, "label": label, "family": said.family}
+    return ScenarioEntry.model_validate(dict(entry) | learnt)
+
+
+def _sensor(entry: SensorEntry, said: Iterator[Description]) -> SensorEntry:
+    layers, labels = [], []
+    for layer, about in zip(entry.layers, said, strict=False):
+        layers.append(PluginEntry(name=about.reference, parameters=layer.parameters))
+        labels.append(labelled(about.label, layer.parameters))
+    return SensorEntry(label=entry.label or "+".join(labels), layers=tuple(layers))
+
+
+def _estimator(entry: EstimatorEntry, said: Description) -> EstimatorEntry:
+    label = entry.label or said.label
+    learnt = {"name": said.reference, "label": label, "several": said.several}
+    return EstimatorEntry.model_validate(dict(entry) | learnt)
+
+
+def _metric(entry: MetricEntry, said: Description) -> MetricEntry:
+    learnt = {"name": said.reference, "column": said.label, "declaration": said.declaration}
+    return MetricEntry.model_validate(dict(entry) | learnt)
+
+
+def labelled(name: str, parameters: Mapping[str, Any]) -> str:
+    """Name in tables: parameters follow in parentheses."""
+    listed = ",".join(f"{key}={value}" for key, value in sorted(parameters.items()))
+    return f"{name}({listed})" if listed else name

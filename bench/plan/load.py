@@ -1,0 +1,130 @@
+"""Suites from TOML files."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from olne_bench.bench.plan.check import check_suite
+from olne_bench.bench.plan.entries import (
+    LEARNT,
+    EstimatorEntry,
+    MetricEntry,
+    ScenarioEntry,
+    SensorEntry,
+)
+from olne_bench.bench.plan.learn import Describe, describe_here, learn
+from olne_bench.bench.plan.limits import GateLimits
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.values import cut, shown
+from olne_bench.errors import UserError
+
+SUITE_FOLDER = Path(__file__).parent / "suites"
+#: No suite that a person writes is longer.
+MOST_BYTES = 200_000
+
+_TABLES: dict[str, type[BaseModel]] = {
+    "scenarios": ScenarioEntry,
+    "sensors": SensorEntry,
+    "estimators": EstimatorEntry,
+    "metrics": MetricEntry,
+    "gate": GateLimits,
+}
+
+
+def suite_names() -> list[str]:
+    """Names of the suites that come with the package."""
+    return sorted(path.stem for path in SUITE_FOLDER.glob("*.toml"))
+
+
+def suite_text(reference: str) -> str:
+    """The text of a suite's file.
+
+    Raises:
+        UserError: on an unknown suite, and on a file that cannot be read or is too large.
+    """
+    path = _file(reference)
+    try:
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise UserError(f"suite {path} cannot be read: {error.strerror or error}") from error
+    if len(data) > MOST_BYTES:
+        raise UserError(f"suite {path} is larger than {MOST_BYTES} bytes: that is no suite")
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise UserError(f"suite {path}: not valid TOML: {error}") from error
+
+
+def load_suite(
+    reference: str, plugins: tuple[str, ...] = (), describe: Describe = describe_here
+) -> Suite:
+    """Read a suite.
+
+    Args:
+        reference: a name from ``suite_names()`` or the path of a TOML file.
+        plugins: references of estimators, scenarios, sensors and metrics to add to its own.
+        describe: asks plugins what they are; in this process where absent.
+
+    Raises:
+        UserError: on an unknown suite, unreadable TOML or a value that is refused.
+    """
+    text = suite_text(reference)
+    place = f"suite {_file(reference)}"
+    try:
+        data = tomllib.loads(text)
+        _refuse_learnt(data)
+        suite = learn(Suite.model_validate(data), plugins, describe)
+        check_suite(suite)
+    except ValidationError as error:
+        raise UserError(f"{place}: {_first_problem(error)}") from error
+    except UserError as error:
+        raise UserError(f"{place}: {error}") from error
+    except (ValueError, RecursionError) as error:  # numbers of any length, tables of any depth
+        raise UserError(f"{place}: not valid TOML: {cut(str(error))}") from error
+    return suite
+
+
+def _file(reference: str) -> Path:
+    path = Path(reference) if reference.endswith(".toml") else SUITE_FOLDER / f"{reference}.toml"
+    try:
+        known = path.is_file()
+    except (ValueError, OSError):  # a zero byte, or too long for a name
+        known = False
+    if known:
+        return path
+    raise UserError(
+        f"unknown suite {shown(reference)}; known are: {', '.join(suite_names())}, "
+        "or the path of a .toml file"
+    )
+
+
+def _refuse_learnt(data: dict[str, Any]) -> None:
+    for table, model in _TABLES.items():
+        entries = data.get(table)
+        for k, entry in enumerate(entries if isinstance(entries, list) else ()):
+            for key in LEARNT.get(model, ()):
+                if isinstance(entry, dict) and key in entry:
+                    raise UserError(_unknown_key(f"{table}.{k}.{key}", model))
+
+
+def _first_problem(error: ValidationError) -> str:
+    """One line for the first problem of a validation error."""
+    problem = error.errors()[0]
+    place = cut(".".join(str(part) for part in problem["loc"]))
+    if problem["type"] == "extra_forbidden":
+        return _unknown_key(place, _TABLES.get(str(problem["loc"][0]), Suite))
+    if problem["type"] == "missing":
+        return f"key {place!r} is missing"
+    cause = problem.get("ctx", {}).get("error")
+    if cause is not None:
+        return f"{place}: {cause}" if place else str(cause)
+    return f"{place}: {problem['msg']}, got {shown(problem['input'])}"
+
+
+def _unknown_key(place: str, model: type[BaseModel]) -> str:
+    learnt = LEARNT.get(model, ())
+    known = [name for name in model.model_fields if name not in learnt]
+    return f"unknown key {place!r}; known are: {', '.join(known)}"

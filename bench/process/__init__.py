@@ -1,0 +1,1 @@
+"""Child processes: started, limited, talked to and ended, with whatever they have started."""

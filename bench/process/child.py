@@ -1,0 +1,333 @@
+"""A child process seen from its parent: started, given work, watched, killed, replaced.
+
+Process pools of libraries were tried first. What is needed here and was not to be had together: a
+limit for every piece of work on a monotonic clock, answers that execute nothing, an exit with code
+0 that is noticed, and descendants that die with their process. Each child has a socket and a
+session of its own, so there is nothing that two of them share.
+"""
+
+import os
+import pickle
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
+from olne_bench.bench.process.family import has_descendants, kill_family, resident_memory
+from olne_bench.bench.process.messages import (
+    Message,
+    Raised,
+    Ready,
+    Stage,
+    decode_message,
+    decode_value,
+)
+from olne_bench.bench.text import clip
+from olne_bench.errors import UserError
+from olne_bench.games.compiler import reader_environment
+
+#: Seconds that a process may take to import everything, from a slow network file system too.
+START_LIMIT = 300.0
+#: How long a process may still be there after its connection is closed [s].
+_DEATH_SECONDS = 5.0
+#: Whoever waits looks after a process this often [s].
+TICK = 0.2
+#: How long a process may take to read its next work [s].
+_SEND_SECONDS = 10.0
+#: Descendants hold memory as well, but to count it takes milliseconds.
+_MEMORY_SECONDS = 0.3
+
+# Threads would compete with the other processes, and sum in another order, which is enough to
+# change where an interior-point method ends up in a hopeless game. Likewise an order of sets.
+_ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "VECLIB_MAXIMUM_THREADS": "1",
+    "PYTHONHASHSEED": "0",
+}
+_KILLED_FROM_OUTSIDE = {-signal.SIGKILL, -signal.SIGTERM}
+
+
+class ChildError(Exception):
+    """A piece of work without a result. The process is gone."""
+
+
+class TimedOutError(ChildError):
+    """It took too long."""
+
+
+class OutOfMemoryError(ChildError):
+    """It took too much memory."""
+
+
+class MisspokeError(ChildError):
+    """What came back is no answer."""
+
+
+class LeftProcessesError(ChildError):
+    """It left processes running."""
+
+
+class DiedError(ChildError):
+    """The process died.
+
+    Attributes:
+        suspicious: whether something else than the work may have killed it.
+    """
+
+    def __init__(self, cause: str, *, suspicious: bool) -> None:
+        super().__init__(cause)
+        self.suspicious = suspicious
+
+
+class RaisedError(Exception):
+    """The work raised an exception; the process lives on."""
+
+
+class StartError(UserError):
+    """Processes do not start on this machine, which no work can mend."""
+
+
+class Child:
+    """One process; it is started with its first work and again after it has died.
+
+    Attributes:
+        busy: whether it is at work.
+        served: pieces of work that the present process has done.
+        stage: of the work, as far as it was announced.
+    """
+
+    def __init__(
+        self,
+        *,
+        log: Path | None = None,
+        memory: int | None = None,
+        restricted: bool = False,
+        hidden: Path | None = None,
+        may_announce: bool = False,
+    ) -> None:
+        """Nothing is started yet.
+
+        Args:
+            log: file for whatever the process prints; this process's output where absent.
+            memory: limit [bytes] of the process with its descendants, None for no limit.
+            restricted: whether it runs foreign code, and so in a sandbox (``process.sandbox``)
+                with an empty folder of its own.
+            hidden: folder that it cannot read then.
+            may_announce: whether it may divide its work into stages that have a limit each.
+        """
+        self.busy = False
+        self.served = 0
+        self._log, self._memory = log, memory
+        self._restricted, self._hidden, self._may_announce = restricted, hidden, may_announce
+        self._process: subprocess.Popen[bytes] | None = None
+        self._channel: Channel | None = None
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._ready = False
+        self._token = 0
+        self.stage = ""
+        self._limit = self._deadline = self._next_look = 0.0
+
+    @property
+    def channel(self) -> Channel:
+        """Readable when there may be something for ``poll`` to find."""
+        assert self._channel is not None
+        return self._channel
+
+    def submit(self, function: Callable[..., Any], *arguments: Any, seconds: float) -> None:
+        """Give an idle process its next work.
+
+        Args:
+            function: what to do; a module has to hold it.
+            arguments: its own.
+            seconds: that it may take, once the process has started.
+        """
+        assert not self.busy
+        if self._process is not None and not self.channel.is_quiet():
+            self.stop()  # it has spoken without being asked
+        if self._process is None:
+            self._start()
+        self.busy = True
+        self._token = secrets.randbits(62)
+        self._limit, self.stage = seconds, ""
+        now = time.monotonic()
+        self._deadline = now + (seconds if self._ready else START_LIMIT)
+        self._next_look = now + _MEMORY_SECONDS
+        with suppress(ClosedError):  # it is dead already, which ``poll`` will find
+            self.channel.send(pickle.dumps((self._token, function, arguments)), _SEND_SECONDS)
+
+    def poll(self, kind: Any) -> Any:
+        """The result of the work; None while it runs. Never waits.
+
+        Args:
+            kind: type of the result, for ``messages.decode_value``; it must not be None.
+
+        Raises:
+            ChildError: where there is none.
+            RaisedError: where the work raised an exception.
+            UserError: where the work says that its input is bad.
+        """
+        assert self.busy and self._process is not None
+        try:
+            while (frame := self.channel.poll()) is not None:
+                message = decode_message(frame)
+                if isinstance(message, Ready) and not self._ready:
+                    self._ready = True
+                    self._deadline = time.monotonic() + self._limit
+                elif isinstance(message, Stage) and self._may_announce:
+                    self.stage = message.name
+                    self._deadline = time.monotonic() + message.seconds
+                else:
+                    return self._take(message, kind)
+        except ClosedError as error:
+            raise self._death(str(error)) from error
+        except (GarbageError, ValueError) as error:
+            self.stop()
+            raise MisspokeError(clip(str(error))) from error
+        if self._process.poll() is not None:
+            raise self._death("")
+        self._look_after()
+        return None
+
+    def wait(self, kind: Any) -> Any:
+        """The result of the work, once there is one; raises as ``poll``."""
+        while (result := self.poll(kind)) is None:
+            self.channel.wait(TICK)
+        return result
+
+    def call(self, function: Callable[..., Any], *arguments: Any, kind: Any, seconds: float) -> Any:
+        """``submit`` and ``wait``."""
+        self.submit(function, *arguments, seconds=seconds)
+        return self.wait(kind)
+
+    def stop(self) -> None:
+        """Kill the process with all that it started."""
+        if self._process is not None:
+            kill_family(self._process.pid)
+            self._process.wait()
+            self.channel.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+        self._process = self._channel = self._folder = None
+        self.busy = self._ready = False
+        self.served = 0
+
+    def _start(self) -> None:
+        ours, theirs = socket.socketpair()
+        hidden = None if self._hidden is None else str(self._hidden.resolve())
+        options = f"memory={self._memory}, hidden={hidden!r}, restricted={self._restricted}"
+        call = f"serve({theirs.fileno()}, {os.getpid()}, {options})"
+        loop = "from olne_bench.bench.process.inside import serve"
+        boot = f"import sys; sys.path[:] = {_search_path()!r}; {loop}; {call}"
+        environment = os.environ | _ENVIRONMENT
+        if self._restricted:
+            self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+            environment["TMPDIR"] = self._folder.name
+            environment |= reader_environment(Path(self._folder.name) / "cache")
+        with theirs, ExitStack() as stack:
+            output = stack.enter_context(self._log.open("ab")) if self._log else None
+            self._process = subprocess.Popen(
+                [sys.executable, "-u", "-c", boot],
+                stdin=subprocess.DEVNULL,
+                stdout=output or sys.__stderr__,
+                stderr=output or sys.__stderr__,
+                cwd=self._folder.name if self._folder else None,
+                env=environment,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,  # it gets no Ctrl-C of the terminal's
+            )
+        self._channel = Channel(ours)
+        self._ready = False
+        self.served = 0
+
+    def _take(self, message: Message, kind: Any) -> Any:
+        if isinstance(message, Ready | Stage) or message.token != self._token:
+            self.stop()
+            raise MisspokeError("sent a message that nobody asked for")
+        self.busy = False
+        self.served += 1
+        assert self._process is not None
+        left = self._restricted and has_descendants(self._process.pid)
+        if isinstance(message, Raised):
+            self._retire(left or message.kind == "memory")
+            return _raise(message, self._memory)
+        try:
+            value = decode_value(message.value, kind)
+        except ValueError as error:
+            self.stop()
+            raise MisspokeError(clip(str(error))) from error
+        self._retire(left or message.retire)
+        if left:
+            raise LeftProcessesError("left processes running: what it starts has to end with it")
+        return value
+
+    def _retire(self, unfit: bool) -> None:
+        if unfit:
+            self.stop()
+
+    def _look_after(self) -> None:
+        """End the work where it takes too long or too much."""
+        now = time.monotonic()
+        if now > self._deadline:
+            started, stage = self._ready, self.stage
+            self.stop()
+            if not started:
+                raise StartError(f"a process did not start within {START_LIMIT:g} s")
+            raise TimedOutError(stage)
+        if self._memory is not None and self._restricted and now > self._next_look:
+            self._next_look = now + _MEMORY_SECONDS
+            assert self._process is not None
+            held = resident_memory(self._process.pid)
+            if held > self._memory:
+                self.stop()
+                raise OutOfMemoryError(_too_much(self._memory, f"{held / 2**30:.3g} GiB are held"))
+
+    def _death(self, last_words: str) -> DiedError:
+        assert self._process is not None
+        try:
+            code = self._process.wait(timeout=_DEATH_SECONDS)
+            cause = _cause(code)
+        except subprocess.TimeoutExpired:
+            code, cause = 0, last_words
+        # A process that has done other work may have died of what that left behind.
+        suspicious = self.served > 0 or code in _KILLED_FROM_OUTSIDE
+        started = self._ready
+        self.stop()
+        if not started:
+            return DiedError(f"a process {cause} before it had started", suspicious=True)
+        return DiedError(f"the process {cause}", suspicious=suspicious)
+
+
+def _search_path() -> list[str]:
+    """``sys.path`` for a process in another folder."""
+    return [str(Path(entry).resolve()) if entry in ("", ".") else entry for entry in sys.path]
+
+
+def _raise(message: Raised, memory: int | None) -> Any:
+    if message.kind == "user":
+        raise UserError(clip(message.message))
+    if message.kind == "memory" and memory is not None:
+        raise OutOfMemoryError(_too_much(memory, clip(message.message)))
+    raise RaisedError(clip(message.message))
+
+
+def _too_much(memory: int, detail: str) -> str:
+    return f"out of memory, the limit is {memory / 2**30:.3g} GiB: {detail}"
+
+
+def _cause(code: int) -> str:
+    if code >= 0:
+        return f"died with exit code {code}"
+    try:
+        return f"was killed by {signal.Signals(-code).name} (signal {-code})"
+    except ValueError:
+        return f"was killed by signal {-code}"

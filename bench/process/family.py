@@ -1,0 +1,105 @@
+"""Descendants of a process: found and killed, also those that left its session or its parent.
+
+On Linux a process can adopt what its descendants leave behind (a "child subreaper"), so nothing
+escapes by ``setsid`` or by a parent that ends. Elsewhere such orphans are not found.
+"""
+
+import ctypes
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_PR_SET_CHILD_SUBREAPER = 36
+#: A family that forks faster than it is killed is given up after this time [s].
+_KILL_SECONDS = 10.0
+
+
+def adopt_orphans() -> None:
+    """Become the parent of descendants whose parents end."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def end_with_parent(parent: int) -> None:
+    """Let this process be killed when its parent, of this process id, ends."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+        if os.getppid() != parent:  # it was faster
+            os._exit(1)
+
+
+def has_descendants(pid: int) -> bool:
+    """Whether a process has children that have not been waited for."""
+    return any(_children(pid))
+
+
+def kill_family(pid: int) -> None:
+    """Kill the descendants of a process, and then the process itself.
+
+    The process is stopped first. As it adopts orphans, all that is left is found below it.
+    """
+    with suppress(ProcessLookupError, PermissionError):
+        os.kill(pid, signal.SIGSTOP)
+    kill_descendants(pid)
+    with suppress(ProcessLookupError, PermissionError):
+        os.kill(pid, signal.SIGKILL)
+
+
+def kill_descendants(pid: int, keep: frozenset[int] = frozenset()) -> None:
+    """Kill what lives below a process, but for some children and what is below those."""
+    deadline = time.monotonic() + _KILL_SECONDS
+    while time.monotonic() < deadline:
+        alive = [one for one in _below(pid, keep) if _kill(one)]
+        if not alive:
+            return
+        psutil.wait_procs(alive, timeout=0.05)
+
+
+def resident_memory(pid: int) -> int:
+    """Memory [bytes] that a process and its descendants hold, shared memory included.
+
+    Memory that several of them share counts once for each.
+    """
+    total = 0
+    with suppress(psutil.Error):
+        process = psutil.Process(pid)
+        for one in [process, *process.children(recursive=True)]:
+            with suppress(psutil.Error):
+                total += one.memory_info().rss
+    return total
+
+
+def _below(pid: int, keep: frozenset[int]) -> Iterator[psutil.Process]:
+    with suppress(psutil.Error):
+        for child in psutil.Process(pid).children():
+            if child.pid not in keep:
+                with suppress(psutil.Error):
+                    yield from child.children(recursive=True)
+                yield child
+
+
+def _kill(process: psutil.Process) -> bool:
+    """Kill a process; False where it is dead already."""
+    with suppress(psutil.Error):
+        if process.status() != psutil.STATUS_ZOMBIE:
+            process.kill()
+            return True
+    return False
+
+
+def _children(pid: int) -> Iterator[int]:
+    """Children of a process. Asked after every trial, so the fast way comes first."""
+    tasks = Path(f"/proc/{pid}/task")
+    try:
+        for task in tasks.iterdir():
+            yield from map(int, (task / "children").read_text().split())
+    except OSError:
+        with suppress(psutil.Error):
+            yield from (child.pid for child in psutil.Process(pid).children())

@@ -1,0 +1,140 @@
+"""The inside of a child process: take a piece of work, do it, answer; again until the parent ends.
+
+A child outlives its work, as solvers are slow to build. One that is in a doubtful state afterwards
+says so and is replaced.
+"""
+
+import contextlib
+import gc
+import io
+import os
+import pickle
+import resource
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from msgspec import Raw
+
+from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
+from olne_bench.bench.process.family import adopt_orphans, end_with_parent, kill_descendants
+from olne_bench.bench.process.messages import Raised, Ready, Result, Stage, encode
+from olne_bench.bench.process.sandbox import restrict
+from olne_bench.bench.text import clip, describe_error
+from olne_bench.errors import UserError
+
+#: Share of the memory limit that a process may hold on to between two pieces of work.
+_KEPT_MEMORY = 0.5
+#: How long a parent may take to read a message [s].
+_SEND_SECONDS = 60.0
+
+#: How often a process looks whether it has a parent [s].
+_PARENT_SECONDS = 1.0
+
+_say: Callable[[Any], None] | None = None
+
+
+def announce(stage: str, seconds: float) -> None:
+    """Tell the parent that another stage of the work begins, and how long it may take [s].
+
+    Without a parent, as in tests, nothing is told.
+    """
+    if _say is not None:
+        _say(Stage(stage, seconds))
+
+
+def serve(
+    descriptor: int,
+    parent: int,
+    *,
+    memory: int | None,
+    hidden: str | None,
+    restricted: bool,
+) -> None:
+    """Serve a parent until it closes the connection.
+
+    Args:
+        descriptor: of the connection to it.
+        parent: its process id.
+        memory: limit [bytes] of this process's data, None for no limit.
+        hidden: folder that a restricted process cannot read.
+        restricted: whether to give up all rights that work does not need (``sandbox``); the
+            present folder stays writable.
+    """
+    global _say
+    adopt_orphans()
+    if restricted:
+        end_with_parent(parent)
+    threading.Thread(target=_end_without_parent, args=(parent,), daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, which ends this
+    if memory is not None:
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    # A log that cannot be written to is no failure.
+    sys.stdout = sys.stderr = io.TextIOWrapper(_BestEffort(1, "w"), write_through=True)
+    own = os.getpid()
+    gc.freeze()  # what is imported stays; to look through it again and again takes time
+    channel = Channel(socket.socket(fileno=descriptor))
+
+    def say(message: Any) -> None:
+        if os.getpid() != own:  # foreign code forked, and its child came back here
+            os._exit(0)
+        channel.send(encode(message), _SEND_SECONDS)
+
+    _say = say
+    if restricted:
+        restrict(None if hidden is None else Path(hidden), Path.cwd())
+    with contextlib.suppress(ClosedError, GarbageError):
+        say(Ready())
+        while True:
+            while (request := channel.poll()) is None:
+                channel.wait(3600.0)
+            token, function, arguments = pickle.loads(request)
+            say(_answer(token, function, arguments, memory))
+    kill_descendants(own)
+
+
+def _end_without_parent(parent: int) -> None:
+    """End this process, and what it has started, once its parent is gone."""
+    own = os.getpid()
+    while os.getppid() == parent:
+        time.sleep(_PARENT_SECONDS)
+    kill_descendants(own)
+    os._exit(1)
+
+
+def _answer(
+    token: int, function: Callable[..., Any], arguments: tuple[Any, ...], memory: int | None
+) -> Result | Raised:
+    threads = threading.active_count()
+    try:
+        value = encode(function(*arguments))
+    except UserError as error:
+        return Raised(token, "user", clip(str(error)))
+    except MemoryError as error:
+        return Raised(token, "memory", describe_error(error))
+    except BaseException as error:  # of foreign code: no child hears of Ctrl-C
+        return Raised(token, "other", describe_error(error))
+    left_threads = threading.active_count() > threads
+    full = memory is not None and _held_memory() > _KEPT_MEMORY * memory
+    return Result(token, Raw(value), retire=left_threads or full)
+
+
+class _BestEffort(io.FileIO):
+    def write(self, data: Any) -> int:
+        with contextlib.suppress(OSError):
+            super().write(data)
+        return len(data)
+
+
+def _held_memory() -> int:
+    """Memory [bytes] that counts towards ``RLIMIT_DATA``; 0 where the system does not tell."""
+    try:
+        pages = Path("/proc/self/statm").read_text().split()[5]
+    except OSError:
+        return 0
+    return int(pages) * resource.getpagesize()

@@ -1,0 +1,45 @@
+"""Names and messages of foreign origin, as tables of all kinds can take them."""
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from olne_bench.bench.text import one_line
+
+#: A spreadsheet takes a cell that starts with one of these for a formula.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_FORMULA_PATTERN = r"^[=+\-@\t\r]"
+#: What Markdown, or HTML in it, would act on.
+_MARKDOWN = "\\`*_[]<>|#&~"
+
+
+def markdown_text(text: str) -> str:
+    """A name as text in a cell of a Markdown table."""
+    return "".join(f"\\{c}" if c in _MARKDOWN else c for c in one_line(text))
+
+
+def csv_text(text: str) -> str:
+    """A cell of text that no spreadsheet takes for a formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
+def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
+    """A table whose cells of text no spreadsheet takes for formulas."""
+    texts = [name for name in table if not pd.api.types.is_numeric_dtype(table[name])]
+    return table.assign(
+        **{
+            str(name): [csv_text(v) if isinstance(v, str) else v for v in table[name]]
+            for name in texts
+        }
+    )
+
+
+def csv_safe_arrow(table: pa.Table) -> pa.Table:
+    """The same of an Arrow table."""
+    for place, field in enumerate(table.schema):
+        if pa.types.is_string(field.type):
+            column = table.column(place)
+            escaped = pc.binary_join_element_wise("'", column, "")
+            risky = pc.match_substring_regex(column, _FORMULA_PATTERN)
+            table = table.set_column(place, field, pc.if_else(risky, escaped, column))
+    return table

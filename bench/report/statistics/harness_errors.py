@@ -1,0 +1,26 @@
+"""What the harness itself did wrong: no attempts of estimators, so counted apart."""
+
+import pandas as pd
+
+_GROUP = ["scenario", "sensor", "estimator", "message"]
+
+
+def harness_errors(trials: pd.DataFrame) -> pd.DataFrame:
+    """Rows ``scenario, sensor, estimator, message, trials``, the most frequent one first."""
+    spoilt = trials[trials["status"] == "harness_error"]
+    if spoilt.empty:
+        return pd.DataFrame(columns=[*_GROUP, "trials"])
+    counted = spoilt.fillna({"message": ""}).groupby(_GROUP).size().rename("trials").reset_index()
+    return counted.sort_values(["trials", *_GROUP], ascending=[False, *[True] * 4]).reset_index(
+        drop=True
+    )
+
+
+def in_words(table: pd.DataFrame, most: int = 5) -> list[str]:
+    """The first few of ``harness_errors`` as lines, and how many more there are."""
+    lines = [
+        f"{row.trials} x {row.estimator} on {row.scenario}, {row.sensor}: {row.message}"
+        for row in table.head(most).itertuples(index=False)
+    ]
+    rest = int(table["trials"][most:].sum())
+    return [*lines, f"and {rest} more"] if rest else lines

@@ -1,0 +1,62 @@
+"""All tables of a run, made once."""
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
+from olne_bench.bench.report.statistics.harness_errors import harness_errors
+from olne_bench.bench.report.statistics.identifiability import (
+    bound_ratios,
+    identifiability_table,
+    identifiable_errors,
+    unknown_truths,
+)
+from olne_bench.bench.report.study import USUAL, Study
+
+
+@dataclass(frozen=True)
+class RunTables:
+    """Tables of a run; their columns are described where they are made.
+
+    Attributes:
+        leaderboard: one row per scenario, sensor and estimator.
+        comparisons: of estimators, in pairs.
+        identifiability: of each weight in each scenario and sensor.
+        bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
+        harness_errors: what the harness itself did wrong.
+        notes: what could not be worked out, and why.
+    """
+
+    leaderboard: pd.DataFrame
+    comparisons: pd.DataFrame
+    identifiability: pd.DataFrame
+    bound_ratios: pd.DataFrame
+    harness_errors: pd.DataFrame
+    notes: tuple[str, ...] = ()
+
+    def by_name(self) -> dict[str, pd.DataFrame]:
+        """Those that every run has, by name."""
+        return {
+            "leaderboard": self.leaderboard,
+            "comparisons": self.comparisons,
+            "identifiability": self.identifiability,
+            "bound_ratios": self.bound_ratios,
+        }
+
+
+def tabulate(trials: pd.DataFrame, study: Study = USUAL) -> RunTables:
+    """Work out all tables from a run's trials."""
+    # Of a million trials the weights take longest to copy, and most tables do without.
+    plain = trials.drop(columns="weights")
+    comparisons = compare_estimators(plain, study)
+    known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
+    return RunTables(
+        leaderboard=leaderboard(known, comparisons, study),
+        comparisons=comparisons,
+        identifiability=identifiability_table(trials, study),
+        bound_ratios=bound_ratios(trials, study),
+        harness_errors=harness_errors(plain),
+        notes=tuple(unknown_truths(trials, study)),
+    )

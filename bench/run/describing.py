@@ -1,0 +1,69 @@
+"""What plugins say of themselves, asked in processes that may hang or die of it.
+
+The driver imports no plugin: what it needs to know of one is a ``Description``, plain data.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from olne_bench import plugins
+from olne_bench.bench.process.child import (
+    Child,
+    ChildError,
+    RaisedError,
+    StartError,
+    TimedOutError,
+)
+from olne_bench.errors import UserError
+from olne_bench.plugins import Description, Kind
+
+#: Seconds that importing and making one plugin may take.
+LOAD_LIMIT = 60.0
+#: Memory [bytes] that it may take.
+LOAD_MEMORY = 4 * 2**30
+
+#: Kind (None where it is to be found out), reference and parameters of a plugin.
+Request = tuple[Kind | None, str, Mapping[str, Any]]
+
+
+def describe_all(requests: Sequence[Request]) -> list[Description]:
+    """Describe plugins: built-in ones here, foreign ones each file in a process of its own.
+
+    Returns:
+        One description per request; its ``error`` is one line where there is something wrong.
+    """
+    children: dict[str, Child] = {}
+    try:
+        return [_describe(children, *request) for request in requests]
+    finally:
+        for child in children.values():
+            child.stop()
+
+
+def _describe(
+    children: dict[str, Child], kind: Kind | None, reference: str, parameters: Mapping[str, Any]
+) -> Description:
+    if kind is not None and plugins.is_built_in(kind, reference):
+        return plugins.describe(kind, reference, parameters)
+    home = plugins.absolute(reference).rpartition(".py:")[0] or reference
+    child = children.setdefault(home, Child(restricted=True, memory=LOAD_MEMORY))
+    try:
+        found: Description = child.call(
+            plugins.describe,
+            kind,
+            plugins.absolute(reference),
+            dict(parameters),
+            kind=Description,
+            seconds=LOAD_LIMIT,
+        )
+        return found
+    except StartError:
+        raise
+    except TimedOutError:
+        reason = f"it takes more than {LOAD_LIMIT:g} s"
+    except (ChildError, RaisedError, UserError) as error:
+        reason = str(error)
+    what = kind.name if kind else "plugin"
+    return Description(
+        kind=what, reference=reference, error=f"{what} {reference!r} cannot be loaded: {reason}"
+    )

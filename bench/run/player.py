@@ -1,0 +1,95 @@
+"""The inside of a player process: one estimator, given a problem and observations, nothing else."""
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from olne_bench import plugins
+from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimate, read_estimate
+from olne_bench.bench.text import clip
+from olne_bench.estimators.protocol import Observation, Problem
+
+
+class Prepared(msgspec.Struct):
+    """Ready to estimate, or the reason why the estimator does not take the problem."""
+
+    declined: str | None
+
+
+class Answered(msgspec.Struct):
+    """An estimate, or why what was returned is none."""
+
+    estimate: RawEstimate | None
+    malformed: str = ""
+
+
+@dataclass
+class _Seat:
+    estimator: Any
+    problem: Problem
+
+
+_seat: _Seat | None = None
+
+
+def prepare(
+    reference: str,
+    parameters: dict[str, Any],
+    homes: Sequence[str],
+    problem: bytes,
+    trajectories: int,
+) -> Prepared:
+    """Make the estimator and let it set up what it needs for a problem.
+
+    Args:
+        reference: of the estimator.
+        parameters: of its class.
+        homes: files of other plugins whose classes the problem is made of.
+        problem: pickled, by the referee.
+        trajectories: how many observations will follow.
+    """
+    global _seat
+    for home in homes:
+        plugins.import_file(home)
+    given: Problem = pickle.loads(problem)
+    estimator: Any = plugins.make(plugins.ESTIMATOR, reference, parameters)
+    with plugins.at_home(estimator):
+        reason = estimator.supports(given) if hasattr(estimator, "supports") else None
+        if trajectories > 1 and not getattr(estimator, "several", False):
+            reason = f"takes one trajectory at a time, not {trajectories}"
+        if reason:
+            return Prepared(clip(str(reason)))
+        if hasattr(estimator, "warm_up"):
+            estimator.warm_up(given)
+    _seat = _Seat(estimator, given)
+    return Prepared(None)
+
+
+def estimate(observations: tuple[Observation, ...], seed: int, budget: float) -> Answered:
+    """One estimate for the problem that was prepared.
+
+    Args:
+        observations: one for each trajectory.
+        seed: of the estimator's random numbers.
+        budget: seconds until it is stopped.
+    """
+    assert _seat is not None
+    for one in observations:
+        for array in (one.y, one.extra):
+            if array is not None:
+                array.setflags(write=False)  # what writes into its input gets an exception
+    with plugins.at_home(_seat.estimator):
+        result = _seat.estimator.estimate(
+            _seat.problem,
+            observations if len(observations) > 1 else observations[0],
+            rng=np.random.default_rng(seed),
+            budget=budget,
+        )
+        try:
+            return Answered(read_estimate(result))
+        except InvalidEstimateError as error:
+            return Answered(None, clip(str(error)))

@@ -1,0 +1,102 @@
+"""The player process as the referee sees it."""
+
+import pickle
+import time
+from pathlib import Path
+
+from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
+from olne_bench.bench.process.child import (
+    Child,
+    ChildError,
+    DiedError,
+    LeftProcessesError,
+    MisspokeError,
+    RaisedError,
+    StartError,
+    TimedOutError,
+)
+from olne_bench.bench.run.player import Answered, Prepared, estimate, prepare
+from olne_bench.errors import UserError
+
+#: How often an estimate is tried whose process something else may have killed.
+ATTEMPTS = 3
+
+
+class PlayerProcess:
+    """One process after the other, each for one plugin or for the built-in estimators.
+
+    Foreign code gets a process of its own, in a sandbox: what it changes there is not for others.
+    """
+
+    def __init__(self, *, memory: int | None, hidden: Path | None) -> None:
+        """Nothing is started yet.
+
+        Args:
+            memory: limit [bytes] of a process, None for no limit.
+            hidden: folder that foreign code cannot read.
+        """
+        self._memory, self._hidden = memory, hidden
+        self._plugin: str | None = None
+        self._child = Child()
+
+    def estimate(self, task: PlayerTask) -> Answer:
+        """Let an estimator answer.
+
+        Raises:
+            PlayerFault: where there is no estimate.
+        """
+        if task.plugin != self._plugin:
+            self.stop()
+            foreign = task.plugin != ""
+            self._child = Child(memory=self._memory, restricted=foreign, hidden=self._hidden)
+            self._plugin = task.plugin
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                return self._attempt(task)
+            except DiedError as error:
+                if not error.suspicious or attempt == ATTEMPTS:
+                    raise PlayerFault("crash", str(error)) from error
+        raise AssertionError
+
+    def stop(self) -> None:
+        """Kill the process with all that it started."""
+        self._child.stop()
+
+    def _attempt(self, task: PlayerTask) -> Answer:
+        stage = "set-up"
+        try:
+            prepared: Prepared = self._child.call(
+                prepare,
+                task.reference,
+                task.parameters,
+                task.homes,
+                pickle.dumps(task.problem),
+                len(task.observations),
+                kind=Prepared,
+                seconds=task.time_limit,
+            )
+            if prepared.declined is not None:
+                return Answer(declined=prepared.declined)
+            stage = "estimate"
+            started = time.perf_counter()
+            answered: Answered = self._child.call(
+                estimate,
+                task.observations,
+                task.seed,
+                task.time_limit,
+                kind=Answered,
+                seconds=task.time_limit,
+            )
+            seconds = time.perf_counter() - started
+        except TimedOutError as error:
+            message = f"killed after {task.time_limit:g} s of {stage}"
+            raise PlayerFault("timeout", message) from error
+        except (LeftProcessesError, MisspokeError) as error:
+            raise PlayerFault("invalid", str(error)) from error
+        except (DiedError, StartError):
+            raise
+        except (ChildError, RaisedError, UserError) as error:
+            raise PlayerFault("crash", str(error)) from error
+        if answered.estimate is None:
+            raise PlayerFault("invalid", answered.malformed, seconds)
+        return Answer(estimate=answered.estimate, seconds=seconds)

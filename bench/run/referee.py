@@ -1,0 +1,54 @@
+"""The inside of a referee process: it judges trials and has players for the estimates."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from olne_bench.bench.judge.referee import judge
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial, explain_difference
+from olne_bench.bench.process.child import StartError
+from olne_bench.bench.process.inside import announce
+from olne_bench.bench.run.metric_process import MetricProcess
+from olne_bench.bench.run.player_process import PlayerProcess
+from olne_bench.errors import UserError
+
+
+class OtherCodeError(UserError):
+    """This process has other code than the driver, so its rows would be of another study."""
+
+
+@dataclass
+class _Staff:
+    player: PlayerProcess
+    metrics: MetricProcess
+
+
+_staff: _Staff | None = None
+
+
+def run_trial(trial: Trial, memory: int | None, hidden: Path | None) -> Outcome:
+    """Judge a trial with the code that it was made for.
+
+    Args:
+        trial: what to judge.
+        memory: limit [bytes] of each process of foreign code, None for no limit.
+        hidden: folder that foreign code cannot read.
+
+    Raises:
+        OtherCodeError: if the code here is not the same.
+        StartError: where processes do not start.
+    """
+    global _staff
+    difference = explain_difference(trial)
+    if difference is not None:
+        raise OtherCodeError(difference)
+    if _staff is None:
+        _staff = _Staff(
+            PlayerProcess(memory=memory, hidden=hidden), MetricProcess(memory=memory, hidden=hidden)
+        )
+    try:
+        return judge(trial, _staff.player, _staff.metrics, announce)
+    except StartError:
+        raise
+    except UserError as error:  # all input was checked before the run
+        return Outcome("harness_error", str(error))

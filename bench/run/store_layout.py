@@ -1,0 +1,54 @@
+"""How a store is laid out: one SQLite file per run folder, one row per trial.
+
+Rows of former versions of the code stay; ``current`` says which version was run last under a name.
+A metric has a column of its own, which appears with the first run that has it.
+"""
+
+import sqlite3
+from collections.abc import Iterable
+
+from olne_bench.bench.plan.outcome import OUTCOME_COLUMNS
+from olne_bench.bench.plan.trial import KEY_COLUMNS, LABEL_COLUMNS
+from olne_bench.bench.plan.versions import VERSION_COLUMNS
+
+FILE_NAME = "trials.sqlite"
+#: Marks the file as ours, and which layout it has.
+APPLICATION_ID = 0x4F4C4E45  # "OLNE"
+VERSION = 4
+
+#: Columns of every store, and their types.
+COLUMNS = LABEL_COLUMNS | OUTCOME_COLUMNS | VERSION_COLUMNS
+#: Rows are current where what was run last under the same names had the same of the others.
+NAMED = ("scenario", "sensor", "estimator")
+CURRENT = ("parameters", *VERSION_COLUMNS)
+
+
+def create(connection: sqlite3.Connection) -> None:
+    """Make the tables of an empty store."""
+    columns = ", ".join(f'"{name}" {kind}' for name, kind in COLUMNS.items())
+    key = quoted((*KEY_COLUMNS, *VERSION_COLUMNS))
+    connection.execute(f"CREATE TABLE trials ({columns}, run INTEGER, PRIMARY KEY ({key}))")
+    connection.execute("CREATE TABLE runs (id INTEGER PRIMARY KEY, provenance TEXT)")
+    connection.execute(
+        f"CREATE TABLE current ({quoted((*NAMED, *CURRENT))}, PRIMARY KEY ({quoted(NAMED)})) "
+        "WITHOUT ROWID"
+    )
+    connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    connection.execute(f"PRAGMA user_version = {VERSION}")
+
+
+def metric_columns(connection: sqlite3.Connection, schema: str = "main") -> list[str]:
+    """Names of the metrics that a store has columns for, sorted."""
+    found = connection.execute(f"PRAGMA {schema}.table_info(trials)")
+    return sorted({row[1] for row in found} - {*COLUMNS, "run"})
+
+
+def add_metric_columns(connection: sqlite3.Connection, names: Iterable[str]) -> None:
+    """Make columns for metrics that have none; of older rows they are not known."""
+    for name in sorted(set(names) - set(metric_columns(connection))):
+        connection.execute(f'ALTER TABLE trials ADD COLUMN "{name}" REAL')
+
+
+def quoted(columns: Iterable[str], prefix: str = "") -> str:
+    """Names of columns for a statement."""
+    return ", ".join(f'{prefix}"{name}"' for name in columns)

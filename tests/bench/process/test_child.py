@@ -1,0 +1,328 @@
+"""Child processes: whatever they do, the parent gets an answer or a reason, and nothing stays."""
+
+import os
+import signal
+import socket
+import stat
+import struct
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from olne_bench.bench.process import inside
+from olne_bench.bench.process.child import (
+    Child,
+    DiedError,
+    LeftProcessesError,
+    MisspokeError,
+    OutOfMemoryError,
+    RaisedError,
+    TimedOutError,
+)
+from olne_bench.bench.process.messages import Ready, Stage, encode
+from olne_bench.errors import UserError
+
+SLEEPER = "4321.5"
+
+
+def add(a: float, b: float) -> float:
+    return a + b
+
+
+def raise_it(error: BaseException) -> None:
+    raise error
+
+
+def sleep(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
+def end(code: int) -> None:
+    os._exit(code)
+
+
+def kill_itself(number: int) -> None:
+    os.kill(os.getpid(), number)
+
+
+def hoard() -> None:
+    kept = []
+    while True:
+        kept.append(np.ones(2**22))
+
+
+def hoard_shared() -> None:
+    import mmap
+
+    kept = []
+    while True:
+        block = mmap.mmap(-1, 2**26)
+        block.write(b"x" * 2**26)
+        kept.append(block)
+
+
+def run(*command: str) -> int:
+    return subprocess.run(command, check=False).returncode
+
+
+def leave_a_process(*command: str) -> int:
+    return subprocess.Popen(command, start_new_session=True).pid
+
+
+def leave_a_thread() -> float:
+    threading.Timer(1.0, os._exit, [5]).start()
+    return 1.0
+
+
+def own_socket() -> socket.socket:
+    """The connection to the parent, as foreign code would find it."""
+    for number in range(3, 100):
+        with suppress(OSError):
+            if stat.S_ISSOCK(os.fstat(number).st_mode):
+                return socket.socket(fileno=os.dup(number))
+    raise AssertionError("no socket")
+
+
+def write(content: bytes) -> float:
+    own_socket().sendall(content)
+    time.sleep(0.3)
+    return 1.0
+
+
+def two_stages() -> float:
+    for name in ("first", "second"):
+        inside.announce(name, 5.0)
+        time.sleep(0.6)
+    return 2.0
+
+
+def announce_and_sleep() -> None:
+    inside.announce("scoring", 0.5)
+    time.sleep(60)
+
+
+def directory() -> str:
+    return str(Path.cwd())
+
+
+def hold(number: int) -> float:
+    global _held
+    _held = np.ones(number)
+    return 1.0
+
+
+def frame(content: bytes) -> bytes:
+    return struct.pack("!I", len(content)) + content
+
+
+@pytest.fixture
+def child():
+    one = Child(restricted=True, memory=2**30)
+    yield one
+    one.stop()
+
+
+def sleepers() -> list[psutil.Process]:
+    found = []
+    for process in psutil.process_iter(["cmdline"]):
+        if SLEEPER in (process.info["cmdline"] or []):
+            found.append(process)
+    return found
+
+
+def test_work_is_done_again_and_again_in_one_process(child):
+    assert child.call(add, 1.0, 2.0, kind=float, seconds=5) == 3.0
+    first = child.call(os.getpid, kind=int, seconds=5)
+    assert child.call(os.getpid, kind=int, seconds=5) == first
+    assert child.served == 3
+
+
+def test_what_raises_is_told_in_one_line_and_the_process_lives_on(child):
+    with pytest.raises(RaisedError, match=r"^ValueError: no idea \(.*test_child.py:\d+\)$"):
+        child.call(raise_it, ValueError("no\nidea"), kind=float, seconds=5)
+    with pytest.raises(UserError, match=r"^bad input$"):
+        child.call(raise_it, UserError("bad\ninput"), kind=float, seconds=5)
+    with pytest.raises(RaisedError, match="SystemExit: 3"):
+        child.call(raise_it, SystemExit(3), kind=float, seconds=5)
+    with pytest.raises(RaisedError, match="KeyboardInterrupt"):
+        child.call(raise_it, KeyboardInterrupt(), kind=float, seconds=5)
+    assert child.served == 4
+
+
+def test_messages_are_short(child):
+    with pytest.raises(RaisedError) as caught:
+        child.call(raise_it, ValueError("x" * 30_000_000), kind=float, seconds=20)
+    assert len(str(caught.value)) <= 1000
+
+
+def test_the_limit_is_kept(child):
+    child.call(add, 1.0, 2.0, kind=float, seconds=5)
+    started = time.monotonic()
+    with pytest.raises(TimedOutError):
+        child.call(sleep, 60.0, kind=float, seconds=0.5)
+    assert time.monotonic() - started < 5
+    assert child.call(add, 1.0, 2.0, kind=float, seconds=5) == 3.0
+
+
+@pytest.mark.parametrize(
+    ("function", "argument", "cause"),
+    [
+        (end, 0, "the process died with exit code 0"),
+        (end, 7, "the process died with exit code 7"),
+        (kill_itself, signal.SIGSEGV, r"the process was killed by SIGSEGV \(signal 11\)"),
+    ],
+)
+def test_a_death_has_a_cause(child, function, argument, cause):
+    with pytest.raises(DiedError, match=f"^{cause}$") as caught:
+        child.call(function, argument, kind=float, seconds=5)
+    assert not caught.value.suspicious
+
+
+def test_a_death_after_other_work_is_suspicious(child):
+    child.call(add, 1.0, 2.0, kind=float, seconds=5)
+    with pytest.raises(DiedError) as caught:
+        child.call(end, 7, kind=float, seconds=5)
+    assert caught.value.suspicious
+
+
+def test_a_kill_from_outside_is_suspicious(child):
+    with pytest.raises(DiedError) as caught:
+        child.call(kill_itself, signal.SIGKILL, kind=float, seconds=5)
+    assert caught.value.suspicious
+
+
+@pytest.mark.parametrize("function", [hoard, hoard_shared])
+def test_memory_has_a_limit_shared_memory_too(child, function):
+    with pytest.raises(OutOfMemoryError, match="out of memory, the limit is 1 GiB"):
+        child.call(function, kind=float, seconds=60)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xff\xff\xff\xff",
+        frame(b"garbage"),
+        frame(encode(Ready())),
+        frame(encode(Stage("for ever", 1e9))),
+        frame(b"\x82\xa4type\xa6result\xa5token\x01"),
+    ],
+)
+def test_a_forged_message_ends_the_work_and_nothing_else(child, content):
+    with pytest.raises(MisspokeError):
+        child.call(write, content, kind=float, seconds=10)
+    assert child.call(add, 1.0, 2.0, kind=float, seconds=5) == 3.0
+
+
+def test_half_a_message_runs_into_the_limit(child):
+    child.call(add, 1.0, 2.0, kind=float, seconds=5)
+    with pytest.raises((TimedOutError, MisspokeError)):
+        child.call(write, b"\0\0\0\x50half", kind=float, seconds=1.5)
+
+
+def test_an_answer_in_advance_is_not_taken_for_the_next(child):
+    child.call(add, 1.0, 2.0, kind=float, seconds=5)
+    pid = child.call(os.getpid, kind=int, seconds=5)
+    os.kill(pid, 0)
+    child.submit(leave_a_message_behind, seconds=5)
+    child.wait(float)
+    time.sleep(0.5)
+    assert child.call(add, 1.0, 2.0, kind=float, seconds=5) == 3.0
+    assert child.call(os.getpid, kind=int, seconds=5) != pid
+
+
+def leave_a_message_behind() -> float:
+    sender = own_socket()
+    threading.Timer(0.2, sender.sendall, [frame(encode(Ready()))]).start()
+    return 1.0
+
+
+def test_processes_that_are_left_end(child):
+    with pytest.raises(LeftProcessesError):
+        child.call(leave_a_process, "sleep", SLEEPER, kind=int, seconds=5)
+    assert not sleepers()
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        f"setsid sleep {SLEEPER} & setsid sleep {SLEEPER} &",
+        f"(setsid sh -c 'sleep {SLEEPER} & sleep {SLEEPER} & wait' &) &",
+        f"nohup setsid sh -c '(sleep {SLEEPER} &)' >/dev/null 2>&1 &",
+    ],
+)
+def test_processes_that_leave_session_and_parent_end(child, script):
+    with pytest.raises(LeftProcessesError):
+        child.call(run, "sh", "-c", script, kind=int, seconds=5)
+    assert not sleepers()
+
+
+def test_descendants_end_with_a_time_limit(child):
+    child.call(add, 1.0, 2.0, kind=float, seconds=5)
+    with pytest.raises(TimedOutError):
+        child.call(run, "sh", "-c", f"setsid sleep {SLEEPER}", kind=int, seconds=1)
+    assert not sleepers()
+
+
+def test_descendants_end_with_the_driver(tmp_path):
+    script = tmp_path / "driver.py"
+    script.write_text(
+        "from olne_bench.bench.process.child import Child\n"
+        "import os, subprocess\n"
+        "child = Child(restricted=True)\n"
+        f"command = 'setsid sh -c \"sleep {SLEEPER} & sleep {SLEEPER}\" & sleep {SLEEPER}'\n"
+        "child.submit(subprocess.run, ['sh', '-c', command], seconds=1000)\n"
+        "import time\n"
+        "while child.channel.poll() is None: time.sleep(0.05)\n"
+        "print('started', flush=True)\n"
+        "time.sleep(1000)\n"
+    )
+    driver = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+    assert driver.stdout is not None
+    driver.stdout.readline()
+    deadline = time.monotonic() + 30
+    while len(sleepers()) < 3 and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert len(sleepers()) >= 3
+    driver.kill()
+    driver.wait()
+    while sleepers() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not sleepers()
+
+
+def test_a_thread_that_is_left_costs_the_process(child):
+    first = child.call(os.getpid, kind=int, seconds=5)
+    child.call(leave_a_thread, kind=float, seconds=5)
+    assert child.call(os.getpid, kind=int, seconds=5) != first
+
+
+def test_memory_that_is_kept_costs_the_process(child):
+    first = child.call(os.getpid, kind=int, seconds=5)
+    child.call(hold, 2**26 + 2**24, kind=float, seconds=10)
+    assert child.call(os.getpid, kind=int, seconds=5) != first
+
+
+def test_stages_have_limits_of_their_own_where_they_are_allowed():
+    child = Child(may_announce=True)
+    try:
+        assert child.call(two_stages, kind=float, seconds=0.5) == 2.0
+        with pytest.raises(TimedOutError, match="scoring"):
+            child.call(announce_and_sleep, kind=float, seconds=10)
+    finally:
+        child.stop()
+
+
+def test_a_restricted_child_has_a_folder_of_its_own(child):
+    folder = child.call(directory, kind=str, seconds=5)
+    assert Path(folder).is_dir()
+    assert folder != str(Path.cwd())
+    child.stop()
+    assert not Path(folder).exists()
