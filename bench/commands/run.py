@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +137,7 @@ def run(suite: str, **options: Any) -> None:
     chosen = RunOptions(**options)
     drawn = read_formats(chosen.formats) if chosen.figures else ()
     text = suite_text(suite)
-    whole = load_suite(suite, chosen.plugin, describe_all)
+    whole = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     check_gate(whole)
     select(whole, chosen.selection)  # what it does not have is said before a folder is made
     if chosen.dask is not None:
