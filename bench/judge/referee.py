@@ -39,6 +39,8 @@ Announce = Callable[[str, float], None]
 
 #: What a player may take in all, start of its process and repetitions included, in time limits.
 _PLAYER_LIMITS, _PLAYER_START = 10, 1000.0
+#: Work of the harness's own may take this long [s] at least, as machines may be busy.
+_OWN_SECONDS = 60.0
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,7 @@ def judge(
         announce: told each stage as it begins, and how long it may take: set-up, estimate,
             scoring.
     """
-    announce("set-up", trial.time_limit)
+    announce("set-up", own_seconds(trial))
     try:
         case = case_of(trial)
     except NoEquilibriumError as error:
@@ -172,7 +174,7 @@ def judge(
         )
     if answer.declined is not None or answer.estimate is None:
         return replace(case.outcome, status="skipped", message=answer.declined or "")
-    announce("scoring", trial.time_limit)
+    announce("scoring", own_seconds(trial) + len(trial.metrics) * trial.time_limit)
     outcome = replace(case.outcome, solve_seconds=answer.seconds)
     try:
         estimate = check_estimate(answer.estimate, case.problem)
@@ -181,6 +183,11 @@ def judge(
         return replace(outcome, status="invalid", message=clip(str(error)))
     except (Exception, SystemExit) as error:
         return replace(outcome, status="harness_error", message=f"scoring: {describe_error(error)}")
+
+
+def own_seconds(trial: Trial) -> float:
+    """What a stage of the referee's own may take [s]: foreign code gets no more than the limit."""
+    return trial.time_limit if trial.home_plugins else max(trial.time_limit, _OWN_SECONDS)
 
 
 def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
