@@ -55,11 +55,7 @@ def _describe(
     if kind is not None and plugins.is_built_in(kind, reference):
         return plugins.describe(kind, reference, parameters)
     home = plugins.absolute(reference).rpartition(".py:")[0] or reference
-<<<<<<< HEAD
-    child = children.setdefault(home, Child(restricted=True, memory=LOAD_MEMORY))
-=======
-    child = children.setdefault(home, Child(restricted=True, memory=_MEMORY, hidden=hidden))
->>>>>>> hostile
+    child = children.setdefault(home, Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden))
     try:
         found: Description = child.call(
             plugins.describe,

@@ -5,29 +5,19 @@ import pickle
 import signal
 import subprocess
 import sys
-<<<<<<< HEAD
-=======
 from collections.abc import Callable, Iterator
->>>>>>> hostile
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-<<<<<<< HEAD
-=======
-from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask, judge
-from olne_bench.bench.judge.truth import Draw, true_recording
-from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.run import player
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.text import clip, describe_error
-from olne_bench.games.root_following import follow_root
 
->>>>>>> hostile
 SUITE = """
 name = "small"
 scenarios = ["two_player"]
@@ -111,22 +101,6 @@ class Study:
         return pd.read_parquet(self.folder / out / "trials.parquet").drop(columns="solve_seconds")
 
 
-<<<<<<< HEAD
-=======
-@pytest.fixture(scope="session")
-def prediction_error() -> Callable[[str, int, np.ndarray], float]:
-    """The position error of the forward game at weights, from a scenario's own start."""
-
-    def error(scenario: str, seed: int, weights: np.ndarray) -> float:
-        truth = true_recording(Draw.of(ScenarioEntry(name=scenario), seed, ""))
-        known = truth.scenario
-        root = follow_root(known.game, truth.root, known.weights, weights)
-        assert root is not None
-        return position_error(truth.states, root.states)
-
-    return error
-
-
 class PlayerHere:
     """A player without a process: for estimators that do nothing evil."""
 
@@ -152,7 +126,6 @@ def judged() -> Iterator[Callable[[Trial], Outcome]]:
     metrics.stop()
 
 
->>>>>>> hostile
 @pytest.fixture
 def study(tmp_path: Path) -> Study:
     return Study(tmp_path)
