@@ -39,7 +39,7 @@ def gate(folder: Path, suite: str | None) -> None:
     study = study_of(read_suite_json(run.suite) for run in runs)
     outcomes = check_limits(tabulate(weighed(trials), study).leaderboard, source.gate, study)
     # Other limits do not make a run whole that is not.
-    unfinished = missing_trials(trials, [task_of(run) for run in runs], study)
+    unfinished = missing_trials(trials, [task_of(run) for run in runs])
     for outcome in outcomes:
         click.echo(_line(outcome))
     for line in unfinished:

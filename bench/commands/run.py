@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from olne_bench.bench.report.figures import FORMATS
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.executor import run_trials
+from olne_bench.bench.run.fitting import check_fit
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
@@ -139,9 +141,9 @@ def run(suite: str, **options: Any) -> None:
     drawn = read_formats(chosen.formats) if chosen.figures else ()
     check_salt(chosen.salt)
     text = suite_text(suite)
-    whole = load_suite(suite, chosen.plugin, describe_all)
+    whole = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     check_gate(whole)
-    select(whole, chosen.selection)  # what it does not have is said before a folder is made
+    check_fit(select(whole, chosen.selection))
     if chosen.dask is not None:
         check_cluster(chosen.dask)
     with open_store(chosen.out) as store:
