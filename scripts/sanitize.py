@@ -21,6 +21,8 @@ TESTS = (
     "tests/games/test_elimination.py",
     "tests/estimators/test_interior_point.py",
 )
+#: Code of games on lanes is a megabyte, and five players bring nothing that two do not.
+LEFT_OUT = "not lanes and not highway"
 FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer -g -O1"
 #: CasADi loads IPOPT with a flag that the sanitizer's runtime refuses.
 SHIM = """
@@ -45,7 +47,7 @@ def main() -> None:
         planted = run_planted(environment)
         if planted.returncode == 0 or "runtime error" not in planted.stderr + planted.stdout:
             raise SystemExit(f"the sanitizer misses a planted error:\n{planted.stderr}")
-        tests = sys.argv[1:] or TESTS
+        tests = sys.argv[1:] or [*TESTS, "-k", LEFT_OUT]
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-s", *tests]
         raise SystemExit(subprocess.run(command, cwd=ROOT, env=environment).returncode)
 
