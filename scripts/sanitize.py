@@ -23,7 +23,7 @@ TESTS = (
 )
 #: Code of games on lanes is a megabyte, and five players bring nothing that two do not.
 LEFT_OUT = "not lanes and not highway"
-FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer -g -O1"
+FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer -g -O0"
 #: CasADi loads IPOPT with a flag that the sanitizer's runtime refuses.
 SHIM = """
 #define _GNU_SOURCE
@@ -58,8 +58,11 @@ def sanitized(compiler: str, cache: Path) -> dict[str, str]:
     code, shim = cache / "shim.c", cache / "shim.so"
     code.write_text(SHIM)
     subprocess.run([compiler, "-shared", "-fPIC", str(code), "-o", str(shim), "-ldl"], check=True)
+    unwatched = cache / "cc"  # the compiler itself needs no watching, and is slow under it
+    unwatched.write_text(f'#!/bin/sh\nunset LD_PRELOAD\nexec "{compiler}" "$@"\n')
+    unwatched.chmod(0o700)
     return os.environ | {
-        "CC": compiler,
+        "CC": str(unwatched),
         "OLNE_BENCH_CACHE": str(cache),
         "OLNE_BENCH_CFLAGS": FLAGS,
         "LD_PRELOAD": " ".join([str(shim), *runtimes]),
