@@ -21,7 +21,9 @@ TESTS = (
     "tests/games/test_elimination.py",
     "tests/estimators/test_interior_point.py",
 )
-FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer -g -O1"
+#: Code of games on lanes is a megabyte, and five players bring nothing that two do not.
+LEFT_OUT = "not lanes and not highway"
+FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer -g -O0"
 #: CasADi loads IPOPT with a flag that the sanitizer's runtime refuses.
 SHIM = """
 #define _GNU_SOURCE
@@ -45,7 +47,7 @@ def main() -> None:
         planted = run_planted(environment)
         if planted.returncode == 0 or "runtime error" not in planted.stderr + planted.stdout:
             raise SystemExit(f"the sanitizer misses a planted error:\n{planted.stderr}")
-        tests = sys.argv[1:] or TESTS
+        tests = sys.argv[1:] or [*TESTS, "-k", LEFT_OUT]
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-s", *tests]
         raise SystemExit(subprocess.run(command, cwd=ROOT, env=environment).returncode)
 
@@ -56,8 +58,11 @@ def sanitized(compiler: str, cache: Path) -> dict[str, str]:
     code, shim = cache / "shim.c", cache / "shim.so"
     code.write_text(SHIM)
     subprocess.run([compiler, "-shared", "-fPIC", str(code), "-o", str(shim), "-ldl"], check=True)
+    unwatched = cache / "cc"  # the compiler itself needs no watching, and is slow under it
+    unwatched.write_text(f'#!/bin/sh\nunset LD_PRELOAD\nexec "{compiler}" "$@"\n')
+    unwatched.chmod(0o700)
     return os.environ | {
-        "CC": compiler,
+        "CC": str(unwatched),
         "OLNE_BENCH_CACHE": str(cache),
         "OLNE_BENCH_CFLAGS": FLAGS,
         "LD_PRELOAD": " ".join([str(shim), *runtimes]),

@@ -26,6 +26,7 @@ def test_numbers_within_bounds_pass() -> None:
         (float("nan"), "nan"),
         (10**5000, "a number of 16610 bits"),
     ],
+    ids=lambda value: type(value).__name__,
 )
 def test_what_is_no_count_is_named(value: object, shown: str) -> None:
     with pytest.raises(
@@ -34,7 +35,9 @@ def test_what_is_no_count_is_named(value: object, shown: str) -> None:
         check_count("count", value)
 
 
-@pytest.mark.parametrize("value", [0.0, 1001, True, "1", float("inf"), float("nan"), 10**5000])
+@pytest.mark.parametrize(
+    "value", [0.0, 1001, True, "1", float("inf"), float("nan"), 10**5000], ids=type
+)
 def test_what_is_no_number_within_bounds_is_named(value: object) -> None:
     with pytest.raises(ValueError, match="spread must be a number of 1e-06 to 1000, got"):
         check_number("spread", value)
