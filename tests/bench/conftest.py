@@ -1,20 +1,22 @@
 """A small study with estimators of its own, and a way to run it as a user would."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics.formulas import position_error
-from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.games.root_following import follow_root
+from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask, judge
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.run import player
+from olne_bench.bench.run.metric_process import MetricProcess
+from olne_bench.bench.text import clip, describe_error
 
 SUITE = """
 name = "small"
@@ -99,18 +101,29 @@ class Study:
         return pd.read_parquet(self.folder / out / "trials.parquet").drop(columns="solve_seconds")
 
 
+class PlayerHere:
+    """A player without a process: for estimators that do nothing evil."""
+
+    def estimate(self, task: PlayerTask) -> Answer:
+        given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))
+        try:
+            prepared = player.prepare(*given, len(task.observations))
+            if prepared.declined is not None:
+                return Answer(declined=prepared.declined)
+            answered = player.estimate(task.observations, task.seed, task.time_limit)
+        except BaseException as error:  # as a process would tell it
+            raise PlayerFault("crash", describe_error(error)) from error
+        if answered.estimate is None:
+            raise PlayerFault("invalid", clip(answered.malformed), 0.0)
+        return Answer(estimate=answered.estimate)
+
+
 @pytest.fixture(scope="session")
-def prediction_error() -> Callable[[str, int, np.ndarray], float]:
-    """The position error of the forward game at weights, from a scenario's own start."""
-
-    def error(scenario: str, seed: int, weights: np.ndarray) -> float:
-        truth = true_recording(ScenarioEntry(name=scenario), seed)
-        known = truth.scenario
-        root = follow_root(known.game, truth.root, known.weights, weights)
-        assert root is not None
-        return position_error(truth.states, root.states)
-
-    return error
+def judged() -> Iterator[Callable[[Trial], Outcome]]:
+    """Judges a trial in this process."""
+    metrics = MetricProcess(memory=None, hidden=None)
+    yield lambda trial: judge(trial, PlayerHere(), metrics)
+    metrics.stop()
 
 
 @pytest.fixture

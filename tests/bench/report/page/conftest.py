@@ -8,6 +8,7 @@ import pytest
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.report.page.render import render_page
+from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.envs.scenarios import get_scenario
@@ -74,8 +75,9 @@ def small_study(prediction_error) -> pd.DataFrame:
 
 
 @pytest.fixture(scope="session")
-def page(small_study: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(small_study: pd.DataFrame, usual: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "index.html"
-    html = render_page(small_study, tabulate(small_study), [provenance()]).html
+    tables = tabulate(small_study, usual)
+    html = render_page(small_study, tables, [provenance()], usual).html
     path.write_text(html, encoding="utf-8")
     return path
