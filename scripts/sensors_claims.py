@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.observe import observe, sensor_model
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario

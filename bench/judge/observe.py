@@ -13,9 +13,7 @@ from olne_bench.envs.recorded import RecordedWorld
 from olne_bench.envs.recording import Recording
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.wrappers import World, wrap
-from olne_bench.estimators.forward_model import squared_error_of
-from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.white_noise import with_white_noise
+from olne_bench.estimators.protocol import Observation
 from olne_bench.games.observation import View, observation_function
 from olne_bench.games.sensor import Layer, SensorModel
 
@@ -110,15 +108,6 @@ def _played(world: World, seed: int) -> Observation:
     layout = world.observation_layout
     y = np.array(frames)[:, :-1].reshape(len(frames), layout.num_players, layout.state_size)
     return Observation(y=y[:-1], extra=y[-1])
-
-
-def squared_error(problem: Problem, states: np.ndarray, observation: Observation) -> float:
-    """Sum of squared errors of states (T, N, n), in units of the noise.
-
-    It is the objective of likelihood methods: residuals are whitened, missing samples left out.
-    """
-    white, (seen,) = with_white_noise(problem, observation)
-    return squared_error_of(white, states, seen.y)
 
 
 def observed(view: View, recording: Recording) -> np.ndarray:

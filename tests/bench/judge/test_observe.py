@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.observe import observe, observed, sensor_model, squared_error
+from olne_bench.bench.judge.observe import observe, observed, sensor_model
 from olne_bench.envs.recorded import RecordedWorld
 from olne_bench.envs.sensors.correlated import Correlated
 from olne_bench.envs.sensors.drop import Drop
@@ -15,7 +15,6 @@ from olne_bench.envs.sensors.partial import Partial
 from olne_bench.envs.sensors.range_bearing import RangeBearing
 from olne_bench.envs.worlds import make_world
 from olne_bench.envs.wrappers import wrap
-from olne_bench.estimators.protocol import Problem
 
 LIDAR = RangeBearing((-3.0, -3.0), np.pi / 4).layers()
 SENSORS = {
@@ -155,25 +154,6 @@ def test_noise_has_the_scale_of_the_scenario(recording):
         for one in (recording, scaled)
     )
     np.testing.assert_allclose(other, plain * scale, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("sensor", ["full", "gappy", "correlated", "all at once"])
-def test_the_truths_squared_error_counts_whitened_samples(recording, sensor):
-    """A sum of squares of so many standard normal numbers, whatever the sensor."""
-    scenario, model = recording.scenario, sensor_model(recording.scenario, SENSORS[sensor])
-    problem = Problem(
-        scenario.game,
-        model.view,
-        0.1,
-        noise_scale=model.noise_scale,
-        noise_covariance=model.noise_covariance,
-    )
-    errors, samples = [], []
-    for seed in range(60):
-        (one,) = observe([recording], SENSORS[sensor], 0.1, seed)
-        errors.append(squared_error(problem, recording.states, one))
-        samples.append(np.isfinite(one.y).sum())
-    assert np.sum(errors) / 0.1**2 == pytest.approx(np.sum(samples), rel=0.05)
 
 
 def test_a_sensor_that_is_passed_behind_is_refused(recording):
