@@ -73,7 +73,7 @@ def test_rows_without_noise_count_as_often_as_draws_were_run():
     assert weighed(whole).equals(whole)
 
 
-def test_chance_has_no_part_in_rows_without_noise():
+def test_chance_has_no_part_in_rows_without_noise(usual):
     trials = counted(
         [
             ("two_player", "a", 0.0, 0, 1),
@@ -82,4 +82,4 @@ def test_chance_has_no_part_in_rows_without_noise():
             ("random(num_players=3)", "a", 0.0, 0, 1),
         ]
     )
-    assert noisy(trials).index.tolist() == [1, 3]
+    assert noisy(trials, usual).index.tolist() == [1, 3]
