@@ -71,7 +71,8 @@ def test_the_yaw_weight_of_a_car_that_never_steers_is_forgiven(usual) -> None:
 
 def test_an_efficient_estimator_is_at_the_bound(usual) -> None:
     truth = get_scenario("two_player").weights
-    bound = identifiability_table(trials("two_player", truth[None]))["bound"].to_numpy()
+    table = identifiability_table(trials("two_player", truth[None]), usual)
+    bound = table["bound"].to_numpy()
     drawn = np.random.default_rng(0).standard_normal((2000, *truth.shape))
     rows = trials("two_player", truth + bound.reshape(truth.shape) * drawn)
     np.testing.assert_allclose(bound_ratios(rows, usual)["ratio"], 1, rtol=0.1)
