@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from olne_bench.checks import as_text, check_whole
 from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING
 from olne_bench.envs.playability import rejection
 from olne_bench.envs.scenarios.scenario import (
     Limits,
     NoEquilibriumError,
     Scenario,
-    check_count,
-    one_number,
 )
 from olne_bench.games.features import CarProximity, ControlEffort, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -126,11 +125,11 @@ def check_num_players(name: str, num_players: int, fewest: int, most: int) -> No
     Raises:
         ValueError: names the range.
     """
-    check_count("num_players", num_players)
+    check_whole("num_players", num_players)
     if not fewest <= num_players <= most:
         raise ValueError(
             f"scenario {name!r} holds {fewest} to {most} players, got num_players = "
-            f"{one_number(num_players)}"
+            f"{as_text(num_players)}"
         )
 
 

@@ -101,7 +101,8 @@ def solve_batch(
         max_iterations=min(_FEW, max_iterations),
         deadline=time.monotonic() + limit,
     )
-    points, residuals, iterations = search.run(initial_states, weights.reshape(len(weights), -1))
+    flat = weights.reshape(len(weights), start_weights.size)
+    points, residuals, iterations = search.run(initial_states, flat)
     return Batch(*unpack(game, points), residuals=residuals, iterations=iterations)
 
 

@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -140,7 +141,7 @@ def run(suite: str, **options: Any) -> None:
     drawn = read_formats(chosen.formats) if chosen.figures else ()
     check_salt(chosen.salt)
     text = suite_text(suite)
-    whole = load_suite(suite, chosen.plugin, describe_all)
+    whole = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     check_gate(whole)
     check_fit(select(whole, chosen.selection))
     if chosen.dask is not None:

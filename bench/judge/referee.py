@@ -5,7 +5,7 @@ problem and observations, nothing else.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -39,6 +39,8 @@ Announce = Callable[[str, float], None]
 
 #: What a player may take in all, start of its process and repetitions included, in time limits.
 _PLAYER_LIMITS, _PLAYER_START = 10, 1000.0
+#: Work of the harness's own may take this long [s] at least, as machines may be busy.
+_OWN_SECONDS = 60.0
 
 
 @dataclass(frozen=True)
@@ -119,14 +121,22 @@ class ForeignMetrics(Protocol):
 
 
 @dataclass(frozen=True)
-class _Case:
-    """The truth of a trial, and what is seen of it."""
+class Case:
+    """The truth of a trial, and what is seen of it.
+
+    Attributes:
+        draw: of the scenario.
+        recordings: what happened, one for each trajectory.
+        problem: what an estimator is told.
+        observations: what it is shown.
+        outcome: what is known of the trial before anybody estimates.
+    """
 
     draw: Draw
     recordings: tuple[Recording, ...]
     problem: Problem
     observations: tuple[Observation, ...]
-    outcome: Outcome = field(default_factory=lambda: Outcome("ok"))
+    outcome: Outcome
 
 
 def silent(stage: str, seconds: float) -> None:
@@ -147,9 +157,9 @@ def judge(
         announce: told each stage as it begins, and how long it may take: set-up, estimate,
             scoring.
     """
-    announce("set-up", trial.time_limit)
+    announce("set-up", own_seconds(trial))
     try:
-        case = _case(trial)
+        case = case_of(trial)
     except NoEquilibriumError as error:
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
@@ -164,7 +174,7 @@ def judge(
         )
     if answer.declined is not None or answer.estimate is None:
         return replace(case.outcome, status="skipped", message=answer.declined or "")
-    announce("scoring", trial.time_limit)
+    announce("scoring", own_seconds(trial) + len(trial.metrics) * trial.time_limit)
     outcome = replace(case.outcome, solve_seconds=answer.seconds)
     try:
         estimate = check_estimate(answer.estimate, case.problem)
@@ -173,6 +183,11 @@ def judge(
         return replace(outcome, status="invalid", message=clip(str(error)))
     except (Exception, SystemExit) as error:
         return replace(outcome, status="harness_error", message=f"scoring: {describe_error(error)}")
+
+
+def own_seconds(trial: Trial) -> float:
+    """What a stage of the referee's own may take [s]: foreign code gets no more than the limit."""
+    return trial.time_limit if trial.home_plugins else max(trial.time_limit, _OWN_SECONDS)
 
 
 def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
@@ -190,7 +205,12 @@ def _layers(sensor: Any) -> tuple[Layer, ...]:
         return tuple(sensor.layers())
 
 
-def _case(trial: Trial) -> _Case:
+def case_of(trial: Trial) -> Case:
+    """The truth of a trial, and what is seen of it.
+
+    Raises:
+        NoEquilibriumError: where its scenario has no certified equilibrium.
+    """
     draw = Draw.of(trial.scenario, trial.seed, trial.salt)
     recordings = true_recordings(draw)
     scenario = recordings[0].scenario
@@ -218,10 +238,10 @@ def _case(trial: Trial) -> _Case:
         ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
-    return _Case(draw, recordings, problem, observations, outcome)
+    return Case(draw, recordings, problem, observations, outcome)
 
 
-def _task(trial: Trial, case: _Case) -> PlayerTask:
+def _task(trial: Trial, case: Case) -> PlayerTask:
     return PlayerTask(
         reference=trial.estimator.name,
         parameters=trial.estimator.parameters,
@@ -237,7 +257,7 @@ def _task(trial: Trial, case: _Case) -> PlayerTask:
 def _scored(
     estimate: CheckedEstimate,
     trial: Trial,
-    case: _Case,
+    case: Case,
     outcome: Outcome,
     foreign: ForeignMetrics,
 ) -> Outcome:

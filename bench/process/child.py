@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
-from olne_bench.bench.process.family import has_descendants, kill_family, resident_memory
+from olne_bench.bench.process.family import has_descendants, held_memory, kill_family
 from olne_bench.bench.process.messages import (
     Message,
     Raised,
@@ -81,12 +81,13 @@ class DiedError(ChildError):
     """The process died.
 
     Attributes:
-        suspicious: whether something else than the work may have killed it.
+        outside: whether another process may have killed it.
+        served: pieces of work that it had done before, which may have left something harmful.
     """
 
-    def __init__(self, cause: str, *, suspicious: bool) -> None:
+    def __init__(self, cause: str, *, outside: bool, served: int) -> None:
         super().__init__(cause)
-        self.suspicious = suspicious
+        self.outside, self.served = outside, served
 
 
 class RaisedError(Exception):
@@ -114,6 +115,7 @@ class Child:
         restricted: bool = False,
         hidden: Path | None = None,
         may_announce: bool = False,
+        has_children: bool = False,
     ) -> None:
         """Nothing is started yet.
 
@@ -124,11 +126,14 @@ class Child:
                 with an empty folder of its own.
             hidden: folder that it cannot read then.
             may_announce: whether it may divide its work into stages that have a limit each.
+            has_children: whether it is a parent of ``Child`` itself: then processes may be left
+                when its work is done, and only its own memory is limited here.
         """
         self.busy = False
         self.served = 0
         self._log, self._memory = log, memory
         self._restricted, self._hidden, self._may_announce = restricted, hidden, may_announce
+        self._has_children = has_children
         self._process: subprocess.Popen[bytes] | None = None
         self._channel: Channel | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -256,7 +261,8 @@ class Child:
         self.busy = False
         self.served += 1
         assert self._process is not None
-        left = self._restricted and has_descendants(self._process.pid)
+        alone = self._restricted and not self._has_children
+        left = alone and has_descendants(self._process.pid)
         if isinstance(message, Raised):
             self._retire(left or message.kind == "memory")
             return _raise(message, self._memory)
@@ -286,7 +292,7 @@ class Child:
         if self._memory is not None and self._restricted and now > self._next_look:
             self._next_look = now + _MEMORY_SECONDS
             assert self._process is not None
-            held = resident_memory(self._process.pid)
+            held = held_memory(self._process.pid, descendants=not self._has_children)
             if held > self._memory:
                 self.stop()
                 raise OutOfMemoryError(_too_much(self._memory, f"{held / 2**30:.3g} GiB are held"))
@@ -298,13 +304,13 @@ class Child:
             cause = _cause(code)
         except subprocess.TimeoutExpired:
             code, cause = 0, last_words
-        # A process that has done other work may have died of what that left behind.
-        suspicious = self.served > 0 or code in _KILLED_FROM_OUTSIDE
-        started = self._ready
+        started, served = self._ready, self.served
         self.stop()
         if not started:
-            return DiedError(f"a process {cause} before it had started", suspicious=True)
-        return DiedError(f"the process {cause}", suspicious=suspicious)
+            cause = f"a process {cause} before it had started"
+            return DiedError(cause, outside=True, served=served)
+        outside = code in _KILLED_FROM_OUTSIDE
+        return DiedError(f"the process {cause}", outside=outside, served=served)
 
 
 def _search_path() -> list[str]:

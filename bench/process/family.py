@@ -17,6 +17,7 @@ import psutil
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _PR_SET_CHILD_SUBREAPER = 36
+_IN_MEMORY = ("/memfd:", "/dev/shm/")
 #: A family that forks faster than it is killed is given up after this time [s].
 _KILL_SECONDS = 10.0
 
@@ -62,18 +63,34 @@ def kill_descendants(pid: int, keep: frozenset[int] = frozenset()) -> None:
         psutil.wait_procs(alive, timeout=0.05)
 
 
-def resident_memory(pid: int) -> int:
+def held_memory(pid: int, *, descendants: bool = True) -> int:
     """Memory [bytes] that a process and its descendants hold, shared memory included.
 
-    Memory that several of them share counts once for each.
+    Memory that several of them share counts once for each. On Linux, open files that lie in
+    memory count as well.
     """
-    total = 0
+    total, files = 0, {}
     with suppress(psutil.Error):
         process = psutil.Process(pid)
-        for one in [process, *process.children(recursive=True)]:
+        below = process.children(recursive=True) if descendants else []
+        for one in [process, *below]:
             with suppress(psutil.Error):
-                total += one.memory_info().rss
-    return total
+                held = one.memory_info()
+                total += held.rss
+                files |= _files_in_memory(one.pid)
+    return total + sum(files.values())
+
+
+def _files_in_memory(pid: int) -> dict[tuple[int, int], int]:
+    """Sizes [bytes] of a process's open files that lie in memory, by device and number."""
+    found = {}
+    with suppress(OSError):
+        for link in Path(f"/proc/{pid}/fd").iterdir():
+            with suppress(OSError):
+                if os.readlink(link).startswith(_IN_MEMORY):
+                    known = link.stat()
+                    found[known.st_dev, known.st_ino] = 512 * known.st_blocks
+    return found
 
 
 def _below(pid: int, keep: frozenset[int]) -> Iterator[psutil.Process]:

@@ -74,6 +74,8 @@ def serve(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, which ends this
     if memory is not None:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+        if restricted:  # files may lie in memory
+            resource.setrlimit(resource.RLIMIT_FSIZE, (memory, memory))
     # A log that cannot be written to is no failure.
     sys.stdout = sys.stderr = io.TextIOWrapper(_BestEffort(1, "w"), write_through=True)
     own = os.getpid()

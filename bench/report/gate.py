@@ -104,15 +104,14 @@ def _refuse_unknown_limits(
             )
 
 
-def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task], study: Study = USUAL) -> list[str]:
+def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task]) -> list[str]:
     """What has not been done of what was set out to be done, in words.
 
     Args:
         trials: rows of a run.
         tasks: of all that wrote to it; what they share counts once.
-        study: of the run.
     """
-    planned = {key for task in tasks for key in _keys(task, study)}
+    planned = {key for task in tasks for key in _keys(task)}
     done = set(trials[_KEY].itertuples(index=False, name=None))
     whole = Counter(key[:3] for key in planned)
     missing = Counter(key[:3] for key in planned - done)
@@ -122,7 +121,7 @@ def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task], study: Study = U
     ]
 
 
-def _keys(task: Task, study: Study) -> Iterator[tuple[str, str, str, float, int]]:
+def _keys(task: Task) -> Iterator[tuple[str, str, str, float, int]]:
     """The trials of a task, as ``plan.trial.expand`` has them; unknown names are no error."""
     suite = task.suite
     for scenario, estimator in suite.pairs():

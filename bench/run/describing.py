@@ -4,6 +4,7 @@ The driver imports no plugin: what it needs to know of one is a ``Description``,
 """
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from olne_bench import plugins
@@ -26,27 +27,35 @@ LOAD_MEMORY = 4 * 2**30
 Request = tuple[Kind | None, str, Mapping[str, Any]]
 
 
-def describe_all(requests: Sequence[Request]) -> list[Description]:
+def describe_all(requests: Sequence[Request], hidden: Path | None = None) -> list[Description]:
     """Describe plugins: built-in ones here, foreign ones each file in a process of its own.
+
+    Args:
+        requests: what to describe.
+        hidden: folder that foreign code cannot read.
 
     Returns:
         One description per request; its ``error`` is one line where there is something wrong.
     """
     children: dict[str, Child] = {}
     try:
-        return [_describe(children, *request) for request in requests]
+        return [_describe(children, hidden, *request) for request in requests]
     finally:
         for child in children.values():
             child.stop()
 
 
 def _describe(
-    children: dict[str, Child], kind: Kind | None, reference: str, parameters: Mapping[str, Any]
+    children: dict[str, Child],
+    hidden: Path | None,
+    kind: Kind | None,
+    reference: str,
+    parameters: Mapping[str, Any],
 ) -> Description:
     if kind is not None and plugins.is_built_in(kind, reference):
         return plugins.describe(kind, reference, parameters)
     home = plugins.absolute(reference).rpartition(".py:")[0] or reference
-    child = children.setdefault(home, Child(restricted=True, memory=LOAD_MEMORY))
+    child = children.setdefault(home, Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden))
     try:
         found: Description = child.call(
             plugins.describe,

@@ -62,6 +62,12 @@ class MetricProcess:
             raise MetricError(f"metric {metric.column!r}: {error or kind}") from error
         return found.value
 
+    def stop(self) -> None:
+        """Kill the processes with all that they started."""
+        for child in self._children.values():
+            child.stop()
+        self._children.clear()
+
 
 def score(reference: str, parameters: dict[str, Any], homes: Sequence[str], case: bytes) -> Score:
     """Score a trial in this process; arguments as of ``MetricProcess.score``."""

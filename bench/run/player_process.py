@@ -51,10 +51,12 @@ class PlayerProcess:
             self._child = Child(memory=self._memory, restricted=foreign, hidden=self._hidden)
             self._plugin = task.plugin
         for attempt in range(1, ATTEMPTS + 1):
+            used = self._child.served > 0
             try:
                 return self._attempt(task)
             except DiedError as error:
-                if not error.suspicious or attempt == ATTEMPTS:
+                # It may have died of what another trial has left behind.
+                if not (error.outside or used) or attempt == ATTEMPTS:
                     raise PlayerFault("crash", str(error)) from error
         raise AssertionError
 

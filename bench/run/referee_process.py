@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from olne_bench.bench.judge.referee import own_seconds
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.process.channel import Channel
@@ -39,6 +40,7 @@ class RefereeProcess:
         """
         self.trial: Trial | None = None
         self._memory, self._hidden = memory, hidden
+        self._log = log
         self._child = Child(log=log, may_announce=True)
         self._home: tuple[str, ...] = ()
         self._attempts = 0
@@ -71,7 +73,7 @@ class RefereeProcess:
             outcome = self._of_death(error)
         except TimedOutError as error:
             stage = f" of {error}" if str(error) else ""
-            outcome = Outcome("harness_error", f"killed after {self.trial.time_limit:g} s{stage}")
+            outcome = Outcome("harness_error", f"killed after {own_seconds(self.trial):g} s{stage}")
         except (ChildError, RaisedError) as error:
             outcome = Outcome("harness_error", str(error))
         if outcome is not None:
@@ -92,8 +94,23 @@ class RefereeProcess:
     def _send(self, trial: Trial) -> None:
         if trial.home_plugins != self._home:
             self._child.stop()
+            self._child = self._for(trial)
         self.trial, self._home = trial, trial.home_plugins
-        self._child.submit(run_trial, trial, self._memory, self._hidden, seconds=trial.time_limit)
+        arguments = (trial, self._memory, self._hidden)
+        self._child.submit(run_trial, *arguments, seconds=own_seconds(trial))
+
+    def _for(self, trial: Trial) -> Child:
+        """A process that runs foreign scenarios and sensors is in a sandbox, as players are."""
+        if not trial.home_plugins:
+            return Child(log=self._log, may_announce=True)
+        return Child(
+            log=self._log,
+            memory=self._memory,
+            restricted=True,
+            hidden=self._hidden,
+            may_announce=True,
+            has_children=True,
+        )
 
     def _of_death(self, error: DiedError) -> Outcome:
         assert self.trial is not None

@@ -1,13 +1,22 @@
 """A small study with estimators of its own, and a way to run it as a user would."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pandas as pd
 import pytest
+
+from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask, judge
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.run import player
+from olne_bench.bench.run.metric_process import MetricProcess
+from olne_bench.bench.text import clip, describe_error
 
 SUITE = """
 name = "small"
@@ -90,6 +99,31 @@ class Study:
 
     def rows(self, out: str) -> pd.DataFrame:
         return pd.read_parquet(self.folder / out / "trials.parquet").drop(columns="solve_seconds")
+
+
+class PlayerHere:
+    """A player without a process: for estimators that do nothing evil."""
+
+    def estimate(self, task: PlayerTask) -> Answer:
+        given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))
+        try:
+            prepared = player.prepare(*given, len(task.observations))
+            if prepared.declined is not None:
+                return Answer(declined=prepared.declined)
+            answered = player.estimate(task.observations, task.seed, task.time_limit)
+        except BaseException as error:  # as a process would tell it
+            raise PlayerFault("crash", describe_error(error)) from error
+        if answered.estimate is None:
+            raise PlayerFault("invalid", clip(answered.malformed), 0.0)
+        return Answer(estimate=answered.estimate)
+
+
+@pytest.fixture(scope="session")
+def judged() -> Iterator[Callable[[Trial], Outcome]]:
+    """Judges a trial in this process."""
+    metrics = MetricProcess(memory=None, hidden=None)
+    yield lambda trial: judge(trial, PlayerHere(), metrics)
+    metrics.stop()
 
 
 @pytest.fixture

@@ -122,10 +122,11 @@ def suite(tmp_path):
 def refusal(capsys, *arguments) -> str:
     """What is said on bad input: one line within seconds, in bounded memory."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    started = time.monotonic()
+    started, worked = time.monotonic(), time.process_time()
     with pytest.raises(SystemExit) as ended:
         main([str(argument) for argument in arguments])
-    seconds = time.monotonic() - started
+    # Where others work on the machine too, the clock on the wall says less than one's own work.
+    worked, seconds = time.process_time() - worked, time.monotonic() - started
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before  # [KiB], on Linux
     said, errors = capsys.readouterr()
     assert ended.value.code == 2, said + errors
@@ -133,7 +134,8 @@ def refusal(capsys, *arguments) -> str:
     assert errors.count("\n") == 1, errors
     assert errors.startswith("olne-bench: error: ")
     assert len(errors) < 6000
-    assert seconds < 5
+    assert worked < 5
+    assert seconds < 30
     assert grown < 200_000
     return errors
 

@@ -5,9 +5,10 @@ import pytest
 
 from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
-from olne_bench.bench.judge.observe import observe
+from olne_bench.bench.judge.observe import observe, sensor_model
 from olne_bench.bench.judge.truth import (
-    held_out_predictions,
+    Draw,
+    held_out,
     true_recording,
     true_recordings,
     unit_cosine_limit,
@@ -16,11 +17,12 @@ from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.games.nearest_root import Prediction
 from olne_bench.games.newton import Root, newton_root
-from olne_bench.games.observation import VIEWS
+from olne_bench.games.observation import FullView
 from olne_bench.games.root_following import follow_root
 
-TWO = ScenarioEntry(name="two_player")
-THREE_TIMES = ScenarioEntry(name="two_player", trajectories=3)
+TWO = Draw.of(ScenarioEntry(name="two_player"), 0, "")
+THREE_TIMES = Draw.of(ScenarioEntry(name="two_player", trajectories=3), 0, "")
+FULL = (FullView(),)
 
 
 def followed(recording: Recording, weights: np.ndarray) -> Root:
@@ -31,7 +33,7 @@ def followed(recording: Recording, weights: np.ndarray) -> Root:
 
 
 def test_neighbours_are_certified_equilibria_from_other_starts():
-    recording = true_recording(TWO, 0)
+    recording = true_recording(TWO)
     found = neighbours(recording, 3, "test", 0)
     assert len(found) == 3
     for one in found:
@@ -47,7 +49,7 @@ def test_neighbours_are_certified_equilibria_from_other_starts():
 
 
 def test_they_depend_on_seed_and_use_and_on_nothing_else():
-    recording = true_recording(TWO, 0)
+    recording = true_recording(TWO)
     same, again = (neighbours(recording, 1, "a", 0)[0].states for _ in range(2))
     np.testing.assert_array_equal(same, again)
     for stream, seed in (("b", 0), ("a", 1)):
@@ -57,38 +59,37 @@ def test_they_depend_on_seed_and_use_and_on_nothing_else():
 def test_too_few_neighbours_are_an_error(monkeypatch):
     monkeypatch.setattr("olne_bench.bench.judge.nearby_starts.POSITION", 1e6)
     with pytest.raises(NoEquilibriumError, match=r"only \d of 2 starts near that of 'two_player'"):
-        neighbours(true_recording(TWO, 0), 2, "test", 0)
+        neighbours(true_recording(TWO), 2, "test", 0)
 
 
 def test_several_trajectories_begin_with_the_scenario_and_have_noise_of_their_own():
-    recordings = true_recordings(THREE_TIMES, 0)
+    recordings = true_recordings(THREE_TIMES)
     assert len(recordings) == 3
-    np.testing.assert_array_equal(recordings[0].states, true_recording(TWO, 0).states)
-    view = VIEWS["full"]
+    np.testing.assert_array_equal(recordings[0].states, true_recording(TWO).states)
     noises = [
         seen.y - r.states
-        for seen, r in zip(observe(recordings, (view,), 0.01, 0), recordings, strict=True)
+        for seen, r in zip(observe(recordings, FULL, 0.01, 0), recordings, strict=True)
     ]
     np.testing.assert_array_equal(
-        noises[0] + recordings[0].states, observe(recordings[:1], (view,), 0.01, 0)[0].y
+        noises[0] + recordings[0].states, observe(recordings[:1], FULL, 0.01, 0)[0].y
     )
     assert abs(np.corrcoef(noises[0].ravel(), noises[1].ravel())[0, 1]) < 0.3
 
 
 def test_several_trajectories_have_a_lower_limit():
-    view = VIEWS["full"]
-    one, three = (unit_cosine_limit(entry, 0, view) for entry in (TWO, THREE_TIMES))
+    model = sensor_model(true_recording(TWO).scenario, FULL)
+    one, three = (unit_cosine_limit(draw, model) for draw in (TWO, THREE_TIMES))
     assert 0.2 < three / one < 0.5
 
 
 def held_out_error(weights: np.ndarray) -> float:
-    found = held_out_predictions(TWO, 0, weights, 100)
+    found = held_out(TWO, weights, 100)
     assert found is not None and len(found) == 5
     return float(np.mean([position_error(one.states, one.prediction) for one in found]))
 
 
 def test_held_out_predictions_are_exact_at_the_truth_and_err_elsewhere():
-    weights = true_recording(TWO, 0).scenario.weights
+    weights = true_recording(TWO).scenario.weights
     assert held_out_error(weights) < 1e-9
     other = weights * np.array([1.0, 1.5, 0.7, 1.0])
     assert held_out_error(other / other.sum(axis=1, keepdims=True)) > 1e-3
@@ -98,7 +99,7 @@ HOPELESS = np.array([[1.0, 0, 0, 0]] * 2)  # nothing but to avoid each other, wh
 
 
 def test_held_out_predictions_are_the_same_equilibrium_from_other_starts():
-    recording = true_recording(TWO, 0)
+    recording = true_recording(TWO)
     weights = np.array([[0.2, 0.3, 0.3, 0.2], [0.3, 0.3, 0.2, 0.2]])
     others = neighbours(recording, 3, "test", 0)
     roots = follow_start(others, weights, followed(recording, weights))
@@ -110,7 +111,7 @@ def test_held_out_predictions_are_the_same_equilibrium_from_other_starts():
 
 
 def test_held_out_predictions_end_at_the_first_that_has_no_root():
-    recording = true_recording(TWO, 0)
+    recording = true_recording(TWO)
     others = neighbours(recording, 3, "test", 0)
     known = newton_root(
         recording.scenario.game,
@@ -127,4 +128,4 @@ def test_without_a_prediction_there_are_no_held_out_ones(monkeypatch):
     nothing = Prediction(None, published=False)
     monkeypatch.setattr("olne_bench.bench.judge.truth._prediction", lambda *_: nothing)
     weights = np.array([[0.4, 0.2, 0.2, 0.2], [0.2, 0.2, 0.2, 0.4]])
-    assert held_out_predictions(TWO, 0, weights, 100) is None
+    assert held_out(TWO, weights, 100) is None

@@ -183,20 +183,20 @@ def test_the_limit_is_kept(child):
 def test_a_death_has_a_cause(child, function, argument, cause):
     with pytest.raises(DiedError, match=f"^{cause}$") as caught:
         child.call(function, argument, kind=float, seconds=5)
-    assert not caught.value.suspicious
+    assert not caught.value.outside and caught.value.served == 0
 
 
-def test_a_death_after_other_work_is_suspicious(child):
+def test_a_death_after_other_work_says_so(child):
     child.call(add, 1.0, 2.0, kind=float, seconds=5)
     with pytest.raises(DiedError) as caught:
         child.call(end, 7, kind=float, seconds=5)
-    assert caught.value.suspicious
+    assert caught.value.served == 1 and not caught.value.outside
 
 
-def test_a_kill_from_outside_is_suspicious(child):
+def test_a_kill_from_outside_says_so(child):
     with pytest.raises(DiedError) as caught:
         child.call(kill_itself, signal.SIGKILL, kind=float, seconds=5)
-    assert caught.value.suspicious
+    assert caught.value.outside
 
 
 @pytest.mark.parametrize("function", [hoard, hoard_shared])

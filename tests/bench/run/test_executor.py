@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from olne_bench.bench.judge.referee import evaluate
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.select import select
+from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.executor import run_trials
+
+PART = Selection(scenarios=("two_player",), sensors=("full",), sigmas=(0.05,))
 
 PLUGIN = """
 import ctypes, os, signal, subprocess, sys, threading, time
@@ -188,7 +189,7 @@ def outcomes(tmp_path_factory):
     plugin = folder / "plugin.py"
     plugin.write_text(PLUGIN)
     suite = load_suite("quick", tuple(f"{plugin}:{name}" for name in EXPECTED))
-    part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.05,))
+    part = select(suite, PART)
     trials = [
         replace(t, time_limit=6.0)  # long enough on a busy machine, short enough to wait for
         for t in expand(part, seeds=2)
@@ -231,11 +232,11 @@ def test_an_exception_names_its_place(outcomes):
     assert "plugin.py:" in outcome.message
 
 
-def test_randomness_is_seeded_by_the_trial_alone(outcomes):
+def test_randomness_is_seeded_by_the_trial_alone(outcomes, judged):
     (first, a), (second, b) = outcomes[1]["Random"]
     assert a.weights != b.weights
-    assert evaluate(first).weights == a.weights
-    assert evaluate(second).weights == b.weights
+    assert judged(first).weights == a.weights
+    assert judged(second).weights == b.weights
 
 
 PATCHES = """
@@ -257,7 +258,7 @@ def test_what_a_plugin_changes_in_its_process_reaches_no_other_estimator(tmp_pat
     rows = []
     for plugins in ((f"{plugin}:Patches",), ()):
         suite = load_suite("quick", plugins)
-        part = select(suite, scenarios=("two_player",), views=("full",), sigmas=(0.05,))
+        part = select(suite, PART)
         trials = sorted(expand(part, seeds=1), key=lambda t: t.estimator.label)  # Patches first
         assert [t.plugin for t in trials] == ["Patches", "", "", ""][1 - len(plugins) :]
         found = list(run_trials(trials, jobs=1, log=tmp_path / "log"))
@@ -308,16 +309,10 @@ def test_each_stage_has_the_time_limit_for_itself(tmp_path):
         "UsesItsTime": ("not_converged", "the estimator gives no reason"),
         "SetsUpForLong": ("timeout", "killed after 3 s of set-up"),
         "EstimatesForLong": ("timeout", "killed after 3 s of estimate"),
-        "IsReadForLong": ("timeout", "killed after 3 s of scoring"),
+        "IsReadForLong": ("timeout", "killed after 3 s of estimate"),
     }
     suite = load_suite("quick", tuple(f"{plugin}:{name}" for name in expected))
-    part = select(
-        suite,
-        scenarios=("two_player",),
-        views=("full",),
-        sigmas=(0.05,),
-        estimators=tuple(expected),
-    )
+    part = select(suite, PART.model_copy(update={"estimators": tuple(expected)}))
     trials = [replace(trial, time_limit=3.0) for trial in expand(part, seeds=1)]
     found = run_trials(trials, jobs=2, log=tmp_path / "log")
     assert {t.estimator.label: (o.status, o.message) for t, o in found} == expected

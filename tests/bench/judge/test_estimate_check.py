@@ -1,0 +1,85 @@
+"""What a player may return."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from olne_bench.bench.judge.estimate_check import check_estimate
+from olne_bench.bench.judge.raw_estimate import MOST_EXTRAS, InvalidEstimateError, read_estimate
+from olne_bench.bench.judge.truth import Draw, true_recording
+from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.estimators.protocol import Problem
+from olne_bench.games.observation import FullView
+
+
+@pytest.fixture(scope="module")
+def problem():
+    game = true_recording(Draw.of(ScenarioEntry(name="two_player"), 0, "")).scenario.game
+    return Problem(game, FullView())
+
+
+def checked(problem, **given):
+    return check_estimate(read_estimate(SimpleNamespace(**{"weights": np.ones((2, 4))} | given)), problem)
+
+
+@pytest.mark.parametrize("scale", [1e308, 5e-324, 1.0])
+def test_weights_of_any_size_are_scaled_to_sum_one(problem, scale):
+    weights = checked(problem, weights=np.full((2, 4), scale)).weights
+    assert weights.tolist() == [[0.25] * 4] * 2
+
+
+def test_weights_of_usual_size_are_divided_by_their_sum_to_the_last_bit(problem):
+    weights = np.random.default_rng(0).uniform(0, 3, (2, 4))
+    expected = weights / weights.sum(axis=1, keepdims=True)
+    assert (checked(problem, weights=weights).weights == expected).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"weights": np.ones((2, 4), dtype=complex)}, "weights are not an array of numbers"),
+        ({"weights": np.full((2, 4), "1")}, "weights are not an array of numbers"),
+        ({"states": np.ones((25, 2, 4), dtype=complex)}, "states are not an array of numbers"),
+        ({"covariance": np.triu(np.ones((8, 8)))}, "covariance is not symmetric"),
+        ({"covariance": -np.eye(8)}, "covariance is not positive semi-definite"),
+        ({"extras": [1]}, r"extras are \[1\], expected a mapping"),
+        ({"extras": {"objective": "low"}}, r"extras\['objective'\] is 'low', expected a number"),
+        ({"extras": {"objective": 10**400}}, r"extras\['objective'\] is a int, expected a number"),
+        ({"converged": np.array([True, False])}, r"converged is array\(\[ True, False\]\), expec"),
+        ({"converged": "no"}, "converged is 'no', expected True or False"),
+        ({"message": 3}, "message is 3, expected a text"),
+    ],
+)
+def test_a_malformed_field_is_named(problem, given, message):
+    with pytest.raises(InvalidEstimateError, match=message):
+        checked(problem, **given)
+
+
+def test_a_property_that_raises_is_invalid():
+    class Lazy:
+        @property
+        def weights(self):
+            raise ZeroDivisionError
+
+    with pytest.raises(InvalidEstimateError, match="weights cannot be read: ZeroDivisionError"):
+        read_estimate(Lazy())
+
+
+@pytest.mark.parametrize("size", [1e-300, 1.0, 1e300])
+def test_a_covariance_that_is_one_up_to_rounding_is_kept(problem, size):
+    factor = np.random.default_rng(0).standard_normal((8, 3))
+    covariance = size * (factor @ factor.T) * (1 + 1e-12 * np.triu(np.ones((8, 8))))
+    assert (checked(problem, covariance=covariance).covariance == covariance).all()
+    assert checked(problem, covariance=np.zeros((8, 8))).covariance is not None
+
+
+def test_scalar_extras_are_kept(problem):
+    numbers = {"starts": np.int64(3), "least": 0.5, "bad": np.nan, "yes": np.True_, "objective": 1}
+    others = {"path": np.ones(3), "how": "a\nb", "long": "x" * 1000, 7: 8}
+    found = checked(problem, extras=numbers | others)
+    assert found.objective == 1.0
+    assert found.extras == '{"how": "a b", "least": 0.5, "starts": 3, "yes": true}'
+    many = checked(problem, extras={f"n{k:02}": k for k in range(30)}).extras
+    assert many.count(":") == MOST_EXTRAS
+    assert checked(problem).extras is None
