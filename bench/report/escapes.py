@@ -37,9 +37,10 @@ def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
 def csv_safe_arrow(table: pa.Table) -> pa.Table:
     """The same of an Arrow table."""
     for place, field in enumerate(table.schema):
-        if pa.types.is_string(field.type):
+        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type):
             column = table.column(place)
-            escaped = pc.binary_join_element_wise("'", column, "")
+            quote, nothing = pa.scalar("'", field.type), pa.scalar("", field.type)
+            escaped = pc.binary_join_element_wise(quote, column, nothing)
             risky = pc.match_substring_regex(column, _FORMULA_PATTERN)
             table = table.set_column(place, field, pc.if_else(risky, escaped, column))
     return table

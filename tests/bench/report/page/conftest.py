@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
+from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
@@ -24,10 +25,11 @@ def provenance() -> Provenance:
         started="2026-01-02T03:04:05+00:00",
         suite=json.dumps({"description": "A small study <i>indeed</i>"}),
         suite_text='name = "small" # <script>document.title="broken"</script>',
-        selection="--seeds 3",
+        selection=Selection(seeds=3),
         seeds=3,
         executor="2 local processes",
         versions={"python": "3.11", "numpy": "2"},
+        environment={"backend": "native"},
         commit="0123456789abcdef-dirty",
         machine={"system": "Linux", "cores": "2"},
     )
