@@ -19,8 +19,9 @@ def markdown_text(text: str) -> str:
 
 
 def csv_text(text: str) -> str:
-    """A cell of text that no spreadsheet takes for a formula."""
-    return f"'{text}" if text.startswith(_FORMULA) else text
+    """A cell of text that no spreadsheet takes for a formula, and no reader for two rows."""
+    safe = f"'{text}" if text.startswith(_FORMULA) else text
+    return safe.replace("\r", " ")
 
 
 def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
@@ -42,5 +43,6 @@ def csv_safe_arrow(table: pa.Table) -> pa.Table:
             quote, nothing = pa.scalar("'", field.type), pa.scalar("", field.type)
             escaped = pc.binary_join_element_wise(quote, column, nothing)
             risky = pc.match_substring_regex(column, _FORMULA_PATTERN)
-            table = table.set_column(place, field, pc.if_else(risky, escaped, column))
+            safe = pc.replace_substring(pc.if_else(risky, escaped, column), "\r", " ")
+            table = table.set_column(place, field, safe)
     return table

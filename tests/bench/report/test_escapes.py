@@ -13,7 +13,7 @@ RISKY = ("=HYPERLINK(1)", "+1", "-1", "@sum", "\tx", "\rx")
 
 @pytest.mark.parametrize("text", RISKY)
 def test_formulas_are_text(text):
-    assert csv_text(text) == f"'{text}"
+    assert csv_text(text) == f"'{text}".replace("\r", " ")
 
 
 @pytest.mark.parametrize("text", ["plain", "", "a=b", "1-2", "[[0.5]]", "'quoted"])
@@ -23,7 +23,7 @@ def test_other_texts_stay(text):
 
 def test_tables_of_both_kinds_agree_and_numbers_stay():
     frame = pd.DataFrame({"name": [*RISKY, "plain", ""], "value": [-1.0] * 8})
-    expected = [f"'{text}" for text in RISKY] + ["plain", ""]
+    expected = [csv_text(text) for text in RISKY] + ["plain", ""]
     safe = csv_safe(frame)
     assert safe["name"].tolist() == expected and safe["value"].tolist() == [-1.0] * 8
     table = csv_safe_arrow(pa.table({"name": frame["name"], "value": frame["value"]}))
