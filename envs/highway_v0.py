@@ -11,7 +11,6 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from olne_bench.envs.episode import Episode
 from olne_bench.envs.highway_roads import ROAD_NAMES, PlayersOnly, make_road
 from olne_bench.envs.olne_v0 import AecWorld, OlneWorld
-from olne_bench.envs.rendering import Renderer
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.olne import Equilibrium
 
@@ -79,7 +78,7 @@ class HighwayWorld(OlneWorld):
             self._roads[name] = make_road(name, self.render_mode)
         return _SimulatedEpisode(scenario, truth, self._roads[name])
 
-    def _new_renderer(self) -> Renderer | None:
+    def _new_renderer(self) -> None:
         return None  # HighwayEnv draws itself
 
 

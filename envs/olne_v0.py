@@ -3,7 +3,7 @@
 ``parallel_env`` is the world; ``raw_env`` and ``env`` are its turn-based (AEC) forms.
 """
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -16,10 +16,12 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from olne_bench.envs.episode import Episode
 from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
 from olne_bench.envs.layout import ObservationLayout, player_index
-from olne_bench.envs.rendering import Renderer
 from olne_bench.envs.scenarios import Scenario, checked_seed, get_scenario
 from olne_bench.envs.spaces import Spaces, SpaceSize
 from olne_bench.games.olne import Certificate, Equilibrium
+
+if TYPE_CHECKING:
+    from olne_bench.envs.rendering import Renderer
 
 __all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
 
@@ -338,10 +340,12 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     def _new_episode(self, scenario: Scenario, truth: Equilibrium | None) -> Episode:
         return Episode(scenario, truth)
 
-    def _new_renderer(self) -> Renderer | None:
+    def _new_renderer(self) -> "Renderer | None":
         episode = self._latest_episode()
         human = self.render_mode == "human"
         expected = episode.truth.states if episode.truth else episode.states[None]
+        from olne_bench.envs.rendering import Renderer  # pygame takes a while to import
+
         return Renderer(
             episode.scenario, expected, fps=self.metadata["render_fps"] if human else None
         )

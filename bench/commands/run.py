@@ -14,7 +14,7 @@ import click
 from tqdm import tqdm
 
 from olne_bench.bench.commands.options import MEMORY, PATH, PLUGIN
-from olne_bench.bench.commands.report import read_formats, show_report
+from olne_bench.bench.commands.report import show_report
 from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.outcome import FAILURES, Outcome
@@ -22,7 +22,7 @@ from olne_bench.bench.plan.salt import check_salt, salted
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand, in_order_of_plugins, number_of_trials
-from olne_bench.bench.report.figures import FORMATS
+from olne_bench.bench.report.formats import FORMATS, read_formats
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.executor import run_trials
