@@ -78,9 +78,7 @@ CRASHES = [
     Hostile("KillsItself", "crash", "SIGKILL", "os.kill(os.getpid(), signal.SIGKILL)"),
     Hostile("EndsByTerm", "crash", "SIGTERM", "os.kill(os.getpid(), signal.SIGTERM)"),
     Hostile("Traps", "crash", "SIGFPE", "os.kill(os.getpid(), signal.SIGFPE)"),
-    Hostile(
-        "KillsItsParent", "crash", "PermissionError", "os.kill(os.getppid(), signal.SIGKILL)"
-    ),
+    Hostile("KillsItsParent", "crash", "PermissionError", "os.kill(os.getppid(), signal.SIGKILL)"),
     Hostile(
         "KillsTheDriver",
         "crash",
@@ -182,10 +180,18 @@ HANGS = [
         """,
     ),
     Hostile(
-        "Deadlocks", "timeout", "of estimate", "lock = threading.Lock()\nlock.acquire()\nlock.acquire()"
+        "Deadlocks",
+        "timeout",
+        "of estimate",
+        "lock = threading.Lock()\nlock.acquire()\nlock.acquire()",
     ),
     Hostile("WaitsForInput", "crash", "EOFError", "input()"),
-    Hostile("ClosesEverything", "crash", "closed its connection", "os.closerange(0, 100)\ntime.sleep(4321.25)"),
+    Hostile(
+        "ClosesEverything",
+        "crash",
+        "closed its connection",
+        "os.closerange(0, 100)\ntime.sleep(4321.25)",
+    ),
     Hostile(
         "HangsAtLaterImport",
         "timeout",
@@ -267,7 +273,12 @@ MEMORY = [
         """,
     ),
     Hostile("AsksForEverything", "crash", "", "np.ones(10**12)"),
-    Hostile("LiftsItsLimit", "crash", "", "resource.setrlimit(resource.RLIMIT_DATA, (2**40, 2**40))\nkept = []\nwhile True: kept.append(np.ones(2**22))"),
+    Hostile(
+        "LiftsItsLimit",
+        "crash",
+        "",
+        "resource.setrlimit(resource.RLIMIT_DATA, (2**40, 2**40))\nkept = []\nwhile True: kept.append(np.ones(2**22))",
+    ),
 ]
 
 OUTPUT = [
@@ -306,7 +317,9 @@ RETURNED = [
     Hostile("Text", "invalid", "not an array", "return good(weights='heavy')"),
     Hostile("AClass", "invalid", "", "return good(weights=int)"),
     Hostile("Recursive", "invalid", "not an array", "w = []\nw.append(w)\nreturn good(weights=w)"),
-    Hostile("TooDeep", "invalid", "", "w = []\nfor k in range(10**5): w = [w]\nreturn good(weights=w)"),
+    Hostile(
+        "TooDeep", "invalid", "", "w = []\nfor k in range(10**5): w = [w]\nreturn good(weights=w)"
+    ),
     Hostile(
         "Raises",
         "invalid",
@@ -357,17 +370,26 @@ RETURNED = [
         "",
         "return good(states=np.lib.stride_tricks.as_strided(np.ones(1), (10**9, 2, 4), (0, 0, 0)))",
     ),
+    Hostile("SendsTooMuch", "crash", "", "return good(states=np.ones((2**20, 2, 8)))"),
     Hostile(
-        "SendsTooMuch", "crash", "", "return good(states=np.ones((2**20, 2, 8)))"
+        "NotPsd", "invalid", "not positive semi-definite", "return good(covariance=-np.eye(8))"
     ),
-    Hostile("NotPsd", "invalid", "not positive semi-definite", "return good(covariance=-np.eye(8))"),
-    Hostile("ObjectArray", "invalid", "not an array", "return good(weights=np.full((2, 4), object()))"),
+    Hostile(
+        "ObjectArray", "invalid", "not an array", "return good(weights=np.full((2, 4), object()))"
+    ),
     Hostile("ConvergedIsText", "invalid", "converged", "return good(converged='no')"),
     Hostile("MessageIsANumber", "invalid", "message is 3", "return good(message=3)"),
     Hostile("ExtrasAreAList", "invalid", "extras are", "return good(extras=[1])"),
-    Hostile("ObjectiveTooLarge", "invalid", "objective", "return good(extras={'objective': 10**400})"),
+    Hostile(
+        "ObjectiveTooLarge", "invalid", "objective", "return good(extras={'objective': 10**400})"
+    ),
     Hostile("HugeInteger", "ok", "", "return good(extras={'n': 10**5000})"),
-    Hostile("StatesOfOneStep", "invalid", "states have the shape", "return good(states=np.zeros((1, 2, 4)))"),
+    Hostile(
+        "StatesOfOneStep",
+        "invalid",
+        "states have the shape",
+        "return good(states=np.zeros((1, 2, 4)))",
+    ),
     Hostile("Mutates", "crash", "read-only", "observation.y[0] = 0"),
     Hostile("GivesUp", "not_converged", "lost", "return good(converged=False, message='lost')"),
     Hostile("Declines", "skipped", "never", members="def supports(self, problem): return 'never'"),
@@ -513,8 +535,15 @@ PROCESSES = [
         "left processes running",
         "subprocess.run(['sh', '-c', 'nohup sleep 4321.25 >/dev/null 2>&1 &'])",
     ),
-    Hostile("LeavesADaemonThread", "ok", "", "threading.Thread(target=time.sleep, args=(4321.25,), daemon=True).start()"),
-    Hostile("LeavesAThread", "ok", "", "threading.Thread(target=time.sleep, args=(4321.25,)).start()"),
+    Hostile(
+        "LeavesADaemonThread",
+        "ok",
+        "",
+        "threading.Thread(target=time.sleep, args=(4321.25,), daemon=True).start()",
+    ),
+    Hostile(
+        "LeavesAThread", "ok", "", "threading.Thread(target=time.sleep, args=(4321.25,)).start()"
+    ),
     Hostile("TimeBomb", "ok", "", "threading.Timer(0.5, os._exit, [5]).start()"),
     Hostile("RegistersAtExit", "ok", "", "atexit.register(time.sleep, 4321.25)"),
     Hostile("ForkComesBackTwice", "invalid", "", "os.fork()"),
@@ -555,11 +584,18 @@ PROCESSES = [
             time.sleep(4321.25)
         """,
     ),
-    Hostile("LeavesAResourceTracker", "invalid", "left processes running", "from multiprocessing import shared_memory\nkept = shared_memory.SharedMemory(create=True, size=10)\nkept.unlink()"),
+    Hostile(
+        "LeavesAResourceTracker",
+        "invalid",
+        "left processes running",
+        "from multiprocessing import shared_memory\nkept = shared_memory.SharedMemory(create=True, size=10)\nkept.unlink()",
+    ),
 ]
 
 MESSAGES = [
-    Hostile("SendsHalfAMessage", "timeout", "", "say(b'\\x00\\x00\\x01\\x00abc')\ntime.sleep(4321.25)"),
+    Hostile(
+        "SendsHalfAMessage", "timeout", "", "say(b'\\x00\\x00\\x01\\x00abc')\ntime.sleep(4321.25)"
+    ),
     Hostile("SendsHalfAndAnswers", "invalid", "", "say(b'\\x00\\x00\\x00\\x05abc')"),
     Hostile("SendsGarbage", "invalid", "", "say(b'\\x00\\x00\\x00\\x05hello')\ntime.sleep(1)"),
     Hostile("AnnouncesTooMuch", "invalid", "at most", "say(b'\\xff' * 100)\ntime.sleep(1)"),
@@ -611,21 +647,25 @@ MESSAGES = [
     ),
     Hostile(
         "AnswersTwice",
-        "ok",
-        "",
+        "invalid",
+        "forged",
         """
-        from olne_bench.bench.process import inside
-        once = inside._say
-        def twice(message):
-            once(message)
-            once(message)
-        for frame in _frames():
-            if frame.f_code.co_name == "serve":
-                frame.f_locals
-        inside._say = twice
+        from olne_bench.bench.process.messages import Result, encode
+        import msgspec
+        frame = sys._getframe()
+        while "token" not in frame.f_locals:
+            frame = frame.f_back
+        answer = msgspec.Raw(encode({"estimate": None, "malformed": "forged"}))
+        body = encode(Result(frame.f_locals["token"], answer))
+        say(struct.pack("!I", len(body)) + body)
         """,
     ),
-    Hostile("ClosesTheSocket", "crash", "", "own_socket().shutdown(socket.SHUT_RDWR)\ntime.sleep(4321.25)"),
+    Hostile(
+        "ClosesTheSocket",
+        "crash",
+        "",
+        "own_socket().shutdown(socket.SHUT_RDWR)\ntime.sleep(4321.25)",
+    ),
     Hostile(
         "ReadsTheSocket",
         "timeout",
@@ -725,7 +765,12 @@ STATE = [
         "",
         "object.__setattr__(problem.game, 'dt', 5.0)\nobject.__setattr__(problem, 'sigma', 0.0)",
     ),
-    Hostile("WritesALogBesideItself", "crash", "PermissionError", "Path(__file__).with_suffix('.log').write_text('x')"),
+    Hostile(
+        "WritesALogBesideItself",
+        "crash",
+        "PermissionError",
+        "Path(__file__).with_suffix('.log').write_text('x')",
+    ),
     Hostile("WritesIntoItsFolder", "ok", "", "Path('own.log').write_text('x')"),
     Hostile("DeletesItsSource", "crash", "PermissionError", "Path(__file__).unlink()"),
     Hostile(
@@ -752,7 +797,12 @@ STATE = [
             (folder / "x").write_text("x")
         """,
     ),
-    Hostile("MakesLinks", "crash", "PermissionError", "os.symlink('/etc/passwd', Path(__file__).with_name('link'))"),
+    Hostile(
+        "MakesLinks",
+        "crash",
+        "PermissionError",
+        "os.symlink('/etc/passwd', Path(__file__).with_name('link'))",
+    ),
     Hostile(
         "PatchesAtImport",
         "ok",
@@ -767,12 +817,16 @@ STATE = [
         os.environ["PYTHONHASHSEED"] = "random"
         """,
     ),
-    Hostile("Profiles", "ok", "", "sys.setprofile(lambda *args: None)\nsys.settrace(lambda *args: None)"),
+    Hostile(
+        "Profiles", "ok", "", "sys.setprofile(lambda *args: None)\nsys.settrace(lambda *args: None)"
+    ),
     Hostile("SwitchesOffCollection", "ok", "", "gc.disable()\nsys.setswitchinterval(1e-9)"),
 ]
 
 IMPORTS = [
-    Hostile("FailsToImport", "refused", "RuntimeError: at once", module="raise RuntimeError('at once')"),
+    Hostile(
+        "FailsToImport", "refused", "RuntimeError: at once", module="raise RuntimeError('at once')"
+    ),
     Hostile("ExitsAtImport", "refused", "SystemExit", module="sys.exit('bye')"),
     Hostile("EndsAtImport", "refused", "exit code 6", module="os._exit(6)"),
     Hostile("NoSyntax", "refused", "SyntaxError", module="def f(:"),
@@ -851,8 +905,20 @@ IMPORTS = [
         """,
         members="def __class_getitem__(cls, item): raise SystemExit",
     ),
-    Hostile("RaisesInInit", "refused", "cannot be made", members="def __init__(self): raise KeyboardInterrupt", module="x = 1"),
+    Hostile(
+        "RaisesInInit",
+        "refused",
+        "cannot be made",
+        members="def __init__(self): raise KeyboardInterrupt",
+        module="x = 1",
+    ),
     Hostile("HasNoName", "refused", "name", module="x = 1", members="name = None"),
     Hostile("NameOfTwoLines", "refused", "name", module="x = 1", members="name = 'a\\nb'"),
-    Hostile("NameIsAProperty", "refused", "name", module="x = 1", members="@property\ndef name(self): os._exit(3)"),
+    Hostile(
+        "NameIsAProperty",
+        "refused",
+        "name",
+        module="x = 1",
+        members="@property\ndef name(self): os._exit(3)",
+    ),
 ]

@@ -22,13 +22,38 @@ REFUSED = [
     for one in group
     if one.status == "refused"
 ]
-QUICK = (
-    "Segfaults KillsItself KillsTheDriver Exits DiesWithAChild BusyLoops BlocksSignals "
-    "HangsInAProperty HangsAtLaterImport HoardsInAMemfd LongMessage LongException Nothing "
-    "Recursive LazySequence RaisesBase OwnStartError HasNoText MetaclassRaises ForksTwice "
-    "LeavesADaemonThread SendsHalfAMessage ForgesAStage SendsAPickle ForgesInfinity "
-    "ChangesEverything WritesALogBesideItself FailsItsLaterImport NeedsAHelper NeedsAnotherHelper"
-).split()
+QUICK = [
+    "Segfaults",
+    "KillsItself",
+    "KillsTheDriver",
+    "Exits",
+    "DiesWithAChild",
+    "BusyLoops",
+    "BlocksSignals",
+    "HangsInAProperty",
+    "HangsAtLaterImport",
+    "HoardsInAMemfd",
+    "LongMessage",
+    "LongException",
+    "Nothing",
+    "Recursive",
+    "LazySequence",
+    "RaisesBase",
+    "OwnStartError",
+    "HasNoText",
+    "MetaclassRaises",
+    "ForksTwice",
+    "LeavesADaemonThread",
+    "SendsHalfAMessage",
+    "ForgesAStage",
+    "SendsAPickle",
+    "ForgesInfinity",
+    "ChangesEverything",
+    "WritesALogBesideItself",
+    "FailsItsLaterImport",
+    "NeedsAHelper",
+    "NeedsAnotherHelper",
+]
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,9 @@ def problem():
 
 
 def checked(problem, **given):
-    return check_estimate(read_estimate(SimpleNamespace(**{"weights": np.ones((2, 4))} | given)), problem)
+    return check_estimate(
+        read_estimate(SimpleNamespace(**{"weights": np.ones((2, 4))} | given)), problem
+    )
 
 
 @pytest.mark.parametrize("scale", [1e308, 5e-324, 1.0])

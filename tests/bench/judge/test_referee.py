@@ -32,6 +32,7 @@ def test_a_draw_of_the_highway_suite_is_scored(judged):
     assert joint.objective <= joint.truth_objective * (1 + 1e-6)
     assert joint.scores["position_error"] < 0.3 * floor.scores["position_error"]
 
+
 SEVERAL = """
 name = "tiny"
 scenarios = ["two_player"]
