@@ -25,4 +25,5 @@ def describe_error(error: BaseException) -> str:
         text = "no text"
     frames = traceback.extract_tb(error.__traceback__)
     place = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
-    return clip(f"{type(error).__name__}: {clip(text)}{place}")
+    name = type.__dict__["__name__"].__get__(type(error))  # whatever its metaclass says
+    return clip(f"{name}: {clip(text)}{place}")

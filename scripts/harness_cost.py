@@ -26,6 +26,8 @@ LIMIT = 2e-3  # [s]
 GROWTH = 20.0  # [MiB]
 PLUGIN = """
 class Declines:
+    name = "Declines"
+
     def supports(self, problem):
         return "never"
 
@@ -45,10 +47,8 @@ def main() -> None:
         plugin = Path(folder, "plugin.py")
         plugin.write_text(PLUGIN)
         suite = load_suite("paper", (str(plugin),))
-        part = select(
-            suite,
-            Selection(scenarios=("two_player",), sensors=("full",), estimators=("Declines",)),
-        )
+        chosen = Selection(scenarios=("two_player",), sensors=("full",), estimators=("Declines",))
+        part = select(suite, chosen)
         model = list(expand(part))[-1]
         warm = 500
         trials = (replace(model, seed=seed) for seed in range(warm + arguments.trials))

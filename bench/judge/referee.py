@@ -6,7 +6,7 @@ problem and observations, nothing else.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -32,7 +32,7 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import FullView, whitening
+from olne_bench.games.observation import FullView, View, whitening
 from olne_bench.games.sensor import Layer, SensorModel
 
 Announce = Callable[[str, float], None]
@@ -215,7 +215,7 @@ def case_of(trial: Trial) -> Case:
     recordings = true_recordings(draw)
     scenario = recordings[0].scenario
     layers = layers_of(trial.sensor)
-    model = sensor_model(scenario, layers)
+    model = _model(draw, layers)
     problem = Problem(
         scenario.game,
         model.view,
@@ -233,8 +233,8 @@ def case_of(trial: Trial) -> Case:
             recordings[0], model, observations[0], trial.sigma, seed
         ),
         truth_objective=sum(
-            _squared_error(one, model, seen)
-            for one, seen in zip(recordings, observations, strict=True)
+            _squared_error(expected, model, seen)
+            for expected, seen in zip(_expected(draw, model.view), observations, strict=True)
         ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
@@ -327,8 +327,26 @@ def _observation_error(
     return float(np.mean(np.abs(recording.states[..., :2] - y[..., places])))
 
 
-def _squared_error(recording: Recording, model: SensorModel, observation: Observation) -> float:
+def _squared_error(expected: np.ndarray, model: SensorModel, observation: Observation) -> float:
     """Sum of squared observation errors of the true motion, over their noise at sigma = 1."""
-    expected = observed(model.view, recording)[:-1]
-    root = whitening(np.array(model.covariance))
+    root = _whitening(model.covariance)
     return float(np.nansum(((expected - observation.y) @ root.T) ** 2))
+
+
+# A process judges trials of one draw and sensor in a row.
+
+
+@lru_cache(maxsize=64)
+def _model(draw: Draw, layers: tuple[Layer, ...]) -> SensorModel:
+    return sensor_model(true_recordings(draw)[0].scenario, layers)
+
+
+@lru_cache(maxsize=64)
+def _expected(draw: Draw, view: View) -> tuple[np.ndarray, ...]:
+    """What is observed of each trajectory without noise."""
+    return tuple(observed(view, one)[:-1] for one in true_recordings(draw))
+
+
+@lru_cache(maxsize=64)
+def _whitening(covariance: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    return whitening(np.array(covariance))

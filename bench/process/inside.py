@@ -73,13 +73,10 @@ def serve(
     threading.Thread(target=_end_without_parent, args=(parent,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, which ends this
     if memory is not None:
-        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-        if restricted:  # files may lie in memory
-            resource.setrlimit(resource.RLIMIT_FSIZE, (memory, memory))
+        _limit_memory(memory, files=restricted)
     # A log that cannot be written to is no failure.
     sys.stdout = sys.stderr = io.TextIOWrapper(_BestEffort(1, "w"), write_through=True)
     own = os.getpid()
-    gc.freeze()  # what is imported stays; to look through it again and again takes time
     channel = Channel(socket.socket(fileno=descriptor))
 
     def say(message: Any) -> None:
@@ -91,13 +88,28 @@ def serve(
     if restricted:
         restrict(None if hidden is None else Path(hidden), Path.cwd())
     with contextlib.suppress(ClosedError, GarbageError):
-        say(Ready())
-        while True:
-            while (request := channel.poll()) is None:
-                channel.wait(3600.0)
-            token, function, arguments = pickle.loads(request)
-            say(_answer(token, function, arguments, memory))
+        _work(channel, say, memory)
     kill_descendants(own)
+
+
+def _limit_memory(memory: int, *, files: bool) -> None:
+    resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    if files:  # which may lie in memory
+        resource.setrlimit(resource.RLIMIT_FSIZE, (memory, memory))
+
+
+def _work(channel: Channel, say: Callable[[Any], None], memory: int | None) -> None:
+    """Take work until the connection is closed, which is a ``ClosedError``."""
+    ready = False
+    while True:
+        while (request := channel.poll()) is None:
+            channel.wait(3600.0)
+        token, function, arguments = pickle.loads(request)
+        if not ready:  # the function's module is imported only now
+            gc.freeze()  # what is imported stays; to look through it again takes time
+            say(Ready())
+            ready = True
+        say(_answer(token, function, arguments, memory))
 
 
 def _end_without_parent(parent: int) -> None:

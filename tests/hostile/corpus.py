@@ -647,18 +647,17 @@ MESSAGES = [
     ),
     Hostile(
         "AnswersTwice",
-        "ok",
-        "",
+        "invalid",
+        "forged",
         """
-        from olne_bench.bench.process import inside
-        once = inside._say
-        def twice(message):
-            once(message)
-            once(message)
-        for frame in _frames():
-            if frame.f_code.co_name == "serve":
-                frame.f_locals
-        inside._say = twice
+        from olne_bench.bench.process.messages import Result, encode
+        import msgspec
+        frame = sys._getframe()
+        while "token" not in frame.f_locals:
+            frame = frame.f_back
+        answer = msgspec.Raw(encode({"estimate": None, "malformed": "forged"}))
+        body = encode(Result(frame.f_locals["token"], answer))
+        say(struct.pack("!I", len(body)) + body)
         """,
     ),
     Hostile(

@@ -1,0 +1,131 @@
+"""Hostile estimators in a run: each has its row, and its neighbours never notice."""
+
+import corpus
+import pandas as pd
+import pytest
+from corpus import HEADER, Hostile
+from running import Run, write
+
+from olne_bench.bench.process.sandbox import restrictions
+from olne_bench.bench.run import describing
+from olne_bench.bench.run.describing import describe_all
+
+GROUPS = {
+    name: [one for one in group if one.status != "refused"]
+    for name, group in vars(corpus).items()
+    if isinstance(group, list)
+}
+REFUSED = [
+    one
+    for group in vars(corpus).values()
+    if isinstance(group, list)
+    for one in group
+    if one.status == "refused"
+]
+QUICK = [
+    "Segfaults",
+    "KillsItself",
+    "KillsTheDriver",
+    "Exits",
+    "DiesWithAChild",
+    "BusyLoops",
+    "BlocksSignals",
+    "HangsInAProperty",
+    "HangsAtLaterImport",
+    "HoardsInAMemfd",
+    "LongMessage",
+    "LongException",
+    "Nothing",
+    "Recursive",
+    "LazySequence",
+    "RaisesBase",
+    "OwnStartError",
+    "HasNoText",
+    "MetaclassRaises",
+    "ForksTwice",
+    "LeavesADaemonThread",
+    "SendsHalfAMessage",
+    "ForgesAStage",
+    "SendsAPickle",
+    "ForgesInfinity",
+    "ChangesEverything",
+    "WritesALogBesideItself",
+    "FailsItsLaterImport",
+    "NeedsAHelper",
+    "NeedsAnotherHelper",
+]
+
+
+@pytest.fixture(scope="session")
+def alone(tmp_path_factory) -> pd.DataFrame:
+    """Rows of the good estimators in a run of their own."""
+    return Run(tmp_path_factory.mktemp("alone"), []).neighbours()
+
+
+def check(folder, group: list[Hostile], alone: pd.DataFrame, limit: float = 4.0) -> None:
+    run = Run(folder / "run", write(folder / "plugins", group), limit=limit)
+    assert run.code == 0, run.said
+    assert "Traceback" not in run.said
+    assert run.left == []
+    pd.testing.assert_frame_equal(run.neighbours(), alone, check_exact=True)
+    found = {one.name: tuple(run.rows.loc[one.name, ["status", "message"]]) for one in group}
+    wrong = {
+        one.name: (found[one.name], one.status, one.phrase)
+        for one in group
+        if found[one.name][0] != one.status or one.phrase not in found[one.name][1]
+    }
+    assert wrong == {}
+    assert all(len(message) <= 1000 and "\n" not in message for _, message in found.values())
+    assert (folder / "run" / "neighbour.py").is_file()
+
+
+@pytest.mark.skipif("signals to other processes" not in restrictions(), reason="needs Linux 6.12")
+def test_each_kind_of_hostility_is_a_row_of_its_own(tmp_path, alone):
+    group = [one for part in GROUPS.values() for one in part if one.name in QUICK]
+    assert len(group) == len(QUICK)
+    check(tmp_path, group, alone, limit=3.0)
+
+
+@pytest.mark.corpus
+@pytest.mark.parametrize("name", GROUPS)
+def test_every_hostile_estimator_is_a_row_of_its_own(tmp_path, alone, name):
+    check(tmp_path, GROUPS[name], alone)
+
+
+def test_the_corpus_is_large_and_its_names_differ():
+    names = [one.name for group in GROUPS.values() for one in group]
+    names += [one.name for one in REFUSED]
+    assert len(names) >= 120
+    assert len(set(names)) == len(names)
+
+
+def refusal(folder, one: Hostile) -> str:
+    (folder / "plugin.py").write_text(HEADER + one.code())
+    (said,) = describe_all([(None, f"{folder / 'plugin.py'}:{one.name}", {})])
+    return said.error
+
+
+@pytest.mark.corpus
+@pytest.mark.parametrize("one", REFUSED, ids=lambda one: one.name)
+def test_what_cannot_be_imported_is_refused_in_one_line(tmp_path, one):
+    error = refusal(tmp_path, one)
+    assert one.phrase in error
+    assert "\n" not in error and 0 < len(error) <= 1200
+
+
+HANGS_AT_IMPORT = Hostile("Waits", "refused", "it takes more than", module="time.sleep(4321.25)")
+
+
+def test_a_plugin_that_hangs_at_its_import_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(describing, "LOAD_LIMIT", 1.0)
+    assert HANGS_AT_IMPORT.phrase in refusal(tmp_path, HANGS_AT_IMPORT)
+
+
+def test_a_run_with_a_plugin_that_cannot_be_imported_does_not_begin(tmp_path):
+    run = Run(tmp_path / "run", write(tmp_path / "plugins", REFUSED[:1]))
+    assert run.code == 2
+    assert run.said.splitlines()[-1].startswith("olne-bench: error: ")
+    assert REFUSED[0].phrase in run.said
+    assert "Traceback" not in run.said
+    assert not run.out.exists()
+    assert run.left == []
