@@ -1,0 +1,486 @@
+"""How many random one-token mutants of the packages does the mirrored test file notice?
+
+    python scripts/mutants.py --out runs/mutants
+    python scripts/mutants.py --out runs/mutants --count 60 --only bench/plan --list
+
+A mutant is the code with one operator, comparison, number, truth value, ``and``, ``or``, ``not`` or
+sign replaced by cosmic-ray's operators. Places are drawn with a fixed seed, each with the same chance;
+a larger ``--count`` contains a smaller one. For each mutant the test file that mirrors its module
+(:func:`mirror`) runs alone, in a copy of the tree. The mutant is noticed if the tests fail or exceed
+their time. Results are kept in the folder ``--out`` by the contents of module and tests: a run that was
+interrupted goes on where it stopped, and a second one repeats only what changed.
+"""
+
+import argparse
+import ast
+import difflib
+import hashlib
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import psutil
+import pytest
+from cosmic_ray.ast import ast_nodes, get_ast
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.operators import (
+    binary_operator_replacement,
+    boolean_replacer,
+    comparison_operator_replacement,
+    unary_operator_replacement,
+)
+from cosmic_ray.operators.number_replacer import NumberReplacer
+from cosmic_ray.operators.operator import Operator
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("games", "envs", "estimators", "bench")
+EXPLAINED = ROOT / "docs/mutants.md"
+SEED = 2026
+#: Seconds that the tests of a mutant may take; a module's own tests take a fraction of it.
+LIMIT = 240.0
+
+#: Modules whose tests lie under a name that the rule of :func:`mirror` does not find.
+ELSEWHERE = {
+    "bench/commands/check.py": "tests/bench/commands/test_conformance.py",
+    "bench/commands/compare.py": "tests/bench/report/test_gate_and_compare.py",
+    "bench/commands/differences.py": "tests/bench/report/test_gate_and_compare.py",
+    "bench/commands/estimate.py": "tests/bench/commands/test_record_command.py",
+    "bench/commands/estimator_checks.py": "tests/bench/commands/test_conformance.py",
+    "bench/commands/findings.py": "tests/bench/commands/test_conformance.py",
+    "bench/commands/gate.py": "tests/bench/report/test_gate_and_compare.py",
+    "bench/commands/import_tracks.py": "tests/bench/commands/test_record_command.py",
+    "bench/commands/list_all.py": "tests/bench/commands/test_cli.py",
+    "bench/commands/merge.py": "tests/bench/commands/test_cli.py",
+    "bench/commands/metric_checks.py": "tests/bench/commands/test_conformance.py",
+    "bench/commands/new.py": "tests/bench/commands/test_conformance.py",
+    "bench/commands/options.py": "tests/bench/commands/test_cli.py",
+    "bench/commands/record.py": "tests/bench/commands/test_record_command.py",
+    "bench/commands/report.py": "tests/bench/commands/test_cli.py",
+    "bench/commands/run.py": "tests/bench/commands/test_cli.py",
+    "bench/commands/scenario_checks.py": "tests/bench/commands/test_conformance.py",
+    "bench/commands/sensor_checks.py": "tests/bench/commands/test_conformance.py",
+    "bench/commands/status.py": "tests/bench/commands/test_cli.py",
+    "bench/judge/metrics/cosine_error.py": "tests/bench/judge/metrics/test_scoring.py",
+    "bench/judge/metrics/covers_truth.py": "tests/bench/judge/metrics/test_scoring.py",
+    "bench/judge/metrics/held_out_error.py": "tests/bench/judge/metrics/test_scoring.py",
+    "bench/judge/metrics/judged.py": "tests/bench/judge/metrics/test_scoring.py",
+    "bench/judge/metrics/position_error.py": "tests/bench/judge/metrics/test_scoring.py",
+    "bench/judge/metrics/reconstruction_error.py": "tests/bench/judge/metrics/test_scoring.py",
+    "bench/judge/raw_estimate.py": "tests/bench/judge/test_estimate_check.py",
+    "bench/judge/truth.py": "tests/bench/judge/test_referee.py",
+    "bench/plan/check.py": "tests/bench/plan/test_suite.py",
+    "bench/plan/entries.py": "tests/bench/plan/test_suite.py",
+    "bench/plan/load.py": "tests/bench/plan/test_suite.py",
+    "bench/plan/select.py": "tests/bench/plan/test_suite.py",
+    "bench/plan/trial.py": "tests/bench/plan/test_suite.py",
+    "bench/process/family.py": "tests/bench/process/test_child.py",
+    "bench/process/inside.py": "tests/bench/process/test_child.py",
+    "bench/report/figures/failures.py": "tests/bench/report/figures/test_draw_figures.py",
+    "bench/report/figures/panels.py": "tests/bench/report/figures/test_draw_figures.py",
+    "bench/report/figures/scene.py": "tests/bench/report/figures/test_draw_figures.py",
+    "bench/report/figures/style.py": "tests/bench/report/figures/test_draw_figures.py",
+    "bench/report/figures/trajectories.py": "tests/bench/report/figures/test_draw_figures.py",
+    "bench/report/gate.py": "tests/bench/report/test_gate_and_compare.py",
+    "bench/report/page/data.py": "tests/bench/report/page/test_render.py",
+    "bench/report/page/numbers.py": "tests/bench/report/page/test_render.py",
+    "bench/report/page/scenes.py": "tests/bench/report/page/test_render.py",
+    "bench/report/statistics/run_comparison.py": "tests/bench/report/test_gate_and_compare.py",
+    "bench/report/study.py": "tests/bench/report/test_leaderboard.py",
+    "bench/report/tables.py": "tests/bench/report/page/test_render.py",
+    "bench/report/write.py": "tests/bench/report/test_leaderboard.py",
+    "bench/run/player.py": "tests/bench/run/test_executor.py",
+    "bench/run/player_process.py": "tests/bench/run/test_executor.py",
+    "bench/run/provenance.py": "tests/bench/run/test_store.py",
+    "bench/run/referee.py": "tests/bench/run/test_executor.py",
+    "bench/run/referee_process.py": "tests/bench/run/test_executor.py",
+    "envs/equilibrium.py": "tests/envs/test_recording.py",
+    "envs/lane_curves.py": "tests/envs/test_highway_roads.py",
+    "envs/scene.py": "tests/envs/test_rendering.py",
+    "envs/worlds.py": "tests/envs/test_recording.py",
+    "estimators/joint_ipopt.py": "tests/estimators/test_interior_point.py",
+    "estimators/joint_problem.py": "tests/estimators/test_interior_point.py",
+    "games/batch.py": "tests/games/test_newton.py",
+    "games/native.py": "tests/games/test_elimination.py",
+    "games/stage_functions.py": "tests/games/test_elimination.py",
+}
+
+
+def mirror(module: str, root: Path = ROOT) -> str | None:
+    """Return the test file of a module, or None: then no mutant of it counts as noticed.
+
+    It is the first that exists of ``tests/PACKAGE/test_MODULE.py``, the entry of ``ELSEWHERE``, the
+    same with the module's last words left out (``store_merge`` has its tests in ``test_store.py``),
+    and the tests of the module's folder (``envs/traffic/report.py``: ``tests/envs/test_traffic.py``).
+    """
+    path = Path(module)
+    words = path.stem.split("_")
+    names = ["_".join(words[:n]) for n in range(len(words), 0, -1)]
+    files = [Path("tests", path.parent, f"test_{name}.py") for name in names]
+    if module in ELSEWHERE:
+        files.insert(1, Path(ELSEWHERE[module]))
+    files.append(Path("tests", path.parent.parent, f"test_{path.parent.name}.py"))
+    return next((str(file) for file in files if (root / file).is_file()), None)
+
+
+# --------------------------------------------------------------------------------------- operators
+
+
+#: An operator is replaced by one of its own kind. ``a << b`` on floats would be noticed by anything,
+#: and ``is`` for ``==`` is the same by construction on what is compared here.
+KINDS = (
+    {"Add", "Sub", "Mul", "Div", "FloorDiv", "Mod", "Pow"},
+    {"BitOr", "BitAnd", "BitXor"},
+    {"Eq", "NotEq", "Lt", "LtE", "Gt", "GtE"},
+    {"Is", "IsNot"},
+)
+#: Syntax that some operator may change; all other nodes need not be asked.
+TYPES = {"operator", "number", "keyword", "comparison", "factor", "not_test"}
+TYPES |= {"if_stmt", "while_stmt", "assert_stmt", "test"}
+
+
+def operators() -> list[Operator]:
+    """Return the mutations that are drawn from, as operators of cosmic-ray."""
+    found: list[type[Operator]] = [
+        NumberReplacer,
+        boolean_replacer.ReplaceTrueWithFalse,
+        boolean_replacer.ReplaceFalseWithTrue,
+        boolean_replacer.ReplaceAndWithOr,
+        boolean_replacer.ReplaceOrWithAnd,
+        boolean_replacer.AddNot,
+    ]
+    for family in (binary_operator_replacement, comparison_operator_replacement):
+        for operator in family.operators():
+            change = set(operator.__name__.split("_")[-2:])
+            if any(change <= kind for kind in KINDS):
+                found.append(operator)
+    for operator in unary_operator_replacement.operators():
+        if operator.__name__.endswith(("USub_UAdd", "Delete_USub", "Delete_Not", "Delete_Invert")):
+            found.append(operator)
+    return [operator() for operator in found]
+
+
+# ------------------------------------------------------------------------------------------ places
+
+#: What is said to people: their wording is not tested.
+MESSAGES = {"UserError", "echo", "secho", "print", "warn", "debug", "info", "warning", "exception"}
+#: Arguments that change no result by construction, as (function, argument).
+WITHOUT_EFFECT = {
+    ("dataclass", "frozen"),  # refuses what nobody does
+    ("dataclass", "slots"),
+    ("zip", "strict"),  # refuses what nobody passes
+    ("lru_cache", "maxsize"),  # only time
+    ("option", "show_default"),  # only help
+}
+
+Position = tuple[int, int]
+
+
+def skipped(source: str) -> list[tuple[Position, Position]]:
+    """Return the ranges of a module's text in which nothing is mutated.
+
+    These are annotations and aliases of types, ``__all__``, ``if TYPE_CHECKING``, messages (arguments
+    of what is raised, printed, warned or logged), and the arguments of ``WITHOUT_EFFECT``.
+    Docstrings and other texts have no tokens to mutate.
+    """
+    lines = source.splitlines()
+
+    def position(line: int, column: int) -> Position:
+        return line, len(lines[line - 1].encode()[:column].decode())
+
+    ranges = []
+    for node in ast.walk(ast.parse(source)):
+        for inner in _without_tests(node):
+            start = position(inner.lineno, inner.col_offset)
+            ranges.append((start, position(inner.end_lineno or 0, inner.end_col_offset or 0)))
+    return ranges
+
+
+def _without_tests(node: ast.AST) -> list[ast.expr]:
+    """Return the parts of a node that are not mutated."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+        return [node.returns] if node.returns else []
+    if isinstance(node, ast.arg | ast.AnnAssign):
+        return [node.annotation] if node.annotation else []
+    if isinstance(node, ast.Raise):
+        return [node.exc] if node.exc else []
+    if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+        return [node.test]
+    if isinstance(node, ast.Assign):
+        names = [target.id for target in node.targets if isinstance(target, ast.Name)]
+        union = isinstance(node.value, ast.BinOp) and isinstance(node.value.op, ast.BitOr)
+        alias = union and any(name.lstrip("_")[:1].isupper() for name in names)
+        return [node.value] if alias or "__all__" in names else []
+    if isinstance(node, ast.Call):
+        name = ast.unparse(node.func).split(".")[-1]
+        if name in MESSAGES or name.endswith("Error"):
+            return [*node.args, *(keyword.value for keyword in node.keywords)]
+        return [word.value for word in node.keywords if (name, word.arg) in WITHOUT_EFFECT]
+    return []
+
+
+@dataclass(frozen=True)
+class Place:
+    """A token of a module, and what it may become: operator and how many such came before."""
+
+    module: str
+    start: Position
+    choices: tuple[tuple[Operator, int], ...]
+    order: str
+
+
+def places(module: str, source: str, all_operators: list[Operator]) -> Iterator[Place]:
+    """Yield the places of a module that may be mutated."""
+    ranges = skipped(source)
+    counts: Counter[int] = Counter()
+    found: dict[Position, list[tuple[Operator, int]]] = {}
+    for node in ast_nodes(get_ast(source)):
+        if node.type not in TYPES or (node.parent and node.parent.type == "parameters"):
+            continue  # a bare * or / among parameters refuses calls that nobody makes
+        for number, operator in enumerate(all_operators):
+            for start, _ in operator.mutation_positions(node):
+                found.setdefault(start, []).append((operator, counts[number]))
+                counts[number] += 1
+    lines = source.splitlines()
+    before: Counter[str] = Counter()
+    for start in sorted(found):
+        # The place's name does not change where lines are added above it: draws stay what they were.
+        text = f"{SEED}|{module}|{lines[start[0] - 1].strip()}|"
+        text += str(start[1] - len(lines[start[0] - 1]) + len(lines[start[0] - 1].lstrip()))
+        before[text] += 1
+        if not any(first <= start < last for first, last in ranges):
+            order = hashlib.sha256(f"{text}|{before[text]}".encode()).hexdigest()
+            yield Place(module, start, tuple(found[start]), order)
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A module with one token changed; ``line`` counts from one, ``before`` and ``after`` are lines."""
+
+    module: str
+    line: int
+    before: str
+    after: str
+    source: str
+
+
+def mutate(place: Place, source: str) -> Mutant | None:
+    """Return a random mutant of a place, or None where none of its choices is another program."""
+    choices = list(place.choices)
+    random.Random(place.order).shuffle(choices)
+    for operator, occurrence in choices:
+        changed = mutate_code(source, operator, occurrence)
+        if changed is None or not _differs(source, changed):
+            continue
+        lines = [
+            line
+            for line in difflib.ndiff(source.splitlines(), changed.splitlines())
+            if line[0] in "+-"
+        ]
+        texts = [" ".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+"]
+        return Mutant(place.module, place.start[0], texts[0], texts[1], changed)
+    return None
+
+
+def _differs(source: str, changed: str) -> bool:
+    try:
+        return ast.dump(ast.parse(source)) != ast.dump(ast.parse(changed))
+    except SyntaxError:
+        return False
+
+
+def draw(count: int, only: str) -> list[Mutant]:
+    """Return the first ``count`` mutants of the modules whose path begins with ``only``."""
+    sources, found = {}, []
+    all_operators = operators()
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            module = str(path.relative_to(ROOT))
+            if "templates" not in path.parts and module.startswith(only):
+                sources[module] = path.read_text()
+                found += places(module, sources[module], all_operators)
+    mutants: list[Mutant] = []
+    for place in sorted(found, key=lambda place: place.order):
+        if len(mutants) == count:
+            break
+        mutant = mutate(place, sources[place.module])
+        mutants += [mutant] if mutant else []
+    print(f"{len(mutants)} mutants of {len(found)} places in {len(sources)} modules")
+    return sorted(mutants, key=lambda mutant: (mutant.module, mutant.line))
+
+
+# --------------------------------------------------------------------------------------- judgement
+
+
+@dataclass(frozen=True)
+class Result:
+    """What the tests said: ``passed``, ``failed`` or ``too long``, after some seconds."""
+
+    outcome: str
+    seconds: float
+
+
+class Laboratory:
+    """A copy of the tree in which mutants are tried, and what is known of them already.
+
+    Attributes:
+        sound: test files that pass where nothing is to be noticed.
+    """
+
+    def __init__(self, out: Path) -> None:
+        out.mkdir(parents=True, exist_ok=True)
+        self._known_file = out / "results.jsonl"
+        self._known: dict[str, Result] = {}
+        self.sound: set[str] = set()
+        if self._known_file.is_file():
+            for line in self._known_file.read_text().splitlines():
+                entry = json.loads(line)
+                self._known[entry.pop("key")] = Result(**entry)
+        self._tree = out.absolute() / "tree"
+        _copy_tree(self._tree)
+
+    def try_mutant(self, mutant: Mutant) -> Result:
+        """Run the mirrored tests on a mutant; ``no tests`` where there are none."""
+        tests = mirror(mutant.module)
+        if tests is None:
+            return Result("no tests", 0.0)
+        result = self._run(tests, mutant.module, mutant.source)
+        if result.outcome == "passed":
+            self.sound.add(tests)
+        return result
+
+    def check(self, tests: str) -> None:
+        """Run tests on the code as it is, unless some mutant has passed them.
+
+        Raises:
+            SystemExit: where they fail, hence would notice nothing.
+        """
+        if tests not in self.sound and self._run(tests).outcome != "passed":
+            sys.exit(f"{tests} does not pass without a mutant")
+        self.sound.add(tests)
+
+    def _run(self, tests: str, module: str = "", source: str = "") -> Result:
+        """Run tests, with a module's text replaced, unless it is known how that ends."""
+        parts = [tests, *_texts(tests), module, source]
+        key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+        if key not in self._known:
+            if module:
+                (self._tree / module).write_text(source)
+            try:
+                self._known[key] = _pytest(self._tree, tests)
+            finally:
+                if module:
+                    (self._tree / module).write_text((ROOT / module).read_text())
+            with self._known_file.open("a") as file:
+                file.write(json.dumps({"key": key, **asdict(self._known[key])}) + "\n")
+        return self._known[key]
+
+
+def _texts(tests: str) -> list[str]:
+    """Return the contents of a test file and of the ``conftest.py`` above it."""
+    folders = [ROOT / folder for folder in Path(tests).parents]
+    files = [ROOT / tests, *(folder / "conftest.py" for folder in folders)]
+    return [file.read_text() for file in files if file.is_file()]
+
+
+def _copy_tree(tree: Path) -> None:
+    """Copy what git does not ignore, and compile it so that a changed text is always seen."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout
+    shutil.rmtree(tree, ignore_errors=True)
+    for name in filter(None, listed.split("\0")):
+        if (ROOT / name).exists() and not name.startswith("results/"):
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, tree / name, follow_symlinks=False)
+    command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash"]
+    subprocess.run([*command, "src"], cwd=tree, check=True)
+
+
+def _pytest(tree: Path, tests: str) -> Result:
+    """Run a test file in a tree and end it, with its descendants, after ``LIMIT`` seconds.
+
+    Raises:
+        SystemExit: where pytest could not run any tests.
+    """
+    path = [str(tree / "src"), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
+    command += ["--basetemp", str(tree.parent / "tmp"), tests]
+    begin = time.monotonic()
+    process = psutil.Popen(
+        command,
+        cwd=tree,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        code = process.wait(LIMIT)
+        if code in (pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_COLLECTED):
+            sys.exit(f"{tests}: pytest ended with exit code {code}")
+        outcome = "failed" if code else "passed"
+    except psutil.TimeoutExpired:
+        outcome = "too long"
+        for descendant in [*process.children(recursive=True), process]:
+            descendant.kill()
+        process.wait()
+    return Result(outcome, round(time.monotonic() - begin, 2))
+
+
+def report(results: list[tuple[Mutant, Result]]) -> None:
+    """Print the share noticed by package, and the survivors."""
+    explained = EXPLAINED.read_text() if EXPLAINED.is_file() else ""
+    print("\npackage      mutants  noticed  share")
+    for package in (*PACKAGES, ""):
+        outcomes = [result for mutant, result in results if mutant.module.startswith(package)]
+        noticed = sum(result.outcome in ("failed", "too long") for result in outcomes)
+        share = f"{noticed / len(outcomes):6.1%}" if outcomes else "     –"
+        print(f"{package or 'all':12} {len(outcomes):7}  {noticed:7}  {share}")
+    print("\nsurvivors")
+    for mutant, result in results:
+        if result.outcome in ("passed", "no tests"):
+            why = "no test file" if result.outcome == "no tests" else mirror(mutant.module)
+            named = ", explained" if f"`{mutant.after}`" in explained else ""
+            print(f"{mutant.module}:{mutant.line} ({why}{named})")
+            print(f"    - {mutant.before}\n    + {mutant.after}")
+
+
+def main() -> None:
+    """Draw, try, report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder for results")
+    parser.add_argument("--count", type=int, default=200, help="mutants drawn")
+    parser.add_argument("--only", default="", help="beginning of the modules' paths")
+    parser.add_argument("--check", action="store_true", help="also run all tests without mutants")
+    parser.add_argument("--list", action="store_true", help="only list the mutants")
+    arguments = parser.parse_args()
+    mutants = draw(arguments.count, arguments.only)
+    if arguments.list:
+        for mutant in mutants:
+            print(f"{mutant.module}:{mutant.line} ({mirror(mutant.module)})")
+            print(f"    - {mutant.before}\n    + {mutant.after}")
+        return
+    laboratory = Laboratory(arguments.out)
+    used = {tests for mutant in mutants if (tests := mirror(mutant.module))}
+    results = []
+    for number, mutant in enumerate(mutants, 1):
+        results.append((mutant, laboratory.try_mutant(mutant)))
+        outcome = results[-1][1]
+        said = f"{outcome.outcome} ({outcome.seconds:.0f} s)"
+        print(f"{number}/{len(mutants)} {mutant.module}:{mutant.line} {said}", flush=True)
+    for tests in sorted(used) if arguments.check else ():
+        laboratory.check(tests)
+    report(results)
+    print(f"\n{len(laboratory.sound)} of {len(used)} test files were seen to pass")
+
+
+if __name__ == "__main__":
+    main()
