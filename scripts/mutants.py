@@ -15,6 +15,7 @@ import argparse
 import ast
 import difflib
 import hashlib
+import importlib
 import json
 import os
 import random
@@ -22,6 +23,7 @@ import shutil
 import subprocess
 import sys
 import time
+import types
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -46,6 +48,10 @@ EXPLAINED = ROOT / "docs/mutants.md"
 SEED = 2026
 #: Seconds that the tests of a mutant may take; a module's own tests take a fraction of it.
 LIMIT = 240.0
+
+#: What most tests import; not what pytest looks for in order to rewrite it.
+LIBRARIES = ("casadi", "distributed", "highway_env", "matplotlib.pyplot", "msgspec")
+LIBRARIES += ("pandas", "pettingzoo", "pyarrow.parquet", "pydantic", "scipy.optimize", "scipy.stats")
 
 #: Modules whose tests lie under a name that the rule of :func:`mirror` does not find.
 ELSEWHERE = {
@@ -141,30 +147,36 @@ KINDS = (
     {"Eq", "NotEq", "Lt", "LtE", "Gt", "GtE"},
     {"Is", "IsNot"},
 )
-#: Syntax that some operator may change; all other nodes need not be asked.
-TYPES = {"operator", "number", "keyword", "comparison", "factor", "not_test"}
-TYPES |= {"if_stmt", "while_stmt", "assert_stmt", "test"}
 
 
-def operators() -> list[Operator]:
-    """Return the mutations that are drawn from, as operators of cosmic-ray."""
-    found: list[type[Operator]] = [
-        NumberReplacer,
-        boolean_replacer.ReplaceTrueWithFalse,
-        boolean_replacer.ReplaceFalseWithTrue,
-        boolean_replacer.ReplaceAndWithOr,
-        boolean_replacer.ReplaceOrWithAnd,
-        boolean_replacer.AddNot,
-    ]
-    for family in (binary_operator_replacement, comparison_operator_replacement):
-        for operator in family.operators():
-            change = set(operator.__name__.split("_")[-2:])
-            if any(change <= kind for kind in KINDS):
-                found.append(operator)
-    for operator in unary_operator_replacement.operators():
-        if operator.__name__.endswith(("USub_UAdd", "Delete_USub", "Delete_Not", "Delete_Invert")):
-            found.append(operator)
-    return [operator() for operator in found]
+def operators() -> dict[str, list[Operator]]:
+    """Return the mutations that are drawn from, as operators of cosmic-ray, by type of syntax."""
+    found: dict[str, list[Operator]] = {
+        "number": [NumberReplacer()],
+        "keyword": [
+            boolean_replacer.ReplaceTrueWithFalse(),
+            boolean_replacer.ReplaceFalseWithTrue(),
+            boolean_replacer.ReplaceAndWithOr(),
+            boolean_replacer.ReplaceOrWithAnd(),
+        ],
+        "operator": _of_a_kind(binary_operator_replacement),
+        "comparison": _of_a_kind(comparison_operator_replacement),
+    }
+    for statement in ("if_stmt", "while_stmt", "assert_stmt", "test"):
+        found[statement] = [boolean_replacer.AddNot()]
+    for factor in ("factor", "not_test"):
+        found[factor] = [
+            operator()
+            for operator in unary_operator_replacement.operators()
+            if operator.__name__.endswith(("USub_UAdd", "Delete_USub", "Delete_Not"))
+        ]
+    return found
+
+
+def _of_a_kind(family: types.ModuleType) -> list[Operator]:
+    """Return those operators of a family that stay within one of ``KINDS``."""
+    changes = [(set(one.__name__.split("_")[-2:]), one) for one in family.operators()]
+    return [one() for change, one in changes if any(change <= kind for kind in KINDS)]
 
 
 # ------------------------------------------------------------------------------------------ places
@@ -236,18 +248,18 @@ class Place:
     order: str
 
 
-def places(module: str, source: str, all_operators: list[Operator]) -> Iterator[Place]:
+def places(module: str, source: str, all_operators: dict[str, list[Operator]]) -> Iterator[Place]:
     """Yield the places of a module that may be mutated."""
     ranges = skipped(source)
-    counts: Counter[int] = Counter()
+    counts: Counter[Operator] = Counter()
     found: dict[Position, list[tuple[Operator, int]]] = {}
     for node in ast_nodes(get_ast(source)):
-        if node.type not in TYPES or (node.parent and node.parent.type == "parameters"):
-            continue  # a bare * or / among parameters refuses calls that nobody makes
-        for number, operator in enumerate(all_operators):
+        for operator in all_operators.get(node.type, ()):
             for start, _ in operator.mutation_positions(node):
-                found.setdefault(start, []).append((operator, counts[number]))
-                counts[number] += 1
+                # A bare * or / among parameters refuses calls that nobody makes.
+                if node.parent is None or node.parent.type != "parameters":
+                    found.setdefault(start, []).append((operator, counts[operator]))
+                counts[operator] += 1
     lines = source.splitlines()
     before: Counter[str] = Counter()
     for start in sorted(found):
@@ -342,13 +354,13 @@ class Laboratory:
         if self._known_file.is_file():
             for line in self._known_file.read_text().splitlines():
                 entry = json.loads(line)
-                self._known[entry.pop("key")] = Result(**entry)
+                self._known[entry["key"]] = Result(entry["outcome"], entry["seconds"])
         self._tree = out.absolute() / "tree"
         _copy_tree(self._tree)
 
     def try_mutant(self, mutant: Mutant) -> Result:
         """Run the mirrored tests on a mutant; ``no tests`` where there are none."""
-        tests = mirror(mutant.module)
+        tests = mirror(mutant.module, self._tree)
         if tests is None:
             return Result("no tests", 0.0)
         result = self._run(tests, mutant.module, mutant.source)
@@ -368,26 +380,24 @@ class Laboratory:
 
     def _run(self, tests: str, module: str = "", source: str = "") -> Result:
         """Run tests, with a module's text replaced, unless it is known how that ends."""
-        parts = [tests, *_texts(tests), module, source]
+        parts = [tests, *self._texts(tests), module, source]
         key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
         if key not in self._known:
+            original = (self._tree / module).read_text() if module else ""
             if module:
                 (self._tree / module).write_text(source)
-            try:
-                self._known[key] = _pytest(self._tree, tests)
-            finally:
-                if module:
-                    (self._tree / module).write_text((ROOT / module).read_text())
+            self._known[key] = _pytest(self._tree, tests)
+            if module:
+                (self._tree / module).write_text(original)
             with self._known_file.open("a") as file:
                 file.write(json.dumps({"key": key, **asdict(self._known[key])}) + "\n")
         return self._known[key]
 
-
-def _texts(tests: str) -> list[str]:
-    """Return the contents of a test file and of the ``conftest.py`` above it."""
-    folders = [ROOT / folder for folder in Path(tests).parents]
-    files = [ROOT / tests, *(folder / "conftest.py" for folder in folders)]
-    return [file.read_text() for file in files if file.is_file()]
+    def _texts(self, tests: str) -> list[str]:
+        """Return the contents of a test file and of each ``conftest.py`` above it."""
+        folders = [self._tree / folder for folder in Path(tests).parents]
+        files = [self._tree / tests, *(folder / "conftest.py" for folder in folders)]
+        return [file.read_text() for file in files if file.is_file()]
 
 
 def _copy_tree(tree: Path) -> None:
@@ -406,26 +416,24 @@ def _copy_tree(tree: Path) -> None:
 def _pytest(tree: Path, tests: str) -> Result:
     """Run a test file in a tree and end it, with its descendants, after ``LIMIT`` seconds.
 
+    The process is a copy of this one, which has imported what the packages import, but none of them.
+
     Raises:
         SystemExit: where pytest could not run any tests.
     """
-    path = [str(tree / "src"), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
-    command += ["--basetemp", str(tree.parent / "tmp"), tests]
     begin = time.monotonic()
-    process = psutil.Popen(
-        command,
-        cwd=tree,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    child = os.fork()
+    if not child:
+        try:
+            code = pytest.ExitCode.INTERNAL_ERROR
+            code = _run_here(tree, tests)
+        finally:
+            os._exit(code)
+    process = psutil.Process(child)
     try:
         code = process.wait(LIMIT)
-        if code in (pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_COLLECTED):
-            sys.exit(f"{tests}: pytest ended with exit code {code}")
+        if code == pytest.ExitCode.NO_TESTS_COLLECTED:
+            sys.exit(f"{tests} has no tests")
         outcome = "failed" if code else "passed"
     except psutil.TimeoutExpired:
         outcome = "too long"
@@ -433,6 +441,30 @@ def _pytest(tree: Path, tests: str) -> Result:
             descendant.kill()
         process.wait()
     return Result(outcome, round(time.monotonic() - begin, 2))
+
+
+def _run_here(tree: Path, tests: str) -> int:
+    """Run pytest in this process, which is given up for it; returns its exit code."""
+    with (tree.parent / "last.txt").open("w+") as output:
+        for stream in range(3):
+            os.dup2(output.fileno(), stream)
+    os.chdir(tree)
+    source = str(tree / "src")
+    sys.path[:] = [source, *(path for path in sys.path if not path.startswith(str(ROOT) + os.sep))]
+    os.environ["PYTHONPATH"] = source
+    # Processes that tests start would import the file of the main module.
+    sys.modules["__main__"] = types.ModuleType("__main__")
+    sys.argv = ["pytest", tests]
+    folder = str(tree.parent / "tmp")
+    options = ["-x", "-q", "-p", "no:cacheprovider", "--basetemp", folder]
+    return int(pytest.main([*options, tests]))
+
+
+def _import_libraries() -> None:
+    """Import once what most tests would import again and again."""
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    assert not any(name.split(".")[0] == "olne_bench" for name in sys.modules)
 
 
 def report(results: list[tuple[Mutant, Result]]) -> None:
@@ -468,6 +500,7 @@ def main() -> None:
             print(f"{mutant.module}:{mutant.line} ({mirror(mutant.module)})")
             print(f"    - {mutant.before}\n    + {mutant.after}")
         return
+    _import_libraries()
     laboratory = Laboratory(arguments.out)
     used = {tests for mutant in mutants if (tests := mirror(mutant.module))}
     results = []

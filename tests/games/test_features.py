@@ -4,6 +4,7 @@ import pytest
 
 from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE
 from olne_bench.games.features import (
+    CarProximity,
     ControlEffort,
     Feature,
     FinalGoal,
@@ -43,6 +44,32 @@ def test_proximity_grows_as_players_meet_and_stays_finite() -> None:
 
 def test_proximity_of_a_lone_player_is_nothing() -> None:
     assert cost(Proximity(), 0, states=STATES[:1]) == 0
+
+
+HEADING = np.pi / 3
+AHEAD, LEFT = (np.array([np.cos(a), np.sin(a)]) for a in (HEADING, HEADING + np.pi / 2))
+
+
+def car_cost(*places: np.ndarray, final: bool = False) -> float:
+    """Cost of a car at (1, 2) that drives at an angle, of others at places seen from it."""
+    own = np.array([1.0, 2.0, HEADING, 9.0])
+    others = [np.array([*(own[:2] + place), 0.7, 3.0]) for place in places]
+    feature = CarProximity(length=5.0, width=2.0, scale=1.5)
+    return cost(feature, 0, final=final, states=np.array([own, *others]))
+
+
+@pytest.mark.parametrize("final", [False, True])
+def test_cars_measure_distances_in_lengths_ahead_and_widths_beside(final: bool) -> None:
+    for ahead, beside in ((10.0, 0.0), (-5.0, 0.0), (0.0, 4.0), (7.5, -3.0), (2.0, 3.0)):
+        squared = (ahead / 5) ** 2 + (beside / 2) ** 2
+        found = car_cost(ahead * AHEAD + beside * LEFT, final=final)
+        assert found == pytest.approx(-1.5 * np.log(squared + 0.1), rel=1e-9)
+
+
+def test_cars_ahead_are_nearer_than_cars_beside_and_all_count() -> None:
+    assert car_cost(4 * AHEAD) > car_cost(4 * LEFT)
+    one, other = car_cost(4 * AHEAD), car_cost(-3 * LEFT)
+    assert car_cost(4 * AHEAD, -3 * LEFT) == pytest.approx(one + other, rel=1e-12)
 
 
 @pytest.mark.parametrize(("component", "column"), [("px", 0), ("heading", 2), ("speed", 3)])
