@@ -3,12 +3,12 @@
     python scripts/mutants.py --out runs/mutants
     python scripts/mutants.py --out runs/mutants --count 60 --only bench/plan --list
 
-A mutant is the code with one operator, comparison, number, truth value, ``and``, ``or``, ``not`` or
-sign replaced by cosmic-ray's operators. Places are drawn with a fixed seed, each with the same chance;
-a larger ``--count`` contains a smaller one. For each mutant the test file that mirrors its module
-(:func:`mirror`) runs alone, in a copy of the tree. The mutant is noticed if the tests fail or exceed
-their time. Results are kept in the folder ``--out`` by the contents of module and tests: a run that was
-interrupted goes on where it stopped, and a second one repeats only what changed.
+A mutant is the code with one operator, comparison, number, truth value, ``and``, ``or``, ``not``
+or sign replaced by cosmic-ray's operators. Places are drawn with a fixed seed, each with the same
+chance; a larger ``--count`` contains a smaller one. For each mutant the test file that mirrors its
+module (:func:`mirror`) runs alone, in a copy of the tree. The mutant is noticed if the tests fail
+or exceed their time. Results are kept in the folder ``--out`` by the contents of module and tests:
+a run that was interrupted goes on where it stopped, and a second one repeats only what changed.
 """
 
 import argparse
@@ -51,7 +51,14 @@ LIMIT = 240.0
 
 #: What most tests import; not what pytest looks for in order to rewrite it.
 LIBRARIES = ("casadi", "distributed", "highway_env", "matplotlib.pyplot", "msgspec")
-LIBRARIES += ("pandas", "pettingzoo", "pyarrow.parquet", "pydantic", "scipy.optimize", "scipy.stats")
+LIBRARIES += (
+    "pandas",
+    "pettingzoo",
+    "pyarrow.parquet",
+    "pydantic",
+    "scipy.optimize",
+    "scipy.stats",
+)
 
 #: Modules whose tests lie under a name that the rule of :func:`mirror` does not find.
 ELSEWHERE = {
@@ -123,8 +130,9 @@ def mirror(module: str, root: Path = ROOT) -> str | None:
     """Return the test file of a module, or None: then no mutant of it counts as noticed.
 
     It is the first that exists of ``tests/PACKAGE/test_MODULE.py``, the entry of ``ELSEWHERE``, the
-    same with the module's last words left out (``store_merge`` has its tests in ``test_store.py``),
-    and the tests of the module's folder (``envs/traffic/report.py``: ``tests/envs/test_traffic.py``).
+    same with the module's last words left out (``store_merge`` has its tests in
+    ``test_store.py``), and the tests of the module's folder (``envs/traffic/report.py`` has them in
+    ``tests/envs/test_traffic.py``).
     """
     path = Path(module)
     words = path.stem.split("_")
@@ -139,8 +147,8 @@ def mirror(module: str, root: Path = ROOT) -> str | None:
 # --------------------------------------------------------------------------------------- operators
 
 
-#: An operator is replaced by one of its own kind. ``a << b`` on floats would be noticed by anything,
-#: and ``is`` for ``==`` is the same by construction on what is compared here.
+#: An operator is replaced by one of its own kind. ``a << b`` on floats would be noticed by
+#: anything, and ``is`` for ``==`` is the same by construction on what is compared here.
 KINDS = (
     {"Add", "Sub", "Mul", "Div", "FloorDiv", "Mod", "Pow"},
     {"BitOr", "BitAnd", "BitXor"},
@@ -198,8 +206,9 @@ Position = tuple[int, int]
 def skipped(source: str) -> list[tuple[Position, Position]]:
     """Return the ranges of a module's text in which nothing is mutated.
 
-    These are annotations and aliases of types, ``__all__``, ``if TYPE_CHECKING``, messages (arguments
-    of what is raised, printed, warned or logged), and the arguments of ``WITHOUT_EFFECT``.
+    These are annotations and aliases of types, ``__all__``, ``if TYPE_CHECKING``, messages
+    (arguments of what is raised, printed, warned or logged), and the arguments of
+    ``WITHOUT_EFFECT``.
     Docstrings and other texts have no tokens to mutate.
     """
     lines = source.splitlines()
@@ -263,7 +272,7 @@ def places(module: str, source: str, all_operators: dict[str, list[Operator]]) -
     lines = source.splitlines()
     before: Counter[str] = Counter()
     for start in sorted(found):
-        # The place's name does not change where lines are added above it: draws stay what they were.
+        # The name does not change where lines are added above it: draws stay what they were.
         text = f"{SEED}|{module}|{lines[start[0] - 1].strip()}|"
         text += str(start[1] - len(lines[start[0] - 1]) + len(lines[start[0] - 1].lstrip()))
         before[text] += 1
@@ -274,7 +283,7 @@ def places(module: str, source: str, all_operators: dict[str, list[Operator]]) -
 
 @dataclass(frozen=True)
 class Mutant:
-    """A module with one token changed; ``line`` counts from one, ``before`` and ``after`` are lines."""
+    """A module with one token changed; ``before`` and ``after`` are its lines."""
 
     module: str
     line: int
@@ -416,7 +425,7 @@ def _copy_tree(tree: Path) -> None:
 def _pytest(tree: Path, tests: str) -> Result:
     """Run a test file in a tree and end it, with its descendants, after ``LIMIT`` seconds.
 
-    The process is a copy of this one, which has imported what the packages import, but none of them.
+    The process is a copy of this one, which has imported what the packages import, but not them.
 
     Raises:
         SystemExit: where pytest could not run any tests.

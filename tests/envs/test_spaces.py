@@ -46,7 +46,7 @@ def test_actions_become_controls_and_who_left_has_zeros() -> None:
 
 def test_limits_may_be_reached_from_both_sides() -> None:
     for sign in (-1, 1):
-        full = {player: sign * LIMITS for player in PLAYERS}
+        full = dict.fromkeys(PLAYERS, sign * LIMITS)
         np.testing.assert_array_equal(SPACES.controls(full, PLAYERS), np.array([*full.values()]))
 
 
@@ -63,7 +63,7 @@ def test_players_who_must_not_or_do_not_act_are_named() -> None:
     wrong["car"] = wrong.pop("player_1")
     with pytest.raises(ValueError, match="no action for player_1; unknown player car; players are"):
         SPACES.controls(wrong, PLAYERS)
-    with pytest.raises(ValueError, match="^unknown player player_4; players are"):
+    with pytest.raises(ValueError, match=r"^unknown player player_4; players are"):
         SPACES.controls(actions(), PLAYERS[:4])
 
 

@@ -19,7 +19,9 @@ def test_a_view_has_a_margin_around_what_is_expected() -> None:
 def test_a_line_is_seen_in_a_box_no_longer_than_four_to_one() -> None:
     view = View(np.array([[0.0, 5.0], [40.0, 5.0]]))
     width, height = view.high - view.low
-    assert height == pytest.approx(width * (1 + 2 * MARGIN) / (1 + 2 * MARGIN * (1 + 2 * MARGIN)) / 4)
+    assert height == pytest.approx(
+        width * (1 + 2 * MARGIN) / (1 + 2 * MARGIN * (1 + 2 * MARGIN)) / 4
+    )
     np.testing.assert_allclose((view.low + view.high) / 2, [20, 5])
 
 

@@ -1,7 +1,9 @@
 """What becomes of one trial."""
 
+import numpy as np
 import pytest
 
+from olne_bench.bench.judge.referee import case_of
 from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
@@ -173,3 +175,41 @@ def test_what_harms_others_is_a_row_of_its_own(tmp_path, outcomes, name, status,
     for other in found[2:]:  # run after it
         assert other.status == "ok"
         assert other.scores["position_error"] < 1e-6  # its weights happen to be the true ones
+
+
+SEEN = """
+name = "tiny"
+scenarios = ["two_player"]
+sensors = [
+    "full",
+    "partial",
+    {name = "range_bearing", parameters = {position = [-3.0, -3.0], facing = 0.8}},
+    {name = "correlated", parameters = {correlation = 0.6}},
+    {name = "drop", parameters = {p = 0.3}},
+]
+sigmas = [0.0, 0.05]
+seeds = 1
+trajectories = 2
+estimators = ["uniform"]
+"""
+
+
+def test_the_truth_has_the_squared_error_of_its_own_noise(tmp_path):
+    """Over its variance it is chi-squared: as large as there are samples, or nearly so."""
+    path = tmp_path / "suite.toml"
+    path.write_text(SEEN)
+    for trial in expand(load_suite(str(path))):
+        case = case_of(trial)
+        assert len(case.observations) == len(case.recordings) == 2
+        found = case.outcome.truth_objective
+        if trial.sigma == 0:
+            assert found == pytest.approx(0, abs=1e-20)
+            continue
+        count = sum(np.isfinite(one.y).sum() for one in case.observations)
+        assert abs(found / trial.sigma**2 - count) < 5 * np.sqrt(2 * count), trial.sensor.label
+        if trial.sensor.label == "full":
+            states = [one.states for one in case.recordings]
+            errors = [o.y - s for o, s in zip(case.observations, states, strict=True)]
+            assert found == pytest.approx(np.sum(np.square(errors)))
+            positions = np.abs(errors[0][..., :2]).mean()
+            assert case.outcome.observation_error == pytest.approx(positions)

@@ -6,7 +6,7 @@ from olne_bench.bench.judge.streams import stream
 def test_seeds_repeat_and_fit_into_63_bits() -> None:
     seeds = [stream("sea", "noise", "two_player", 0.1, k) for k in range(200)]
     assert seeds == [stream("sea", "noise", "two_player", 0.1, k) for k in range(200)]
-    assert 0 <= min(seeds)
+    assert min(seeds) >= 0
     assert 2**62 < max(seeds) < 2**63
     assert {seed & 1 for seed in seeds} == {0, 1}
 

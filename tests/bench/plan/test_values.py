@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from olne_bench.bench.plan.values import (
     LABEL_LENGTH,
@@ -33,7 +33,7 @@ class Values(Strict):
     trajectories: Trajectories = 1
     name: Name = "a"
     text: Text = ""
-    parameters: Parameters = {}
+    parameters: Parameters = Field(default_factory=dict)
 
 
 def nested(depth: int) -> object:

@@ -1,6 +1,7 @@
 """Misbehaving estimators: each gets the row it deserves and harms nobody else."""
 
 import subprocess
+import time
 from dataclasses import replace
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.process.child import TICK
 from olne_bench.bench.run.executor import run_trials
 
 PART = Selection(scenarios=("two_player",), sensors=("full",), sigmas=(0.05,))
@@ -316,3 +318,31 @@ def test_each_stage_has_the_time_limit_for_itself(tmp_path):
     trials = [replace(trial, time_limit=3.0) for trial in expand(part, seeds=1)]
     found = run_trials(trials, jobs=2, log=tmp_path / "log")
     assert {t.estimator.label: (o.status, o.message) for t, o in found} == expected
+
+
+def test_a_run_waits_for_what_it_has_begun_and_stops_when_asked(tmp_path):
+    asked, found = [], []
+
+    def stop():
+        asked.append(time.monotonic())
+        return bool(found)
+
+    part = select(load_suite("quick"), PART.model_copy(update={"estimators": ("uniform",)}))
+    trials = list(expand(part, seeds=3))
+    assert len(trials) == 3
+    for trial, outcome in run_trials(trials, jobs=1, log=tmp_path / "log", stop=stop):
+        found.append((trial.key, outcome.status))
+    # One more may have ended while the first was told of, but none was begun after it.
+    assert [key for key, _ in found] == [trial.key for trial in trials[: len(found)]]
+    assert 1 <= len(found) <= 2
+    assert found[0][1] == "ok"
+    # Between questions it sleeps, rather than ask as often as it can.
+    assert len(asked) <= 2 * (asked[-1] - asked[0]) / TICK + 20
+
+
+def test_all_trials_are_run_where_nobody_stops(tmp_path):
+    part = select(load_suite("quick"), PART.model_copy(update={"estimators": ("uniform",)}))
+    trials = list(expand(part, seeds=5))
+    found = list(run_trials(trials, jobs=2, log=tmp_path / "log"))
+    assert {t.key for t, _ in found} == {t.key for t in trials}
+    assert [o.status for _, o in found] == ["ok"] * 5

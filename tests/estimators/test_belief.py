@@ -1,0 +1,100 @@
+"""Beliefs over log-ratios of weights and an initial state."""
+
+import time
+
+import numpy as np
+import pytest
+
+from olne_bench.estimators.belief import (
+    FollowedGames,
+    Gaussian,
+    LostError,
+    first_game,
+    hidden_positions,
+    prior_belief,
+)
+from olne_bench.estimators.forward_model import initial_state_prior, uniform_weights
+from olne_bench.estimators.simplex import flat_covariance, log_ratios_of
+
+
+@pytest.fixture(scope="module")
+def followed(seen):
+    problem, (observation,), _ = seen()
+    return problem, observation, first_game(problem, observation)
+
+
+def games(problem, start, seconds=100.0):
+    return FollowedGames(problem, start, time.monotonic() + seconds)
+
+
+def point_of(problem, start):
+    ratios = log_ratios_of(start.weights, problem.weight_floor)
+    return np.concatenate([ratios, start.initial_state.ravel()])
+
+
+def test_the_first_belief_is_around_the_first_game(followed) -> None:
+    problem, observation, start = followed
+    prior = prior_belief(problem, observation, start, None, 0.5, 0.1)
+    mean, deviation = initial_state_prior(problem, observation, 0.1)
+    ratios = log_ratios_of(start.weights, problem.weight_floor)
+    np.testing.assert_allclose(prior.mean, [*ratios, *mean.ravel()])
+    free = len(ratios)
+    np.testing.assert_allclose(prior.covariance[:free, :free], 0.25 * flat_covariance(2, 4))
+    np.testing.assert_allclose(np.diag(prior.covariance)[free:], deviation.ravel() ** 2)
+    assert not prior.covariance[:free, free:].any()
+
+
+def test_later_beliefs_keep_what_is_known_of_the_weights(followed) -> None:
+    problem, observation, start = followed
+    known = Gaussian(np.arange(6.0), np.diag(np.arange(1.0, 7.0)))
+    prior = prior_belief(problem, observation, start, known, 0.5, 0.1)
+    np.testing.assert_array_equal(prior.mean[:6], known.mean)
+    np.testing.assert_array_equal(prior.covariance[:6, :6], known.covariance)
+
+
+def test_the_first_game_is_not_far_from_uniform_weights(followed) -> None:
+    problem, observation, start = followed
+    assert np.abs(start.root.states - observation.y).max() < 0.2
+    assert np.abs(start.weights - uniform_weights(problem)).max() < 0.2
+
+
+def test_points_are_games(followed) -> None:
+    problem, _, start = followed
+    point = point_of(problem, start)
+    here = games(problem, start)
+    assert here.num_log_ratios == 6
+    np.testing.assert_allclose(here.weights(point[None])[0], start.weights)
+    game = here.play(point)
+    np.testing.assert_allclose(game.root.states, start.root.states, atol=1e-6)
+    np.testing.assert_allclose(game.weights, start.weights)
+    shifted = point.copy()
+    shifted[6] += 0.01  # px of the first player
+    moved = here.play(shifted)
+    np.testing.assert_allclose(moved.initial_state.ravel(), shifted[6:], atol=1e-12)
+    samples = here.expected(np.stack([point, shifted]))
+    assert samples.shape == (2, problem.game.horizon, 8)
+    np.testing.assert_allclose(samples[0].reshape(game.root.states.shape), game.root.states)
+    np.testing.assert_allclose(samples[1, 0, 0] - samples[0, 0, 0], 0.01)
+
+
+def test_what_has_no_equilibrium_is_not_expected_anywhere(followed) -> None:
+    problem, _, start = followed
+    point = point_of(problem, start)
+    far = point.copy()
+    far[6:] = 1e4 * np.random.default_rng(0).standard_normal(8)
+    samples = games(problem, start).expected(np.stack([point, far]))
+    assert np.isfinite(samples[0]).all()
+    assert np.isnan(samples[1]).all()
+    with pytest.raises(LostError, match="no equilibrium at the filter's last mean"):
+        games(problem, start).play(far)
+
+
+def test_nothing_is_played_after_the_deadline(followed) -> None:
+    problem, _, start = followed
+    with pytest.raises(LostError, match="time limit reached"):
+        games(problem, start, seconds=-1.0).expected(point_of(problem, start)[None])
+
+
+def test_positions_have_to_be_told(followed, seen) -> None:
+    assert hidden_positions(followed[0]) is None
+    assert hidden_positions(seen(view="partial")[0]) is None

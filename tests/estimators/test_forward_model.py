@@ -1,0 +1,112 @@
+"""The forward game as methods play it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from olne_bench.estimators.forward_model import (
+    expected_samples,
+    first_games,
+    fitted_game,
+    initial_state_prior,
+    likelihood_covariance,
+    play_batch,
+    scaled_samples,
+    squared_error_of,
+    uniform_weights,
+)
+from olne_bench.estimators.protocol import Observation
+from olne_bench.games.olne import RESIDUAL_TOLERANCE
+
+
+def test_the_first_games_are_roots_near_the_observation_the_best_first(seen) -> None:
+    problem, (observation,), weights = seen()
+    games = first_games(problem, observation)
+    errors = [squared_error_of(problem, one.root.states, observation.y) for one in games]
+    assert errors == sorted(errors)
+    assert all(one.root.residual < RESIDUAL_TOLERANCE for one in games)
+    # The residual method knows the weights without noise, and halfway is halfway to uniform.
+    truth, uniform = weights / weights.sum(axis=1)[:, None], uniform_weights(problem)
+    np.testing.assert_allclose(games[0].weights, truth, atol=1e-3)
+    assert errors[0] < 1e-6
+    used = [one.weights for one in games]
+    assert any(np.allclose(found, (uniform + truth) / 2, atol=1e-3) for found in used)
+    for i, one in enumerate(games):
+        assert all(np.abs(one.root.states - other.root.states).max() > 1e-6 for other in games[:i])
+
+
+def test_a_fitted_game_fits_better_the_looser_its_weights_are_tied(seen) -> None:
+    problem, (observation,), _ = seen(sigma=0.05)
+    tight, loose = (fitted_game(problem, observation, tie) for tie in (10.0, 0.1))
+    errors = [squared_error_of(problem, one.root.states, observation.y) for one in (tight, loose)]
+    assert errors[1] < errors[0]
+    away = [np.abs(one.weights - uniform_weights(problem)).max() for one in (tight, loose)]
+    assert away[0] < away[1]
+
+
+def test_samples_are_in_units_of_their_noise(seen) -> None:
+    problem, (observation,), _ = seen()
+    scaled = replace(problem, noise_scale=(0.5, 2.0, 1.0, 4.0))
+    y = observation.y + 0.5
+    y[2, 1] = np.nan
+    expected = np.nansum(((y - observation.y) / [0.5, 2, 1, 4]) ** 2)
+    assert squared_error_of(scaled, observation.y, y) == pytest.approx(expected)
+    assert scaled_samples(scaled, y).shape == (len(y), y[0].size)
+    np.testing.assert_allclose(
+        expected_samples(scaled, observation.y)[:, 4:], observation.y[:, 1] / [0.5, 2, 1, 4]
+    )
+
+
+def test_x_1_is_known_about_as_well_as_a_measurement_knows_it(seen) -> None:
+    problem, (observation,), _ = seen()
+    scaled = replace(problem, noise_scale=(0.5, 2.0, 1.0, 4.0))
+    mean, deviation = initial_state_prior(scaled, observation, 0.1)
+    np.testing.assert_allclose(mean, observation.y[0])
+    np.testing.assert_allclose(deviation, np.tile([0.1, 0.4, 0.2, 0.8], (2, 1)), rtol=1e-6)
+
+
+def test_x_1_is_known_less_where_the_first_measurements_are_missing(seen) -> None:
+    problem, (observation,), _ = seen()
+    y = observation.y.copy()
+    y[:2, 1] = np.nan
+    _, deviation = initial_state_prior(problem, Observation(y), 0.1)
+    np.testing.assert_allclose(deviation[0], 0.2, rtol=1e-6)
+    np.testing.assert_allclose(deviation[1, 2:], 3 * 0.2, rtol=1e-6)
+    assert (deviation[1, :2] >= 3 * 0.2 * (1 - 1e-6)).all()
+
+
+def test_speeds_that_are_not_seen_come_from_a_quarter_of_the_way(seen) -> None:
+    problem, (observation,), _ = seen(view="partial")
+    truth = seen()[1][0].y
+    mean, deviation = initial_state_prior(problem, observation, 0.0)
+    np.testing.assert_allclose(mean[:, 3], truth[:3, :, 3].mean(axis=0), rtol=0.2)
+    np.testing.assert_allclose(deviation[:, 3], np.abs(mean[:, 3]) / 2)
+    _, noisy = initial_state_prior(problem, observation, 0.1)
+    one_step = np.sqrt(2) * 0.1 / problem.game.dt / np.sqrt(3)
+    np.testing.assert_allclose(noisy[:, 3], deviation[:, 3] + one_step, rtol=1e-6)
+
+
+def test_games_are_played_from_one_that_is_known(seen) -> None:
+    problem, (observation,), _ = seen()
+    start = first_games(problem, observation)[0]
+    near = np.stack([start.weights, 0.99 * start.weights + 0.01 * uniform_weights(problem)])
+    initial = np.stack([observation.y[0]] * 2)
+    batch = play_batch(problem, start, near, initial)
+    assert batch.converged.all()
+    np.testing.assert_allclose(batch.states[0], observation.y, atol=1e-3)
+    assert np.abs(batch.states[1] - batch.states[0]).max() > 1e-5
+
+
+def test_the_covariance_grows_with_the_noise_and_shrinks_with_trajectories(seen) -> None:
+    problem, (observation,), _ = seen(sigma=0.01)
+    start = fitted_game(problem, observation)
+    one = likelihood_covariance(problem, [observation], [start])
+    size = start.weights.size
+    assert one.shape == (size, size)
+    np.testing.assert_allclose(one, one.T, atol=1e-12)
+    double = likelihood_covariance(replace(problem, sigma=0.02), [observation], [start])
+    np.testing.assert_allclose(double, 4 * one, rtol=1e-6)
+    two = likelihood_covariance(problem, [observation] * 2, [start] * 2)
+    np.testing.assert_allclose(two, one / 2, rtol=1e-5, atol=1e-9)
+    assert likelihood_covariance(replace(problem, sigma=0.0), [observation], [start]) is None
