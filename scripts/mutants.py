@@ -170,14 +170,17 @@ def operators() -> dict[str, list[Operator]]:
         "operator": _of_a_kind(binary_operator_replacement),
         "comparison": _of_a_kind(comparison_operator_replacement),
     }
-    for statement in ("if_stmt", "while_stmt", "assert_stmt", "test"):
-        found[statement] = [boolean_replacer.AddNot()]
-    for factor in ("factor", "not_test"):
-        found[factor] = [
-            operator()
-            for operator in unary_operator_replacement.operators()
-            if operator.__name__.endswith(("USub_UAdd", "Delete_USub", "Delete_Not"))
-        ]
+    unary = [
+        operator()
+        for operator in unary_operator_replacement.operators()
+        if operator.__name__.endswith(("USub_UAdd", "Delete_USub", "Delete_Not"))
+    ]
+    # One object for all types: places are counted by operator.
+    for types_of_syntax, of_them in (
+        (("if_stmt", "while_stmt", "assert_stmt", "test"), [boolean_replacer.AddNot()]),
+        (("factor", "not_test"), unary),
+    ):
+        found |= dict.fromkeys(types_of_syntax, of_them)
     return found
 
 

@@ -54,5 +54,8 @@ def _compares_by_identity(value: Any) -> bool:
 
 def _equal(before: Any, after: Any) -> bool:
     if isinstance(before, np.ndarray):
-        return before.shape == after.shape and bool(np.all((before == after) | (before != before)))
+        if before.shape != after.shape:
+            return False
+        both_missing = (before != before) & (after != after)
+        return bool(np.all((before == after) | both_missing))
     return bool(before == after)

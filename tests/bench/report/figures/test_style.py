@@ -1,0 +1,102 @@
+"""Looks that all figures share."""
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from olne_bench.bench.report.figures import style
+
+
+def test_estimators_have_an_order_and_known_ones_a_colour() -> None:
+    names = ["ukf", "uniform", "kkt_residual", "ukf", "a", "kkt_constrained"]
+    order = ["kkt_constrained", "kkt_residual", "a", "ukf", "uniform"]
+    assert style.estimator_order(names) == order
+    colours = style.estimator_colours(names)
+    assert colours["uniform"] == (style.FLOOR_COLOUR,) * 2
+    assert [colours[n] for n in order[:4]] == list(style.ESTIMATOR_COLOURS[:4])
+    # Without them, nobody takes their colours; a fifth stranger shares that of the first.
+    strangers = style.estimator_colours([f"e{k}" for k in range(5)])
+    assert [strangers[f"e{k}"] for k in range(4)] == list(style.ESTIMATOR_COLOURS[2:])
+    assert strangers["e4"] == strangers["e0"]
+
+
+def test_sensors_have_slots_and_the_papers_the_first() -> None:
+    assert style.sensor_slots(["b", "full", "a"]) == {"full": 0, "partial": 1, "a": 2, "b": 3}
+    assert style.sensor_slots(["b", "full"], known_only=True) == {"full": 0, "b": 2}
+    assert style.sensor_slots([]) == {"full": 0, "partial": 1}
+
+
+def test_shades_are_those_of_the_pair_and_then_between_darker_and_lighter() -> None:
+    pair = style.ESTIMATOR_COLOURS[0]
+    assert [style.shade(pair, slot) for slot in (0, 1)] == list(pair)
+    strong, light = (np.array(to_rgb(colour)) for colour in pair)
+    middle, first, last = (np.array(to_rgb(style.shade(pair, slot))) for slot in (2, 3, 4))
+    np.testing.assert_allclose(middle, (strong + light) / 2, atol=1 / 200)
+    np.testing.assert_allclose(first, (0.25 * 0.45 + 0.75) * strong, atol=1 / 200)
+    np.testing.assert_allclose(last, 0.75 * light + 0.25 * (0.4 * light + 0.6), atol=1 / 200)
+    shades = [style.shade(pair, slot) for slot in range(16)]
+    assert len(set(shades)) == 16
+
+
+def test_light_colours_are_told_from_dark_ones() -> None:
+    assert style.is_light("#FFFFFF")
+    assert style.is_light("#00FF00")
+    assert not style.is_light("#FF0000")
+    assert not style.is_light("#0000FF")
+    assert not style.is_light("#808080")
+    assert style.is_light("#909090")
+
+
+def test_line_styles_and_markers_differ() -> None:
+    assert len({str(one) for one in style.LINE_STYLES}) == len(style.LINE_STYLES)
+    assert len(set(style.MARKERS)) == len(style.MARKERS)
+
+
+def test_names_are_printed_on_one_line_of_bounded_length() -> None:
+    assert style.printable("a\nb") == "a b"
+    assert style.printable(" \x00 ") == "(no name)"
+    assert style.printable("a" * 32) == "a" * 32
+    assert style.printable("a" * 33) == "a" * 31 + "…"
+
+
+def test_the_lowest_tick_stands_for_all_below() -> None:
+    axes = Figure().add_subplot()
+    style.log_axis(axes, 1e-9, 10.0)
+    assert axes.get_yscale() == "log"
+    assert axes.get_ylim() == (1e-9, 10.0)
+    text = axes.yaxis.get_major_formatter()
+    assert [text(y, 0) for y in (1e-9, 1e-8, 1.0)] == ["≤ 10⁻⁹", "10⁻⁸", "10⁰"]
+
+
+@pytest.mark.parametrize(("count", "columns", "rows"), [(1, 1, 1), (6, 6, 1), (7, 6, 2)])
+def test_a_figure_grows_by_its_legend(count: int, columns: int, rows: int) -> None:
+    figure = Figure(figsize=(8.0, 3.0))
+    names = [f"_{k}" for k in range(count)]
+    style.legend_below(figure, [(Line2D([], []), name) for name in names])
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == names
+    assert legend._ncols == columns
+    assert figure.get_figheight() == pytest.approx(3 + 0.19 * rows)
+
+
+def test_long_names_have_a_column_to_themselves() -> None:
+    figure = Figure(figsize=(4.0, 3.0))
+    style.legend_below(figure, [(Line2D([], []), "a" * 60)] * 2)
+    assert figure.legends[0]._ncols == 1
+    assert figure.get_figheight() == pytest.approx(3 + 0.19 * 2)
+
+
+def test_settings_hold_only_where_they_are_applied(tmp_path) -> None:
+    before = dict(matplotlib.rcParams)
+    with style.applied():
+        assert matplotlib.rcParams["font.size"] == 9
+        assert not matplotlib.rcParams["text.parse_math"]
+        figure = Figure()
+        figure.add_subplot().set_title("a $ b \U0010ffff")
+        paths = style.save(figure, tmp_path / "a", ("png", "svg"))
+    assert dict(matplotlib.rcParams) == before
+    assert [path.name for path in paths] == ["a.png", "a.svg"]
+    assert all(path.stat().st_size > 1000 for path in paths)
