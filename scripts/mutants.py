@@ -345,10 +345,15 @@ def draw(count: int, only: str) -> list[Mutant]:
 
 @dataclass(frozen=True)
 class Result:
-    """What the tests said: ``passed``, ``failed`` or ``too long``, after some seconds."""
+    """What the tests said: ``passed``, ``failed`` or ``too long``, after some seconds.
+
+    Attributes:
+        by: the test that failed.
+    """
 
     outcome: str
     seconds: float
+    by: str = ""
 
 
 class Laboratory:
@@ -366,7 +371,7 @@ class Laboratory:
         if self._known_file.is_file():
             for line in self._known_file.read_text().splitlines():
                 entry = json.loads(line)
-                self._known[entry["key"]] = Result(entry["outcome"], entry["seconds"])
+                self._known[entry["key"]] = Result(entry["outcome"], entry["seconds"], entry["by"])
         self._tree = out.absolute() / "tree"
         _copy_tree(self._tree)
 
@@ -452,7 +457,9 @@ def _pytest(tree: Path, tests: str) -> Result:
         for descendant in [*process.children(recursive=True), process]:
             descendant.kill()
         process.wait()
-    return Result(outcome, round(time.monotonic() - begin, 2))
+    said = (tree.parent / "last.txt").read_text(errors="replace").splitlines()
+    by = [line for line in said if line.startswith(("FAILED", "ERROR"))] or said[-1:]
+    return Result(outcome, round(time.monotonic() - begin, 2), by[-1][:200] if by else "")
 
 
 def _run_here(tree: Path, tests: str) -> int:
@@ -519,7 +526,7 @@ def main() -> None:
     for number, mutant in enumerate(mutants, 1):
         results.append((mutant, laboratory.try_mutant(mutant)))
         outcome = results[-1][1]
-        said = f"{outcome.outcome} ({outcome.seconds:.0f} s)"
+        said = f"{outcome.outcome} ({outcome.seconds:.0f} s) {outcome.by}"
         print(f"{number}/{len(mutants)} {mutant.module}:{mutant.line} {said}", flush=True)
     for tests in sorted(used) if arguments.check else ():
         laboratory.check(tests)

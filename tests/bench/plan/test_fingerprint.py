@@ -68,3 +68,9 @@ def test_what_counts(folder, tmp_path_factory, name, old, new, changes):
 
 def test_the_place_does_not_count(folder, tmp_path_factory):
     assert taken(folder, tmp_path_factory) == taken(folder, tmp_path_factory)
+
+
+def test_a_fingerprint_has_twelve_hexadecimal_digits(folder, tmp_path_factory):
+    text = taken(folder, tmp_path_factory)
+    assert len(text) == 12
+    assert set(text) <= set("0123456789abcdef")

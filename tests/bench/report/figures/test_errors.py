@@ -59,3 +59,30 @@ def test_the_floor_is_a_line_only(make_trials):
     for axes in draw(trials).axes:
         assert len(axes.lines) == 1
         assert not axes.collections
+
+
+def test_of_many_points_some_are_drawn_all_along(make_trials):
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.01, 0.1), seeds=400)
+    position, *_ = draw(trials).axes
+    (points,) = lines(position, "o")
+    number = len(points.get_xdata())
+    assert number == len(trials)
+    mask = np.arange(4 * errors._MOST) % 2 == 0
+    shown = errors._thinned(mask)
+    assert mask[shown].all()
+    assert errors._MOST / 2 <= len(shown) <= errors._MOST
+    assert len(set(np.diff(shown))) == 1
+    np.testing.assert_array_equal(errors._thinned(mask[:10]), [0, 2, 4, 6, 8])
+
+
+def test_the_lower_edge_is_a_power_of_ten_below_the_errors_under_noise(make_trials):
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.0, 0.1), seeds=5)
+    noisy = trials["sigma"] > 0
+    trials["position_error"] = np.where(noisy, 0.03, 1e-6)
+    position, *_ = draw(trials).axes
+    bottom, top = position.get_ylim()
+    np.testing.assert_allclose(bottom, 0.01)
+    assert top > 0.03
+    trials.loc[noisy, "position_error"] = 1e-12  # a solver's rounding
+    bottom, _ = draw(trials).axes[0].get_ylim()
+    np.testing.assert_allclose(bottom, 1e-5)
