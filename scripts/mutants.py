@@ -337,7 +337,11 @@ def draw(count: int, only: str) -> list[Mutant]:
         mutant = mutate(place, sources[place.module])
         mutants += [mutant] if mutant else []
     print(f"{len(mutants)} mutants of {len(found)} places in {len(sources)} modules")
-    return sorted(mutants, key=lambda mutant: (mutant.module, mutant.line))
+    return sorted(mutants, key=_in_order)
+
+
+def _in_order(mutant: Mutant) -> tuple[int, str, int]:
+    return PACKAGES.index(Path(mutant.module).parts[0]), mutant.module, mutant.line
 
 
 # --------------------------------------------------------------------------------------- judgement

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE, Dynamics, rollout
+from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE, Dynamics, bicycle, rollout
 
 NUMBERS = st.floats(-5, 5)
 
@@ -58,3 +58,24 @@ def test_positions_come_first() -> None:
     for dynamics in (UNICYCLE, DOUBLE_INTEGRATOR):
         assert dynamics.state_names[:2] == ("px", "py")
         assert (dynamics.state_size, dynamics.control_size) == (4, 2)
+
+
+@given(arrays(float, 4, elements=NUMBERS), arrays(float, 2, elements=st.floats(-1, 1)))
+def test_bicycle_is_the_map_of_highway_env(state: np.ndarray, control: np.ndarray) -> None:
+    """Sub-steps under one control: a slip angle of half the steering, a yaw rate by the axle."""
+    px, py, heading, speed = state
+    slip, h = np.arctan(np.tan(control[0]) / 2), 0.6 / 3
+    for _ in range(3):
+        px += speed * np.cos(heading + slip) * h
+        py += speed * np.sin(heading + slip) * h
+        heading += speed * np.sin(slip) / 1.7 * h
+        speed += control[1] * h
+    found = step(bicycle(rear_axle=1.7, sub_steps=3), state, control, 0.6)
+    np.testing.assert_allclose(found, [px, py, heading, speed], atol=1e-12)
+
+
+def test_a_bicycle_has_an_axle_and_a_step() -> None:
+    assert bicycle(sub_steps=1).state_size == 4
+    for wrong in ({"sub_steps": 0}, {"rear_axle": 0.0}, {"rear_axle": -1.0}):
+        with pytest.raises(ValueError, match="must be"):
+            bicycle(**wrong)

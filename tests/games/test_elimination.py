@@ -117,6 +117,38 @@ def test_second_derivatives_are_those_of_the_lagrangian(case: Case) -> None:
         np.testing.assert_allclose(column, W[:, k], atol=1e-9 * np.abs(W).max())
 
 
+def test_newton_takes_shorter_steps_where_whole_ones_lead_astray() -> None:
+    """The residual never grows, and a start of little promise is left after a whole search."""
+    case = Case("two players")
+    rng = np.random.default_rng(0)
+    shortened = 0
+    for _ in range(4):
+        point = case.z + 0.5 * rng.standard_normal(case.z.shape)
+        point[-1, case.nx :] = 0
+        norms = [np.linalg.norm(case.numpy.evaluate(point, case.theta))]
+        for _ in range(25):
+            before = point.copy()
+            residual = case.numpy.evaluate(before, case.theta)
+            assert case.numpy.linearise(before, case.theta)
+            whole = case.numpy.solve(residual)
+            batch = point[None].copy()
+            largest, taken = case.numpy.newton(
+                batch, case.theta[None], tolerance=1e-10, max_iterations=1, limit=10.0
+            )
+            point = batch[0]
+            np.testing.assert_array_equal(point[0, : case.nx], before[0, : case.nx])
+            last = case.numpy.evaluate(point, case.theta)
+            assert largest[0] == np.abs(last).max()
+            if taken[0] == 0 or largest[0] < 1e-10:
+                break
+            norms.append(np.linalg.norm(last))
+            share = np.vdot(before - point, whole) / np.vdot(whole, whole)
+            assert np.log2(share) == pytest.approx(round(np.log2(share)), abs=1e-6)
+            shortened += share < 0.9
+        assert (np.diff(norms) < 0).all()
+    assert shortened > 0
+
+
 @pytest.mark.usefixtures("compiler")
 def test_native_code_and_numpy_give_the_same_numbers(case: Case) -> None:
     compiled, plain = elimination(case.game, case.view), case.numpy
