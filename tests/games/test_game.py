@@ -2,12 +2,13 @@ import re
 from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from olne_bench.games.dynamics import UNICYCLE
 from olne_bench.games.features import ControlEffort, Proximity, StateDeviation
-from olne_bench.games.game import Game, Player
+from olne_bench.games.game import Game, Player, player_cost, trajectory_symbols
 
 PLAYER = Player((Proximity(), StateDeviation("speed"), ControlEffort("yaw_rate")))
 GAME = Game((PLAYER, PLAYER), UNICYCLE, horizon=5, dt=0.1)
@@ -83,3 +84,39 @@ def test_bad_weights_are_refused(weights: np.ndarray, message: str) -> None:
 def test_bad_initial_states_are_refused(initial_state: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         GAME.check_initial_state(initial_state)
+
+
+def test_good_initial_states_are_taken_as_they_are() -> None:
+    given = [[1, 2, 3, 4], [5, 6, 7, 8]]
+    np.testing.assert_array_equal(GAME.check_initial_state(given), np.array(given, dtype=float))
+
+
+@pytest.mark.parametrize("shape", [(3, 2, 4), (2, 3, 1), (1, 1, 2), (0, 2, 4)])
+def test_symbols_are_in_the_order_of_arrays(shape: tuple[int, int, int]) -> None:
+    flat, blocks = trajectory_symbols("x", shape)
+    assert [len(row) for row in blocks] == [shape[1]] * shape[0]
+    values = np.random.default_rng(0).standard_normal(shape)
+    parts = [block for row in blocks for block in row]
+    found = ca.Function("blocks", [flat], parts)(values.ravel()) if parts else ()
+    found = (found,) if isinstance(found, ca.DM) else found
+    for one, wanted in zip(found, values.reshape(-1, shape[2]), strict=True):
+        np.testing.assert_array_equal(np.array(one).ravel(), wanted)
+
+
+def test_a_players_cost_is_summed_over_the_whole_trajectory() -> None:
+    game = Game((PLAYER, PLAYER), UNICYCLE, horizon=3, dt=0.1)
+    x, states = trajectory_symbols("x", game.state_shape)
+    u, controls = trajectory_symbols("u", game.control_shape)
+    theta = ca.SX.sym("theta", 3)
+    rng = np.random.default_rng(1)
+    given = rng.standard_normal(game.state_shape), rng.standard_normal(game.control_shape)
+    weights = np.array([0.2, 0.3, 0.5])
+    for player in (0, 1):
+        own = [row[player] for row in controls]
+        cost = player_cost(game, player, states, own, theta)
+        found = ca.Function("J", [x, u, theta], [cost])(given[0].ravel(), given[1].ravel(), weights)
+        gaps = np.sum((given[0][:, 0, :2] - given[0][:, 1, :2]) ** 2, axis=1)
+        near = -0.1 * np.log(gaps + 0.1).sum()
+        fast = (given[0][:, player, 3] ** 2).sum()
+        turned = ((0.1 * given[1][:, player, 0]) ** 2).sum()
+        assert float(found) == pytest.approx(weights @ [near, fast, turned], rel=1e-12)

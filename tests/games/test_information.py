@@ -161,3 +161,30 @@ def test_the_rest_is_identified_where_one_weight_is_not() -> None:
     np.testing.assert_allclose(projection @ projection, projection, atol=1e-9)
     np.testing.assert_allclose(projection @ np.ones(4), 0, atol=1e-9)
     assert np.trace(projection) == pytest.approx(1)  # speed against acceleration
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.1, 1.0])
+def test_what_is_left_is_the_posterior_of_a_gaussian_prior(
+    sigma: float, crossing: Crossing, crossing_equilibrium: Equilibrium
+) -> None:
+    """The prior has the covariance of weights that are uniform on the simplex."""
+    game, weights, _ = crossing
+    found = crossing_equilibrium
+    arguments = (game, FullView(), found.states, found.controls, found.costates, weights)
+    covariance = weight_covariance(*arguments)
+    assert covariance is not None
+    prior = (np.diag(np.full(4, 0.25)) - 1 / 16) / 5  # Dirichlet(1, 1, 1, 1)
+    tangent = np.kron(np.eye(3), np.linalg.svd(np.ones((1, 4)))[2][1:].T)
+    before = tangent.T @ np.kron(np.eye(3), prior) @ tangent
+    data = np.linalg.inv(tangent.T @ covariance @ tangent) / sigma**2
+    after = tangent @ np.linalg.inv(np.linalg.inv(before) + data) @ tangent.T
+    known = identifiability(game, [observation_sensitivity(*arguments)], sigma=sigma)
+    expected = np.diag(after).reshape(3, 4) / np.diag(prior)
+    np.testing.assert_allclose(known.left, expected, rtol=1e-5)
+    np.testing.assert_array_equal(known.identified, known.bound**2 < np.diag(prior))
+    for i, projection in enumerate(known.projections):
+        own = tangent[4 * i : 4 * i + 4, 3 * i : 3 * i + 3]
+        block = own.T @ after[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] @ own
+        assert np.trace(projection) == pytest.approx(
+            (np.linalg.eigvalsh(block) * 20 < 0.5).sum(), abs=1e-9
+        )
