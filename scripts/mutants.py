@@ -96,6 +96,7 @@ ELSEWHERE = {
     "bench/plan/trial.py": "tests/bench/plan/test_suite.py",
     "bench/process/family.py": "tests/bench/process/test_child.py",
     "bench/process/inside.py": "tests/bench/process/test_child.py",
+    "bench/report/figures/__init__.py": "tests/bench/report/figures/test_draw_figures.py",
     "bench/report/figures/failures.py": "tests/bench/report/figures/test_draw_figures.py",
     "bench/report/figures/panels.py": "tests/bench/report/figures/test_draw_figures.py",
     "bench/report/figures/scene.py": "tests/bench/report/figures/test_draw_figures.py",

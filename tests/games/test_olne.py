@@ -261,6 +261,18 @@ class TestCertificate:
         assert not certificate.passed
         assert (certificate.gains > 1e-7).all()
 
+    def test_gains_are_allowed_relative_to_costs(
+        self, crossing: Crossing, crossing_equilibrium: Equilibrium
+    ) -> None:
+        game, weights, initial_state = crossing
+        controls = crossing_equilibrium.controls + 1e-2
+        states = rollout(game.dynamics, initial_state, controls, game.dt)
+        claimed = replace(crossing_equilibrium, states=states, controls=controls, residual=0.0)
+        first = certify(game, claimed, weights)
+        largest = (first.gains / (1 + np.abs(first.costs))).max()
+        for factor, passed in ((1.01, True), (0.99, False)):
+            assert certify(game, claimed, weights, tolerance=factor * largest).passed == passed
+
     def test_saddle_point_fails(self, goal_game: GoalGame) -> None:
         """Head on, driving straight is a root of G, but everybody gains from swerving."""
         game = goal_game(np.array([[1.0, 0.0], [-1.0, 0.0]]), horizon=12)
