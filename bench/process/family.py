@@ -67,9 +67,10 @@ def held_memory(pid: int, *, descendants: bool = True) -> int:
     """Memory [bytes] that a process and its descendants hold, shared memory included.
 
     Memory that several of them share counts once for each. On Linux, open files that lie in
-    memory count as well.
+    memory count as well, and once more where they are mapped.
     """
-    total, files = 0, {}
+    total = 0
+    files: dict[tuple[int, int], int] = {}
     with suppress(psutil.Error):
         process = psutil.Process(pid)
         below = process.children(recursive=True) if descendants else []
@@ -87,7 +88,7 @@ def _files_in_memory(pid: int) -> dict[tuple[int, int], int]:
     with suppress(OSError):
         for link in Path(f"/proc/{pid}/fd").iterdir():
             with suppress(OSError):
-                if os.readlink(link).startswith(_IN_MEMORY):
+                if str(link.readlink()).startswith(_IN_MEMORY):
                     known = link.stat()
                     found[known.st_dev, known.st_ino] = 512 * known.st_blocks
     return found

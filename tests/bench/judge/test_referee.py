@@ -74,7 +74,7 @@ def plugin(tmp_path, covariance="None"):
     return f'["{path}"]'
 
 
-def test_an_estimator_of_several_trajectories_is_given_all_of_them(tmp_path, outcomes):
+def test_an_estimator_of_several_trajectories_is_given_all_of_them(outcomes):
     noise_free, noisy = outcomes('["kkt_constrained"]')
     assert noise_free.status == noisy.status == "ok"
     assert noise_free.scores["cosine_error"] < 1e-9
