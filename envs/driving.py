@@ -5,17 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
-from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count, one_number
+from olne_bench.checks import as_text, check_whole
+from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING
+from olne_bench.envs.playability import rejection
+from olne_bench.envs.scenarios.scenario import (
+    Limits,
+    NoEquilibriumError,
+    Scenario,
+)
 from olne_bench.games.features import CarProximity, ControlEffort, StateDeviation
 from olne_bench.games.game import Game, Player
 from olne_bench.games.lanes import Lane, LaneKeeping
 
 HORIZON = 20  # states, hence 7.6 s
 WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
-REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
-MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no collision either
 MAX_DRAWS = 20
 #: Controls that the worlds accept, and what these can reach within the horizon on the bare
 #: dynamics, which know no speed limit as the simulator does.
@@ -94,13 +97,13 @@ def draw_playable(
 ) -> Scenario:
     """The first draw that is a certified equilibrium and that the simulator plays exactly.
 
-    HighwayEnv looks one frame ahead for collisions and pushes cars apart. A plan that it would
-    interfere with, were the cars a little wider, is no open-loop truth there, so the draw is
-    rejected and the next one taken from a seed derived from ``seed``, the number of players and
-    the number of the draw.
+    HighwayEnv looks one frame ahead for collisions and pushes cars apart. If it would interfere
+    with a plan of cars that are a little wider, the plan is no open-loop truth there and the draw
+    is rejected. The seed of each draw is derived from ``seed``, the number of players and the
+    number of the draw.
 
     Raises:
-        NoEquilibriumError: where ``MAX_DRAWS`` draws are rejected.
+        NoEquilibriumError: if ``MAX_DRAWS`` draws are rejected.
     """
     for attempt in range(MAX_DRAWS):
         scenario = draw(np.random.default_rng([seed, num_players, attempt]))
@@ -109,19 +112,6 @@ def draw_playable(
     raise NoEquilibriumError(
         f"no playable draw of {name!r} in {MAX_DRAWS} from seed {seed} with {num_players} players"
     )
-
-
-def rejection(scenario: Scenario) -> str | None:
-    """Why a draw must not be used: no equilibrium, out of limits, collision; or None."""
-    try:
-        plan = certified_equilibrium(scenario)
-    except NoEquilibriumError:
-        return "no equilibrium"
-    if (np.abs(plan.controls) > LIMITS.controls).any() or np.abs(plan.states[..., 3]).max() > 40:
-        return "out of limits"
-    played = replay(scenario.name, plan.states[0], plan.controls, MARGIN)
-    exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE
-    return None if exact else "collision"
 
 
 def draw_weights(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -135,11 +125,11 @@ def check_num_players(name: str, num_players: int, fewest: int, most: int) -> No
     Raises:
         ValueError: names the range.
     """
-    check_count("num_players", num_players)
+    check_whole("num_players", num_players)
     if not fewest <= num_players <= most:
         raise ValueError(
             f"scenario {name!r} holds {fewest} to {most} players, got num_players = "
-            f"{one_number(num_players)}"
+            f"{as_text(num_players)}"
         )
 
 

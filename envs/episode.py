@@ -18,8 +18,8 @@ class Episode:
         states: (N, n) at present.
         history: states (N, n) of all steps so far.
         steps: number of steps so far.
-        left: indices of players whose part ended before the horizon; nobody's does on the game's
-            own dynamics, but simulators know crashes.
+        left: indices of players who left before the horizon. Nobody does so on the game's own
+            dynamics, but simulators know crashes.
     """
 
     def __init__(self, scenario: Scenario, truth: Equilibrium | None) -> None:
@@ -46,7 +46,11 @@ class Episode:
         return self.steps * self.scenario.game.dt
 
     def advance(self, controls: np.ndarray) -> np.ndarray:
-        """Play controls (N, m) for one step; what it costs each player (N,)."""
+        """Play controls (N, m) for one step.
+
+        Returns:
+            What the step costs each player (N,).
+        """
         weights = self.scenario.weights
         costs = self._running_costs(self.states, controls, weights)[0]
         self.states = self._move(controls)

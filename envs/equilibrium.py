@@ -13,7 +13,7 @@ def certified_equilibrium(scenario: Scenario) -> Equilibrium:
     """The scenario's OLNE. Its arrays are shared and read-only.
 
     Raises:
-        NoEquilibriumError: where the equilibrium is not certified.
+        NoEquilibriumError: if the equilibrium is not certified.
     """
     # Arrays cannot be looked up in a cache, their bytes can.
     truth = _solve(scenario.game, scenario.weights.tobytes(), scenario.initial_state.tobytes())

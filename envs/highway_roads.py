@@ -1,12 +1,10 @@
-"""HighwayEnv's roads with the players on them, and its lanes as curves that a game can use.
+"""HighwayEnv's roads with the players on them.
 
 The simulator is HighwayEnv's own: its environments, road networks, vehicles and ``step``. Only
 its random traffic and its rewards are left out. Nothing about a road is written down twice: lane
-geometry is read off the lane objects.
+geometry is read off the lane objects. HighwayEnv's y axis points down in pictures.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -19,12 +17,13 @@ from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.envs.merge_env import MergeEnv
 from highway_env.envs.roundabout_env import RoundaboutEnv
 from highway_env.envs.two_way_env import TwoWayEnv
-from highway_env.road import lane as highway_lanes
 from highway_env.road.road import LaneIndex, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
+from olne_bench.envs.lane_curves import appended, lane_curve
+from olne_bench.envs.window import Window
 from olne_bench.games.dynamics import bicycle
-from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.lanes import Lane
 
 SIMULATION_FREQUENCY = 15  # [Hz], HighwayEnv's default
 SUB_STEPS = 6  # simulation frames per action
@@ -66,10 +65,12 @@ class _CushionedVehicle(Vehicle):
 
 
 class PlayersOnly(AbstractEnv):
-    """Put before one of HighwayEnv's environments: the players instead of random traffic."""
+    """A mixin for one of HighwayEnv's environments: it puts players in place of random traffic."""
 
     #: Where pictures are centred [m]; None follows the cars.
     camera: tuple[float, float] | None = (0.0, 0.0)
+    #: Where pictures go; None hands them to the caller.
+    window: Window | None = None
     viewer: EnvViewer | None
     initial_state = np.empty((0, 4))
     margin = 0.0
@@ -90,18 +91,27 @@ class PlayersOnly(AbstractEnv):
             "centering_position": [0.5, 0.5],
         }
 
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"viewer": None}  # pictures cannot be pickled, but drawn anew
+
     def render(self) -> np.ndarray | None:
+        """The picture (height, width, 3) uint8, or None where it went into the window."""
         if self.viewer is None:
             self.viewer = EnvViewer(self)
             # HighwayEnv draws black frames where SDL's dummy driver is set; arrays need no driver.
             self.viewer.enabled = True
         where = self.states()[:, :2].mean(axis=0) if self.camera is None else self.camera
         self.viewer.observer_vehicle = SimpleNamespace(position=np.array(where))
-        return super().render()
+        picture = super().render()
+        if self.window is None:
+            return picture
+        for event in self.window.show(picture):
+            self.viewer.sim_surface.handle_event(event)  # HighwayEnv's keys to zoom
+        return None
 
     def close(self) -> None:
-        if self.render_mode == "human":
-            super().close()
+        if self.window is not None:
+            self.window.close()
         self.viewer = None  # HighwayEnv would shut pygame down for everybody else
 
     def place(self, states: np.ndarray, margin: float = 0.0) -> None:
@@ -122,7 +132,8 @@ class PlayersOnly(AbstractEnv):
 
     def states(self) -> np.ndarray:
         """(N, 4) of the vehicles as they are."""
-        return np.array([[*v.position, v.heading, v.speed] for v in self.controlled_vehicles])
+        rows = [[*v.position, v.heading, v.speed] for v in self.controlled_vehicles]
+        return np.array(rows).reshape(-1, 4)
 
     def crashed(self) -> np.ndarray:
         """(N,) whether the simulator has a vehicle in a collision."""
@@ -143,7 +154,7 @@ class PlayersOnly(AbstractEnv):
         self._make_vehicles()
 
     def _automatic_rendering(self) -> None:
-        if self.render_mode == "human":  # frames between two actions that nobody asked for
+        if self.window is not None:  # nobody else asked for frames between two actions
             super()._automatic_rendering()
 
     def _info(self, obs: object, action: object = None) -> dict[str, Any]:
@@ -208,7 +219,7 @@ def make_road(name: str, render_mode: str | None = None, **config: object) -> Pl
 
     Args:
         name: one of ``ROAD_NAMES``.
-        render_mode: HighwayEnv's.
+        render_mode: ``"human"`` (a window), ``"rgb_array"`` or None.
         **config: entries of HighwayEnv's configuration.
 
     Raises:
@@ -216,7 +227,11 @@ def make_road(name: str, render_mode: str | None = None, **config: object) -> Pl
     """
     if name not in _ROADS:
         raise ValueError(f"no road for {name!r}; known are: {', '.join(ROAD_NAMES)}")
-    return _ROADS[name](config=config, render_mode=render_mode)
+    # HighwayEnv draws on its own in "human" mode, before any vehicle is placed as well.
+    road = _ROADS[name](config=config, render_mode=render_mode and "rgb_array")
+    if render_mode == "human":
+        road.window = Window(name)
+    return road
 
 
 @lru_cache(maxsize=len(_ROADS))
@@ -229,28 +244,8 @@ def route(network: RoadNetwork, *indices: LaneIndex) -> tuple[Lane, ...]:
     """The lanes of those indices as a route; arcs that continue each other become one."""
     lanes: list[Lane] = []
     for index in indices:
-        lanes = _join(lanes, lane_curve(network.get_lane(index)))
+        lanes = appended(lanes, lane_curve(network.get_lane(index)))
     return tuple(lanes)
-
-
-def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
-    """One of HighwayEnv's lanes, with its numbers, as a curve of ``games.lanes``.
-
-    Raises:
-        ValueError: for a kind of lane that has no such curve (polylines).
-    """
-    if isinstance(lane, highway_lanes.StraightLane):  # a SineLane is one as well
-        axis = StraightLane(_pair(lane.start), _pair(lane.direction), float(lane.length))
-        if not isinstance(lane, highway_lanes.SineLane):
-            return axis
-        return SineLane(axis, float(lane.amplitude), float(lane.pulsation), float(lane.phase))
-    if isinstance(lane, highway_lanes.CircularLane):
-        start = float(lane.start_phase)
-        end = start + lane.direction * float(lane.length) / lane.radius
-        return ArcLane(_pair(lane.center), float(lane.radius), start, end)
-    raise ValueError(
-        f"no curve for a {type(lane).__name__}; known are: StraightLane, SineLane, CircularLane"
-    )
 
 
 def replay(
@@ -279,19 +274,3 @@ def replay(
 @lru_cache(maxsize=len(_ROADS))
 def _replay_road(name: str) -> PlayersOnly:
     return make_road(name)
-
-
-def _join(lanes: list[Lane], lane: Lane) -> list[Lane]:
-    last = lanes[-1] if lanes else None
-    if (
-        isinstance(last, ArcLane)
-        and isinstance(lane, ArcLane)
-        and (last.centre, last.radius) == (lane.centre, lane.radius)
-    ):
-        turn = lane.end_phase - lane.start_phase
-        return [*lanes[:-1], replace(last, end_phase=last.end_phase + turn)]
-    return [*lanes, lane]
-
-
-def _pair(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
-    return float(values[0]), float(values[1])

@@ -11,7 +11,6 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from olne_bench.envs.episode import Episode
 from olne_bench.envs.highway_roads import ROAD_NAMES, PlayersOnly, make_road
 from olne_bench.envs.olne_v0 import AecWorld, OlneWorld
-from olne_bench.envs.rendering import Renderer
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.olne import Equilibrium
 
@@ -21,15 +20,19 @@ __all__ = ["HighwayWorld", "env", "parallel_env", "raw_env"]
 class HighwayWorld(OlneWorld):
     """``envs.olne_v0.OlneWorld`` on HighwayEnv's simulator, roads and pictures.
 
-    Actions, observations, rewards, infos and resets are those of ``OlneWorld``, in metres, with
-    HighwayEnv's vehicle as the motion model: state px [m], py [m], heading [rad], speed [m/s];
-    control steering [rad] within pi/3, acceleration [m/s^2] within 12, held for 0.4 s. The y
-    axis points down in pictures, as in HighwayEnv.
+    Actions, observations, rewards, infos, resets and copies are those of ``OlneWorld``, in metres.
+    The motion model is HighwayEnv's vehicle. Its state is px [m], py [m], heading [rad] and speed
+    [m/s]. Its control is steering [rad] within pi/3 and acceleration [m/s^2] within 12, held for
+    0.4 s.
 
-    What differs: the simulator moves the cars, including its collisions. A car in a collision is
-    out: its player terminates alone, leaves ``agents`` and takes no more actions, and the others
-    go on until the end of the game. Scenarios are drawn such that the OLNE is free of collisions,
-    also of those that HighwayEnv merely foresees, and replays exactly.
+    The simulator moves the cars, and it knows collisions. A car in a collision is out: its player
+    terminates alone, leaves ``agents`` and takes no more actions, and the others go on until the
+    end of the game. Scenarios are drawn such that the OLNE replays exactly and is free of
+    collisions, also of those that HighwayEnv merely foresees.
+
+    **Pictures** are HighwayEnv's: the x axis points right and the y axis points **down**. Headings
+    therefore grow clockwise in pictures, and positive steering turns a car to the right as one
+    sees it. Figures that show y upwards mirror the pictures.
 
     Args:
         scenario: one of ``envs.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.
@@ -50,7 +53,7 @@ class HighwayWorld(OlneWorld):
         super().__init__(scenario, **arguments)
 
     def render(self) -> np.ndarray | None:
-        """HighwayEnv's picture of the present state, (height, width, 3) uint8 or in a window.
+        """Draw the present state, as a (height, width, 3) uint8 array or into a window.
 
         Raises:
             ResetNeeded: before the first reset.
@@ -63,7 +66,6 @@ class HighwayWorld(OlneWorld):
     def close(self) -> None:
         for road in self._roads.values():
             road.close()
-        self._roads.clear()
 
     def _choice(self, options: dict[str, Any] | None) -> tuple[str | Scenario, dict[str, Any]]:
         scenario, scenario_options = super()._choice(options)
@@ -76,7 +78,7 @@ class HighwayWorld(OlneWorld):
             self._roads[name] = make_road(name, self.render_mode)
         return _SimulatedEpisode(scenario, truth, self._roads[name])
 
-    def _new_renderer(self) -> Renderer | None:
+    def _new_renderer(self) -> None:
         return None  # HighwayEnv draws itself
 
 

@@ -3,13 +3,12 @@
 ``parallel_env`` is the world; ``raw_env`` and ``env`` are its turn-based (AEC) forms.
 """
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
-from gymnasium.utils import EzPickle
 from pettingzoo import ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
@@ -17,10 +16,12 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from olne_bench.envs.episode import Episode
 from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
 from olne_bench.envs.layout import ObservationLayout, player_index
-from olne_bench.envs.rendering import Renderer
 from olne_bench.envs.scenarios import Scenario, checked_seed, get_scenario
 from olne_bench.envs.spaces import Spaces, SpaceSize
 from olne_bench.games.olne import Certificate, Equilibrium
+
+if TYPE_CHECKING:
+    from olne_bench.envs.rendering import Renderer
 
 __all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
 
@@ -28,12 +29,13 @@ __all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
 _IGNORED_OPTION = "options"
 
 
-class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
-    """N vehicles play a dynamic game; the game's equilibrium is solved, certified and at hand.
+class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
+    """N vehicles play a dynamic game whose equilibrium is solved, certified and at hand.
 
     The world moves by the game's own dynamics, so a plan replays exactly. Rewards are negative
-    stage costs under the true weights, so a player's return over a whole episode is ``-J^i`` and
-    no small unilateral deviation from the OLNE increases it (Peters et al. 2021, eqn. nash).
+    stage costs under the true weights. A player's return over a whole episode is therefore
+    ``-J^i``, and no small unilateral deviation from the OLNE increases it (Peters et al. 2021,
+    eqn. nash).
 
     ======================  =====================================================================
     Import                  ``from olne_bench.envs import olne_v0``
@@ -59,8 +61,9 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
     4N                  time since the start        s
     ==================  ==========================  ============================================
 
-    ``observation_layout`` takes it apart. ``state()`` is the same with all players in the order
-    of their indices. Both are exact; see ``envs.wrappers`` for noise and partial views.
+    ``observation_layout`` takes an observation apart. ``state()`` returns the same numbers with
+    all players in the order of their indices. Both are exact; ``envs.wrappers`` adds noise and
+    partial views.
 
     **Action** of a player, for the unicycle (m = 2), held for one step of ``dt`` seconds:
 
@@ -71,25 +74,34 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
     1      acceleration    m/s^2
     =====  ==============  =======
 
-    An action outside the action space is an error, never clipped: a clipped plan is another plan.
+    An action outside the action space is an error. The world never clips an action, because a
+    clipped plan is another plan.
 
-    **Reward** of player i in the step from t to t+1: minus its running cost at (x_t, u_t). The
-    last step of the game also takes off the final cost at x_T. Nothing is discounted.
+    **Reward**: player i receives minus its running cost at (x_t, u_t) for the step from t to t+1.
+    The last step of the game also takes off the final cost at x_T. Nothing is discounted.
 
-    **Info** of a player: ``olne_action`` (m,), its next control in the OLNE (open loop: it does
-    not react to what anybody did; absent once the game is over), and ``weights`` (K,), its true
-    weights in the order of ``scenario.game.weight_names``. With ``reveal_truth=False`` both are
-    absent and no equilibrium is solved.
+    **Info** of a player: ``olne_action`` (m,) is its next control in the OLNE. It is open loop: it
+    does not react to what anybody did. It is absent once the game is over. ``weights`` (K,) are the
+    player's true weights in the order of ``scenario.game.weight_names``. With
+    ``reveal_truth=False`` both are absent and no equilibrium is solved.
 
-    **End**: all players terminate together after T - 1 steps, the end of the game. A smaller
-    ``max_cycles`` truncates before that; the final cost is then never charged.
+    **End**: all players terminate together after T - 1 steps, when the game ends. A smaller
+    ``max_cycles`` truncates the episode before that; the final cost is then never charged.
 
-    **Reset**: ``seed`` picks the member of a scenario family, ``get_scenario(name, seed)``;
-    without a seed a family draws a new member. ``options={"scenario": name, **its_options}`` plays
-    another scenario for one episode, ``options={"num_players": 3}`` the same with other options.
-    Players and spaces are those of the latest scenario. They stay the same objects unless it
-    differs in size; learners and third-party wrappers, which read them once, should therefore
-    stay with one scenario and give ``num_players`` to ``random``.
+    **Reset**: ``seed`` picks the member of a scenario family, as ``get_scenario(name, seed)`` does.
+    Without a seed, a family draws a new member. ``options={"scenario": name, **its_options}`` plays
+    another scenario for one episode. ``options={"num_players": 3}`` plays the same scenario with
+    other options. Players and spaces are those of the latest scenario. They stay the same objects
+    unless it differs in size. Learners and third-party wrappers read them once, so they should stay
+    with one scenario and give ``num_players`` to ``random``.
+
+    **Pictures** show the vehicles from above. The x axis points right and the y axis points up, so
+    headings grow counterclockwise. A scene that is taller than wide is turned: then x points down
+    and y to the right, and roads along y run from left to right. pygame has one window per process,
+    which shows the world that drew last; macOS opens windows in the main thread only.
+
+    **Copies**: ``copy.deepcopy`` and ``pickle`` keep the episode. The copy goes on exactly as the
+    original would, shares nothing with it, and opens the window anew when it draws.
 
     Args:
         scenario: name of a scenario (``envs.scenarios.scenario_names()``) or a ``Scenario``.
@@ -127,14 +139,6 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
         reveal_truth: bool = True,
         **scenario_options: Any,
     ) -> None:
-        EzPickle.__init__(
-            self,
-            scenario,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            reveal_truth=reveal_truth,
-            **scenario_options,
-        )
         if max_cycles is not None and max_cycles < 1:
             raise ValueError(f"max_cycles must be at least 1, got {max_cycles}")
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -336,10 +340,12 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray], EzPickle):
     def _new_episode(self, scenario: Scenario, truth: Equilibrium | None) -> Episode:
         return Episode(scenario, truth)
 
-    def _new_renderer(self) -> Renderer | None:
+    def _new_renderer(self) -> "Renderer | None":
         episode = self._latest_episode()
         human = self.render_mode == "human"
         expected = episode.truth.states if episode.truth else episode.states[None]
+        from olne_bench.envs.rendering import Renderer  # pygame takes a while to import
+
         return Renderer(
             episode.scenario, expected, fps=self.metadata["render_fps"] if human else None
         )

@@ -42,7 +42,7 @@ class Recording:
 
     @property
     def root(self) -> Root:
-        """The motion as a root of the first-order conditions, which its certificate vouches for."""
+        """The motion as a root of the first-order conditions; the certificate vouches for it."""
         return Root(self.states, self.controls, self.costates, residual=0.0)
 
 
@@ -50,8 +50,8 @@ def record(scenario: Scenario) -> Recording:
     """Play a scenario's equilibrium in its PettingZoo world.
 
     Raises:
-        NoEquilibriumError: where the equilibrium is not certified or goes beyond the scenario's
-            limits, or where the world does not let it happen, as in a collision.
+        NoEquilibriumError: if the equilibrium is not certified or goes beyond the scenario's
+            limits, or if the world does not let it happen, as in a collision.
         ValueError: on a scenario without ``limits``.
     """
     truth = certified_equilibrium(scenario)

@@ -8,80 +8,29 @@ weights to the versions of the libraries, is JSON in the metadata of the table's
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from olne_bench.envs.recording import Recording
+from olne_bench.envs.recording_metadata import (
+    CertificateEntry,
+    EpisodeEntry,
+    Metadata,
+    library_versions,
+)
 from olne_bench.files import whole_file
 
 METADATA_KEY = b"olne_bench"
-_PACKAGES = ("olne-bench", "numpy", "casadi", "pettingzoo", "highway-env", "pyarrow")
 
 
 class RecordingFileError(ValueError):
     """A file that is not a recording."""
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class CertificateEntry(_Strict):
-    """``games.olne.Certificate`` as plain numbers."""
-
-    gains: list[float]
-    costs: list[float]
-    tolerance: float
-    passed: bool
-
-
-class EpisodeEntry(_Strict):
-    """What is known about one episode.
-
-    Attributes:
-        players: names of the N players.
-        seed: of the draw; None for tracks.
-        weights: (N, K) true weights; None for tracks.
-        certificate: evidence of the equilibrium; None for tracks.
-    """
-
-    players: list[str]
-    seed: int | None = None
-    weights: list[list[float]] | None = None
-    certificate: CertificateEntry | None = None
-
-
-class Metadata(_Strict):
-    """What is known about a whole file.
-
-    Attributes:
-        kind: ``truth`` for a world's equilibria, ``tracks`` for motion of unknown weights.
-        scenario: name of the scenario; None for tracks.
-        options: the scenario's own options.
-        weight_names: names of the K weights; None for tracks.
-        state_names: names of the n state components.
-        control_names: names of the m control components; none for tracks.
-        dt: step [s].
-        versions: of this package and the libraries that it ran on.
-        episodes: one entry each.
-    """
-
-    kind: Literal["truth", "tracks"]
-    scenario: str | None = None
-    options: dict[str, Any] = {}
-    weight_names: list[str] | None = None
-    state_names: list[str]
-    control_names: list[str] = []
-    dt: float
-    versions: dict[str, str]
-    episodes: list[EpisodeEntry]
 
 
 @dataclass(frozen=True)
@@ -131,16 +80,11 @@ def of_recordings(
     )
 
 
-def library_versions() -> dict[str, str]:
-    """Versions of this package and of the libraries that shape a recording."""
-    return {name: version(name) for name in _PACKAGES}
-
-
 def write_recording(path: Path, file: RecordingFile) -> None:
     """Write a file, whole or not at all.
 
     Raises:
-        OSError: where that is not possible.
+        OSError: if that is not possible.
     """
     table = pa.Table.from_pandas(_frame(file), preserve_index=False)
     metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}

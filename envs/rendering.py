@@ -1,20 +1,15 @@
 """Frames of a world: vehicles as seen from above, with their trails."""
 
-import os
 from typing import Any
 
 import numpy as np
-
-from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.games.features import FinalGoal, StateDeviation
-
-os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it greets on import otherwise
 import pygame
 
-MAX_WIDTH, MAX_HEIGHT = 900, 600  # [px] of a frame without its header
-SHARPNESS = 2  # frames are drawn this many times larger and smoothed down
-HEADER = 64  # [px] for the legend
-MARGIN = 0.12  # around everything that is expected to be seen, as a share of the larger side
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.scene import goals, heading_of, lanes
+from olne_bench.envs.view import HEADER, SHARPNESS, View
+from olne_bench.envs.window import Window
+
 CAR_LENGTH = 0.045  # of the larger side of the first view
 MIN_CAR_LENGTH = 16  # [px], however far the view has widened
 CAR_ASPECT = 0.48  # width over length
@@ -39,8 +34,8 @@ COLOURS = (
 class Renderer:
     """Draws the states of one episode.
 
-    The view holds everything that is expected and widens if a player leaves it. A scene that is
-    taller than wide is turned, so that roads run from left to right.
+    The view holds everything that is expected, and it widens if a player leaves it. ``View`` says
+    where the axes point.
 
     Args:
         scenario: what is played; goals and lanes are drawn from its players' task features.
@@ -53,16 +48,12 @@ class Renderer:
         self._names = scenario.game.dynamics.state_names
         self._title = scenario.name
         self._players = scenario.game.num_players
-        self._goals = _goals(scenario)
-        self._lanes = _lanes(scenario)
-        self._fps = fps
-        self._window: pygame.Surface | None = None
+        self._goals = goals(scenario)
+        self._lanes = lanes(scenario)
+        self._window = None if fps is None else Window(scenario.name, fps)
         landmarks = [expected[..., :2].reshape(-1, 2), *[g[None] for g in self._goals.values()]]
-        self._low, self._high = _box(np.concatenate(landmarks))
-        width, height = self._high - self._low
-        self._turned = height > width
-        self._first_car_length = CAR_LENGTH * float(max(width, height))
-        self._size = self._frame_size()
+        self._view = View(np.concatenate(landmarks))
+        self._first_car_length = CAR_LENGTH * float((self._view.high - self._view.low).max())
 
     def draw(self, history: list[np.ndarray], time: float) -> np.ndarray | None:
         """One frame.
@@ -75,8 +66,9 @@ class Renderer:
             (height, width, 3) uint8, or None where the frame went into the window.
         """
         positions = np.stack(history)[..., :2]
-        self._widen(positions.reshape(-1, 2))
-        canvas = pygame.Surface((self._size[0] * SHARPNESS, self._size[1] * SHARPNESS))
+        self._view.widen(positions.reshape(-1, 2))
+        width, height = self._view.frame_size
+        canvas = pygame.Surface((width * SHARPNESS, height * SHARPNESS))
         canvas.fill(BACKGROUND)
         self._draw_road(canvas)
         self._draw_goals(canvas)
@@ -85,49 +77,22 @@ class Renderer:
         for player, state in enumerate(history[-1]):
             self._draw_car(canvas, player, state)
         self._draw_header(canvas, time)
-        frame = pygame.transform.smoothscale(canvas, self._size)
-        if self._fps is None:
-            return np.ascontiguousarray(pygame.surfarray.array3d(frame).swapaxes(0, 1))
-        self._show(frame)
+        scaled = pygame.transform.smoothscale(canvas, (width, height))
+        frame = np.ascontiguousarray(pygame.surfarray.array3d(scaled).swapaxes(0, 1))
+        if self._window is None:
+            return frame
+        self._window.show(frame)
         return None
 
     def close(self) -> None:
         """Close the window."""
         if self._window is not None:
-            pygame.display.quit()
-            self._window = None
-
-    # -- from the world to the frame ---------------------------------------------------------
-
-    def _frame_size(self) -> tuple[int, int]:
-        height, width = sorted(self._high - self._low)
-        scale = min(MAX_WIDTH / width, MAX_HEIGHT / height)
-        return round(scale * width), HEADER + round(scale * height)
-
-    def _widen(self, positions: np.ndarray) -> None:
-        inside = (positions >= self._low) & (positions <= self._high)
-        if not inside.all():
-            self._low, self._high = _box(np.vstack([positions, [self._low, self._high]]), 0.02)
-
-    @property
-    def _scale(self) -> float:
-        """Canvas pixels per metre."""
-        extent = (self._high - self._low)[::-1] if self._turned else self._high - self._low
-        available = np.array(self._size) - (0, HEADER)
-        return float(SHARPNESS * (available / extent).min())
-
-    def _pixels(self, positions: Any) -> list[Any]:
-        """World positions (..., 2) as canvas pixels, in lists as pygame takes them."""
-        relative = np.asarray(positions) - (self._low + self._high) / 2
-        axes = relative[..., ::-1] if self._turned else relative * (1, -1)
-        width, height = self._size
-        centre = np.array([width / 2, (HEADER + height) / 2]) * SHARPNESS
-        return (centre + axes * self._scale).tolist()
+            self._window.close()
 
     @property
     def _car_length(self) -> float:
         """Length of the drawn cars [m]; games know points only."""
-        return max(self._first_car_length, MIN_CAR_LENGTH * SHARPNESS / self._scale)
+        return max(self._first_car_length, MIN_CAR_LENGTH * SHARPNESS / self._view.scale)
 
     # -- what is drawn -----------------------------------------------------------------------
 
@@ -136,38 +101,38 @@ class Renderer:
             return
         width = min(np.diff(self._lanes), default=2 * self._car_length)
         edges = [self._lanes[0] - width / 2, *(np.array(self._lanes) + width / 2)]
-        reach = 2 * (self._high - self._low).max()  # beyond the frame on both sides
-        start, end = self._low[1] - reach, self._high[1] + reach
+        reach = 2 * (self._view.high - self._view.low).max()  # beyond the frame on both sides
+        start, end = self._view.low[1] - reach, self._view.high[1] + reach
         corners = [(edges[0], start), (edges[0], end), (edges[-1], end), (edges[-1], start)]
-        pygame.draw.polygon(canvas, ROAD, self._pixels(corners))
+        pygame.draw.polygon(canvas, ROAD, self._view.pixels(corners))
         dash = self._car_length
         for edge in edges[1:-1]:
             for mark in np.arange(start, end, 2 * dash):
-                first, last = self._pixels([(edge, mark), (edge, mark + dash)])
+                first, last = self._view.pixels([(edge, mark), (edge, mark + dash)])
                 pygame.draw.line(canvas, LANE_MARK, first, last, width=2 * SHARPNESS)
 
     def _draw_goals(self, canvas: pygame.Surface) -> None:
         for player, goal in self._goals.items():
-            centre = self._pixels(goal)
+            centre = self._view.pixels(goal)
             pygame.draw.circle(canvas, _colour(player), centre, 9 * SHARPNESS, 2 * SHARPNESS)
             pygame.draw.circle(canvas, _colour(player), centre, 3 * SHARPNESS)
 
     def _draw_trail(self, canvas: pygame.Surface, player: int, positions: np.ndarray) -> None:
-        points = self._pixels(positions)
+        points = self._view.pixels(positions)
         for age, (start, end) in enumerate(zip(points[-2::-1], points[:0:-1], strict=False)):
             colour = _mix(_colour(player), BACKGROUND, max(0.25, 0.9 * 0.93**age))
             pygame.draw.line(canvas, colour, start, end, width=3 * SHARPNESS)
             pygame.draw.circle(canvas, colour, start, 2.5 * SHARPNESS)
 
     def _draw_car(self, canvas: pygame.Surface, player: int, state: np.ndarray) -> None:
-        heading = _heading(state, self._names)
+        heading = heading_of(state, self._names)
         length = self._car_length
         forward = length * np.array([np.cos(heading), np.sin(heading)])
         left = CAR_ASPECT * length * np.array([-np.sin(heading), np.cos(heading)])
 
         def outline(back: float, front: float, width: float) -> list[Any]:
             corners = ((back, -width), (front, -width), (front, width), (back, width))
-            return self._pixels([state[:2] + x * forward + y * left for x, y in corners])
+            return self._view.pixels([state[:2] + x * forward + y * left for x, y in corners])
 
         colour = _colour(player)
         pygame.draw.polygon(canvas, colour, outline(-0.5, 0.5, 0.5))
@@ -186,57 +151,6 @@ class Renderer:
             canvas.blit(text, (x, 36 * SHARPNESS))
             x += text.get_width() + 18 * SHARPNESS
 
-    def _show(self, frame: pygame.Surface) -> None:
-        if self._window is None:
-            pygame.display.init()
-            self._window = pygame.display.set_mode(self._size)
-            pygame.display.set_caption(self._title)
-            self._clock = pygame.time.Clock()
-        pygame.event.pump()  # keeps the window answering
-        self._window.blit(frame, (0, 0))
-        pygame.display.flip()
-        self._clock.tick(self._fps or 0)
-
-
-def _box(positions: np.ndarray, margin: float = MARGIN) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of a box around positions (S, 2), its sides no more different than 4 to 1."""
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    size = max(float((high - low).max()), 1e-3) * (1 + 2 * margin)
-    half = np.maximum((high - low) / 2 + margin * size, size / 8)
-    middle = (low + high) / 2
-    return middle - half, middle + half
-
-
-def _goals(scenario: Scenario) -> dict[int, np.ndarray]:
-    """Goal position (2,) of each player that has one."""
-    return {
-        i: np.array(feature.goal)
-        for i, player in enumerate(scenario.game.players)
-        for feature in player.task
-        if isinstance(feature, FinalGoal)
-    }
-
-
-def _lanes(scenario: Scenario) -> list[float]:
-    """Where lanes along y are that players keep to, from left to right."""
-    return sorted(
-        {
-            float(feature.target)
-            for player in scenario.game.players
-            for feature in player.task
-            if isinstance(feature, StateDeviation) and feature.component == "px"
-        }
-    )
-
-
-def _heading(state: np.ndarray, names: tuple[str, ...]) -> float:
-    """Where a vehicle points [rad]: its heading, or along its velocity."""
-    if "heading" in names:
-        return float(state[names.index("heading")])
-    if "vx" in names:
-        return float(np.arctan2(state[names.index("vy")], state[names.index("vx")]))
-    return 0.0
-
 
 def _colour(player: int) -> tuple[int, int, int]:
     return COLOURS[player % len(COLOURS)]
@@ -245,7 +159,7 @@ def _colour(player: int) -> tuple[int, int, int]:
 def _mix(
     colour: tuple[int, int, int], other: tuple[int, int, int], share: float
 ) -> tuple[int, int, int]:
-    """That share of a colour, the rest of another."""
+    """A mixture of a colour, by that share, and another one."""
     red, green, blue = (
         round(share * a + (1 - share) * b) for a, b in zip(colour, other, strict=True)
     )

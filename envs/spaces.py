@@ -1,4 +1,4 @@
-"""Spaces of a world, built from a scenario's limits, and the reading of actions against them."""
+"""Spaces of a world: they are built from a scenario's limits and check actions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class SpaceSize:
 
 
 class Spaces:
-    """Spaces of a world, and the reading of actions against them."""
+    """Spaces of a world; they check the actions that it is given."""
 
     def __init__(self, size: SpaceSize) -> None:
         self.size = size

@@ -9,7 +9,8 @@ from olne_bench.envs.scenarios.scenario import Scenario
 def make_world(scenario: Scenario, render_mode: str | None = None) -> OlneWorld:
     """The PettingZoo world that the scenario names, made for this scenario.
 
-    A world is imported at its first use: a simulator takes a second that studies without it save.
+    The world's module is imported at its first use. Importing a simulator takes a second, which
+    studies without it need not spend.
 
     Raises:
         ValueError: on a scenario without ``limits``.

@@ -18,13 +18,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from olne_bench.estimators.forward_model import (
-    Played,
+    SolvedGame,
     expected_samples,
     first_games,
     fitted_game,
+    game_of_batch,
     initial_state_prior,
-    played,
-    replay,
+    play_batch,
 )
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.simplex import flat_covariance, from_log_ratios, log_ratios_of
@@ -60,7 +60,7 @@ def hidden_positions(problem: Problem) -> str | None:
     return f"needs a sensor that tells positions, which {problem.view.name!r} does not"
 
 
-def first_game(problem: Problem, observation: Observation) -> Played:
+def first_game(problem: Problem, observation: Observation) -> SolvedGame:
     """The game near the observation to follow others from, not far from uniform weights.
 
     Raises:
@@ -79,7 +79,7 @@ def first_game(problem: Problem, observation: Observation) -> Played:
 def prior_belief(
     problem: Problem,
     observation: Observation,
-    start: Played,
+    start: SolvedGame,
     weights: Gaussian | None,
     spread: float,
     sigma: float,
@@ -111,7 +111,7 @@ class FollowedGames:
         num_log_ratios: length of phi, N*(K-1).
     """
 
-    def __init__(self, problem: Problem, start: Played, deadline: float) -> None:
+    def __init__(self, problem: Problem, start: SolvedGame, deadline: float) -> None:
         game = problem.game
         self._deadline = deadline
         self.num_log_ratios = game.num_players * (game.num_weights - 1)
@@ -131,24 +131,24 @@ class FollowedGames:
         if time.monotonic() > self._deadline:
             raise LostError("time limit reached")
         weights, initial_states = self.weights(points), self._initial_states(points)
-        batch = replay(self._problem, self._start, weights, initial_states)
+        batch = play_batch(self._problem, self._start, weights, initial_states)
         if batch.converged[0]:
-            self._start = played(batch, 0, weights[0])
+            self._start = game_of_batch(batch, 0, weights[0])
         samples = expected_samples(self._problem, batch.states)
         samples[~batch.converged] = np.nan
         return samples
 
-    def play(self, point: np.ndarray) -> Played:
+    def play(self, point: np.ndarray) -> SolvedGame:
         """The game at a point (n,).
 
         Raises:
             LostError: where it has no equilibrium.
         """
         weights = self.weights(point[None])
-        batch = replay(self._problem, self._start, weights, self._initial_states(point[None]))
+        batch = play_batch(self._problem, self._start, weights, self._initial_states(point[None]))
         if not batch.converged[0]:
             raise LostError("no equilibrium at the filter's last mean")
-        return played(batch, 0, weights[0])
+        return game_of_batch(batch, 0, weights[0])
 
     def _initial_states(self, points: np.ndarray) -> np.ndarray:
         states = points[:, self.num_log_ratios :]

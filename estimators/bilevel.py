@@ -26,20 +26,20 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import least_squares
 
+from olne_bench.checks import check_count
 from olne_bench.estimators.forward_model import (
-    Played,
+    SolvedGame,
     expected_samples,
     first_games,
+    game_of_batch,
     likelihood_covariance,
-    played,
-    replay,
+    play_batch,
     sample_sensitivity,
     scaled_samples,
     squared_error_of,
     uniform_weights,
     warm_up_games,
 )
-from olne_bench.estimators.parameters import check_count
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.simplex import RatioChart
 from olne_bench.estimators.white_noise import white_problem, with_white_noise
@@ -123,7 +123,7 @@ class Bilevel:
 
 @dataclass(frozen=True)
 class _Result:
-    games: tuple[Played, ...]
+    games: tuple[SolvedGame, ...]
     objective: float
     converged: bool
     message: str
@@ -145,7 +145,7 @@ def _agree(results: list[_Result]) -> bool:
     return results[-1].converged and sum(value <= lowest for value in values) > 1
 
 
-def _combinations(starts: list[list[Played]], most: int) -> list[tuple[Played, ...]]:
+def _combinations(starts: list[list[SolvedGame]], most: int) -> list[tuple[SolvedGame, ...]]:
     """Start k of every trajectory together; one with fewer starts repeats its last."""
     count = min(most, max(len(found) for found in starts))
     return [tuple(found[min(k, len(found) - 1)] for found in starts) for k in range(count)]
@@ -154,7 +154,7 @@ def _combinations(starts: list[list[Played]], most: int) -> list[tuple[Played, .
 def _descend(
     problem: Problem,
     observations: tuple[Observation, ...],
-    games: tuple[Played, ...],
+    games: tuple[SolvedGame, ...],
     max_evaluations: int,
     deadline: float,
 ) -> _Result:
@@ -214,7 +214,7 @@ class OuterResiduals:
         self,
         problem: Problem,
         observations: tuple[Observation, ...],
-        games: tuple[Played, ...],
+        games: tuple[SolvedGame, ...],
         chart: RatioChart,
         deadline: float = np.inf,
     ) -> None:
@@ -225,7 +225,7 @@ class OuterResiduals:
         self._seen = [np.isfinite(samples).ravel() for samples in self._samples]
         self._starts = (len(games), *problem.game.state_shape[1:])
 
-    def unknowns(self, games: tuple[Played, ...]) -> np.ndarray:
+    def unknowns(self, games: tuple[SolvedGame, ...]) -> np.ndarray:
         """The point that games stand for."""
         initial_states = [game.initial_state.ravel() for game in games]
         return np.concatenate([self._chart.ratios(games[0].weights), *initial_states])
@@ -276,13 +276,13 @@ class OuterResiduals:
             rows.append(row)
         return np.vstack(rows)
 
-    def _play(self, unknowns: np.ndarray) -> tuple[Played, ...] | None:
+    def _play(self, unknowns: np.ndarray) -> tuple[SolvedGame, ...] | None:
         weights = self._chart.weights(unknowns[: self._chart.size])
         initial_states = unknowns[self._chart.size :].reshape(self._starts)
         games = []
         for game, initial_state in zip(self.games, initial_states, strict=True):
-            batch = replay(self._problem, game, weights[None], initial_state)
+            batch = play_batch(self._problem, game, weights[None], initial_state)
             if not batch.converged[0]:
                 return None
-            games.append(played(batch, 0, weights))
+            games.append(game_of_batch(batch, 0, weights))
         return tuple(games)

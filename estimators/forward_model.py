@@ -57,7 +57,7 @@ _SAME = 1e-6
 
 
 @dataclass(frozen=True)
-class Played:
+class SolvedGame:
     """A root of the first-order conditions and the weights (N, K) that it belongs to."""
 
     root: Root
@@ -70,7 +70,7 @@ class Played:
 
 
 def warm_up_games(problem: Problem) -> None:
-    """Build the solvers that ``first_games`` and ``replay`` need."""
+    """Build the solvers that ``first_games`` and ``play_batch`` need."""
     joint_elimination(problem.game, problem.view)
     elimination(problem.game, problem.view)
     warm_up_fit(problem.game, problem.view, problem.game.horizon)
@@ -82,7 +82,7 @@ def uniform_weights(problem: Problem) -> np.ndarray:
     return np.full((game.num_players, game.num_weights), 1 / game.num_weights)
 
 
-def first_games(problem: Problem, observation: Observation) -> list[Played]:
+def first_games(problem: Problem, observation: Observation) -> list[SolvedGame]:
     """Games near an observation, all that are found and differ, the best fit first.
 
     Their weights are uniform, tied to uniform, those of the residual method (``kkt_residual``), or
@@ -101,11 +101,13 @@ def first_games(problem: Problem, observation: Observation) -> list[Played]:
         for root in _roots(problem, guess, fit, weights):
             new = all(np.abs(root.states - one.root.states).max() > _SAME for one in found)
             if root.residual < RESIDUAL_TOLERANCE and new:
-                found.append(Played(root, weights))
+                found.append(SolvedGame(root, weights))
     return sorted(found, key=lambda one: squared_error_of(problem, one.root.states, y))
 
 
-def fitted_game(problem: Problem, observation: Observation, tie: float = _TIES[0]) -> Played | None:
+def fitted_game(
+    problem: Problem, observation: Observation, tie: float = _TIES[0]
+) -> SolvedGame | None:
     """The game that explains an observation best where its weights are tied to uniform.
 
     Args:
@@ -134,7 +136,7 @@ def fitted_game(problem: Problem, observation: Observation, tie: float = _TIES[0
         return None
     point = solution.point
     root = newton_root(game, point.states, point.controls, point.costates, point.weights, view=view)
-    return Played(root, point.weights) if root.residual < RESIDUAL_TOLERANCE else None
+    return SolvedGame(root, point.weights) if root.residual < RESIDUAL_TOLERANCE else None
 
 
 def squared_error_of(problem: Problem, states: np.ndarray, y: np.ndarray) -> float:
@@ -236,8 +238,8 @@ def _quarter(trajectory: np.ndarray) -> int:
     return max(2, len(trajectory) // 4)
 
 
-def replay(
-    problem: Problem, start: Played, weights: np.ndarray, initial_states: np.ndarray
+def play_batch(
+    problem: Problem, start: SolvedGame, weights: np.ndarray, initial_states: np.ndarray
 ) -> Batch:
     """Play the game at many weights (B, N, K) and initial states (B, N, n), from a known root."""
     return solve_batch(
@@ -250,9 +252,9 @@ def replay(
     )
 
 
-def played(batch: Batch, index: int, weights: np.ndarray) -> Played:
+def game_of_batch(batch: Batch, index: int, weights: np.ndarray) -> SolvedGame:
     """One game of a batch; weights (N, K) are those it was played at."""
-    return Played(batch.root(index), weights)
+    return SolvedGame(batch.root(index), weights)
 
 
 def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
@@ -267,7 +269,7 @@ def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:
 
 
 def sample_sensitivity(
-    problem: Problem, game: Played, solver: Elimination | None = None
+    problem: Problem, game: SolvedGame, solver: Elimination | None = None
 ) -> np.ndarray:
     """Derivative of h(x) in (theta, x_1) at a game, (T*N*d, N*K + N*n).
 
@@ -295,7 +297,7 @@ def sample_sensitivity(
 def likelihood_covariance(
     problem: Problem,
     observations: Sequence[Observation],
-    games: Sequence[Played],
+    games: Sequence[SolvedGame],
     solver: Elimination | None = None,
 ) -> np.ndarray | None:
     """Covariance (N*K, N*K) of the maximum-likelihood weights: inverse Fisher information.

@@ -101,7 +101,7 @@ def _point(game: Game, flat: np.ndarray, weights: np.ndarray) -> JointPoint:
 
 @lru_cache(maxsize=16)
 def joint_solver(
-    game: Game, view: View, count: int, max_iterations: int, tolerance: float = 1e-9
+    game: Game, view: View, count: int, max_iterations: int, tolerance: float
 ) -> ca.Function:
     """Build (or fetch) the solver for so many trajectories.
 

@@ -33,11 +33,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from olne_bench.estimators.forward_model import Played, likelihood_covariance
+from olne_bench.checks import check_count
+from olne_bench.estimators.forward_model import SolvedGame, likelihood_covariance
 from olne_bench.estimators.interior_point import joint_elimination, solve_joint
 from olne_bench.estimators.joint_ipopt import joint_solver, solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, Status
-from olne_bench.estimators.parameters import check_count
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.trajectory_fit import (
     fit_trajectory,
@@ -112,7 +112,8 @@ class KktConstrained:
             message = f"never seen, hence not identified: player {', '.join(map(str, unseen))}"
         converged = best.converged and not unseen.size
         games = [
-            Played(Root(p.states, p.controls, p.costates, residual=0.0), p.weights) for p in points
+            SolvedGame(Root(p.states, p.controls, p.costates, residual=0.0), p.weights)
+            for p in points
         ]
         covariance = None
         if converged:
@@ -160,7 +161,8 @@ class KktConstrained:
         """Build the solvers."""
         problem = white_problem(problem)
         if self._uses_ipopt(problem):
-            joint_solver(problem.game, problem.view, 1, self.max_iterations)
+            tolerance = self._settings(problem).tolerance
+            joint_solver(problem.game, problem.view, 1, self.max_iterations, tolerance)
             warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
     def _uses_ipopt(self, problem: Problem) -> bool:

@@ -50,6 +50,7 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 from scipy.stats import Covariance, multivariate_normal
 
+from olne_bench.checks import check_count, check_number
 from olne_bench.estimators.belief import (
     LEAST_SIGMA,
     FollowedGames,
@@ -65,7 +66,6 @@ from olne_bench.estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
-from olne_bench.estimators.parameters import check_count, check_number
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.white_noise import white_problem, with_white_noise
 
@@ -140,50 +140,14 @@ class Particle:
     ) -> Estimate:
         problem, observations = with_white_noise(problem, observation)
         deadline = time.monotonic() + budget / 2
-        sigma = max(problem.sigma, LEAST_SIGMA)
-        online: list[np.ndarray] = []
-        effective: list[float] = []
-        belief: Gaussian | None = None
-        first_states, objective = None, 0.0
+        run = _Run(self, problem, deadline, rng)
         try:
             for one in observations:
-                start = first_game(problem, one)
-                prior = prior_belief(problem, one, start, belief, self.spread, sigma)
-                forward = FollowedGames(problem, start, deadline)
-                clouds = filter_particles(
-                    prior,
-                    forward.expected,
-                    scaled_samples(problem, one.y),
-                    sigma,
-                    count=self.count,
-                    most_moves=self.most_moves,
-                    rng=rng,
-                )
-                for cloud in clouds:
-                    online.append(_mean_weights(forward, cloud))
-                    effective.append(cloud.effective)
-                mean = cloud.shares @ cloud.points
-                end = forward.play(mean)
-                objective += squared_error_of(problem, end.root.states, one.y)
-                first_states = end.root.states if first_states is None else first_states
-                size = forward.num_log_ratios
-                covariance = _covariance(cloud.points[:, :size], cloud.shares)
-                belief = Gaussian(mean[:size], covariance)
+                run.take_in(one)
         except LostError as error:
-            last = online[-1] if online else uniform_weights(problem)
+            last = run.online[-1] if run.online else uniform_weights(problem)
             return Estimate(weights=last, converged=False, message=str(error))
-        weights = forward.weights(cloud.points).reshape(self.count, -1)
-        return Estimate(
-            weights=online[-1],
-            states=first_states,
-            covariance=_covariance(weights, cloud.shares),
-            extras={
-                "objective": objective,
-                "online_weights": np.array(online),
-                "effective_sample_size": np.array(effective),
-                "least_effective_sample_size": min(effective),
-            },
-        )
+        return run.estimate()
 
     def supports(self, problem: Problem) -> str | None:
         """Why this problem cannot be filtered, or None."""
@@ -193,6 +157,77 @@ class Particle:
         """Build the solvers."""
         problem = white_problem(problem)
         warm_up_games(problem)
+
+
+class _Run:
+    """What one estimate has seen so far, trajectory after trajectory.
+
+    Attributes:
+        online: mean weights (N, K) after each measurement.
+    """
+
+    def __init__(
+        self,
+        estimator: Particle,
+        problem: Problem,
+        deadline: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._estimator, self._problem = estimator, problem
+        self._deadline, self._rng = deadline, rng
+        self._sigma = max(problem.sigma, LEAST_SIGMA)
+        self.online: list[np.ndarray] = []
+        self._effective: list[float] = []
+        self._belief: Gaussian | None = None
+        self._first_states: np.ndarray | None = None
+        self._objective = 0.0
+
+    def take_in(self, observation: Observation) -> None:
+        """Filter a trajectory, from what is believed of the weights so far.
+
+        Raises:
+            LostError: as of ``filter_particles``.
+        """
+        problem, estimator = self._problem, self._estimator
+        start = first_game(problem, observation)
+        prior = prior_belief(
+            problem, observation, start, self._belief, estimator.spread, self._sigma
+        )
+        self._forward = forward = FollowedGames(problem, start, self._deadline)
+        clouds = filter_particles(
+            prior,
+            forward.expected,
+            scaled_samples(problem, observation.y),
+            self._sigma,
+            count=estimator.count,
+            most_moves=estimator.most_moves,
+            rng=self._rng,
+        )
+        for cloud in clouds:
+            self.online.append(_mean_weights(forward, cloud))
+            self._effective.append(cloud.effective)
+        self._cloud = cloud
+        mean, size = cloud.shares @ cloud.points, forward.num_log_ratios
+        states = forward.play(mean).root.states
+        self._objective += squared_error_of(problem, states, observation.y)
+        self._first_states = states if self._first_states is None else self._first_states
+        self._belief = Gaussian(mean[:size], _covariance(cloud.points[:, :size], cloud.shares))
+
+    def estimate(self) -> Estimate:
+        """The mean of the last particles."""
+        cloud = self._cloud
+        weights = self._forward.weights(cloud.points).reshape(len(cloud.points), -1)
+        return Estimate(
+            weights=self.online[-1],
+            states=self._first_states,
+            covariance=_covariance(weights, cloud.shares),
+            extras={
+                "objective": self._objective,
+                "online_weights": np.array(self.online),
+                "effective_sample_size": np.array(self._effective),
+                "least_effective_sample_size": min(self._effective),
+            },
+        )
 
 
 def filter_particles(

@@ -43,6 +43,7 @@ from typing import ClassVar
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
+from olne_bench.checks import check_number
 from olne_bench.estimators.belief import (
     LEAST_SIGMA,
     FollowedGames,
@@ -58,7 +59,6 @@ from olne_bench.estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
-from olne_bench.estimators.parameters import check_number
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.simplex import weight_covariance_of
 from olne_bench.estimators.white_noise import white_problem, with_white_noise

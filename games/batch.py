@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from olne_bench.games.elimination import Elimination
 from olne_bench.games.game import Game
 from olne_bench.games.native import elimination
 from olne_bench.games.newton import Root, linearised, pack, unpack
@@ -88,8 +89,91 @@ def solve_batch(
         ValueError: on a wrong shape, non-finite or negative values, or a singular start.
     """
     weights = _check_weights(game, weights)
+    initial_states = _check_initial_states(start.states[0], initial_states, len(weights))
     start_weights = game.check_weights(start_weights)
-    count, first = len(weights), start.states[0]
+    solver = elimination(game, view)
+    linearised(game, start.states, start.controls, start.costates, start_weights, solver)
+    search = _Search(
+        solver=solver,
+        point=pack(game, start.states, start.controls, start.costates),
+        weights=start_weights.ravel(),
+        tolerance=tolerance,
+        max_iterations=min(_FEW, max_iterations),
+        deadline=time.monotonic() + limit,
+    )
+    flat = weights.reshape(len(weights), start_weights.size)
+    points, residuals, iterations = search.run(initial_states, flat)
+    return Batch(*unpack(game, points), residuals=residuals, iterations=iterations)
+
+
+@dataclass
+class _Search:
+    """Roots at changes (B, N*n + N*K) of (x_1, theta) from a known root (T, size)."""
+
+    solver: Elimination
+    point: np.ndarray
+    weights: np.ndarray
+    tolerance: float
+    max_iterations: int
+    deadline: float
+
+    def run(
+        self, initial_states: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (B, T, size), residuals (B,) and Newton steps (B,), by first-order prediction.
+
+        The others start from those solved, as near as there are any, or half-way there.
+        """
+        self.states = initial_states.shape[1]
+        changes = np.hstack([initial_states - self.point[0, : self.states], weights - self.weights])
+        columns = self.solver.sensitivities().reshape(self.point.size, -1)
+        points = self.point + (changes @ columns.T).reshape(len(changes), *self.point.shape)
+        points[:, 0, : self.states] = initial_states  # to the last digit
+        residuals, iterations = self._improve(points, weights)
+        helpers, helper_points = changes[:0], points[:0]
+        for _ in range(_ROUNDS):
+            solved = residuals < self.tolerance
+            (left,), (done,) = np.nonzero(~solved), np.nonzero(solved)
+            if not (left.size and done.size and time.monotonic() < self.deadline):
+                break
+            donors = np.concatenate([changes[done], helpers])
+            _, nearest = cKDTree(donors).query(changes[left])
+            half = (donors[nearest] + changes[left]) / 2
+            source = np.concatenate([points[done], helper_points])[nearest]
+            trial, found, more = self._carry(source, changes[left])
+            better = found < residuals[left]
+            points[left[better]], residuals[left[better]] = trial[better], found[better]
+            iterations[left] += more
+            trial, found, more = self._carry(source, half)
+            good = found < self.tolerance
+            helpers = np.concatenate([helpers, half[good]])
+            helper_points = np.concatenate([helper_points, trial[good]])
+            iterations[left] += more
+        return points, residuals, iterations
+
+    def _carry(
+        self, source: np.ndarray, changes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Solve at changes from given points; points, residuals and Newton steps."""
+        trial = source.copy()
+        trial[:, 0, : self.states] = self.point[0, : self.states] + changes[:, : self.states]
+        found, steps = self._improve(trial, self.weights + changes[:, self.states :])
+        return trial, found, steps
+
+    def _improve(self, points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.solver.newton(
+            points,
+            weights,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+            limit=max(0.0, self.deadline - time.monotonic()),
+        )
+
+
+def _check_initial_states(
+    first: np.ndarray, initial_states: np.ndarray | None, count: int
+) -> np.ndarray:
+    """(B, N*n), those of the start (N, n) where absent."""
     initial_states = first if initial_states is None else np.asarray(initial_states, dtype=float)
     if initial_states.shape not in (first.shape, (count, *first.shape)):
         raise ValueError(
@@ -98,52 +182,7 @@ def solve_batch(
         )
     if not np.isfinite(initial_states).all():
         raise ValueError("initial_states must be finite")
-    initial_states = np.broadcast_to(initial_states, (count, *first.shape))
-    initial_states = initial_states.reshape(count, first.size)
-
-    solver = elimination(game, view)
-    linearised(game, start.states, start.controls, start.costates, start_weights, solver)
-    point = pack(game, start.states, start.controls, start.costates)
-    columns = solver.sensitivities().reshape(point.size, -1)
-    flat = weights.reshape(count, start_weights.size)
-    change = np.hstack([initial_states - first.ravel(), flat - start_weights.ravel()])
-    points = point + (change @ columns.T).reshape(count, *point.shape)
-    points[:, 0, : first.size] = initial_states  # to the last digit
-    deadline = time.monotonic() + limit
-
-    def improve(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return solver.newton(
-            points,
-            weights,
-            tolerance=tolerance,
-            max_iterations=min(_FEW, max_iterations),
-            limit=max(0.0, deadline - time.monotonic()),
-        )
-
-    residuals, iterations = improve(points, flat)
-    # The others start from those solved, as near as there are any, or half-way there.
-    helpers, helper_points = change[:0], points[:0]
-    for _ in range(_ROUNDS):
-        (left,), (done,) = np.nonzero(~(residuals < tolerance)), np.nonzero(residuals < tolerance)
-        if not (left.size and done.size and time.monotonic() < deadline):
-            break
-        donors = np.concatenate([change[done], helpers])
-        _, nearest = cKDTree(donors).query(change[left])
-        half = (donors[nearest] + change[left]) / 2
-        source = np.concatenate([points[done], helper_points])[nearest]
-        for target, is_half in ((change[left], False), (half, True)):
-            trial = source.copy()
-            trial[:, 0, : first.size] = point[0, : first.size] + target[:, : first.size]
-            found, more = improve(trial, start_weights.ravel() + target[:, first.size :])
-            iterations[left] += more
-            if is_half:
-                good = found < tolerance
-                helpers = np.concatenate([helpers, half[good]])
-                helper_points = np.concatenate([helper_points, trial[good]])
-            else:
-                better = found < residuals[left]
-                points[left[better]], residuals[left[better]] = trial[better], found[better]
-    return Batch(*unpack(game, points), residuals=residuals, iterations=iterations)
+    return np.broadcast_to(initial_states, (count, *first.shape)).reshape(count, first.size)
 
 
 def _check_weights(game: Game, weights: np.ndarray) -> np.ndarray:

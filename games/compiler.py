@@ -28,6 +28,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -43,6 +44,8 @@ _LONGEST_COMPILATION = 300.0  # [s]
 _SCRATCH = "compiling-"
 _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder belongs to nobody
 _ANNOUNCED = "OLNE_BENCH_FALLBACK_ANNOUNCED"
+#: Names a folder of libraries that a process may load from but not write to.
+_SHARED = "OLNE_BENCH_SHARED_CACHE"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -120,6 +123,8 @@ def _further_flags() -> list[str]:
 def _load(compiler: str, source: str) -> ctypes.CDLL:
     flags = [*_FLAGS, *_further_flags()]
     key = hashlib.sha256("\n".join([source, *flags, *_identity(compiler)]).encode()).hexdigest()
+    if shared := _shared(key):
+        return ctypes.CDLL(str(shared))
     folder = _folder()
     try:
         return ctypes.CDLL(
@@ -146,6 +151,21 @@ def _name(key: str, library: Path) -> str:
     """File name of a library: a digest of its key, and one of key and content."""
     content = hashlib.sha256(key.encode() + library.read_bytes()).hexdigest()
     return f"{key[:32]}-{content[:32]}.so"
+
+
+def reader_environment(own: Path) -> dict[str, str]:
+    """Variables for a process that may load what others keep, and keeps its own in a folder."""
+    return {_SHARED: str(_folder()), "OLNE_BENCH_CACHE": str(own)}
+
+
+def _shared(key: str) -> Path | None:
+    """A library from a folder that this process may read only; what is wrong there is left."""
+    folder = os.environ.get(_SHARED)
+    for path in sorted(Path(folder).glob(f"{key[:32]}-*.so")) if folder else []:
+        with suppress(OSError):
+            if not _foreign(path) and path.name == _name(key, path):
+                return path
+    return None
 
 
 def _kept(folder: Path, key: str) -> Path | None:

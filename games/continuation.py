@@ -6,12 +6,14 @@ control problem per player, which Newton solves; from there the weights of those
 their full size while Newton follows the root.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
 from olne_bench.games.dynamics import rollout
+from olne_bench.games.elimination import Elimination
 from olne_bench.games.features import Feature, Stage
 from olne_bench.games.game import Game
 from olne_bench.games.native import elimination
@@ -50,29 +52,16 @@ def follow_coupling(
     Returns:
         A root (its residual says how good), or None where the path was lost.
     """
-    solver = elimination(game, view)
     states = rollout(game.dynamics, initial_state, controls, game.dt)
     point = pack(game, states, controls, np.zeros_like(states[1:]))[None]
-    coupled, used = coupled_features(game), 0
-
-    def root_at(strength: float) -> tuple[np.ndarray, float, int]:
-        trial = point.copy()
-        residuals, iterations = solver.newton(
-            trial,
-            np.where(coupled, strength * weights, weights).reshape(1, -1),
-            tolerance=_TIGHT if strength == 1 else _LOOSE,
-            max_iterations=50 if strength in (0, 1) else 15,
-            limit=limit,
-        )
-        return trial, float(residuals[0]), int(iterations[0])
-
+    path = _Path(elimination(game, view), weights, coupled_features(game), limit)
     strength, step = 0.0, _LARGEST_STEP
-    point, residual, used = root_at(0.0)
+    point, residual, used = path.root_at(0.0, point)
     if not residual < _LOOSE:
         return None
     while strength < 1:
         target = min(1.0, strength + step)
-        trial, residual, iterations = root_at(target)
+        trial, residual, iterations = path.root_at(target, point)
         used += iterations
         if residual < _LOOSE:
             strength, point = target, trial
@@ -82,6 +71,29 @@ def follow_coupling(
         if step < _SMALLEST_STEP or used > max_factorisations:
             return None
     return Root(*unpack(game, point[0]), residual=residual)
+
+
+@dataclass(frozen=True)
+class _Path:
+    """Games whose coupling between players has any strength of 0 to 1."""
+
+    solver: Elimination
+    weights: np.ndarray
+    coupled: np.ndarray  # (N, K), which weights the strength scales
+    limit: float
+
+    def root_at(self, strength: float, point: np.ndarray) -> tuple[np.ndarray, float, int]:
+        """Newton from a point (1, T, size): where it leads, max |G| and factorisations."""
+        trial = point.copy()
+        weights = np.where(self.coupled, strength * self.weights, self.weights)
+        residuals, iterations = self.solver.newton(
+            trial,
+            weights.reshape(1, -1),
+            tolerance=_TIGHT if strength == 1 else _LOOSE,
+            max_iterations=50 if strength in (0, 1) else 15,
+            limit=self.limit,
+        )
+        return trial, float(residuals[0]), int(iterations[0])
 
 
 @lru_cache(maxsize=64)

@@ -129,10 +129,8 @@ def stage_functions(game: Game, view: View) -> StageFunctions:
     loss = _loss(game, view, symbols)
     p, q, r = symbols.row_multipliers, symbols.control_multipliers, symbols.step_multipliers
     running = loss + ca.dot(p, g_x) + ca.dot(q, g_u) - ca.dot(r, next_states)
-    final = loss + ca.dot(p, g_last)
-    order = ca.vertcat(x, u, costates, theta)
-    curvature, curvature_values = _nonzeros("H", _half(ca.hessian(running, order)[0]))
-    last_curvature, last_curvature_values = _nonzeros("H", _half(ca.hessian(final, order)[0]))
+    curvature, curvature_values = _curvature(running, symbols)
+    last_curvature, last_curvature_values = _curvature(loss + ca.dot(p, g_last), symbols)
 
     blocks, block_values = _stack(
         Q=ca.jacobian(g_x, x),
@@ -225,6 +223,12 @@ def _loss(game: Game, view: View, symbols: _Symbols) -> ca.SX:
     states = ca.vertsplit(symbols.states, game.dynamics.state_size)
     expected = ca.vertcat(*[view.expected(state, game.dynamics) for state in states])
     return ca.sumsqr(symbols.precision * (symbols.samples - expected))
+
+
+def _curvature(lagrangian: ca.SX, symbols: _Symbols) -> tuple[Pattern, ca.SX]:
+    """Half the Hessian in (x, u, lambda, theta)."""
+    order = ca.vertcat(symbols.states, symbols.controls, symbols.costates, symbols.weights)
+    return _nonzeros("H", _half(ca.hessian(lagrangian, order)[0]))
 
 
 def _half(hessian: ca.SX) -> ca.SX:

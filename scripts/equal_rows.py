@@ -23,7 +23,7 @@ WAYS = {
     "one": [["--jobs", "1"]],
     "two": [["--jobs", "2"]],
     "dask": [["--dask", "local:2"]],
-    "halves": [["--view", "full"], ["--view", "partial"]],
+    "halves": [["--sensor", "full"], ["--sensor", "partial"]],
 }
 TIMES = ["solve_seconds"]
 

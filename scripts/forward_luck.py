@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.games.kkt import consistent_costates
 from olne_bench.games.nearest_root import nearest_root
@@ -27,8 +27,8 @@ PERTURBATION = 1e-13
 
 
 def failures(trials: pd.DataFrame, scenario: str, repeats: int, consistent: bool) -> pd.DataFrame:
-    """Rows (estimator, view) of failure counts, one column a repeat."""
-    recording = true_recording(ScenarioEntry(name=scenario), 0)
+    """Rows (estimator, sensor) of failure counts, one column a repeat."""
+    recording = true_recording(Draw.of(ScenarioEntry(name=scenario), 0, ""))
     game = recording.scenario.game
     starts = []
     for repeat in range(repeats):
@@ -46,7 +46,7 @@ def failures(trials: pd.DataFrame, scenario: str, repeats: int, consistent: bool
             nearest_root(game, weights, start, recording.controls, costates) is None
             for start in starts
         ]
-        verdicts[row.estimator, row.view] += [failed] * row.count
+        verdicts[row.estimator, row.sensor] += [failed] * row.count
     table = {}
     for key, failed in verdicts.items():
         array = np.array(failed)

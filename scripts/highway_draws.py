@@ -10,8 +10,8 @@ from importlib import import_module
 
 import numpy as np
 
-from olne_bench.envs.driving import rejection
 from olne_bench.envs.highway_roads import ROAD_NAMES
+from olne_bench.envs.playability import rejection
 
 SIZES = {
     "highway": (3, 4, 5, 6, 7, 8),

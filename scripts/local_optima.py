@@ -14,33 +14,32 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from olne_bench.bench.judge.observe import observe
-from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.judge.referee import case_of
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial, expand
 from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint
-from olne_bench.games.observation import VIEWS
 
 #: Objectives nearer than this, relatively, are the same optimum.
 SAME = 1e-6
 
 
-def excess(trial: pd.Series) -> float:
+def excess(trial: Trial, objective: float) -> float:
     """How far a trial's objective is above the one found from the truth, relatively."""
-    recording = true_recording(ScenarioEntry(name=trial.scenario), trial.seed)
-    view, scenario = VIEWS[trial["view"]], recording.scenario
-    (observation,) = observe([recording], (view,), trial.sigma, trial.seed)
-    truth = JointPoint(recording.states, recording.controls, recording.costates, scenario.weights)
-    found = solve_joint_ipopt(scenario.game, view, [observation.y], [truth])
+    case = case_of(trial)
+    (recording,), (observation,) = case.recordings, case.observations
+    weights, problem = recording.scenario.weights, case.problem
+    truth = JointPoint(recording.states, recording.controls, recording.costates, weights)
+    found = solve_joint_ipopt(problem.game, problem.view, [observation.y], [truth])
     if not found.converged:
         return -np.inf
-    return (trial.objective - found.objective) / found.objective
+    return (objective - found.objective) / found.objective
 
 
 def main() -> None:
     """Read a run folder and compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="run folder with trials.parquet")
+    parser.add_argument("folder", type=Path, help="folder with trials.parquet of suite paper")
     parser.add_argument("--scenario", default="two_player")
     parser.add_argument("--largest-sigma", type=float, default=0.02)
     arguments = parser.parse_args()
@@ -50,11 +49,13 @@ def main() -> None:
         & trials["scenario"].eq(arguments.scenario)
         & trials["sigma"].between(0, arguments.largest_sigma, inclusive="right")
     ]
-    rows = tqdm(trials.iterrows(), total=len(trials))
-    trials = trials.assign(excess=[excess(trial) for _, trial in rows])
-    for view, group in trials.groupby("view"):
+    known = {trial.key: trial for trial in expand(load_suite("paper"))}
+    keys = trials[list(KEY_COLUMNS)].astype(str).itertuples(index=False, name=None)
+    pairs = zip(keys, tqdm(trials["objective"]), strict=True)
+    trials = trials.assign(excess=[excess(known[key], objective) for key, objective in pairs])
+    for sensor, group in trials.groupby("sensor"):
         worse = group[group["excess"] > SAME]
-        print(f"{view}: the truth leads lower in {len(worse)} of {len(group)} trials")
+        print(f"{sensor}: the truth leads lower in {len(worse)} of {len(group)} trials")
         for trial in worse.itertuples():
             print(f"    sigma {trial.sigma:g}, seed {trial.seed}: {trial.excess:.1e} of it")
 

@@ -2,7 +2,7 @@
 
     python scripts/optima.py [--out results/perf/optima.parquet] [--every 1]
 
-Per sequence of both scenarios and views, the objectives of the joint method as configured, of the
+Per sequence of both scenarios and sensors, the objectives of the joint method as configured, of the
 same with IPOPT as its solver and three starts (``--reference``, slow), and of IPOPT on the compact
 layout with weights started at zero. The rivals' outcomes are kept in the file, so that only ours
 is computed anew.
@@ -16,17 +16,15 @@ import pandas as pd
 from rivals import CompactLayout
 from tqdm import tqdm
 
-from olne_bench.bench.judge.observe import observe
-from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.judge.referee import case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.trajectory_fit import fit_trajectory
-from olne_bench.games.observation import VIEWS
 
-KEY = ["scenario", "view", "sigma", "seed"]
+KEY = ["scenario", "sensor", "sigma", "seed"]
 RIVALS = ("ipopt", "compact")
 SAME, NOTHING = 1e-4, 1e-9  # relative and absolute difference that makes no other optimum
 
@@ -79,13 +77,12 @@ def _sequences() -> list[Trial]:
 
 
 def _key(trial: Trial) -> tuple[str, str, float, int]:
-    return trial.scenario.label, trial.view, trial.sigma, trial.seed
+    return trial.scenario.label, trial.sensor.label, trial.sigma, trial.seed
 
 
 def _observed(trial: Trial) -> tuple[Problem, Observation]:
-    recording, view = true_recording(trial.scenario, trial.seed), VIEWS[trial.view]
-    (observation,) = observe([recording], (view,), trial.sigma, trial.seed)
-    return Problem(recording.scenario.game, view, trial.sigma), observation
+    case = case_of(trial)
+    return case.problem, case.observations[0]
 
 
 def _joint(trial: Trial, solver: str) -> float:

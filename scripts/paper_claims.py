@@ -15,6 +15,10 @@ import pandas as pd
 
 from olne_bench.bench.report.leaderboard import published_failures
 
+#: Estimates of 1,760 that the published step may miss though the game has a root: 1.5 %. Perturbed
+#: by 1e-13 it misses up to 15 (``scripts/forward_luck.py``).
+MISSED = 26
+
 
 @dataclass(frozen=True)
 class Claim:
@@ -37,31 +41,31 @@ def failures(trials: pd.DataFrame) -> Iterator[Claim]:
     method's published 0 counts its own solves; ours counts as well the estimates at which no root
     of the game is found. How many of them the published step misses is told apart.
     """
-    by = ["scenario", "estimator", "view"]
+    by = ["scenario", "estimator", "sensor"]
     published_step = trials[published_failures(trials)].groupby(by)["count"].sum()
     failed = trials[trials["status"] != "ok"].groupby(by)["count"].sum()
 
-    for view, published, low, high in (("full", 104, 80, 130), ("partial", 218, 165, 245)):
-        text = f"two players, kkt_residual, {view}: failures of 880 (published {published})"
-        count = published_step.get(("two_player", "kkt_residual", view), 0)
+    for sensor, published, low, high in (("full", 104, 80, 130), ("partial", 218, 165, 245)):
+        text = f"two players, kkt_residual, {sensor}: failures of 880 (published {published})"
+        count = published_step.get(("two_player", "kkt_residual", sensor), 0)
         yield Claim(text, count, low, high)
     for players, scenario, high in (("two", "two_player", 0), ("five", "highway_overtaking", 1)):
-        keys = [(scenario, "kkt_constrained", view) for view in ("full", "partial")]
+        keys = [(scenario, "kkt_constrained", sensor) for sensor in ("full", "partial")]
         text = f"{players} players, kkt_constrained: failures of 1760 (published 0)"
         yield Claim(text, sum(failed.get(key, 0) for key in keys), 0, high)
         text = f"{players} players, kkt_constrained: missed by the published step alone"
-        yield Claim(text, sum(published_step.get(key, 0) for key in keys), 0, float("inf"))
+        yield Claim(text, sum(published_step.get(key, 0) for key in keys), 0, MISSED)
 
 
 def statistical_limit(trials: pd.DataFrame) -> Iterator[Claim]:
     """Two players: cosine error of the joint method over the Cramer-Rao limit."""
     joint = trials[trials["estimator"].eq("kkt_constrained") & trials["scenario"].eq("two_player")]
-    for view, unit, largest, high in (("full", 21.9, 0.02, 1.25), ("partial", 62.7, 0.01, 1.4)):
-        rows = joint[joint["view"].eq(view) & joint["sigma"].between(1e-9, largest)]
+    for sensor, unit, largest, high in (("full", 21.9, 0.02, 1.25), ("partial", 62.7, 0.01, 1.4)):
+        rows = joint[joint["sensor"].eq(sensor) & joint["sigma"].between(1e-9, largest)]
         ratio = rows["cosine_error"] / (unit * rows["sigma"] ** 2)
-        text = f"{view}, sigma <= {largest}: mean of cosine error / ({unit} sigma^2)"
+        text = f"{sensor}, sigma <= {largest}: mean of cosine error / ({unit} sigma^2)"
         yield Claim(text, ratio.mean(), 0.8, high)
-        yield Claim(f"{view}, sigma <= {largest}: the largest such ratio", ratio.max(), 0, 20)
+        yield Claim(f"{sensor}, sigma <= {largest}: the largest such ratio", ratio.max(), 0, 20)
     exact = joint[joint["sigma"] == 0]
     yield Claim("two players, sigma = 0: cosine error", exact["cosine_error"].max(), 0, 1e-6)
 

@@ -33,7 +33,7 @@ class CompactLayout:
     """The joint inverse problem with costates of own states only, weights started at zero."""
 
     def __init__(self, game: Game, view: View) -> None:
-        self.solver = joint_solver(game, view, count=1, max_iterations=500)
+        self.solver = joint_solver(game, view, count=1, max_iterations=500, tolerance=1e-9)
 
     def solve(self, y: np.ndarray, start: JointPoint, floor: float) -> Outcome:
         """From a trajectory; costates and weights are started at zero."""
@@ -59,64 +59,19 @@ class PublishedLayout:
     """
 
     def __init__(self, game: Game, view: View) -> None:
-        n = game.dynamics.state_size
-        steps, players = game.horizon - 1, game.num_players
         states, x = trajectory_symbols("x", game.state_shape)
         controls, u = trajectory_symbols("u", game.control_shape)
-        weights = ca.SX.sym("theta", players * game.num_weights)
-        theta = ca.vertsplit(weights, game.num_weights)
-        unknowns: list[ca.SX] = []
-        values: list[ca.SX] = []
-        equations: list[ca.SX] = []
-
-        def variable(value: ca.SX) -> ca.SX:
-            unknowns.append(ca.SX.sym("aux", value.numel()))
-            values.append(ca.vec(value))
-            return unknowns[-1]
-
-        def named(expression: ca.SX) -> ca.SX:
-            """A variable that stands for an expression, where it is not a constant."""
-            if expression.is_constant():
-                return expression
-            name = ca.reshape(variable(expression), *expression.shape)
-            equations.append(ca.vec(name - expression))
-            return name
-
-        in_states, in_controls = [], []
-        for t in range(steps):
-            step = [game.dynamics.step(x[t][j], u[t][j], game.dt) for j in range(players)]
-            equations.append(ca.vertcat(*x[t + 1]) - ca.vertcat(*step))
-            in_states.append(
-                ca.diagcat(
-                    *[_named_entries(named, ca.jacobian(f, x[t][j])) for j, f in enumerate(step)]
-                )
-            )
-            in_controls.append(
-                [_named_entries(named, ca.jacobian(f, u[t][j])) for j, f in enumerate(step)]
-            )
-        for i, player in enumerate(game.players):
-            costates = [variable(ca.SX.zeros(n * players)) for _ in range(steps)]
-            for t in range(game.horizon):
-                final = t == steps
-                stage = Stage(i, tuple(x[t]), None if final else u[t][i], game.dynamics, game.dt)
-                cost = (player.final_cost if final else player.running_cost)(stage, theta[i])
-                if not final:
-                    gradient = named(ca.gradient(cost, u[t][i]))
-                    own = costates[t][i * n : (i + 1) * n]
-                    equations.append(gradient - in_controls[t][i].T @ own)
-                if t > 0:
-                    row = named(ca.gradient(cost, ca.vertcat(*x[t]))) + costates[t - 1]
-                    equations.append(row if final else row - in_states[t].T @ costates[t])
-        equations.extend(ca.sum1(row) - 1 for row in theta)
-
-        y = ca.SX.sym("y", game.horizon * players * observation_size(view, game.dynamics))
+        weights = ca.SX.sym("theta", game.num_players * game.num_weights)
+        layout = _Layout(game, x, u, ca.vertsplit(weights, game.num_weights))
+        y = ca.SX.sym("y", game.horizon * game.num_players * observation_size(view, game.dynamics))
         precision = ca.SX.sym("precision", y.numel())
-        self.auxiliary = ca.Function("start", [states, controls, weights], [ca.vertcat(*values)])
+        values = ca.vertcat(*layout.values)
+        self.auxiliary = ca.Function("start", [states, controls, weights], [values])
         problem = {
-            "x": ca.vertcat(states, controls, *unknowns, weights),
+            "x": ca.vertcat(states, controls, *layout.unknowns, weights),
             "p": ca.vertcat(y, precision),
             "f": squared_error(game, view, states, y, precision),
-            "g": ca.vertcat(*equations),
+            "g": ca.vertcat(*layout.equations),
         }
         options = QUIET | {
             "ipopt.max_iter": 1000,
@@ -136,6 +91,75 @@ class PublishedLayout:
         lower = np.full(first.size, -np.inf)
         lower[-zero.size :] = floor
         return _outcome(self.solver, x0=first, lbx=lower, p=observation_parameters(y))
+
+
+class _Layout:
+    """Auxiliary variables, the values that belong to them, and all equations."""
+
+    def __init__(
+        self, game: Game, x: list[list[ca.SX]], u: list[list[ca.SX]], theta: list[ca.SX]
+    ) -> None:
+        self.unknowns: list[ca.SX] = []
+        self.values: list[ca.SX] = []
+        self.equations: list[ca.SX] = []
+        in_states, in_controls = self._motion(game, x, u)
+        for i in range(game.num_players):
+            self._conditions(game, i, x, u, theta[i], in_states, in_controls)
+        self.equations.extend(ca.sum1(row) - 1 for row in theta)
+
+    def _motion(
+        self, game: Game, x: list[list[ca.SX]], u: list[list[ca.SX]]
+    ) -> tuple[list[ca.SX], list[list[ca.SX]]]:
+        """Equations of motion; Jacobians in all states, and in each control, of every step."""
+        in_states, in_controls = [], []
+        for t in range(game.horizon - 1):
+            players = range(game.num_players)
+            step = [game.dynamics.step(x[t][j], u[t][j], game.dt) for j in players]
+            self.equations.append(ca.vertcat(*x[t + 1]) - ca.vertcat(*step))
+            own = [_named_entries(self._named, ca.jacobian(step[j], x[t][j])) for j in players]
+            in_states.append(ca.diagcat(*own))
+            in_controls.append(
+                [_named_entries(self._named, ca.jacobian(step[j], u[t][j])) for j in players]
+            )
+        return in_states, in_controls
+
+    def _conditions(
+        self,
+        game: Game,
+        i: int,
+        x: list[list[ca.SX]],
+        u: list[list[ca.SX]],
+        theta: ca.SX,
+        in_states: list[ca.SX],
+        in_controls: list[list[ca.SX]],
+    ) -> None:
+        """First-order conditions of one player, who has costates of all players' states."""
+        n, steps, player = game.dynamics.state_size, game.horizon - 1, game.players[i]
+        costates = [self._variable(ca.SX.zeros(n * game.num_players)) for _ in range(steps)]
+        for t in range(game.horizon):
+            final = t == steps
+            stage = Stage(i, tuple(x[t]), None if final else u[t][i], game.dynamics, game.dt)
+            cost = (player.final_cost if final else player.running_cost)(stage, theta)
+            if not final:
+                gradient = self._named(ca.gradient(cost, u[t][i]))
+                own = costates[t][i * n : (i + 1) * n]
+                self.equations.append(gradient - in_controls[t][i].T @ own)
+            if t > 0:
+                row = self._named(ca.gradient(cost, ca.vertcat(*x[t]))) + costates[t - 1]
+                self.equations.append(row if final else row - in_states[t].T @ costates[t])
+
+    def _variable(self, value: ca.SX) -> ca.SX:
+        self.unknowns.append(ca.SX.sym("aux", value.numel()))
+        self.values.append(ca.vec(value))
+        return self.unknowns[-1]
+
+    def _named(self, expression: ca.SX) -> ca.SX:
+        """A variable that stands for an expression, where it is not a constant."""
+        if expression.is_constant():
+            return expression
+        name = ca.reshape(self._variable(expression), *expression.shape)
+        self.equations.append(ca.vec(name - expression))
+        return name
 
 
 class StackedForward:

@@ -4,7 +4,7 @@
     python scripts/same_optima.py runs/ipopt runs/paper
     python scripts/same_optima.py runs/field runs/field --estimators bilevel kkt_constrained
 
-Sequence by sequence, of those on which both end well. Prints, per scenario and view: how many
+Sequence by sequence, of those on which both end well. Prints, per scenario and sensor: how many
 sequences have the same objective (to a relative 1e-6), how far the weights of those are apart, how
 often the second one's objective is lower or higher, and the medians of their errors.
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-KEY = ["scenario", "view", "sigma", "seed"]
+KEY = ["scenario", "sensor", "sigma", "seed"]
 SAME, NOTHING = 1e-6, 1e-12  # relative and absolute difference of objectives
 
 

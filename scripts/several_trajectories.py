@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.figures.style import (
     FLOOR_COLOUR,
     applied,
@@ -25,6 +25,7 @@ from olne_bench.bench.report.figures.style import (
     estimator_order,
     save,
 )
+from olne_bench.bench.report.study import study_of
 from olne_bench.bench.run.store import read_store
 from olne_bench.bench.run.store_table import to_frame
 
@@ -36,13 +37,14 @@ TICKS = [digit * 10.0**power for power in range(-5, 1) for digit in (1, 2, 5)]
 def main(run: Path, out: Path) -> None:
     """Write ``errors.csv``, ``exponents.csv`` and ``errors.png``, and print the exponents."""
     with read_store(run) as store:
-        trials = to_frame(store.table())
-    entries = trials["scenario"].map(ScenarioEntry.from_label)
+        trials, runs = to_frame(store.table()), store.runs()
+    study = study_of(read_suite_json(run.suite) for run in runs)
+    entries = trials["scenario"].map(study.scenario)
     trials["trajectories"] = [entry.trajectories for entry in entries]
     trials["scenario"] = [entry.name for entry in entries]
     errors, exponents = [], []
-    for key, group in trials.groupby(["scenario", "view", "sigma", "estimator"]):
-        named = dict(zip(("scenario", "view", "sigma", "estimator"), key, strict=True))
+    for key, group in trials.groupby(["scenario", "sensor", "sigma", "estimator"]):
+        named = dict(zip(("scenario", "sensor", "sigma", "estimator"), key, strict=True))
         table = squared_errors(group)
         rms, spread = resampled(table, np.nanmean)
         median, median_spread = resampled(table, np.nanmedian)
@@ -100,19 +102,19 @@ def slope(counts: np.ndarray, errors: np.ndarray) -> float:
 
 
 def draw(errors: pd.DataFrame, out: Path) -> None:
-    """A panel per view and noise level: errors with intervals, the limit, and 1/sqrt(n)."""
-    views, sigmas = sorted(errors["view"].unique()), sorted(errors["sigma"].unique())
+    """A panel per sensor and noise level: errors with intervals, the limit, and 1/sqrt(n)."""
+    sensors, sigmas = sorted(errors["sensor"].unique()), sorted(errors["sigma"].unique())
     names = estimator_order(list(errors["estimator"]))
     colours = estimator_colours(names)
     with applied():
-        size = 2.6 * len(sigmas), 2.5 * len(views) + 0.5
+        size = 2.6 * len(sigmas), 2.5 * len(sensors) + 0.5
         figure, panels = plt.subplots(
-            len(views), len(sigmas), figsize=size, sharex=True, sharey=True, squeeze=False
+            len(sensors), len(sigmas), figsize=size, sharex=True, sharey=True, squeeze=False
         )
-        for axes, (view, sigma) in zip(
-            panels.flat, ((v, s) for v in views for s in sigmas), strict=True
+        for axes, (sensor, sigma) in zip(
+            panels.flat, ((v, s) for v in sensors for s in sigmas), strict=True
         ):
-            part = errors[(errors["view"] == view) & (errors["sigma"] == sigma)]
+            part = errors[(errors["sensor"] == sensor) & (errors["sigma"] == sigma)]
             for shift, name in zip(np.linspace(0.94, 1.06, len(names)), names, strict=True):
                 own = part[part["estimator"] == name]
                 middle = own["weight_error"]
@@ -132,7 +134,7 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
             axes.plot(n, limit["limit"], color="black", linestyle="--", label="Cramér-Rao limit")
             ideal = limit["limit"].iloc[0] / np.sqrt(n)
             axes.plot(n, ideal, color=FLOOR_COLOUR, linestyle=":", label="1/√n from its first")
-            axes.set(xscale="log", yscale="log", title=f"{view} view, σ = {sigma:g}")
+            axes.set(xscale="log", yscale="log", title=f"{sensor}, σ = {sigma:g}")
             axes.set_xticks(n, [f"{value:g}" for value in n])
             ticks = [t for t in TICKS if errors["low"].min() / 1.2 < t < errors["high"].max() * 1.2]
             axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])

@@ -16,6 +16,9 @@ from olne_bench.games.native import elimination
 settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=8)
 settings.load_profile("reproducible")
 
+#: Set where a test that is skipped is a failure, as in continuous integration.
+NO_SKIPS = "OLNE_BENCH_NO_SKIPS"
+
 Recorder = Callable[..., Recording]
 
 
@@ -46,3 +49,10 @@ def recorded() -> Recorder:
         return record(get_scenario(name, seed, **options))
 
     return play
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail where nothing may be skipped and something was."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if os.environ.get(NO_SKIPS) and reporter is not None and reporter.stats.get("skipped"):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -62,15 +62,18 @@ def test_recordings_guide(tmp_path, monkeypatch):
 def test_plugins_guide(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "plugins.md").read_text()
-    (block,) = code_blocks("plugins.md")
-    assert len([line for line in block.splitlines() if line]) <= 20
-    Path("predict.py").write_text(block)
-    for line in re.findall(r"^olne-bench (.*)$", page, re.MULTILINE):
+    names = ("predict", "crossing", "camera", "farthest")
+    for name, block in zip(names, code_blocks("plugins.md"), strict=True):
+        assert len([line for line in block.splitlines() if line]) <= 25
+        Path(f"{name}.py").write_text(block)
+    for line in re.findall(r"^olne-bench ([^#\n]*)", page, re.MULTILINE):
         words = shlex.split(line)
         if words[0] == "run":
             words += ["--seeds", "1", "--sigma", "0.01", "--no-figures"]  # a part of it will do
         main(words)
-    assert "predict.py:Predict conforms" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    for reference in ("predict.py:Predict", "crossing.py", "camera.py", "farthest.py"):
+        assert f"{reference} conforms" in said
     rows = pd.read_parquet("runs/predict/trials.parquet")
-    status = rows[rows["estimator"] == "Predict"].set_index("view")["status"]
+    status = rows[rows["estimator"] == "predict"].set_index("sensor")["status"]
     assert dict(status) == {"full": "ok", "partial": "skipped"}

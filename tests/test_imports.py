@@ -17,7 +17,7 @@ PACKAGES = {
     "bench": {"games", "envs", "estimators"},
 }
 #: Rooms of ``bench`` from the ground up; a room imports from those below it only.
-ROOMS = ("plan", "judge", "run", "report", "commands")
+ROOMS = ("process", "plan", "judge", "run", "report", "commands")
 COMMON = ("olne_bench.bench.text",)
 
 

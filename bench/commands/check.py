@@ -5,7 +5,7 @@ import sys
 import click
 
 from olne_bench.bench.commands.conformance import identify, run_checks
-from olne_bench.bench.commands.options import BUDGET, MEMORY
+from olne_bench.bench.commands.options import BUDGET, MEMORY, name_and_value
 from olne_bench.plugins import KINDS, absolute
 
 
@@ -15,6 +15,13 @@ from olne_bench.plugins import KINDS, absolute
     "--kind",
     type=click.Choice([kind.name for kind in KINDS]),
     help="Its kind, where plugins of two kinds have the name.",
+)
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A parameter of it, such as p=0.3 (repeatable).",
 )
 @click.option(
     "--budget",
@@ -31,16 +38,20 @@ from olne_bench.plugins import KINDS, absolute
     metavar="GIB",
     help="Memory that it may use.",
 )
-def check(plugin: str, kind: str | None, budget: float, memory: float) -> None:
+def check(
+    plugin: str, kind: str | None, parameters: tuple[str, ...], budget: float, memory: float
+) -> None:
     """Check PLUGIN, FILE.py:CLASS or a name from 'olne-bench list'.
 
     An estimator, scenario, sensor or metric. A line for each check; exit code 1 if one of them
     fails. 'weak' is no failure: the plugin keeps to the rules, but a good one does better.
     """
-    found = identify(plugin, kind)  # bad input ends here
+    chosen = dict(name_and_value("--parameter", text) for text in parameters)
+    found = identify(plugin, chosen, kind)  # bad input ends here
     failed = 0
     limit = int(memory * 2**30)
-    for name, outcome in run_checks(found, absolute(plugin), budget=budget, memory=limit):
+    checks = run_checks(found, absolute(plugin), chosen, budget=budget, memory=limit)
+    for name, outcome in checks:
         failed += outcome.status != "ok"
         verdict = "FAIL" if outcome.status != "ok" else "weak" if outcome.message else "pass"
         click.echo(f"{verdict}  {name}{': ' if outcome.message else ''}{outcome.message}")

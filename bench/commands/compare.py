@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
+from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.measures import FAILURES
@@ -16,8 +17,8 @@ from olne_bench.errors import UserError
 
 
 @click.command()
-@click.argument("before", type=click.Path(path_type=Path))
-@click.argument("after", type=click.Path(path_type=Path))
+@click.argument("before", type=PATH)
+@click.argument("after", type=PATH)
 @click.option(
     "--estimator",
     "estimators",
@@ -25,7 +26,7 @@ from olne_bench.errors import UserError
     metavar="NAME[=OTHER]",
     help="Only this estimator, which AFTER calls OTHER (repeatable).",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Write the table as CSV as well.")
+@click.option("--out", type=PATH, help="Write the table as CSV as well.")
 def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | None) -> None:
     """Compare the run in AFTER with that in BEFORE, trial by trial on the same noise.
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from olne_bench.bench.commands.findings import NonConformance, Weakness
 from olne_bench.bench.plan.outcome import Outcome
@@ -21,6 +22,7 @@ from olne_bench.bench.process.child import (
     StartError,
     TimedOutError,
 )
+from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
 from olne_bench.plugins import (
@@ -28,16 +30,11 @@ from olne_bench.plugins import (
     KINDS,
     Kind,
     at_home,
-    describe,
     describe_foreign_error,
-    is_built_in,
     is_file,
     make,
     names,
 )
-
-#: Seconds that importing and making a plugin may take.
-LOAD_LIMIT = 60.0
 
 
 @dataclass(frozen=True)
@@ -45,9 +42,10 @@ class Check:
     """One check of one plugin.
 
     Attributes:
-        kind: name of the plugin's kind; empty where only its file is known.
-        name: of the check, one of ``checks_of(kind)``; empty for finding out what the plugin is.
+        kind: name of the plugin's kind.
+        name: of the check, one of ``checks_of(kind)``.
         reference: of the plugin.
+        parameters: of the plugin.
         budget: seconds that an estimator is told it has for each estimate.
         time_limit: seconds after which the check is killed.
     """
@@ -55,6 +53,7 @@ class Check:
     kind: str
     name: str
     reference: str
+    parameters: Mapping[str, Any]
     budget: float
     time_limit: float
 
@@ -70,11 +69,14 @@ def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
     return checks
 
 
-def identify(reference: str, kind: str | None = None) -> Kind:
+def identify(
+    reference: str, parameters: Mapping[str, Any] | None = None, kind: str | None = None
+) -> Kind:
     """What a reference names; a file is imported and its plugin made in another process.
 
     Args:
         reference: of the plugin.
+        parameters: that it has to accept.
         kind: name of its kind, where more than one has a plugin of this name; any where absent.
 
     Raises:
@@ -91,17 +93,15 @@ def identify(reference: str, kind: str | None = None) -> Kind:
         choice = " or ".join(f"--kind {one.name}" for one in found)
         raise UserError(f"there are several plugins called {reference!r}: choose with {choice}")
     named = found[0].name if len(found) == 1 else ""
-    if not (named and is_built_in(found[0], reference)):
-        outcome = _in_process([Check(named, "", reference, 0.0, LOAD_LIMIT)], None)
-        _, told = next(outcome)
-        if told.status != "ok":
-            raise UserError(f"{named or 'plugin'} {reference!r} cannot be loaded: {told.message}")
-        named = told.message
-    return next(one for one in KINDS if one.name == named)
+    asked = found[0] if named else None
+    (description,) = describe_all([(asked, reference, parameters or {})])
+    if description.error:
+        raise UserError(description.error)
+    return next(one for one in KINDS if one.name == description.kind)
 
 
 def run_checks(
-    kind: Kind, reference: str, *, budget: float, memory: int
+    kind: Kind, reference: str, parameters: Mapping[str, Any], *, budget: float, memory: int
 ) -> Iterator[tuple[str, Outcome]]:
     """Run all checks of a plugin; yields each with its outcome.
 
@@ -111,22 +111,22 @@ def run_checks(
     Args:
         kind: of the plugin.
         reference: of the plugin.
+        parameters: of the plugin.
         budget: seconds that an estimator is told it has for each estimate.
         memory: limit [bytes] of a process's memory.
     """
     limit = 4 * budget + 60  # some make several estimates, and the first builds its solvers too
-    checks = [Check(kind.name, name, reference, budget, limit) for name in checks_of(kind)]
+    checks = [
+        Check(kind.name, name, reference, parameters, budget, limit) for name in checks_of(kind)
+    ]
     return _in_process(checks, memory)
 
 
 def run_check(check: Check) -> Outcome:
     """Run a check in this process."""
-    kind = next((one for one in KINDS if one.name == check.kind), None)
-    if kind is None or not check.name:
-        found = describe(kind, check.reference)
-        return Outcome("crash", found.error) if found.error else Outcome("ok", found.kind)
+    kind = next(one for one in KINDS if one.name == check.kind)
     try:
-        plugin = make(kind, check.reference)
+        plugin = make(kind, check.reference, check.parameters)
         with at_home(plugin):
             budget = (check.budget,) if kind == ESTIMATOR else ()
             checks_of(kind)[check.name](plugin, *budget)

@@ -2,17 +2,21 @@
 
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.suite import read_suite_json
-from olne_bench.bench.report.gate import Task, check_limits, missing_trials, task_of
+from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.report.gate import LimitOutcome, check_limits, missing_trials, task_of
 from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.study import study_of
 from olne_bench.bench.report.tables import tabulate
+from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run.provenance import Provenance
+from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
 
@@ -29,34 +33,45 @@ def gate(folder: Path, suite: str | None) -> None:
         trials, runs = store.frame(), store.runs()
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    if suite is None and not runs:
-        raise UserError(f"the run in {folder} noted no suite; name one with --suite")
-    source = load_suite(suite) if suite is not None else read_suite_json(runs[-1].suite)
-    if not source.gate:
-        raise UserError(
-            f"suite {source.name!r} has no [gate] table; it would have limits by estimator, such "
-            f"as [gate.{source.estimators[0].label}] with position_error = 0.1"
-        )
-    study = study_of([source, *(read_suite_json(run.suite) for run in runs)])
-    table = tabulate(weighed(trials), study).leaderboard
-    checks = check_limits(table, source.gate, study)
+    last = last_suite(runs, folder)
+    source = last if suite is None else load_suite(suite, describe=describe_all)
+    _refuse_no_limits(source)
+    study = study_of(read_suite_json(run.suite) for run in runs)
+    outcomes = check_limits(tabulate(weighed(trials), study).leaderboard, source.gate, study)
     # Other limits do not make a run whole that is not.
-    tasks = [task_of(run) for run in runs] or [Task(source, source.seeds)]
-    unfinished = missing_trials(trials, tasks)
-    for check in checks:
-        value = "∞" if math.isinf(check.value) else f"{check.value:.4g}"
-        click.echo(
-            f"{'holds' if check.passed else 'FAILS'}  {check.estimator}, {check.scenario}, "
-            f"{check.sensor}: {check.limit} {value}  (at most {check.bound:g})"
-        )
+    unfinished = missing_trials(trials, [task_of(run) for run in runs])
+    for outcome in outcomes:
+        click.echo(_line(outcome))
     for line in unfinished:
         click.echo(f"FAILS  {line}")
-    selections = [str(run.selection) for run in runs]
-    parts = "" if "" in selections else "; ".join(dict.fromkeys(selections))
-    failed = sum(not check.passed for check in checks)
+    failed = sum(not outcome.passed for outcome in outcomes)
     click.echo(
-        f"{len(checks) - failed} of {len(checks)} limits are kept"
+        f"{len(outcomes) - failed} of {len(outcomes)} limits are kept"
         + (", but the run is not finished" if unfinished else "")
-        + (f" by the parts that were run: {parts}" if parts else "")
+        + _parts(runs)
     )
     sys.exit(1 if failed or unfinished else 0)
+
+
+def _refuse_no_limits(suite: Suite) -> None:
+    if not suite.gate:
+        raise UserError(
+            f"suite {suite.name!r} has no [gate] table; it would have limits by estimator, such "
+            f"as [gate.{suite.estimators[0].label}] with position_error = 0.1"
+        )
+
+
+def _line(outcome: LimitOutcome) -> str:
+    value = "∞" if math.isinf(outcome.value) else f"{outcome.value:.4g}"
+    return (
+        f"{'holds' if outcome.passed else 'FAILS'}  {outcome.estimator}, {outcome.scenario}, "
+        f"{outcome.sensor}: {outcome.limit} {value}  (at most {outcome.bound:g})"
+    )
+
+
+def _parts(runs: Sequence[Provenance]) -> str:
+    """What was asked of the suite, where it was not all of it."""
+    selections = [str(run.selection) for run in runs]
+    if "" in selections:
+        return ""
+    return f" by the parts that were run: {'; '.join(dict.fromkeys(selections))}"

@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import click
 
 from olne_bench.bench.plan.values import shown
+from olne_bench.errors import UserError
 
 #: File systems take names of 255 bytes; what is written beside a file is named after it.
 _NAME_SIZE = 200
@@ -81,3 +83,18 @@ PLUGIN = PluginReference()
 BUDGET = FiniteRange(min=0, min_open=True)
 #: A process needs the least of these to import everything; no machine has the most.
 MEMORY = FiniteRange(min=0.5, max=2**20)
+
+
+def name_and_value(option: str, text: str) -> tuple[str, Any]:
+    """Both sides of NAME=VALUE; a value that is no JSON is text.
+
+    Raises:
+        UserError: on any other text.
+    """
+    name, separator, value = text.partition("=")
+    if not (name and separator):
+        raise UserError(f"{option} {text!r}: expected NAME=VALUE, such as num_players=3")
+    try:
+        return name, json.loads(value)
+    except (ValueError, RecursionError):  # numbers of too many digits, lists within lists
+        return name, value

@@ -1,13 +1,12 @@
 """``olne-bench record``: play a scenario's draws and write what happened."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import click
 from tqdm import tqdm
 
-from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.commands.options import PATH, name_and_value
 from olne_bench.envs.recording import NoEquilibriumError, Recording, film
 from olne_bench.envs.recording import record as play
 from olne_bench.envs.recording_file import of_recordings, write_recording
@@ -48,7 +47,7 @@ def record(
     check_new_file("--out", out, (".parquet",))
     if video is not None:
         check_new_file("--video", video, SUFFIXES)
-    chosen = dict(_option(text) for text in options)
+    chosen = dict(name_and_value("--option", text) for text in options)
     numbers = range(seeds if _is_family(scenario) else 1)
     if len(numbers) < seeds:
         click.echo(f"{scenario} is the same for every seed: one episode is recorded", err=True)
@@ -85,13 +84,3 @@ def _is_family(name: str) -> bool:
         return is_family(name)
     except ValueError as error:
         raise UserError(str(error)) from error
-
-
-def _option(text: str) -> tuple[str, Any]:
-    name, separator, value = text.partition("=")
-    if not (name and separator):
-        raise UserError(f"--option {text!r}: expected NAME=VALUE, such as num_players=3")
-    try:
-        return name, json.loads(value)
-    except json.JSONDecodeError:
-        return name, value

@@ -5,14 +5,17 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.report.figures import FORMATS, USUAL_FORMATS
-from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
-from olne_bench.bench.report.write import write_report
+from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.process.child import Child, ChildError, RaisedError
+from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS, read_formats
 from olne_bench.errors import UserError
+
+#: A report that takes longer will not end [s].
+_LONGEST = 86_400.0
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option(
     "--figures/--no-figures", default=True, show_default=True, help="Draw the figures as well."
 )
@@ -27,27 +30,37 @@ def report(folder: Path, figures: bool, formats: str) -> None:
     show_report(folder, read_formats(formats) if figures else ())
 
 
-def read_formats(text: str) -> tuple[str, ...]:
-    """Formats from their names with commas in between.
+def show_report(folder: Path, formats: Sequence[str]) -> None:
+    """Write a run's report, with figures in these formats, and print its leaderboard.
+
+    A report plays the scenarios once more, which may be foreign code, so a process of its own
+    makes it.
 
     Raises:
-        UserError: on one that is not known.
+        UserError: where there is no run to report on, or that process dies.
     """
-    names = tuple(name.strip() for name in text.split(","))
-    for name in names:
-        if name not in FORMATS:
-            raise UserError(f"--formats {text}: unknown {name!r}; known are: {', '.join(FORMATS)}")
-    return names
+    child = Child()
+    try:
+        text = child.call(_report_text, folder, tuple(formats), kind=str, seconds=_LONGEST)
+    except (ChildError, RaisedError) as error:
+        raise UserError(
+            f"the report of {folder} cannot be made: {error}; all that was run is stored"
+        ) from error
+    finally:
+        child.stop()
+    click.echo(text)
 
 
-def show_report(folder: Path, formats: Sequence[str]) -> None:
-    """Write a run's report, with figures in these formats, and print its leaderboard."""
+def _report_text(folder: Path, formats: tuple[str, ...]) -> str:
+    from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
+    from olne_bench.bench.report.write import write_report
+
     report = write_report(folder, formats)
-    click.echo(format_leaderboard(report.tables.leaderboard, report.study))
     said = format_notes(report.tables, report.notes)
-    if said:
-        click.echo(f"\n{said}")
-    click.echo(
-        f"\n{folder}: index.html, leaderboard.csv, trials.csv, trials.parquet and other tables"
-        + (", figures/" if formats else "")
-    )
+    files = "index.html, leaderboard.csv, trials.csv, trials.parquet and other tables"
+    parts = [
+        format_leaderboard(report.tables.leaderboard, report.study),
+        *([said] if said else []),
+        f"{folder}: {files}{', figures/' if formats else ''}",
+    ]
+    return "\n\n".join(parts)

@@ -14,18 +14,19 @@ import click
 from tqdm import tqdm
 
 from olne_bench.bench.commands.options import MEMORY, PATH, PLUGIN
-from olne_bench.bench.commands.report import read_formats, show_report
+from olne_bench.bench.commands.report import show_report
 from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.outcome import FAILURES, Outcome
-from olne_bench.bench.plan.salt import salted
+from olne_bench.bench.plan.salt import check_salt, salted
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand, in_order_of_plugins, number_of_trials
-from olne_bench.bench.report.figures import FORMATS
+from olne_bench.bench.report.formats import FORMATS, read_formats
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.executor import run_trials
+from olne_bench.bench.run.fitting import check_fit
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
@@ -33,6 +34,8 @@ from olne_bench.bench.run.store import Store, open_store
 
 #: More processes than any machine that this was tried on is good for.
 MOST_JOBS = 1024
+#: What estimators print, in the run folder.
+LOG = "workers.log"
 #: So many faults of the harness are shown at the end.
 _SHOWN_FAULTS = 5
 
@@ -136,10 +139,11 @@ def run(suite: str, **options: Any) -> None:
     """
     chosen = RunOptions(**options)
     drawn = read_formats(chosen.formats) if chosen.figures else ()
+    check_salt(chosen.salt)
     text = suite_text(suite)
     whole = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     check_gate(whole)
-    select(whole, chosen.selection)  # what it does not have is said before a folder is made
+    check_fit(select(whole, chosen.selection))
     if chosen.dask is not None:
         check_cluster(chosen.dask)
     with open_store(chosen.out) as store:
@@ -181,12 +185,12 @@ def _go_on(suite: Suite, text: str, options: RunOptions, store: Store) -> signal
 def _start(
     todo: Iterable[Trial], options: RunOptions, stop: Callable[[], bool]
 ) -> Iterator[tuple[Trial, Outcome]]:
-    limit, log = int(options.memory * 2**30), options.out / "workers.log"
+    limit, out = int(options.memory * 2**30), options.out.resolve()
     if options.dask:
         return run_on_dask(
-            todo, cluster=options.dask, log=log, memory=limit, hidden=options.out, stop=stop
+            todo, cluster=options.dask, log=out / LOG, memory=limit, hidden=out, stop=stop
         )
-    return run_trials(todo, jobs=options.jobs, log=log, memory=limit, hidden=options.out, stop=stop)
+    return run_trials(todo, jobs=options.jobs, log=out / LOG, memory=limit, hidden=out, stop=stop)
 
 
 def _run_all(

@@ -5,7 +5,7 @@ problem and observations, nothing else.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, Protocol
 
@@ -121,14 +121,22 @@ class ForeignMetrics(Protocol):
 
 
 @dataclass(frozen=True)
-class _Case:
-    """The truth of a trial, and what is seen of it."""
+class Case:
+    """The truth of a trial, and what is seen of it.
+
+    Attributes:
+        draw: of the scenario.
+        recordings: what happened, one for each trajectory.
+        problem: what an estimator is told.
+        observations: what it is shown.
+        outcome: what is known of the trial before anybody estimates.
+    """
 
     draw: Draw
     recordings: tuple[Recording, ...]
     problem: Problem
     observations: tuple[Observation, ...]
-    outcome: Outcome = field(default_factory=lambda: Outcome("ok"))
+    outcome: Outcome
 
 
 def silent(stage: str, seconds: float) -> None:
@@ -151,7 +159,7 @@ def judge(
     """
     announce("set-up", own_seconds(trial))
     try:
-        case = _case(trial)
+        case = case_of(trial)
     except NoEquilibriumError as error:
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
@@ -197,7 +205,12 @@ def _layers(sensor: Any) -> tuple[Layer, ...]:
         return tuple(sensor.layers())
 
 
-def _case(trial: Trial) -> _Case:
+def case_of(trial: Trial) -> Case:
+    """The truth of a trial, and what is seen of it.
+
+    Raises:
+        NoEquilibriumError: where its scenario has no certified equilibrium.
+    """
     draw = Draw.of(trial.scenario, trial.seed, trial.salt)
     recordings = true_recordings(draw)
     scenario = recordings[0].scenario
@@ -225,10 +238,10 @@ def _case(trial: Trial) -> _Case:
         ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
-    return _Case(draw, recordings, problem, observations, outcome)
+    return Case(draw, recordings, problem, observations, outcome)
 
 
-def _task(trial: Trial, case: _Case) -> PlayerTask:
+def _task(trial: Trial, case: Case) -> PlayerTask:
     return PlayerTask(
         reference=trial.estimator.name,
         parameters=trial.estimator.parameters,
@@ -244,7 +257,7 @@ def _task(trial: Trial, case: _Case) -> PlayerTask:
 def _scored(
     estimate: CheckedEstimate,
     trial: Trial,
-    case: _Case,
+    case: Case,
     outcome: Outcome,
     foreign: ForeignMetrics,
 ) -> Outcome:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from olne_bench import plugins as registry
 from olne_bench.bench.plan.entries import (
     EstimatorEntry,
     MetricEntry,
@@ -12,16 +13,7 @@ from olne_bench.bench.plan.entries import (
 )
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.errors import UserError
-from olne_bench.plugins import (
-    ESTIMATOR,
-    METRIC,
-    SCENARIO,
-    SENSOR,
-    Description,
-    Kind,
-    describe,
-    names,
-)
+from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Description, Kind
 
 #: Kind of a plugin, None where that is to be found out; its reference; its parameters.
 Question = tuple[Kind | None, str, Mapping[str, Any]]
@@ -30,7 +22,7 @@ Describe = Callable[[list[Question]], list[Description]]
 
 def describe_here(questions: list[Question]) -> list[Description]:
     """What plugins say of themselves, asked in this process: for code that may run in it."""
-    return [describe(*question) for question in questions]
+    return [registry.describe(*question) for question in questions]
 
 
 def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
@@ -72,9 +64,15 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
 
 def _all_metrics(suite: Suite) -> list[MetricEntry]:
     """This package's own, each with the parameters that the suite gives it, then the others."""
-    named = {entry.name: entry for entry in suite.metrics}
-    own = [named.pop(name, MetricEntry(name=name)) for name in names(METRIC)]
-    return [*own, *(entry for entry in suite.metrics if entry.name in named)]
+    others = list(suite.metrics)
+    own = []
+    for name in registry.names(METRIC):
+        if registry.is_built_in(METRIC, name):
+            given = next((entry for entry in others if entry.name == name), None)
+            own.append(given or MetricEntry(name=name))
+            if given is not None:
+                others.remove(given)
+    return [*own, *others]
 
 
 def _add(suite: Suite, plugin: str, said: Description) -> Suite:

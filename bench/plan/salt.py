@@ -20,6 +20,20 @@ def salt_id(salt: str) -> str:
     return hashlib.sha256(salt.encode()).hexdigest()[:8]
 
 
+def check_salt(wanted: str | None) -> None:
+    """Refuse a text that can be no salt.
+
+    Raises:
+        UserError: on one that is empty, too long or of several lines.
+    """
+    if wanted is None or (wanted.strip() and wanted.isprintable() and len(wanted) <= LABEL_LENGTH):
+        return
+    raise UserError(
+        f"--salt {shown(wanted)}: a salt is {FRESH!r}, or a text of 1 to {LABEL_LENGTH} characters "
+        "without line breaks"
+    )
+
+
 def salted(suite: Suite, wanted: str | None, former: Suite | None) -> Suite:
     """The suite with the salt that a run is to have.
 
@@ -29,21 +43,16 @@ def salted(suite: Suite, wanted: str | None, former: Suite | None) -> Suite:
         former: the suite of the run that is gone on with.
 
     Raises:
-        UserError: on another salt than that of the former run, or a text that can be none.
+        UserError: on another salt than that of the former run.
     """
-    if former is not None:
-        if wanted not in (None, former.salt, FRESH if former.salt != suite.salt else None):
-            raise UserError(
-                f"--salt {shown(wanted)} is not that of the run to go on with, which is "
-                f"{salt_id(former.salt)}; leave --salt out, or use another --out"
-            )
-        return suite.model_copy(update={"salt": former.salt})
-    if wanted is None:
-        return suite
-    text = secrets.token_hex(16) if wanted == FRESH else wanted
-    if not (text.strip() and text.isprintable() and len(text) <= LABEL_LENGTH):
+    if former is None:
+        salt = secrets.token_hex(16) if wanted == FRESH else wanted or suite.salt
+        return suite.model_copy(update={"salt": salt})
+    # Who repeats a command with a fresh salt goes on with the one that was drawn then.
+    drawn = wanted == FRESH and former.salt != suite.salt
+    if wanted not in (None, former.salt) and not drawn:
         raise UserError(
-            f"--salt {shown(wanted)}: a salt is 'fresh', or a text of 1 to {LABEL_LENGTH} "
-            "characters without line breaks"
+            f"--salt {shown(wanted)} is not that of the run to go on with, which has "
+            f"{salt_id(former.salt)}; leave --salt out, or use another --out"
         )
-    return suite.model_copy(update={"salt": text})
+    return suite.model_copy(update={"salt": former.salt})

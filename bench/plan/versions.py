@@ -9,11 +9,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import olne_bench
-from olne_bench import plugins
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.fingerprint import LENGTH, fingerprint
 from olne_bench.games.native import backend
-from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file
+from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
 _GAMES, _ENVS, _ESTIMATORS, _BENCH = (
@@ -25,9 +24,11 @@ _COMMON = {
     SENSOR: _ENVS | _GAMES,
     METRIC: _GAMES | _BENCH,
 }
-_PLAYING = ("recording",)
+#: What plays a scenario, and what lets a sensor see it.
+_AT_WORK = {SCENARIO: ("recording",), SENSOR: ("wrappers",)}
 _SCORING = (
     "judge.estimate_check",
+    "judge.metrics.formulas",
     "judge.metrics.judged",
     "judge.metrics.scoring",
     "judge.nearby_starts",
@@ -36,6 +37,7 @@ _SCORING = (
     "judge.referee",
     "judge.streams",
     "judge.truth",
+    "run.player",
     "text",
 )
 #: Another version of one of these may round otherwise, or draw other numbers.
@@ -103,15 +105,15 @@ def _library(name: str) -> str:
 
 @lru_cache(maxsize=256)
 def _version(kind: Kind, reference: str) -> str:
-    module, path = plugins.source(kind, reference)
-    played = _modules("olne_bench.envs", _PLAYING) if kind == SCENARIO else {}
+    module, path = source(kind, reference)
+    around = _modules("olne_bench.envs", _AT_WORK.get(kind, ()))
     if is_file(reference):
-        return fingerprint({path.stem: path} | played, _COMMON[kind], own=path.parent)
+        return fingerprint({path.stem: path} | around, _COMMON[kind], own=path.parent)
     top = module.partition(".")[0]
     depth = module.count(".") + (path.name == "__init__.py")
     # This package has roots of its own; of another one, all of it may count.
     folder = {} if top == "olne_bench" else {top: path.parents[depth]}
-    return fingerprint({module: path} | played, folder | _COMMON[kind], own=None)
+    return fingerprint({module: path} | around, folder | _COMMON[kind], own=None)
 
 
 @lru_cache(maxsize=64)

@@ -32,6 +32,7 @@ from olne_bench.bench.process.messages import (
 )
 from olne_bench.bench.text import clip
 from olne_bench.errors import UserError
+from olne_bench.games.compiler import reader_environment
 
 #: Seconds that a process may take to import everything, from a slow network file system too.
 START_LIMIT = 300.0
@@ -236,6 +237,7 @@ class Child:
         if self._restricted:
             self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
             environment["TMPDIR"] = self._folder.name
+            environment |= reader_environment(Path(self._folder.name) / "cache")
         with theirs, ExitStack() as stack:
             output = stack.enter_context(self._log.open("ab")) if self._log else None
             self._process = subprocess.Popen(

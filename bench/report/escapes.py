@@ -19,8 +19,9 @@ def markdown_text(text: str) -> str:
 
 
 def csv_text(text: str) -> str:
-    """A cell of text that no spreadsheet takes for a formula."""
-    return f"'{text}" if text.startswith(_FORMULA) else text
+    """A cell of text that no spreadsheet takes for a formula, and no reader for two rows."""
+    safe = f"'{text}" if text.startswith(_FORMULA) else text
+    return safe.replace("\r", " ")
 
 
 def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
@@ -37,9 +38,11 @@ def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
 def csv_safe_arrow(table: pa.Table) -> pa.Table:
     """The same of an Arrow table."""
     for place, field in enumerate(table.schema):
-        if pa.types.is_string(field.type):
+        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type):
             column = table.column(place)
-            escaped = pc.binary_join_element_wise("'", column, "")
+            quote, nothing = pa.scalar("'", field.type), pa.scalar("", field.type)
+            escaped = pc.binary_join_element_wise(quote, column, nothing)
             risky = pc.match_substring_regex(column, _FORMULA_PATTERN)
-            table = table.set_column(place, field, pc.if_else(risky, escaped, column))
+            safe = pc.replace_substring(pc.if_else(risky, escaped, column), "\r", " ")
+            table = table.set_column(place, field, safe)
     return table

@@ -21,7 +21,7 @@ from olne_bench.plugins import Description, Kind
 #: Seconds that importing and making one plugin may take.
 LOAD_LIMIT = 60.0
 #: Memory [bytes] that it may take.
-_MEMORY = 4 * 2**30
+LOAD_MEMORY = 4 * 2**30
 
 #: Kind (None where it is to be found out), reference and parameters of a plugin.
 Request = tuple[Kind | None, str, Mapping[str, Any]]
@@ -55,7 +55,7 @@ def _describe(
     if kind is not None and plugins.is_built_in(kind, reference):
         return plugins.describe(kind, reference, parameters)
     home = plugins.absolute(reference).rpartition(".py:")[0] or reference
-    child = children.setdefault(home, Child(restricted=True, memory=_MEMORY, hidden=hidden))
+    child = children.setdefault(home, Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden))
     try:
         found: Description = child.call(
             plugins.describe,

@@ -8,7 +8,8 @@ class refuses bad options as it is made, without drawing. Put a new file into th
 
 import numpy as np
 
-from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario, one_number
+from olne_bench.checks import as_text
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.plugins import (
     SCENARIO,
     PluginError,
@@ -116,5 +117,5 @@ def checked_seed(seed: int | None) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"a seed is an integer of at least 0, got {seed!r}")
     if seed >= _SEED_LIMIT:
-        raise ValueError(f"a seed is an integer below 2**63, got {one_number(seed)}")
+        raise ValueError(f"a seed is an integer below 2**63, got {as_text(seed)}")
     return int(seed)

@@ -9,7 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from olne_bench.envs.scenarios.scenario import Limits, Scenario, check_count, one_number
+from olne_bench.checks import as_text, check_whole
+from olne_bench.envs.scenarios.scenario import Limits, Scenario
 from olne_bench.games.dynamics import UNICYCLE
 from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -40,9 +41,9 @@ class Random:
 
     def __post_init__(self) -> None:
         if self.num_players is not None:
-            check_count("num_players", self.num_players)
+            check_whole("num_players", self.num_players)
             if not 1 <= self.num_players <= MOST_PLAYERS:
-                given = one_number(self.num_players)
+                given = as_text(self.num_players)
                 raise ValueError(f"num_players must be 1 to {MOST_PLAYERS}, got {given}")
 
     def draw(self, seed: int = 0) -> Scenario:

@@ -11,21 +11,6 @@ class NoEquilibriumError(Exception):
     """A scenario for which no certified equilibrium was found; it must not serve as truth."""
 
 
-def check_count(name: str, value: object) -> None:
-    """Refuse an option that is no whole number.
-
-    Raises:
-        ValueError: names option and value.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ValueError(f"{name} must be a whole number, got {value!r}")
-
-
-def one_number(value: int | np.integer) -> str:
-    """A whole number as text, which Python refuses to write out beyond some thousand digits."""
-    return str(value) if abs(value) < 10**20 else f"a number of {int(value).bit_length()} bits"
-
-
 @dataclass(frozen=True)
 class Limits:
     """How far controls and states can go, the same for every draw of a family.

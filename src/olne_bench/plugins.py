@@ -51,6 +51,7 @@ __all__ = [
 
 _MOST_CHARACTERS = 1000  # of a message
 _LONGEST_NAME = 100
+_LONGEST_DESCRIPTION = 300
 _PACKAGE = Path(__file__).parent
 
 T = TypeVar("T")
@@ -85,7 +86,10 @@ METRIC = Kind(
     "metric",
     "olne_bench.bench.judge.metrics",
     "score",
-    declares=("label", "unit", "worst", "needs_prediction", "gated", "compared"),
+    declares=(
+        *("label", "unit", "worst", "needs_prediction", "gated", "compared"),
+        *("summary", "negligible", "description"),
+    ),
 )
 KINDS = (ESTIMATOR, SCENARIO, SENSOR, METRIC)
 
@@ -110,7 +114,7 @@ class Description:
         parameters: names of its parameters.
         family: of a scenario: whether every seed draws another one.
         several: of an estimator: whether it takes several trajectories.
-        declaration: what it declares (``Kind.declares``) as text, numbers, truth values or None.
+        declaration: what it declares (``Kind.declares``) as text, numbers and truth values.
         error: one line on what is wrong with it; empty where nothing is.
     """
 
@@ -120,7 +124,7 @@ class Description:
     parameters: tuple[str, ...] = ()
     family: bool = False
     several: bool = False
-    declaration: dict[str, str | float | bool | None] = field(default_factory=dict)
+    declaration: dict[str, str | float | bool] = field(default_factory=dict)
     error: str = ""
 
 
@@ -368,6 +372,8 @@ def _entry_points(group: str, _path: tuple[str, ...]) -> dict[str, tuple[EntryPo
 
 def _find(kind: Kind, reference: str) -> Path | EntryPoint:
     """Where a known plugin is."""
+    if not isinstance(reference, str):
+        raise _unknown(kind, reference)
     built_in, installed = _built_in(kind).get(reference), _installed(kind).get(reference, ())
     if len(installed) + (built_in is not None) > 1:
         places = [f"{_owner(point)} ({point.value})" for point in installed]
@@ -485,20 +491,29 @@ def _checked_name(found: type[Any], what: str) -> str:
     return name
 
 
-def _declaration(kind: Kind, plugin: Any, what: str) -> dict[str, str | float | bool | None]:
+def _declaration(kind: Kind, plugin: Any, what: str) -> dict[str, str | float | bool]:
     found = {name: _attribute(plugin, name, what) for name in kind.declares}
+    if found.get("description", "") is None:
+        found["description"] = _first_paragraph(_attribute(plugin, "__doc__", what))
     for name, value in found.items():
         if type(value) not in (str, int, float, bool, type(None)):
             raise PluginError(
                 f"{kind.name} {what!r} declares {name!r} as a {_type_name(value)}: it has "
                 "to be a text, a number, a truth value or None"
             )
-        if type(value) is str and (len(value) > _LONGEST_NAME or not value.isprintable()):
+        most = _LONGEST_DESCRIPTION if name == "description" else _LONGEST_NAME
+        if type(value) is str and (len(value) > most or not value.isprintable()):
             raise PluginError(
                 f"{kind.name} {what!r} declares {name!r} as {value[:_LONGEST_NAME]!r}: at most "
-                f"{_LONGEST_NAME} printable characters on one line"
+                f"{most} printable characters on one line"
             )
-    return found
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _first_paragraph(doc: object) -> str:
+    text = doc.strip().split("\n\n")[0] if type(doc) is str else ""
+    plain = "".join(c if c.isprintable() else " " for c in text[:_LONGEST_DESCRIPTION])
+    return " ".join(plain.split())
 
 
 def _guarded(what: str, call: Callable[[], T], file: Path | None = None) -> T:

@@ -8,20 +8,15 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask, judge
-from olne_bench.bench.judge.truth import Draw, true_recording
-from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.run import player
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.text import clip, describe_error
-from olne_bench.games.root_following import follow_root
 
 SUITE = """
 name = "small"
@@ -104,20 +99,6 @@ class Study:
 
     def rows(self, out: str) -> pd.DataFrame:
         return pd.read_parquet(self.folder / out / "trials.parquet").drop(columns="solve_seconds")
-
-
-@pytest.fixture(scope="session")
-def prediction_error() -> Callable[[str, int, np.ndarray], float]:
-    """The position error of the forward game at weights, from a scenario's own start."""
-
-    def error(scenario: str, seed: int, weights: np.ndarray) -> float:
-        truth = true_recording(Draw.of(ScenarioEntry(name=scenario), seed, ""))
-        known = truth.scenario
-        root = follow_root(known.game, truth.root, known.weights, weights)
-        assert root is not None
-        return position_error(truth.states, root.states)
-
-    return error
 
 
 class PlayerHere:

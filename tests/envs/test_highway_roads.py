@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 from highway_env.road.lane import PolyLaneFixedWidth
 
-from olne_bench.envs.driving import rejection
 from olne_bench.envs.highway_roads import (
     CAR,
     DT,
     ROAD_NAMES,
-    lane_curve,
     make_road,
     replay,
     road_network,
 )
+from olne_bench.envs.lane_curves import lane_curve
+from olne_bench.envs.playability import rejection
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.dynamics import bicycle, rollout
 

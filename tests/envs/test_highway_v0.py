@@ -3,7 +3,7 @@
 import itertools
 import pickle
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from highway_env.vehicle.kinematics import Vehicle
-from pettingzoo.test import parallel_api_test
+from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, seed_test
 
 from olne_bench.envs import highway_v0
 from olne_bench.envs.equilibrium import certified_equilibrium
@@ -161,6 +161,20 @@ def test_actions_of_a_player_who_left_are_refused():
 
 def test_pettingzoo_conformance():
     parallel_api_test(highway_v0.parallel_env(drawn("highway")), num_cycles=40)
+    api_test(highway_v0.env(drawn("merge")), num_cycles=40)
+    parallel_seed_test(partial(highway_v0.parallel_env, drawn("merge")))
+    seed_test(partial(highway_v0.env, drawn("merge")), num_cycles=20)
+
+
+def test_a_closed_world_plays_and_draws_on():
+    world = highway_v0.parallel_env(drawn("merge"), render_mode="rgb_array")
+    world.reset()
+    before = world.render()
+    world.close()
+    assert np.array_equal(world.render(), before)
+    world.step({player: np.array([0.0, 5.0]) for player in world.agents})
+    assert not np.array_equal(world.render(), before)
+    world.close()
 
 
 def test_same_seed_same_episode():

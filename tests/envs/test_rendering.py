@@ -6,8 +6,9 @@ import numpy as np
 import pygame
 import pytest
 
-from olne_bench.envs import olne_v0, rendering
+from olne_bench.envs import olne_v0, rendering, view
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
+from olne_bench.envs.scene import heading_of
 from olne_bench.games.dynamics import DOUBLE_INTEGRATOR
 from olne_bench.games.features import ControlEffort, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -25,7 +26,7 @@ def frames(world, actions=None):
 
 def shows(frame, player):
     """Number of pixels in exactly that player's colour, the legend apart."""
-    scene = frame[rendering.HEADER :]
+    scene = frame[view.HEADER :]
     return int((scene == rendering.COLOURS[player]).all(axis=-1).sum())
 
 
@@ -50,7 +51,7 @@ def test_cars_move_to_the_right_along_the_road():
     height, width, _ = shown[0].shape
     assert width > height
     columns = [
-        np.argwhere((frame[rendering.HEADER :] == rendering.COLOURS[1]).all(axis=-1))[:, 1].mean()
+        np.argwhere((frame[view.HEADER :] == rendering.COLOURS[1]).all(axis=-1))[:, 1].mean()
         for frame in (shown[0], shown[-1])
     ]
     assert columns[1] > columns[0] + 100
@@ -78,7 +79,7 @@ def test_models_without_a_heading_point_along_their_velocity():
     world.reset()
     world.step({"player_0": np.zeros(2)})
     assert shows(world.render(), 0) > 30
-    assert rendering._heading(np.array([0, 0, 0, 1.0]), DOUBLE_INTEGRATOR.state_names) == np.pi / 2
+    assert heading_of(np.array([0, 0, 0, 1.0]), DOUBLE_INTEGRATOR.state_names) == np.pi / 2
 
 
 def test_window_shows_the_frame(monkeypatch):

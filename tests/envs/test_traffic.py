@@ -4,11 +4,17 @@ import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs import traffic
-from olne_bench.envs.traffic import NashVehicle, Temperament, temperament, traffic_report
+from olne_bench.envs.traffic import (
+    NashVehicle,
+    Temperament,
+    joint_planning,
+    temperament,
+    traffic_report,
+)
 from olne_bench.games.reference_game import ReferenceGame
 
 SIZES = {
@@ -57,6 +63,12 @@ def test_random_ego_for_many_steps(version):
             world.reset(seed=step)
     assert solved > 100
     assert failed < 0.2 * solved
+
+
+# HighwayEnv's own observation space has no bounds.
+@pytest.mark.filterwarnings("ignore:.*A Box observation space")
+def test_gymnasium_conformance():
+    check_env(make("highway-v0", vehicles_count=3, duration=3).unwrapped, skip_render_check=True)
 
 
 def test_scripted_ego_and_same_seed():
@@ -130,7 +142,7 @@ def test_failed_plans_fall_back_and_are_counted(monkeypatch):
     drive(road, 4)
     report = traffic_report(road)
     assert report.solved == before
-    assert report.shifted == 2 * traffic.MAX_SHIFTS
+    assert report.shifted == 2 * joint_planning.MAX_SHIFTS
     assert report.braked > 0
     assert not any(vehicle.crashed for vehicle in road.vehicles)
 

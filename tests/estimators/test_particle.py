@@ -8,7 +8,12 @@ from scipy.stats import norm
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.belief import Gaussian, LostError
-from olne_bench.estimators.forward_model import Played, expected_samples, replay, scaled_samples
+from olne_bench.estimators.forward_model import (
+    SolvedGame,
+    expected_samples,
+    play_batch,
+    scaled_samples,
+)
 from olne_bench.estimators.particle import (
     Particle,
     effective_sample_size,
@@ -75,12 +80,12 @@ def one_ratio():
     truth = solve_olne(game, weights, scenario.initial_state)
     noise = problem.sigma * np.random.default_rng(3).standard_normal(truth.states.shape)
     y = observe(problem.view, game.dynamics, truth.states + noise)
-    start = Played(Root(truth.states, truth.controls, truth.costates, 0.0), weights)
+    start = SolvedGame(Root(truth.states, truth.controls, truth.costates, 0.0), weights)
 
     def expected(points):
         rows = np.repeat(weights[None], len(points), axis=0)
         rows[:, :1] = from_log_ratios(points, 2, problem.weight_floor)
-        batch = replay(problem, start, rows, scenario.initial_state)
+        batch = play_batch(problem, start, rows, scenario.initial_state)
         samples = expected_samples(problem, batch.states)
         samples[~batch.converged] = np.nan
         return samples

@@ -39,7 +39,7 @@ ESTIMATORS = {
     "kkt_constrained with ipopt": KktConstrained("ipopt"),
     "bilevel": Bilevel(),
     "ukf": Ukf(),
-    "particle": Particle(count=30),
+    "particle": Particle(count=20, most_moves=3),
     "kkt_residual": KktResidual(),
     "maxent_residual": MaxentResidual(),
     "uniform": Uniform(),
@@ -83,7 +83,7 @@ def estimate(estimator, problem, observation):
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_every_estimator_takes_every_sensor(name, sensor):
-    problem, observation = seen(SENSORS[sensor], 0.003, seed=4)
+    problem, observation = seen(SENSORS[sensor], 0.01, seed=4)
     estimator = ESTIMATORS[name]
     if hasattr(estimator, "supports"):
         assert estimator.supports(problem) is None
@@ -106,7 +106,7 @@ def test_filters_say_that_they_need_positions(name):
 
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_single_precision_is_read_as_double(name):
-    problem, single = seen(SENSORS["full"], 0.01, single=True)
+    problem, single = seen(SENSORS["full"], 0.05, single=True)
     assert single.y.dtype == np.float32
     assert single.extra.dtype == np.float32
     double = Observation(single.y.astype(np.float64), single.extra.astype(np.float64))

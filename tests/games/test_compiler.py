@@ -21,7 +21,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("OLNE_BENCH_CACHE", str(folder))
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("OLNE_BENCH_CFLAGS", raising=False)
-    monkeypatch.delenv("OLNE_BENCH_FALLBACK_ANNOUNCED", raising=False)
+    monkeypatch.setenv("OLNE_BENCH_FALLBACK_ANNOUNCED", "")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     compiler._refuse.cache_clear()
     return folder
@@ -183,22 +183,30 @@ def test_the_least_recently_used_libraries_go(cache: Path, monkeypatch: pytest.M
         ("OLNE_BENCH_CFLAGS", "--no-such-flag", "--no-such-flag"),
     ],
 )
-@pytest.mark.usefixtures("cache")
-def test_the_fallback_is_announced_once_and_children_keep_quiet(
-    variable: str, value: str, reason: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.usefixtures("cache", "compiler")
+def test_the_fallback_is_announced_once_with_its_reason(
+    variable: str,
+    value: str,
+    reason: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setenv(variable, value)
-    code = (
-        "import subprocess, sys\n"
-        "from olne_bench.games import native\n"
-        "print(native.backend())\n"
-        "native.backend()\n"
-        "if len(sys.argv) == 1: subprocess.run([sys.executable, __file__, 'child'], check=True)\n"
-    )
-    script = Path(os.environ["HOME"]).parent / "script.py"
-    script.write_text(code)
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["numpy", "numpy"]
-    (line,) = done.stderr.splitlines()
+    assert load() is None
+    assert load(SOURCE + "\n") is None
+    (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith("olne-bench: native code is off, NumPy and IPOPT serve in its place")
     assert reason in line
+
+
+@pytest.mark.usefixtures("cache")
+def test_processes_that_are_started_later_keep_quiet(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("OLNE_BENCH_NATIVE", "0")
+    assert load() is None
+    code = "from olne_bench.games import native; print(native.backend())"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    out, error = capfd.readouterr()
+    assert out == "numpy\n"
+    assert error.count("native code is off") == 1

@@ -1,8 +1,9 @@
 """What metrics compute: pure functions of arrays."""
 
 import numpy as np
-from scipy.linalg import block_diag, null_space
-from scipy.stats import chi2
+from scipy.special import chdtri
+
+from olne_bench.games.simplex import simplex_tangent
 
 _SINGULAR = 1e-14  # variances, relative to the largest one
 _EXACT = 1e-9  # errors of weights, which sum to one
@@ -77,7 +78,7 @@ def covers_truth(
         say that the estimate is exact, so one that is wrong there is outside.
     """
     players, count = weights.shape
-    tangent = block_diag(*[null_space(np.ones((1, count)))] * players)
+    tangent = simplex_tangent(players, count)
     spread = tangent.T @ covariance @ tangent
     error = tangent.T @ (estimated - weights).ravel()
     values, vectors = np.linalg.eigh((spread + spread.T) / 2)
@@ -86,4 +87,4 @@ def covers_truth(
     if (np.abs(along[flat]) > _EXACT).any():
         return False
     distance = float(np.sum(along[~flat] ** 2 / values[~flat]))
-    return bool(flat.all() or distance <= chi2.ppf(level, np.count_nonzero(~flat)))
+    return bool(flat.all() or distance <= chdtri(np.count_nonzero(~flat), 1 - level))

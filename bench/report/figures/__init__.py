@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from olne_bench.bench.report.figures import errors, failures, landscape, style, trajectories
-from olne_bench.bench.report.figures.style import FORMATS, USUAL_FORMATS
+from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.study import USUAL, Study
 

@@ -48,9 +48,10 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
         raise NotDrawnError("no metric has a value")
     rows = -(-len(metrics) // _COLUMNS)
     figure = Figure(figsize=(9.2, 0.5 + 3.6 * rows))
-    grid = figure.add_gridspec(rows, min(_COLUMNS, len(metrics)))
-    for place, metric in enumerate(metrics):
-        axes = figure.add_subplot(grid[divmod(place, _COLUMNS)])
+    panels = figure.subplots(rows, min(_COLUMNS, len(metrics)), squeeze=False).ravel()
+    for axes in panels[len(metrics) :]:
+        axes.remove()
+    for axes, metric in zip(panels, metrics, strict=False):
         (_share_panel if metric.is_share else _panel)(axes, series, metric)
         axes.set(xlabel=_ABSCISSA, ylabel=style.printable(metric.title))
     figure.suptitle(f"{trials['scenario'].iloc[0]}: error of the estimates")
@@ -60,8 +61,11 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
 
 def _share_panel(axes: Axes, series: Sequence[Series], metric: MetricDeclaration) -> None:
     """The share at each noise level, where there is one."""
+    _abscissa(axes, series)
     for s in series:
         told = s.trials[s.trials[metric.name].notna()]
+        if told.empty:
+            continue
         levels = told.groupby("sigma")
         shares = levels[metric.name].mean()
         places = s.trials.assign(x=s.observation_error).groupby("sigma")["x"].mean()
@@ -76,14 +80,18 @@ def _panel(axes: Axes, series: Sequence[Series], metric: MetricDeclaration) -> N
     step = min(_TRIANGLE_STEP, _TRIANGLES_HEIGHT / max(len(failing), 1))
     top = _top(series, metric, bottom, reserved=0.03 + step * len(failing))
     style.log_axis(axes, bottom, top)
-    right = max(s.observation_error.max() for s in series) or 1.0
-    axes.set_xlim(-0.02 * right, 1.02 * right)
+    _abscissa(axes, series)
     for s in series:
         _points(axes, s, metric, bottom)
     for s in series:
         _median(axes, s, metric, bottom, top)
     for row, s in enumerate(failing):
         _triangles(axes, s, metric, height=0.985 - step * row)
+
+
+def _abscissa(axes: Axes, series: Sequence[Series]) -> None:
+    right = max(s.observation_error.max() for s in series) or 1.0
+    axes.set_xlim(-0.02 * right, 1.02 * right)
 
 
 def _bottom(series: Sequence[Series], metric: MetricDeclaration) -> float:

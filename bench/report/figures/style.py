@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from matplotlib.typing import LineStyleType
 
+from olne_bench.bench.report.formats import USUAL_FORMATS
 from olne_bench.bench.report.statistics.attempts import FLOOR
 
 #: Okabe and Ito's palette, told apart by colour-blind readers: one colour per player.
@@ -48,9 +49,6 @@ _SAVING: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None}, "dpi": 100},
     "pdf": {"metadata": {"CreationDate": None}, "dpi": 200},
 }
-#: What figures can be saved as, and what they are saved as unasked.
-FORMATS = tuple(_SAVING)
-USUAL_FORMATS = ("png", "svg")
 _LONGEST_NAME = 32  # characters
 _MOST_COLUMNS = 6  # of a legend
 _ENTRY_WIDTH, _ENTRY_HEIGHT, _CHARACTER_WIDTH = 0.55, 0.19, 0.077  # [inch] in a legend

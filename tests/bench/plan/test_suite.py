@@ -65,7 +65,7 @@ def test_paper_suite_is_the_published_study():
         ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
         ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
         ("seeds = 3", "seeds = 3\nroot_iterations = 0", "root_iterations: Input should be greater"),
-        ('"full"', '"fulll"', "unknown sensor 'fulll'; known are: full, partial"),
+        ('"full"', '"fulll"', "unknown sensor 'fulll'; known are: correlated, drop, full"),
         (
             '"uniform"',
             '"unifrom"',
@@ -151,7 +151,7 @@ def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
 
 
 def test_traffic_of_the_highway_suite_is_checked_without_being_solved(monkeypatch):
-    monkeypatch.setattr("olne_bench.envs.driving.certified_equilibrium", None)
+    monkeypatch.setattr("olne_bench.envs.playability.certified_equilibrium", None)
     suite = load_suite("highway")
     assert {entry.name for entry in suite.scenarios} == set(ROAD_NAMES)
     assert (min(suite.sigmas), max(suite.sigmas)) == (0, 2)

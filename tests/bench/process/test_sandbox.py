@@ -83,9 +83,11 @@ def test_no_process_outside_is_signalled_or_looked_into(child):
 
 
 def test_no_connection_is_opened(child):
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        with pytest.raises(RaisedError, match="PermissionError"):
-            child.call(connect, server.getsockname()[1], kind=int, seconds=10)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        pytest.raises(RaisedError, match="PermissionError"),
+    ):
+        child.call(connect, server.getsockname()[1], kind=int, seconds=10)
 
 
 def test_a_folder_that_is_made_later_is_hidden_as_well(tmp_path):

@@ -3,6 +3,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.report.study import USUAL
 
 
 def trial(**changes):
@@ -23,8 +24,8 @@ def trial(**changes):
     return row | changes
 
 
-def only_row(*trials):
-    table = leaderboard(pd.DataFrame(trials))
+def only_row(*trials, study=USUAL):
+    table = leaderboard(pd.DataFrame(trials), study=study)
     assert len(table) == 1
     return table.iloc[0]
 
@@ -80,9 +81,27 @@ def test_quantiles_agree_with_numpy():
 
 
 def test_coverage_is_over_estimates_with_an_ellipsoid():
-    row = only_row(trial(covered=1, count=3), trial(covered=0), trial(covered=np.nan))
-    assert row["coverage"] == pytest.approx(0.75)
-    assert np.isnan(only_row(trial(covered=np.nan))["coverage"])
+    row = only_row(
+        trial(covers_truth=1, count=3), trial(covers_truth=0), trial(covers_truth=np.nan)
+    )
+    assert row["covers_truth_share"] == pytest.approx(0.75)
+    assert row["covers_truth_trials"] == 4
+    assert "covers_truth_share" not in only_row(trial(covers_truth=np.nan))
+    two = [trial(covers_truth=1), trial(estimator="f", covers_truth=np.nan)]
+    shares = leaderboard(pd.DataFrame(two))["covers_truth_share"]
+    assert shares[0] == 1 and np.isnan(shares[1])
+
+
+def test_an_estimator_without_a_trajectory_has_no_error_of_it():
+    """One that returns some is measured by all of its attempts."""
+    nan = np.nan
+    rows = [trial(reconstruction_error=e, seed=k) for k, e in enumerate((0.1, 0.3, nan))]
+    rows.append(trial(status="crash", reconstruction_error=nan, seed=3))
+    rows += [trial(estimator="none", reconstruction_error=nan), trial(estimator="none")]
+    rows.append(trial(estimator="none", status="crash", reconstruction_error=nan))
+    median = leaderboard(pd.DataFrame(rows)).set_index("estimator")["reconstruction_error_median"]
+    assert median["e"] == 0.3  # of 0.1, 0.3 and the crash
+    assert np.isnan(median["none"])
 
 
 def test_a_lost_held_out_prediction_ranks_worst():
@@ -119,8 +138,8 @@ def test_draws_without_anything_to_hold_out_are_not_measured():
     assert median.to_dict() == {"a": 0.3, "b": 0.4, "c": np.inf}
 
 
-def test_in_a_fixed_scenario_all_seeds_have_the_same_starts():
+def test_in_a_fixed_scenario_all_seeds_have_the_same_starts(usual):
     rows = [
         trial(scenario="two_player", seed=k, held_out_error=e) for k, e in ((0, 0.1), (1, None))
     ]
-    assert only_row(*rows)["held_out_error_q75"] == np.inf
+    assert only_row(*rows, study=usual)["held_out_error_q75"] == np.inf

@@ -31,7 +31,7 @@ def table() -> pd.DataFrame:
             "cosine_limit": 0.01,
             "position_error": scale * rng.uniform(1, 2),
             "held_out_error": 2 * scale,
-            "covered": None if name == "never" else int(seed < 27),
+            "covers_truth": None if name == "never" else int(seed < 27),
             "published_forward": 1,
             "solve_seconds": None if name == "never" else 0.5,
             "count": 1,

@@ -2,18 +2,18 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.judge.metrics.formulas import position_error
-from olne_bench.bench.judge.truth import predict_from_start, true_recording
-from olne_bench.bench.plan.suite import ScenarioEntry
+from olne_bench.bench.judge.truth import Draw, predict_from_start, true_recording
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.predicted_motion import predict_again
 
-ENTRY = ScenarioEntry(name="two_player")
+DRAW = Draw.of(ScenarioEntry(name="two_player"), 0, "test")
 
 
 def scored(weights: np.ndarray) -> dict:
     """The row of a trial, as the benchmark scores one."""
-    prediction = predict_from_start(ENTRY, 0, weights, 300)
+    prediction = predict_from_start(DRAW, weights, 300)
     assert prediction.root is not None
-    error = position_error(true_recording(ENTRY, 0).states, prediction.root.states)
+    error = position_error(true_recording(DRAW).states, prediction.root.states)
     return {
         "seed": 0,
         "status": "ok",
@@ -28,19 +28,19 @@ def test_a_replay_is_the_motion_that_was_scored(spread):
     rng = np.random.default_rng(3)
     weights = rng.dirichlet(np.full(4, 1 / spread), 2)
     row = scored(weights)
-    states = predict_again(ENTRY, row)
+    states = predict_again(DRAW, row)
     assert states is not None
-    assert position_error(true_recording(ENTRY, 0).states, states) == pytest.approx(
+    assert position_error(true_recording(DRAW).states, states) == pytest.approx(
         row["position_error"], rel=1e-3, abs=1e-5
     )
 
 
 def test_another_motion_than_that_scored_is_not_shown():
     row = scored(np.full((2, 4), 0.25))
-    assert predict_again(ENTRY, row | {"position_error": row["position_error"] + 0.3}) is None
+    assert predict_again(DRAW, row | {"position_error": row["position_error"] + 0.3}) is None
 
 
 def test_failures_have_no_replay():
     row = scored(np.full((2, 4), 0.25))
-    assert predict_again(ENTRY, row | {"status": "failed_forward"}) is None
-    assert predict_again(ENTRY, row | {"weights": None}) is None
+    assert predict_again(DRAW, row | {"status": "failed_forward"}) is None
+    assert predict_again(DRAW, row | {"weights": None}) is None

@@ -3,7 +3,10 @@
 import pandas as pd
 import pytest
 
-from olne_bench.bench.run.store import FILE_NAME, read_store
+from olne_bench.bench.plan.salt import salt_id
+from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.run.store import read_store
+from olne_bench.bench.run.store_layout import FILE_NAME
 
 
 def same(a, b):
@@ -19,7 +22,7 @@ def test_a_changed_estimator_is_run_again_and_an_unchanged_one_never(study):
     original = study.plugin.read_text()
     study.plugin.write_text(original.replace("rng.uniform(0.5", "rng.uniform(0.9"))
     shown = study.call("status", study.folder / "out")
-    assert ["two_player", "Drawn", "0", "0", "8", "0"] in [
+    assert ["two_player", "Drawn", "0", "0", "0", "8", "0"] in [
         line.split() for line in shown.split("\n")
     ]
     assert "8 of 16 trials are done already" in study.run("out", "Drawn")
@@ -43,7 +46,7 @@ def test_two_halves_merged_are_the_whole(study):
     study.call("report", "--no-figures", c)
     same(study.rows("c"), study.rows("whole"))
     with read_store(c) as store:
-        assert [run.selection for run in store.runs()][:2] == ["--sigma 0.01", "--sigma 0.1"]
+        assert [str(run.selection) for run in store.runs()][:2] == ["--sigma 0.01", "--sigma 0.1"]
 
     study.plugin.write_text(study.plugin.read_text().replace("rng.uniform(0.5", "rng.uniform(0.9"))
     study.run("b", "Drawn", options=("--sigma", "0.1"))
@@ -61,7 +64,7 @@ def test_retry_runs_what_failed_and_nothing_else(study):
     again = study.run("out", "Fails", options=("--retry", "timeout"))
     assert "16 of 16 trials are done already" in again
     status = [line.split() for line in study.call("status", study.folder / "out").split("\n")]
-    assert ["two_player", "Fails", "0", "8", "0", "0"] in status
+    assert ["two_player", "Fails", "0", "8", "0", "0", "0"] in status
 
 
 @pytest.mark.parametrize(
@@ -93,10 +96,38 @@ def test_provenance_is_stored(study):
     with read_store(study.folder / "out") as store:
         (run,) = store.runs()
     assert run.suite_text == study.suite.read_text()
+    assert {"numpy", "casadi", "backend"} <= set(run.environment)
     assert run.seeds == 1
     assert {"python", "numpy", "casadi", "olne-bench"} <= set(run.versions)
     assert {"system", "processor", "cores"} <= set(run.machine)
     assert run.executor == "2 local processes"
+
+
+def test_a_fresh_salt_is_kept_by_its_run(study):
+    study.run("a", "Drawn", options=("--salt", "fresh", "--sigma", "0.01"))
+    said = study.run("a", "Drawn", options=("--salt", "fresh"))  # the same command goes on
+    assert "8 of 16 trials are done already" in said
+    assert "16 of 16 trials are done already" in study.run("a", "Drawn")
+    fresh = study.rows("a")
+    (own,) = set(fresh["salt_id"])
+    with read_store(study.folder / "a") as store:
+        salts = {read_suite_json(run.suite).salt for run in store.runs()}
+    assert len(salts) == 1
+    assert salt_id(*salts) == own
+    assert f"salt {own} ('{min(salts)}')" in study.call("status", study.folder / "a")
+
+    study.run("b", "Drawn")
+    assert set(study.rows("b")["salt_id"]) == {salt_id("small")}
+    differs = fresh["observation_error"] != study.rows("b")["observation_error"]
+    assert differs.all()
+    error = study.call("merge", study.folder / "a", study.folder / "b", code=2)
+    assert f"its salt was {own} and is {salt_id('small')}" in error
+    for other in ("another", "small"):
+        error = study.run("a", "Drawn", options=("--salt", other), code=2)
+        assert f"--salt '{other}' is not that of the run to go on with, which has {own}" in error
+
+    study.run("c", "Drawn", options=("--salt", *salts))  # who knows the salt repeats the rows
+    same(study.rows("c"), fresh)
 
 
 def test_status_without_a_run(study):

@@ -57,7 +57,7 @@ def test_what_is_not_declared_has_a_usual_value():
     ],
 )
 def test_a_bad_declaration_is_one_line(fields, text):
-    with pytest.raises(UserError, match="^metric '") as caught:
+    with pytest.raises(UserError, match=r"^metric '") as caught:
         MetricDeclaration(**{"name": "m"} | fields)
     assert text in str(caught.value) and "\n" not in str(caught.value)
 

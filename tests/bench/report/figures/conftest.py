@@ -4,13 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.envs.scenarios import get_scenario
+from olne_bench.bench.judge.truth import true_recording
 
 Trials = Callable[..., pd.DataFrame]
 
 
 @pytest.fixture(scope="session")
-def make_trials(prediction_error) -> Trials:
+def make_trials(prediction_error, usual) -> Trials:
     """Trials as a study would leave them, with estimates near the truth."""
 
     def make(
@@ -27,7 +27,7 @@ def make_trials(prediction_error) -> Trials:
             for sensor in sensors:
                 for sigma in sigmas:
                     for seed in range(seeds if sigma else 1):
-                        truth = get_scenario(scenario, seed).weights
+                        truth = true_recording(usual.draw(scenario, seed)).scenario.weights
                         weights = truth * np.exp(sigma * rng.standard_normal(truth.shape))
                         weights /= weights.sum(1, keepdims=True)
                         error = sigma * rng.uniform(0.5, 2)

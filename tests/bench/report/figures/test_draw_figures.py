@@ -11,8 +11,12 @@ from olne_bench.bench.report.figures import FORMATS, USUAL_FORMATS, draw_figures
 KINDS = ("errors", "failures", "trajectories", "landscape")
 
 
-def drawn(*arguments: object) -> list[Path]:
-    return draw_figures(*arguments).files  # type: ignore[arg-type]
+@pytest.fixture
+def drawn(usual):
+    def draw(trials: pd.DataFrame, folder: Path, formats=USUAL_FORMATS) -> list[Path]:
+        return draw_figures(trials, folder, formats, usual).files
+
+    return draw
 
 
 def names(files: list[Path]) -> set[str]:
@@ -40,14 +44,14 @@ def assert_drawn(files: list[Path]) -> None:
             assert inked > 0.01, f"{file.name} is blank"
 
 
-def test_a_study_gives_every_figure_small_and_not_blank(make_trials, tmp_path):
+def test_a_study_gives_every_figure_small_and_not_blank(drawn, make_trials, tmp_path):
     files = drawn(make_trials(), tmp_path / "new" / "folder", FORMATS)
     assert names(files) == expected("two_player", formats=FORMATS)
     assert_drawn(files)
     assert max(file.stat().st_size for file in files) < 300_000
 
 
-def test_reruns_give_identical_files(make_trials, tmp_path):
+def test_reruns_give_identical_files(drawn, make_trials, tmp_path):
     trials = make_trials(seeds=1, sigmas=(0.0, 0.1))
     first, second = (drawn(trials, tmp_path / run, FORMATS) for run in ("a", "b"))
     for a, b in zip(first, second, strict=True):
@@ -55,7 +59,7 @@ def test_reruns_give_identical_files(make_trials, tmp_path):
         assert b"<dc:date>" not in a.read_bytes()
 
 
-def test_the_users_own_settings_do_not_matter(make_trials, tmp_path):
+def test_the_users_own_settings_do_not_matter(drawn, make_trials, tmp_path):
     trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
     plain = drawn(trials, tmp_path / "a")
     with matplotlib.rc_context({"lines.linewidth": 9, "axes.facecolor": "red", "font.size": 30}):
@@ -76,7 +80,7 @@ def test_the_users_own_settings_do_not_matter(make_trials, tmp_path):
     ],
     ids=["floor only", "no noise", "single row", "unknown sensor", "no prediction"],
 )
-def test_any_part_of_a_study_will_do(make_trials, tmp_path, part):
+def test_any_part_of_a_study_will_do(drawn, make_trials, tmp_path, part):
     files = drawn(make_trials(**part), tmp_path)
     assert names(files) == expected("two_player")
     assert_drawn(files)
@@ -90,18 +94,18 @@ def test_failures_alone_are_drawn_as_such(make_trials, tmp_path, status):
     assert_drawn(files)
 
 
-def test_single_failure(make_trials, tmp_path):
+def test_single_failure(drawn, make_trials, tmp_path):
     trials = make_trials(status="crash", sigmas=(0.1,), seeds=1).head(1)
     assert_drawn(drawn(trials, tmp_path))
 
 
-def test_nothing_attempted_gives_no_figure(make_trials, tmp_path):
+def test_nothing_attempted_gives_no_figure(drawn, make_trials, tmp_path):
     trials = make_trials(status="skipped")
     assert drawn(trials, tmp_path) == []
     assert drawn(trials.head(0), tmp_path) == []
 
 
-def test_skipped_trials_change_nothing(make_trials, tmp_path):
+def test_skipped_trials_change_nothing(drawn, make_trials, tmp_path):
     trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
     declined = make_trials(estimators=("picky",), status="skipped")
     alone = drawn(trials, tmp_path / "a")
@@ -110,13 +114,13 @@ def test_skipped_trials_change_nothing(make_trials, tmp_path):
         assert a.read_bytes() == b.read_bytes(), a.name
 
 
-def test_a_scenario_unknown_here_still_has_statistics(make_trials, tmp_path):
+def test_a_scenario_unknown_here_still_has_statistics(drawn, make_trials, tmp_path):
     trials = make_trials().assign(scenario="of_another_version")
     files = drawn(trials, tmp_path)
     assert names(files) == expected("of_another_version", ("errors", "failures"))
 
 
-def test_each_scenario_on_its_own(make_trials, tmp_path):
+def test_each_scenario_on_its_own(drawn, make_trials, tmp_path):
     highway = make_trials("highway_overtaking", ("kkt_residual",), ("full",), (0.1,), 1)
     family = make_trials("random", ("kkt_residual",), ("full",), (0.1,), 3)
     files = drawn(pd.concat([highway, family], ignore_index=True), tmp_path)
@@ -124,7 +128,7 @@ def test_each_scenario_on_its_own(make_trials, tmp_path):
     assert_drawn(files)
 
 
-def test_weights_as_read_from_parquet(make_trials, tmp_path):
+def test_weights_as_read_from_parquet(drawn, make_trials, tmp_path):
     trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
     trials.to_parquet(tmp_path / "trials.parquet")
     stored = pd.read_parquet(tmp_path / "trials.parquet")
@@ -147,7 +151,7 @@ ODD_NAMES = (
 )
 
 
-def test_names_of_estimators_are_text_and_nothing_else(make_trials, tmp_path):
+def test_names_of_estimators_are_text_and_nothing_else(drawn, make_trials, tmp_path):
     files = drawn(make_trials("two_player", ODD_NAMES, ("full",), (0.1,), 1), tmp_path)
     assert names(files) == expected("two_player")
     assert_drawn(files)

@@ -15,7 +15,7 @@ def lines(axes, marker):
 def test_every_failure_is_a_triangle_and_every_success_a_point(make_trials):
     trials = make_trials(estimators=("a",), sensors=("full",), seeds=5)
     trials.loc[trials.index[1:4], ["status", "position_error"]] = ["failed_forward", np.nan]
-    cosine, position = draw(trials).axes
+    position, cosine, *_ = draw(trials).axes
     assert lines(cosine, "^") == []
     (triangles,) = lines(position, "^")
     assert len(triangles.get_xdata()) == 3
@@ -26,7 +26,7 @@ def test_every_failure_is_a_triangle_and_every_success_a_point(make_trials):
 def test_what_the_published_step_misses_is_a_triangle_beside_its_point(make_trials):
     trials = make_trials(estimators=("a",), sensors=("full",), seeds=5)
     trials.loc[trials.index[1:4], "published_forward"] = 0
-    cosine, position = draw(trials).axes
+    position, cosine, *_ = draw(trials).axes
     assert lines(cosine, "^") == []
     (triangles,) = lines(position, "^")
     assert len(triangles.get_xdata()) == 3
@@ -37,7 +37,7 @@ def test_what_the_published_step_misses_is_a_triangle_beside_its_point(make_tria
 def test_median_breaks_where_most_fail(make_trials):
     trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.01, 0.1), seeds=60)
     trials.loc[trials["sigma"] == 0.1, "status"] = "timeout"
-    _, position = draw(trials).axes
+    position, *_ = draw(trials).axes
     (median,) = (line for line in lines(position, "None") if len(line.get_xdata()) > 1)
     good = np.isfinite(median.get_ydata())
     assert good[0]
@@ -48,7 +48,7 @@ def test_median_breaks_where_most_fail(make_trials):
 def test_triangles_stand_above_all_points(make_trials):
     trials = make_trials(estimators=tuple("abcdefgh"), seeds=3)
     trials.loc[trials["seed"] == 1, ["status", "position_error"]] = ["failed_forward", np.nan]
-    _, position = draw(trials).axes
+    position, *_ = draw(trials).axes
     bottom, top = np.log10(position.get_ylim())
     highest = (np.log10(trials["position_error"].max()) - bottom) / (top - bottom)
     assert highest < min(line.get_ydata()[0] for line in lines(position, "^"))

@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics import cosine_error
+from olne_bench.bench.judge.metrics.formulas import cosine_error
+from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.report.page.render import render_page
+from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.envs.scenarios import get_scenario
@@ -23,10 +25,11 @@ def provenance() -> Provenance:
         started="2026-01-02T03:04:05+00:00",
         suite=json.dumps({"description": "A small study <i>indeed</i>"}),
         suite_text='name = "small" # <script>document.title="broken"</script>',
-        selection="--seeds 3",
+        selection=Selection(seeds=3),
         seeds=3,
         executor="2 local processes",
         versions={"python": "3.11", "numpy": "2"},
+        environment={"backend": "native"},
         commit="0123456789abcdef-dirty",
         machine={"system": "Linux", "cores": "2"},
     )
@@ -74,8 +77,9 @@ def small_study(prediction_error) -> pd.DataFrame:
 
 
 @pytest.fixture(scope="session")
-def page(small_study: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(small_study: pd.DataFrame, usual: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "index.html"
-    html = render_page(small_study, tabulate(small_study), [provenance()]).html
+    tables = tabulate(small_study, usual)
+    html = render_page(small_study, tables, [provenance()], usual).html
     path.write_text(html, encoding="utf-8")
     return path

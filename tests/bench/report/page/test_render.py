@@ -9,6 +9,7 @@ import pytest
 
 from olne_bench.bench.report.page.numbers import human
 from olne_bench.bench.report.page.render import render_page
+from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
 
 
@@ -95,12 +96,12 @@ def test_nothing_but_failures_of_a_scenario_that_is_not_known() -> None:
     assert "kept no provenance" in html
 
 
-def test_only_leaders_are_bold(small_study: pd.DataFrame) -> None:
+def test_only_leaders_are_bold(small_study: pd.DataFrame, usual: Study) -> None:
     """Never the floor, an infinite median, or anybody where nobody is told apart."""
 
     def bold(trials: pd.DataFrame) -> list[str]:
-        tables = tabulate(trials)
-        html = render_page(trials, tables, []).html
+        tables = tabulate(trials, usual)
+        html = render_page(trials, tables, [], usual).html
         cells = re.findall(r'<td class="n half"[^>]*>\s*(<b>)?', html)
         assert len(cells) == 2 * len(tables.leaderboard)
         leads = html.count('class="rank first"')
@@ -114,7 +115,7 @@ def test_only_leaders_are_bold(small_study: pd.DataFrame) -> None:
     assert len(bold(told)) == 2  # by position error, in each sensor
     few = told[told["seed"] < 2]
     assert bold(few) == []
-    assert tabulate(few).leaderboard["position_error_rank"].isna().all()
+    assert tabulate(few, usual).leaderboard["position_error_rank"].isna().all()
 
 
 @pytest.mark.parametrize(

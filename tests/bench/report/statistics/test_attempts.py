@@ -73,7 +73,7 @@ def test_rows_without_noise_count_as_often_as_draws_were_run():
     assert weighed(whole).equals(whole)
 
 
-def test_chance_has_no_part_in_rows_without_noise():
+def test_chance_has_no_part_in_rows_without_noise(usual):
     trials = counted(
         [
             ("two_player", "a", 0.0, 0, 1),
@@ -82,4 +82,14 @@ def test_chance_has_no_part_in_rows_without_noise():
             ("random(num_players=3)", "a", 0.0, 0, 1),
         ]
     )
-    assert noisy(trials).index.tolist() == [1, 3]
+    assert noisy(trials, usual).index.tolist() == [1, 3]
+
+
+@pytest.mark.parametrize(
+    ("share", "expected"), [(0.0, 0.0), (0.25, 0.5), (0.375, 0.75), (0.5, 1.0), (0.75, 5.5)]
+)
+def test_quantiles_lie_between_neighbours_in_proportion(share, expected):
+    assert quantile(np.array([10.0, 0.0, 1.0]), np.ones(3, int), share) == expected
+    # Of 0, 0, 1, 10, 10 as of three values that occur two times, once and two times.
+    counted = quantile(np.array([10.0, 0.0, 1.0]), np.array([2, 2, 1]), share)
+    assert counted == pytest.approx(np.quantile([0, 0, 1, 10, 10], share))

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, false_discovery_control
 
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.statistics.estimator_comparison import (
     compare_estimators,
     holm,
@@ -14,6 +15,13 @@ from olne_bench.bench.report.statistics.estimator_comparison import (
     permutation_p,
     ranks,
 )
+from olne_bench.bench.report.study import Study
+
+FIXED = Study(scenarios={"two_player": ScenarioEntry(name="two_player", label="two_player")})
+
+
+def compare(trials: pd.DataFrame) -> pd.DataFrame:
+    return compare_estimators(trials, FIXED)
 
 
 def study(errors: dict[str, np.ndarray], scenario: str = "two_player") -> pd.DataFrame:
@@ -47,7 +55,7 @@ def only(table: pd.DataFrame) -> pd.Series:
 def test_failures_lose_and_ties_count_half() -> None:
     a = np.array([[1.0, np.inf, np.inf, 1.0]])
     b = np.array([[2.0, 5.0, np.inf, 1.0]])
-    row = only(compare_estimators(study({"a": a, "b": b})))
+    row = only(compare(study({"a": a, "b": b})))
     assert (row["pairs"], row["wins"]) == (4, 0.5)
     assert row["p"] == 1.0
 
@@ -55,7 +63,7 @@ def test_failures_lose_and_ties_count_half() -> None:
 @pytest.mark.parametrize(("excess", "wins"), [(1e-9, 0.5), (9e-4, 0.5), (1.2e-3, 0.0)])
 def test_errors_within_a_thousandth_are_a_tie(excess: float, wins: float) -> None:
     best = np.random.default_rng(0).uniform(size=(3, 10))
-    row = only(compare_estimators(study({"a": best * (1 + excess), "b": best})))
+    row = only(compare(study({"a": best * (1 + excess), "b": best})))
     assert row["wins"] == wins
     assert (row["p"] < 1e-3) == (wins == 0)
 
@@ -64,12 +72,12 @@ def test_errors_within_a_thousandth_are_a_tie(excess: float, wins: float) -> Non
 def test_only_the_order_of_errors_counts(scale: float) -> None:
     rng = np.random.default_rng(0)
     a, b = rng.uniform(size=(2, 3, 10))
-    plain = only(compare_estimators(study({"a": a, "b": b})))
-    scaled = only(compare_estimators(study({"a": scale * a, "b": scale * b})))
+    plain = only(compare(study({"a": a, "b": b})))
+    scaled = only(compare(study({"a": scale * a, "b": scale * b})))
     assert plain[["wins", "wins_low", "wins_high", "p"]].equals(
         scaled[["wins", "wins_low", "wins_high", "p"]]
     )
-    turned = only(compare_estimators(study({"a": b, "b": a})))
+    turned = only(compare(study({"a": b, "b": a})))
     assert turned["wins"] == pytest.approx(1 - plain["wins"])
     assert turned["p"] == plain["p"]
 
@@ -98,8 +106,8 @@ def test_without_clusters_it_is_the_sign_test(wins: int) -> None:
 def test_a_family_is_compared_draw_by_draw() -> None:
     """Six levels of five draws are five pieces of evidence, not thirty."""
     a, b = np.zeros((6, 5)), np.ones((6, 5))
-    fixed = only(compare_estimators(study({"a": a, "b": b})))
-    family = only(compare_estimators(study({"a": a, "b": b}, "random(num_players=3)")))
+    fixed = only(compare(study({"a": a, "b": b})))
+    family = only(compare(study({"a": a, "b": b}, "random(num_players=3)")))
     assert fixed["p"] < 0.001
     assert family["p"] == pytest.approx(2 / 2**5)
     assert family["wins_low"] < fixed["wins_low"]
@@ -114,7 +122,7 @@ def test_no_difference_is_rarely_significant() -> None:
 def test_rows_that_stand_for_many_take_no_part() -> None:
     trials = study({"a": np.zeros((2, 4)), "b": np.ones((2, 4))})
     trials.loc[trials["sigma"] == 0.01, "count"] = 40
-    assert only(compare_estimators(trials))["pairs"] == 4
+    assert only(compare(trials))["pairs"] == 4
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=12))
@@ -131,7 +139,7 @@ def test_holm(p: list[float]) -> None:
 def test_the_whole_table_is_adjusted_at_once() -> None:
     rng = np.random.default_rng(0)
     trials = study({"a": rng.uniform(size=(3, 10)), "b": rng.uniform(size=(3, 10))})
-    table = compare_estimators(pd.concat([trials, trials.assign(sensor="partial")]))
+    table = compare(pd.concat([trials, trials.assign(sensor="partial")]))
     assert len(table) == 4
     np.testing.assert_allclose(table["p_holm"], holm(table["p"].to_numpy()))
 
@@ -142,7 +150,7 @@ def test_ranks_tie_what_cannot_be_told_apart() -> None:
     trials = study(
         {"best": good, "equal": same, "worse": 2 + good, "fails": np.full((4, 20), np.inf)}
     )
-    comparisons = compare_estimators(trials)
+    comparisons = compare(trials)
     names = pd.DataFrame({"estimator": ["fails", "equal", "best", "worse"]})
     table = names.assign(scenario="two_player", sensor="full")
     assert ranks(comparisons, table, "position_error").tolist() == [4, 1, 1, 3]
@@ -150,7 +158,7 @@ def test_ranks_tie_what_cannot_be_told_apart() -> None:
 
 def test_one_estimator_alone_has_the_first_rank() -> None:
     trials = study({"a": np.ones((2, 3))})
-    comparisons = compare_estimators(trials)
+    comparisons = compare(trials)
     assert comparisons.empty
     table = trials[["scenario", "sensor", "estimator"]].drop_duplicates()
     assert ranks(comparisons, table, "cosine_error").tolist() == [1]
@@ -163,7 +171,7 @@ def test_the_floor_takes_nobodys_rank() -> None:
     table = names.assign(scenario="two_player", sensor="full")
     for order, expected in (((0, 1, 2), [1, 1, 2]), ((2, 0, 1), [3, 1, 2])):
         found = study(dict(zip(names["estimator"], (errors[k] for k in order), strict=True)))
-        assert ranks(compare_estimators(found), table, "position_error").tolist() == expected
+        assert ranks(compare(found), table, "position_error").tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -179,7 +187,7 @@ def test_too_few_units_have_no_rank(scenario: str, seeds: int, ranked: bool) -> 
     """Three levels of two draws are six trials, but two draws of a family."""
     trials = study({"a": np.zeros((3, seeds)), "b": np.ones((3, seeds))}, scenario)
     names = pd.DataFrame({"estimator": ["a", "b"]}).assign(scenario=scenario, sensor="full")
-    found = ranks(compare_estimators(trials), names, "position_error")
+    found = ranks(compare(trials), names, "position_error")
     assert found.notna().tolist() == [ranked] * 2
 
 

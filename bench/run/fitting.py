@@ -1,0 +1,89 @@
+"""Whether the sensors of a suite fit its scenarios, found out before anything is run."""
+
+from itertools import product
+
+import msgspec
+import numpy as np
+
+from olne_bench import plugins
+from olne_bench.bench.judge.referee import layers_of
+from olne_bench.bench.plan.entries import ScenarioEntry, SensorEntry
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.process.child import Child, ChildError, RaisedError, StartError
+from olne_bench.bench.run.describing import LOAD_LIMIT, LOAD_MEMORY
+from olne_bench.envs.recording import NoEquilibriumError
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.errors import UserError
+from olne_bench.games.dynamics import UNICYCLE
+from olne_bench.games.sensor import SensorModel
+
+
+class Fit(msgspec.Struct):
+    """What is wrong with a sensor in a scenario; empty where nothing is."""
+
+    problem: str
+
+
+def check_fit(suite: Suite) -> None:
+    """Refuse sensors that do not fit a scenario, such as one of a component that states lack.
+
+    Raises:
+        UserError: naming the first such pair.
+    """
+    for scenario, sensor in product(suite.scenarios, suite.sensors):
+        if _is_built_in(scenario, sensor):
+            problem = _problem(sensor, None)
+        else:
+            problem = _asked(scenario, sensor)
+        if problem:
+            raise UserError(
+                f"suite {suite.name!r}: sensor {sensor.label!r} does not fit scenario "
+                f"{scenario.label!r}: {problem}"
+            )
+
+
+def _is_built_in(scenario: ScenarioEntry, sensor: SensorEntry) -> bool:
+    return plugins.is_built_in(plugins.SCENARIO, scenario.name) and all(
+        plugins.is_built_in(plugins.SENSOR, layer.name) for layer in sensor.layers
+    )
+
+
+def _asked(scenario: ScenarioEntry, sensor: SensorEntry) -> str:
+    """The problem as a process of its own sees it, which foreign code may take down."""
+    child = Child(restricted=True, memory=LOAD_MEMORY)
+    try:
+        found: Fit = child.call(fit, scenario, sensor, kind=Fit, seconds=LOAD_LIMIT)
+    except StartError:
+        raise
+    except (ChildError, RaisedError, UserError):
+        return ""  # it is the scenario's draw that fails, which trials will tell
+    finally:
+        child.stop()
+    return found.problem
+
+
+def fit(scenario: ScenarioEntry, sensor: SensorEntry) -> Fit:
+    """What is wrong with a sensor in a scenario, found in this process."""
+    if plugins.is_built_in(plugins.SCENARIO, scenario.name):
+        return Fit(_problem(sensor, None))
+    return Fit(_problem(sensor, scenario))
+
+
+def _problem(sensor: SensorEntry, scenario: ScenarioEntry | None) -> str:
+    """One line; states are those of this package's scenarios where none is given.
+
+    A draw of those may take long, as it is solved to be certified, and their states have the same
+    components.
+    """
+    dynamics, scale = UNICYCLE, np.ones(UNICYCLE.state_size)
+    if scenario is not None:
+        try:
+            drawn = get_scenario(scenario.name, 0, **scenario.options)
+        except NoEquilibriumError:
+            return ""
+        dynamics, scale = drawn.game.dynamics, np.asarray(drawn.noise_scale)
+    try:
+        SensorModel.of(layers_of(sensor), dynamics, scale)
+    except ValueError as error:
+        return " ".join(str(error).split())
+    return ""

@@ -1,0 +1,30 @@
+"""Whether HighwayEnv plays a scenario's equilibrium exactly."""
+
+import numpy as np
+from highway_env.vehicle.kinematics import Vehicle
+
+from olne_bench.envs.equilibrium import certified_equilibrium
+from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING, replay
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
+
+REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
+MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no collision either
+
+
+def rejection(scenario: Scenario) -> str | None:
+    """Why a draw must not be used: no equilibrium, out of limits, collision.
+
+    Returns:
+        The reason, or None if the draw may be used.
+    """
+    try:
+        plan = certified_equilibrium(scenario)
+    except NoEquilibriumError:
+        return "no equilibrium"
+    if (np.abs(plan.controls) > (MAX_STEERING, MAX_ACCELERATION)).any():
+        return "out of limits"
+    if np.abs(plan.states[..., 3]).max() > Vehicle.MAX_SPEED:
+        return "out of limits"
+    played = replay(scenario.name, plan.states[0], plan.controls, MARGIN)
+    exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE
+    return None if exact else "collision"

@@ -1,0 +1,68 @@
+"""What a recording file says about its motion, as checked data."""
+
+from importlib.metadata import version
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+_PACKAGES = ("olne-bench", "numpy", "casadi", "pettingzoo", "highway-env", "pyarrow")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CertificateEntry(_Strict):
+    """``games.olne.Certificate`` as plain numbers."""
+
+    gains: list[float]
+    costs: list[float]
+    tolerance: float
+    passed: bool
+
+
+class EpisodeEntry(_Strict):
+    """What is known about one episode.
+
+    Attributes:
+        players: names of the N players.
+        seed: of the draw; None for tracks.
+        weights: (N, K) true weights; None for tracks.
+        certificate: evidence of the equilibrium; None for tracks.
+    """
+
+    players: list[str]
+    seed: int | None = None
+    weights: list[list[float]] | None = None
+    certificate: CertificateEntry | None = None
+
+
+class Metadata(_Strict):
+    """What is known about a whole file.
+
+    Attributes:
+        kind: ``truth`` for a world's equilibria, ``tracks`` for motion of unknown weights.
+        scenario: name of the scenario; None for tracks.
+        options: the scenario's own options.
+        weight_names: names of the K weights; None for tracks.
+        state_names: names of the n state components.
+        control_names: names of the m control components; none for tracks.
+        dt: step [s].
+        versions: of this package and the libraries that it ran on.
+        episodes: one entry each.
+    """
+
+    kind: Literal["truth", "tracks"]
+    scenario: str | None = None
+    options: dict[str, Any] = {}
+    weight_names: list[str] | None = None
+    state_names: list[str]
+    control_names: list[str] = []
+    dt: float
+    versions: dict[str, str]
+    episodes: list[EpisodeEntry]
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of this package and of the libraries that shape a recording."""
+    return {name: version(name) for name in _PACKAGES}

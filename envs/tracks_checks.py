@@ -1,0 +1,132 @@
+"""Checks of tracks: every one raises a ``UserError`` that names the place, or does nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.errors import UserError
+
+FEWEST_STEPS = 3
+FASTEST = 100.0  # [m/s]; beyond it something is not in metres and seconds
+LONGEST_STEP = 10.0  # [s]; beyond it times are not in seconds
+LARGEST_HEADING = 8 * np.pi  # [rad], four full turns; beyond it these are degrees
+STEP_TOLERANCE = 0.05  # of a step, for times that were rounded when written
+UNIT_FACTOR = 2.0  # by which speeds may differ from displacements; miles per hour differ by 2.2
+UNIT_WINDOW = 1.0  # [s] over which displacements are taken, as noise would swell shorter ones
+DRIVING = 1.0  # [m/s] above which a heading has to agree with where positions go
+STANDSTILL = 0.05  # [m/s] below which the two are not compared
+
+
+def check_times_increase(path: Path, table: pd.DataFrame) -> None:
+    """Refuse times of a player that do not increase."""
+    for player, rows in table.groupby("player", sort=False):
+        times, lines = rows["time"].to_numpy(), rows.index.to_numpy()
+        repeated = rows["time"].duplicated().to_numpy()
+        if repeated.any():
+            k = int(repeated.argmax())
+            raise UserError(
+                f"{path}, line {lines[k]}: player {player!r} has time {times[k]:g} twice"
+            )
+        falling = np.diff(times) < 0
+        if falling.any():
+            k = int(falling.argmax())
+            raise UserError(
+                f"{path}, line {lines[k + 1]}: time {times[k + 1]:g} of player {player!r} follows "
+                f"on {times[k]:g}; times must increase"
+            )
+
+
+def check_steps(path: Path, times: np.ndarray) -> None:
+    """Refuse times (T,) that are too few, unequally spaced or not in seconds."""
+    if len(times) < FEWEST_STEPS:
+        raise UserError(f"{path} has {len(times)} times, expected at least {FEWEST_STEPS}")
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    if usual > LONGEST_STEP:
+        raise UserError(
+            f"{path}: time steps of {usual:g}, above {LONGEST_STEP:g} s; expected time in seconds"
+        )
+    unequal = np.abs(steps - usual) > STEP_TOLERANCE * usual
+    if unequal.any():
+        k = int(unequal.argmax())
+        raise UserError(
+            f"{path}: unequal time steps: {steps[k]:g} s after time {times[k]:g}, "
+            f"mostly {usual:g} s; expected equal ones"
+        )
+
+
+def check_everybody_has_rows(
+    path: Path, table: pd.DataFrame, times: np.ndarray, players: list[str]
+) -> None:
+    """Refuse players without a row at every time, or without any position."""
+    for player in players:
+        absent = np.setdiff1d(times, table.loc[table["player"] == player, "time"])
+        if absent.size:
+            raise UserError(
+                f"{path}: player {player!r} has no row at time {absent[0]:g} "
+                f"({absent.size} of {len(times)} are missing); "
+                "give it rows with empty cells where it was not seen"
+            )
+        own = table.loc[table["player"] == player, ["x", "y"]]
+        if own.isna().any(axis=1).all():
+            raise UserError(f"{path}: player {player!r} has no position at any time")
+
+
+def check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) -> None:
+    """Refuse states (T, N, 4) px, py, heading, speed not in metres, seconds and radians."""
+    window = min(len(states) - 1, max(1, round(UNIT_WINDOW / dt)))
+    steps = states[window:, :, :2] - states[:-window, :, :2]
+    from_positions = np.linalg.norm(steps, axis=-1) / (window * dt)
+    # Cosine between heading and motion; a car in reverse has a negative speed.
+    off = states[:-window, :, 2] - np.arctan2(steps[..., 1], steps[..., 0])
+    agreement = np.cos(off) * np.where(states[:-window, :, 3] < 0, -1, 1)
+    agreement[~(from_positions > DRIVING)] = np.nan
+    for i, player in enumerate(players):
+        who = f"{path}: player {player!r}"
+        speeds = np.abs(states[:, i, 3])
+        _check_sizes(who, speeds, from_positions[:, i], np.abs(states[:, i, 2]))
+        _check_directions(who, agreement[:, i])
+        _check_speeds(who, speeds, from_positions[:, i])
+
+
+def _check_sizes(
+    who: str, speeds: np.ndarray, from_positions: np.ndarray, headings: np.ndarray
+) -> None:
+    if (speeds > FASTEST).any():
+        raise UserError(
+            f"{who} has a speed of {np.nanmax(speeds):g}, above {FASTEST:g} m/s; "
+            "expected metres per second"
+        )
+    if (from_positions > FASTEST).any():
+        raise UserError(
+            f"{who} moves at {np.nanmax(from_positions):g} m/s, above {FASTEST:g}; "
+            "expected x and y in metres and time in seconds"
+        )
+    if (headings > LARGEST_HEADING).any():
+        raise UserError(f"{who} has a heading of {np.nanmax(headings):g}; expected radians")
+
+
+def _check_directions(who: str, agreement: np.ndarray) -> None:
+    told = agreement[np.isfinite(agreement)]
+    if told.size and told.mean() < 0:
+        raise UserError(
+            f"{who} has headings that point away from where its positions go; expected "
+            "radians, from the x axis towards the y axis"
+        )
+
+
+def _check_speeds(who: str, speeds: np.ndarray, from_positions: np.ndarray) -> None:
+    """Compare told speeds (T,) with those over windows of positions (T - window,)."""
+    window = len(speeds) - len(from_positions)
+    both = np.isfinite(speeds[window:]) & np.isfinite(from_positions)
+    if not both.any():
+        return
+    windows = np.lib.stride_tricks.sliding_window_view(speeds, window + 1)
+    mean_speed = float(np.nanmean(windows[both], axis=1).mean())
+    seen = float(from_positions[both].mean())
+    if max(mean_speed, seen) > max(STANDSTILL, UNIT_FACTOR * min(mean_speed, seen)):
+        raise UserError(
+            f"{who} has a mean speed of {mean_speed:.3g}, but its positions move at "
+            f"{seen:.3g} m/s; expected metres, seconds and metres per second"
+        )

@@ -1,0 +1,80 @@
+"""The cells of a CSV file of tracks, as text and as numbers."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.errors import UserError
+
+REQUIRED = ("time", "player", "x", "y")
+OPTIONAL = ("heading", "speed")
+STATE_NAMES = {"x": "px", "y": "py", "heading": "heading", "speed": "speed"}
+_MISSING = {"", "nan", "na", "n/a", "null"}
+_FIRST_LINE = 2  # of data, after the header
+
+
+def read_numbers(path: Path) -> pd.DataFrame:
+    """The columns of tracks, the optional ones NaN where absent, by line number."""
+    cells = read_cells(path)
+    absent = [name for name in REQUIRED if name not in cells.columns]
+    if absent:
+        raise UserError(
+            f"{path}: missing column{'s'[: len(absent) > 1]} {', '.join(absent)}; "
+            f"it has: {', '.join(cells.columns)}"
+        )
+    table = pd.DataFrame({"player": cells["player"].str.strip()}, index=cells.index)
+    _require(path, table["player"], "player")
+    for name in ("time", *STATE_NAMES):
+        if name in cells.columns:
+            table[name] = _numbers(path, cells[name].str.strip(), name)
+        else:
+            table[name] = np.nan
+    _require(path, cells["time"].where(table["time"].notna(), ""), "time")
+    return table
+
+
+def read_cells(path: Path) -> pd.DataFrame:
+    """The cells as text, by line number, without blank lines."""
+    if not path.is_file():
+        raise UserError(f"no tracks file {str(path)!r}")
+    try:
+        cells = pd.read_csv(
+            path,
+            dtype=str,
+            header=None,
+            index_col=False,
+            keep_default_na=False,
+            skip_blank_lines=False,
+            encoding="utf-8-sig",
+        )
+    except pd.errors.EmptyDataError as error:
+        raise UserError(f"{path} is empty; expected the columns {', '.join(REQUIRED)}") from error
+    except (pd.errors.ParserError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} is not a CSV file: {error}") from error
+    names = cells.iloc[0].fillna("").str.strip()
+    if names.duplicated().any():
+        raise UserError(f"{path}: column {names[names.duplicated()].iloc[0]!r} is there twice")
+    rows = cells.iloc[1:].fillna("").set_axis(list(names), axis=1)
+    rows.index += _FIRST_LINE - 1  # line numbers, so that messages can name them
+    return rows[(rows != "").any(axis=1)]  # blank lines say nothing
+
+
+def _numbers(path: Path, cells: pd.Series, name: str) -> pd.Series:
+    known = ~cells.str.lower().isin(_MISSING)
+    numbers = pd.to_numeric(cells.where(known), errors="coerce").astype(float)
+    wrong = known & ~np.isfinite(numbers)
+    if wrong.any():
+        line = _first_line(wrong)
+        raise UserError(f"{path}, line {line}: {name} is {cells[line]!r}, expected a finite number")
+    return numbers
+
+
+def _first_line(wrong: pd.Series) -> int:
+    return int(wrong.index.to_numpy()[wrong.to_numpy().argmax()])
+
+
+def _require(path: Path, cells: pd.Series, name: str) -> None:
+    empty = cells == ""
+    if empty.any():
+        raise UserError(f"{path}, line {_first_line(empty)}: the row has no {name}")

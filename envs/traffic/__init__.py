@@ -1,0 +1,53 @@
+"""Traffic for any of HighwayEnv's environments that plays a receding-horizon Nash equilibrium.
+
+Use it from a stock configuration::
+
+    gym.make("highway-v0", config={"other_vehicles_type": "olne_bench.envs.traffic.NashVehicle"})
+
+Every ``PLAN_STEP`` seconds, the Nash vehicles near each other solve one open-loop game over the
+next ``STEPS`` plan steps. The solver starts from their previous plans, and each vehicle drives the
+first step of the solution. HighwayEnv still decides which lane a vehicle takes (MOBIL and the
+planned route). The game decides how the vehicle gets there among others who plan as well.
+
+The ego vehicle, and every other vehicle that does not plan, is predicted to keep its lane and
+speed. It is not a player: its cost is unknown, and a driver who counted on the ego's cooperation
+would drive into an ego that does not cooperate. Nash vehicles of another group are predicted to
+follow their latest plans.
+
+A vehicle without a new plan goes on with the rest of its previous one. It drives by the
+Intelligent Driver Model until the next try where that rest is used up, and where its equilibrium
+runs into something: costs are finite, so some equilibria do. ``traffic_report`` counts the cases.
+"""
+
+from typing import Any
+
+from olne_bench.envs.traffic.nash_vehicle import (
+    AggressiveNashVehicle,
+    CautiousNashVehicle,
+    MixedNashVehicle,
+    NashVehicle,
+)
+from olne_bench.envs.traffic.report import TrafficReport, traffic_report
+from olne_bench.envs.traffic.temperaments import TEMPERAMENTS, Temperament, temperament
+
+__all__ = [
+    "TEMPERAMENTS",
+    "AggressiveNashVehicle",
+    "CautiousNashVehicle",
+    "MixedNashVehicle",
+    "NashVehicle",
+    "Temperament",
+    "TrafficReport",
+    "temperament",
+    "traffic_report",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """HighwayEnv looks up ``other_vehicles_type`` here: say what there is instead."""
+    if name.startswith("_"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    presets = sorted(known for known in __all__ if known.endswith("NashVehicle"))
+    raise AttributeError(
+        f"module {__name__!r} has no {name!r}; vehicles there are: {', '.join(presets)}"
+    )

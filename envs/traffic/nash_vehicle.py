@@ -1,0 +1,63 @@
+"""The vehicles that HighwayEnv takes as ``other_vehicles_type``."""
+
+from typing import Any
+
+import numpy as np
+from highway_env.vehicle.kinematics import Vehicle
+
+from olne_bench.envs.traffic.joint_planning import plan_together
+from olne_bench.envs.traffic.planning_vehicle import PlanningVehicle
+from olne_bench.envs.traffic.temperaments import TEMPERAMENTS
+from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP
+
+
+class NashVehicle(PlanningVehicle):
+    """A vehicle that plays a Nash equilibrium with the Nash vehicles around it.
+
+    It takes the arguments of HighwayEnv's ``IDMVehicle``. To choose a temperament, use one of the
+    subclasses, derive one with another ``TEMPERAMENT`` (the name of a preset or a
+    ``Temperament``), or call ``set_temperament`` on a vehicle.
+    """
+
+    def act(self, action: dict | str | None = None) -> None:
+        """Drive the plan, and make a new one when it is due; actions are ignored as in IDM."""
+        if self.crashed:
+            return
+        if self.is_due():
+            plan_together(self)
+        if self.plan is None:
+            super().act()
+            return
+        steering, acceleration = self.plan.controls[0]
+        # Plans may end in reverse where that is the only way out; cars on these roads stop.
+        acceleration = max(acceleration, -max(self.speed, 0.0) / PLAN_STEP)
+        limit = self.MAX_STEERING_ANGLE
+        Vehicle.act(
+            self,
+            {
+                "steering": float(np.clip(steering, -limit, limit)),
+                "acceleration": float(np.clip(acceleration, -self.ACC_MAX, self.ACC_MAX)),
+            },
+        )
+
+
+class AggressiveNashVehicle(NashVehicle):
+    """A hasty Nash vehicle that keeps short distances."""
+
+    TEMPERAMENT = "aggressive"
+
+
+class CautiousNashVehicle(NashVehicle):
+    """A slow Nash vehicle that keeps long distances."""
+
+    TEMPERAMENT = "cautious"
+
+
+class MixedNashVehicle(NashVehicle):
+    """A Nash vehicle of a temperament drawn from the road's random stream."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        if self.road is not None:
+            names = list(TEMPERAMENTS)
+            self.set_temperament(names[int(self.road.np_random.integers(len(names)))])

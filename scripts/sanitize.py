@@ -1,0 +1,95 @@
+"""Run the solvers' tests with native code under the address and undefined-behaviour sanitizers.
+
+    python scripts/sanitize.py [TESTS...]
+
+The libraries are compiled with ``-fsanitize=address,undefined`` into a cache of their own, and
+Python starts with the compiler's sanitizer runtime in front of all others. Any report ends the
+tests with a failure. Memory that Python and CasADi keep until the end is not ours to judge, so
+leaks are not looked for. Needs gcc on Linux, as clang names its runtime differently.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+TESTS = (
+    "tests/games/test_newton.py",
+    "tests/games/test_elimination.py",
+    "tests/estimators/test_interior_point.py",
+)
+#: Code of games on lanes is a megabyte, and five players bring nothing that two do not.
+LEFT_OUT = "not lanes and not highway"
+FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer -g -O0"
+#: CasADi loads IPOPT with a flag that the sanitizer's runtime refuses.
+SHIM = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+void *dlopen(const char *file, int mode)
+{
+    void *(*next)(const char *, int) = (void *(*)(const char *, int))dlsym(RTLD_NEXT, "dlopen");
+    return next(file, mode & ~RTLD_DEEPBIND);
+}
+"""
+SAMPLE = "int sample(int i) { int a[2] = {0, 1}; volatile int k = i; return a[k]; }"
+
+
+def main() -> None:
+    """Check that the sanitizer sees a planted error; then run the tests."""
+    compiler = shutil.which(os.environ.get("CC", "gcc"))
+    if compiler is None:
+        raise SystemExit("sanitize.py needs gcc; CC names another")
+    with tempfile.TemporaryDirectory() as cache:
+        environment = sanitized(compiler, Path(cache))
+        planted = run_planted(environment)
+        if planted.returncode == 0 or "runtime error" not in planted.stderr + planted.stdout:
+            raise SystemExit(f"the sanitizer misses a planted error:\n{planted.stderr}")
+        tests = sys.argv[1:] or [*TESTS, "-k", LEFT_OUT]
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-s", *tests]
+        raise SystemExit(subprocess.run(command, cwd=ROOT, env=environment).returncode)
+
+
+def sanitized(compiler: str, cache: Path) -> dict[str, str]:
+    """The environment of a process whose native code is watched."""
+    runtimes = [runtime(compiler, name) for name in ("libasan.so", "libubsan.so", "libstdc++.so")]
+    code, shim = cache / "shim.c", cache / "shim.so"
+    code.write_text(SHIM)
+    subprocess.run([compiler, "-shared", "-fPIC", str(code), "-o", str(shim), "-ldl"], check=True)
+    unwatched = cache / "cc"  # the compiler itself needs no watching, and is slow under it
+    unwatched.write_text(f'#!/bin/sh\nunset LD_PRELOAD\nexec "{compiler}" "$@"\n')
+    unwatched.chmod(0o700)
+    return os.environ | {
+        "CC": str(unwatched),
+        "OLNE_BENCH_CACHE": str(cache),
+        "OLNE_BENCH_CFLAGS": FLAGS,
+        "LD_PRELOAD": " ".join([str(shim), *runtimes]),
+        "ASAN_OPTIONS": "detect_leaks=0:verify_asan_link_order=0:abort_on_error=1",
+        "UBSAN_OPTIONS": "print_stacktrace=1:halt_on_error=1:abort_on_error=1",
+        "PYTHONMALLOC": "malloc",  # the allocator of Python would hide an array's ends
+    }
+
+
+def runtime(compiler: str, name: str) -> str:
+    """Where a compiler keeps a library."""
+    found = subprocess.run(
+        [compiler, f"-print-file-name={name}"], check=True, capture_output=True, text=True
+    )
+    path = Path(found.stdout.strip())
+    if not path.is_absolute():
+        raise SystemExit(f"{compiler} has no {name}: install its sanitizers")
+    return str(path.resolve())
+
+
+def run_planted(environment: dict[str, str]) -> "subprocess.CompletedProcess[str]":
+    """A process that reads beyond an array, in code that is compiled as ours is."""
+    visible = '__attribute__((visibility("default"))) '
+    code = f"from olne_bench.games import compiler\ncompiler.load({visible + SAMPLE!r}).sample(7)\n"
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,220 @@
+"""Bad input ends in one clear line and exit code 2, at once and whatever its size."""
+
+import os
+import resource
+import time
+
+import pytest
+
+from olne_bench.bench.commands.cli import main
+
+GOOD = """
+name = "tiny"
+scenarios = ["two_player"]
+sensors = ["full"]
+sigmas = [0.0, 0.1]
+seeds = 3
+estimators = ["uniform"]
+"""
+
+LONG = "n" * 300
+DIGITS = "9" * 5000
+
+#: Where GOOD is changed, to what, and what is said of it.
+SUITES = {
+    "too many seeds": ("seeds = 3", f"seeds = {10**12}", "seeds: Input should be less than"),
+    "too many trials": (
+        "0.1]\nseeds = 3",
+        f"{', '.join(f'0.{k:04}' for k in range(1, 9))}]\nseeds = {10**8}",
+        "800000001 trials, at most 100000000",
+    ),
+    "5,000 digits": ("seeds = 3", f"seeds = {DIGITS}", "not valid TOML: Exceeds the limit"),
+    "5,000 digits in hexadecimal": ("seeds = 3", f"seeds = 0x{DIGITS}", "seeds: Input should"),
+    "5,000 digits in options": (
+        '"two_player"',
+        f'{{name = "random", options = {{num_players = 0x{DIGITS}}}}}',
+        "'num_players' is a number of more than 63 bits",
+    ),
+    "5,000 lists": ("seeds = 3", f"x = {'[' * 5000}{']' * 5000}", "not valid TOML"),
+    "5,000 tables": (
+        '["uniform"]',
+        f"['uniform']\n[{'.'.join(['a'] * 5000)}]\nb = 1",
+        "unknown key 'a'",
+    ),
+    "nested options": (
+        '"two_player"',
+        '{name = "random", options = {num_players = [[[[[[[[1]]]]]]]]}}',
+        "is nested deeper than",
+    ),
+    "a date in parameters": (
+        '"uniform"',
+        '{name = "uniform", parameters = {a = 2020-01-01}}',
+        "'a' must be a number, text, list or table, got datetime.date(2020, 1, 1)",
+    ),
+    "too many players": (
+        '"two_player"',
+        f'{{name = "random", options = {{num_players = {10**9}}}}}',
+        "num_players must be",
+    ),
+    "too many iterations": ("seeds = 3", f"seeds = 3\nroot_iterations = {2**31}", "root_iter"),
+    "too many trajectories": ("seeds = 3", f"seeds = 3\ntrajectories = {10**9}", "trajectories"),
+    "an endless limit": ("seeds = 3", "seeds = 3\ntime_limit = 1e300", "time_limit: Input should"),
+    "infinity": ("seeds = 3", "seeds = 3\ntime_limit = inf", "time_limit: Input should"),
+    "huge noise": ("0.1]", "1e300]", "sigmas.1: Input should be less than"),
+    "a long name": ('"tiny"', f'"{LONG}"', "name: String should have at most 120 characters"),
+    "NUL": ('"tiny"', '"ti\\u0000ny"', "name: control characters and line breaks are no part"),
+    "a line break": ('"tiny"', '"ti\\nny"', "name: control characters and line breaks are no part"),
+    "an empty salt": ("seeds = 3", 'seeds = 3\nsalt = "\\t"', "salt: a text that is not empty"),
+    "a line break in a label": (
+        '"uniform"',
+        '{name = "uniform", label = "a\\nb"}',
+        "estimators.0.label: control characters",
+    ),
+    "a long sensor label": ('"full"', f'{{name = "full", label = "{LONG}"}}', "sensors.0.label"),
+    "an escape in an option": (
+        '"two_player"',
+        '{name = "random", options = {num_players = "\\u001b[2J"}}',
+        "control characters",
+    ),
+    "NUL in a plugin": ('"uniform"', '"a\\u0000b.py"', "estimators.0.name: control characters"),
+    "a long plugin": ('"uniform"', f'"{LONG}.py"', "no estimator file "),
+    "the same twice": ('"full"', '"full", "full"', "sensor 'full' is listed twice"),
+    "the same label twice": (
+        '"full"',
+        '"full", {label = "full", stack = ["partial"]}',
+        "sensor 'full' is listed twice",
+    ),
+    "a metric twice": (
+        "seeds = 3",
+        'seeds = 3\nmetrics = ["cosine_error", "cosine_error"]',
+        "metric 'cosine_error' is listed twice",
+    ),
+    "neither name nor stack": ('"full"', "{label = 'a'}", "a sensor has a name, or a stack"),
+    "both name and stack": ('"full"', "{name = 'full', stack = ['full']}", "not both"),
+    "an empty stack": ('"full"', "{label = 'a', stack = []}", "sensors.0.layers: Tuple should"),
+    "what is learnt": ('"two_player"', "{name = 'random', family = false}", "unknown key 'scena"),
+    "a sensor that does not fit": (
+        '"full"',
+        "{name = 'correlated', parameters = {correlation = 0.3, components = ['roll']}}",
+        "does not fit scenario 'two_player': correlated noise: no component 'roll' is seen",
+    ),
+    "two kinds of noise": (
+        '"full"',
+        "{label = 'both', stack = ['correlated', 'correlated']}",
+        "sensor 'both' does not fit",
+    ),
+    "an unknown limit": (
+        "seeds = 3",
+        "seeds = 3\ngate = {uniform = {speed = 1}}",
+        "unknown limit 'speed'; the suite has: cosine_error, ",
+    ),
+    "too many entries": ('"full"', ", ".join(['"full"'] * 1001), "sensors: Tuple should have at"),
+}
+
+
+@pytest.fixture
+def suite(tmp_path):
+    path = tmp_path / "suite.toml"
+    path.write_text(GOOD)
+    return path
+
+
+def refusal(capsys, *arguments) -> str:
+    """What is said on bad input: one line within seconds, in bounded memory."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    started, worked = time.monotonic(), time.process_time()
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    # Where others work on the machine too, the clock on the wall says less than one's own work.
+    worked, seconds = time.process_time() - worked, time.monotonic() - started
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before  # [KiB], on Linux
+    said, errors = capsys.readouterr()
+    assert ended.value.code == 2, said + errors
+    assert said == ""
+    assert errors.count("\n") == 1, errors
+    assert errors.startswith("olne-bench: error: ")
+    assert len(errors) < 6000
+    assert worked < 5
+    assert seconds < 30
+    assert grown < 200_000
+    return errors
+
+
+@pytest.mark.parametrize("case", SUITES)
+def test_a_bad_suite_is_one_line(capsys, tmp_path, suite, case):
+    old, new, expected = SUITES[case]
+    assert old in GOOD
+    suite.write_text(GOOD.replace(old, new, 1))
+    assert expected in refusal(capsys, "run", suite, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--out", "", "'' names no file or folder"),
+        ("--out", "a\0b", "control characters and line breaks are no part of a name"),
+        ("--out", "a\nb", "control characters and line breaks are no part of a name"),
+        ("--out", LONG, "no name is longer than 200 bytes"),
+        ("--plugin", "", "'' names no file or folder"),
+        ("--plugin", "a\0b.py", "control characters"),
+        ("--plugin", f"{LONG}.py", "no name is longer than 200 bytes"),
+        ("--plugin", "absent.py", "absent.py"),
+        ("--jobs", 10**8, "100000000 is not in the range 1<=x<=1024"),
+        ("--jobs", DIGITS, "is not a valid integer"),
+        ("--seeds", 10**12, "is not in the range"),
+        ("--seeds", 4, "--seeds 4: suite 'tiny' has 3"),
+        ("--sigma", "nan", "has no sigma nan; it has: 0.0, 0.1"),
+        ("--scenario", LONG, "has no scenario 'nnn"),
+        ("--sensor", "a\nb", "has no sensor 'a\\nb'; it has: full"),
+        ("--salt", "", "--salt '': a salt is 'fresh', or a text of 1 to 120 characters"),
+        ("--salt", LONG, "a salt is 'fresh'"),
+        ("--salt", "a\nb", "a salt is 'fresh'"),
+    ],
+)
+def test_a_bad_option_of_run_is_one_line(
+    capsys, tmp_path, suite, monkeypatch, option, value, expected
+):
+    monkeypatch.chdir(tmp_path)
+    given = {"--out": "out"} | {option: value}
+    words = [word for pair in given.items() for word in pair]
+    assert expected in refusal(capsys, "run", suite, *words)
+    assert {path.name for path in tmp_path.iterdir()} <= {"suite.toml"}
+
+
+@pytest.mark.parametrize("command", ["status", "report", "gate"])
+@pytest.mark.parametrize("folder", ["", "a\0b", LONG, "absent"])
+def test_a_bad_folder_is_one_line(capsys, tmp_path, monkeypatch, command, folder):
+    monkeypatch.chdir(tmp_path)
+    refusal(capsys, command, folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("a\0b.toml", "unknown suite"),
+        (f"{LONG}.toml", "unknown suite"),
+        ("folder.toml", "unknown suite"),
+        ("pipe.toml", "unknown suite"),
+        ("large.toml", "larger than 200000 bytes"),
+        ("latin.toml", "not valid TOML: 'utf-8' codec"),
+        ("secret.toml", "cannot be read: Permission denied"),
+    ],
+)
+def test_a_bad_file_is_one_line(capsys, tmp_path, monkeypatch, name, expected):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.toml").mkdir()
+    os.mkfifo("pipe.toml")
+    with (tmp_path / "large.toml").open("wb") as file:
+        file.truncate(100 * 2**20)
+    (tmp_path / "latin.toml").write_bytes("name = 'ü'".encode("latin1"))
+    (tmp_path / "secret.toml").write_text(GOOD)
+    if name == "secret.toml":
+        (tmp_path / name).chmod(0)
+        if os.access(name, os.R_OK):  # root may read it all the same
+            monkeypatch.setattr("pathlib.Path.open", _refuse)
+    assert expected in refusal(capsys, "run", name, "--out", "out")
+
+
+def _refuse(*_arguments, **_options):
+    raise PermissionError(13, "Permission denied")

@@ -1,0 +1,172 @@
+"""A metric of somebody else's shows in all that a report is made of, by its declaration alone."""
+
+import json
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from olne_bench.bench.judge.metrics import BUILT_IN
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.plan.suite import GateLimits
+from olne_bench.bench.report.figures import errors, style
+from olne_bench.bench.report.gate import check_limits
+from olne_bench.bench.report.leaderboard_terminal import format_leaderboard
+from olne_bench.bench.report.leaderboard_text import latex, markdown
+from olne_bench.bench.report.measures import primary
+from olne_bench.bench.report.page.render import render_page
+from olne_bench.bench.report.statistics.run_comparison import compare_runs
+from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.tables import tabulate
+from olne_bench.errors import UserError
+
+JERK = MetricDeclaration(
+    "jerk_error",
+    label="jerk error",
+    unit="m/s^3",
+    worst=9.0,
+    gated=True,
+    compared=True,
+    description="How far predicted jerks are off.",
+)
+ON_ROAD = MetricDeclaration("on_road", label="on the road", summary="share")
+STUDY = Study(metrics=(*BUILT_IN, JERK, ON_ROAD))
+
+
+@pytest.fixture(scope="module")
+def trials() -> pd.DataFrame:
+    rng = np.random.default_rng(0)
+    rows = [
+        {
+            "suite": "s",
+            "scenario": "of_another_version",
+            "sensor": sensor,
+            "estimator": name,
+            "sigma": 0.05,
+            "seed": seed,
+            "status": "crash" if name == "b" and seed < 5 else "ok",
+            "message": "",
+            "cosine_error": 0.1,
+            "cosine_limit": 0.05,
+            "position_error": 1.0,
+            "jerk_error": scale * rng.uniform(1, 1.1),
+            "on_road": float(seed % 4 > 0),
+            "observation_error": 0.04,
+            "published_forward": 1.0,
+            "solve_seconds": 0.1,
+            "count": 1,
+            "weights": None,
+        }
+        for name, scale in (("a", 0.25), ("b", 2.0))
+        for sensor in ("full", "partial", "gappy")
+        for seed in range(20)
+    ]
+    table = pd.DataFrame(rows)
+    lost = table["status"] == "crash"
+    values = ["cosine_error", "position_error", "jerk_error", "on_road", "published_forward"]
+    table.loc[lost, values] = np.nan
+    return table
+
+
+def test_the_leaderboard_has_its_quartiles_mean_and_rank(trials):
+    table = tabulate(trials, STUDY).leaderboard.set_index(["sensor", "estimator"])
+    a, b = table.loc[("gappy", "a")], table.loc[("gappy", "b")]
+    assert 0.25 <= a["jerk_error_q25"] <= a["jerk_error_median"] <= a["jerk_error_q75"] <= 0.275
+    assert a["jerk_error_mean_low"] < a["jerk_error_mean"] < a["jerk_error_mean_high"]
+    # Five of twenty crash, and count with the worst there is.
+    assert b["jerk_error_mean"] == pytest.approx((5 * 9 + 15 * 2.1) / 20, abs=0.1)
+    assert (a["jerk_error_rank"], b["jerk_error_rank"]) == (1, 2)
+    assert (a["on_road_share"], a["on_road_trials"], b["on_road_trials"]) == (0.75, 20, 15)
+
+
+def test_all_texts_name_it_with_its_unit(trials):
+    table = tabulate(trials, STUDY).leaderboard
+    text = format_leaderboard(table, STUDY)
+    assert "jerk error [IQR]" in text
+    assert "jerk error [m/s^3]: How far predicted jerks are off." in text
+    assert "on the road" in text and "75%" in text
+    head, _, *rows = markdown(table, STUDY).splitlines()
+    assert r"| Jerk error \[m/s^3\] |" in head and "| On the road |" in head
+    assert sum("**0.2" in row for row in rows) == 3  # the leader in each sensor
+    tex = latex(table, STUDY)
+    assert r"Jerk error [m/s\textasciicircum{}3]" in tex and r"75\% of 20" in tex
+
+
+def test_the_page_has_its_columns_charts_and_comparisons(trials):
+    html = render_page(trials, tabulate(trials, STUDY), [], STUDY).html
+    assert '<th scope="col" class="n" title="How far predicted jerks are off.">' in html
+    assert html.count('data-label="Jerk error [m/s^3]"') == 6
+    assert html.count('data-label="On the road"') == 6
+    assert '<canvas id="chart-jerk_error" data-metric="jerk_error"' in html
+    assert '<option value="jerk_error">jerk error</option>' in html
+    found = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)
+    assert found is not None
+    data = json.loads(found[1])
+    assert [m["name"] for m in data["metrics"]][-1] == "jerk_error"
+    assert data["sensors"] == ["full", "partial", "gappy"]
+    (scenario,) = data["scenarios"]
+    assert all(len(s["points"]["jerk_error"]) == 20 for s in scenario["series"])
+    assert len({s["colour"] for s in scenario["series"]}) == 6
+
+
+def test_the_figure_of_errors_has_its_panels(trials):
+    with style.applied():
+        figure = errors.draw(trials, STUDY)
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels == ["Position error [m]", "Cosine error", "Jerk error [m/s^3]", "On the road"]
+    shares = figure.axes[-1].lines
+    assert len(shares) == 6 and all(line.get_ydata()[0] <= 0.8 for line in shares)
+
+
+def test_a_gate_may_limit_it_where_it_says_so(trials):
+    table = tabulate(trials, STUDY).leaderboard
+    outcomes = check_limits(table, {"a": GateLimits(jerk_error=1.0)}, STUDY)
+    assert [o.passed for o in outcomes] == [True] * 3
+    strict = check_limits(table, {"b": GateLimits(jerk_error=1.0)}, STUDY)
+    assert not any(o.passed for o in strict)
+    with pytest.raises(UserError, match="limits 'on_road', which is no metric") as caught:
+        check_limits(table, {"a": GateLimits(on_road=1.0)}, STUDY)
+    assert "jerk_error" in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(UserError, match="limits 'jerk_error'"):
+        check_limits(table, {"a": GateLimits(jerk_error=1.0)})
+
+
+def test_two_runs_are_compared_by_it(trials):
+    worse = trials.assign(jerk_error=trials["jerk_error"] * 1.5)
+    table = compare_runs(trials, worse, {"a": "a"}, STUDY)
+    about = table["error"] == "jerk_error"
+    assert table.loc[about, "verdict"].tolist() == ["worse"] * 3
+    assert set(table.loc[~about, "verdict"]) == {"same"}
+
+
+def test_the_suite_of_a_run_says_what_its_metrics_are():
+    """Those of this package keep their order, whatever is not stored is as they have it."""
+    entries = [
+        SimpleNamespace(column="jerk_error", declaration={"label": "jerk", "worst": None}),
+        SimpleNamespace(column="covers_truth", declaration={"label": "covered", "unit": ""}),
+        SimpleNamespace(column="position_error", declaration={"compared": True}),
+    ]
+    suite = SimpleNamespace(scenarios=(), sensors=(), metrics=entries, salt="s")
+    found = study_of([suite]).metrics
+    assert [one.name for one in found] == ["position_error", "covers_truth", "jerk_error"]
+    assert found[0].unit == "m" and found[0].needs_prediction
+    assert found[1].is_share
+    assert found[2] == MetricDeclaration("jerk_error", label="jerk")
+    assert study_of([]).metrics == BUILT_IN
+
+
+def test_estimators_are_ranked_by_what_there_is():
+    position, *_ = BUILT_IN
+    assert primary([JERK, position]) == position
+    assert primary([ON_ROAD, JERK]) == JERK
+    assert primary([ON_ROAD]) is None
+
+
+def test_a_run_without_errors_to_compare_is_shown_all_the_same(trials):
+    study = Study(metrics=(ON_ROAD,))
+    tables = tabulate(trials, study)
+    assert "On the road" in markdown(tables.leaderboard, study)
+    assert "on the road" in format_leaderboard(tables.leaderboard, study)
+    assert "On the road" in render_page(trials, tables, [], study).html
