@@ -211,9 +211,9 @@ MEMORY = [
         """
         kept = []
         while True:
-            kept.append(mmap.mmap(-1, 2**26))
-            kept[-1].write(b"x" * 2**26)
-            time.sleep(0.05)
+            kept.append(mmap.mmap(-1, 2**24))
+            kept[-1].write(b"x" * 2**24)
+            time.sleep(0.01)
         """,
     ),
     Hostile(
@@ -223,8 +223,8 @@ MEMORY = [
         """
         file = os.memfd_create("hoard")
         while True:
-            os.write(file, b"x" * 2**26)
-            time.sleep(0.05)
+            os.write(file, b"x" * 2**24)
+            time.sleep(0.01)
         """,
     ),
     Hostile(
@@ -235,8 +235,8 @@ MEMORY = [
         files = []
         while True:
             files.append(os.memfd_create("hoard"))
-            os.write(files[-1], b"x" * 2**26)
-            time.sleep(0.05)
+            os.write(files[-1], b"x" * 2**24)
+            time.sleep(0.01)
         """,
     ),
     Hostile(
@@ -246,8 +246,8 @@ MEMORY = [
         """
         with tempfile.NamedTemporaryFile(dir="/dev/shm") as file:
             while True:
-                os.write(file.fileno(), b"x" * 2**26)
-                time.sleep(0.05)
+                os.write(file.fileno(), b"x" * 2**24)
+                time.sleep(0.01)
         """,
     ),
     Hostile(
