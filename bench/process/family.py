@@ -67,7 +67,7 @@ def held_memory(pid: int, *, descendants: bool = True) -> int:
     """Memory [bytes] that a process and its descendants hold, shared memory included.
 
     Memory that several of them share counts once for each. On Linux, open files that lie in
-    memory count as well.
+    memory count as well, and once more where they are mapped.
     """
     total = 0
     files: dict[tuple[int, int], int] = {}
