@@ -9,12 +9,13 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick field gate perf test check results clean
+.PHONY: help setup bench bench-quick field sensors gate perf test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
 	@echo "make field        every estimator on every scenario, and several trajectories"
+	@echo "make sensors      the paper's scenarios through five sensors, and the statistical limit"
 	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
 	@echo "make test         linter, type checker and tests"
@@ -42,6 +43,10 @@ field: setup
 	$(BIN)/olne-bench run field --out $(OUT)/field --jobs $(JOBS)
 	$(BIN)/olne-bench run several --out $(OUT)/several --jobs $(JOBS)
 	$(BIN)/python scripts/several_trajectories.py $(OUT)/several
+
+sensors: setup
+	$(BIN)/olne-bench run sensors --out $(OUT)/sensors --jobs $(JOBS)
+	$(BIN)/python scripts/sensors_claims.py --draws 200
 
 gate: setup
 	$(BIN)/olne-bench gate $(OUT)/paper
@@ -72,6 +77,7 @@ results: setup
 	$(call keep,paper,*.png errors_*.svg)
 	$(call keep,highway,*.png)
 	$(call keep,field,errors_*.png)
+	$(call keep,sensors,errors_*.png)
 	du -sk results | awk '{ if ($$1 > 10240) { print "results/ has " $$1 " KiB; at most 10 MiB are kept"; exit 1 } }'
 
 clean:

@@ -60,17 +60,27 @@ def main() -> None:
         with open_store(Path(folder, "out")) as store:
             for number, (trial, outcome) in enumerate(ended):
                 if number == warm:
-                    started, cpu, memory = time.monotonic(), time.process_time(), _memory(this)
+                    started, cpu, memory = time.monotonic(), _cpu(this), _memory(this)
                 store.add(trial, outcome)
                 if number == warm + arguments.trials - 1:
                     each = (time.monotonic() - started) / arguments.trials
-                    own = (time.process_time() - cpu) / arguments.trials
+                    own, others = (
+                        (now - before) / arguments.trials
+                        for now, before in zip(_cpu(this), cpu, strict=True)
+                    )
                     growth = {name: size - memory[name] for name, size in _memory(this).items()}
-    print(f"{1e3 * each:.2f} ms a trial, of which the driver computes {1e3 * own:.2f} ms")
+    print(f"{1e3 * each:.2f} ms a trial")
+    print(f"computed: {1e3 * own:.2f} ms (driver), {1e3 * others:.2f} ms (referees and players)")
     print(
         "memory grew by " + ", ".join(f"{size:.1f} MiB ({name})" for name, size in growth.items())
     )
     sys.exit(each >= LIMIT or max(growth.values()) > GROWTH)
+
+
+def _cpu(driver: psutil.Process) -> tuple[float, float]:
+    """Processor time [s] of the driver, and of all its workers together."""
+    workers = [child.cpu_times() for child in driver.children(recursive=True)]
+    return time.process_time(), sum(one.user + one.system for one in workers)
 
 
 def _memory(driver: psutil.Process) -> dict[str, float]:

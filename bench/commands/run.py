@@ -143,7 +143,7 @@ def run(suite: str, **options: Any) -> None:
     text = suite_text(suite)
     whole = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     check_gate(whole)
-    check_fit(select(whole, chosen.selection))
+    check_fit(select(whole, chosen.selection), chosen.out)
     if chosen.dask is not None:
         check_cluster(chosen.dask)
     with open_store(chosen.out) as store:

@@ -21,7 +21,12 @@ from pathlib import Path
 from typing import Any
 
 from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
-from olne_bench.bench.process.family import has_descendants, held_memory, kill_family
+from olne_bench.bench.process.family import (
+    adopts_orphans,
+    has_descendants,
+    held_memory,
+    kill_family,
+)
 from olne_bench.bench.process.messages import (
     Message,
     Raised,
@@ -230,6 +235,7 @@ class Child:
         ours, theirs = socket.socketpair()
         hidden = None if self._hidden is None else str(self._hidden.resolve())
         options = f"memory={self._memory}, hidden={hidden!r}, restricted={self._restricted}"
+        options += f", guarded={adopts_orphans()}"
         call = f"serve({theirs.fileno()}, {os.getpid()}, {options})"
         loop = "from olne_bench.bench.process.inside import serve"
         boot = f"import sys; sys.path[:] = {_search_path()!r}; {loop}; {call}"

@@ -18,12 +18,24 @@ import psutil
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _PR_SET_CHILD_SUBREAPER = 36
 _IN_MEMORY = ("/memfd:", "/dev/shm/")
+#: Nothing is left when so many looks in a row have found nothing.
+_QUIET_LOOKS = 3
 #: A family that forks faster than it is killed is given up after this time [s].
 _KILL_SECONDS = 10.0
 
 
+_adopts = False
+
+
+def adopts_orphans() -> bool:
+    """Whether this process is the parent of descendants whose parents end."""
+    return _adopts
+
+
 def adopt_orphans() -> None:
     """Become the parent of descendants whose parents end."""
+    global _adopts
+    _adopts = sys.platform == "linux"
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
@@ -54,12 +66,16 @@ def kill_family(pid: int) -> None:
 
 
 def kill_descendants(pid: int, keep: frozenset[int] = frozenset()) -> None:
-    """Kill what lives below a process, but for some children and what is below those."""
+    """Kill what lives below a process, but for some children and what is below those.
+
+    A process that forks and ends while it is looked for hides its child from that look, but not
+    from the next ones.
+    """
     deadline = time.monotonic() + _KILL_SECONDS
-    while time.monotonic() < deadline:
+    quiet = 0
+    while quiet < _QUIET_LOOKS and time.monotonic() < deadline:
         alive = [one for one in _below(pid, keep) if _kill(one)]
-        if not alive:
-            return
+        quiet = 0 if alive else quiet + 1
         psutil.wait_procs(alive, timeout=0.05)
 
 
@@ -67,7 +83,7 @@ def held_memory(pid: int, *, descendants: bool = True) -> int:
     """Memory [bytes] that a process and its descendants hold, shared memory included.
 
     Memory that several of them share counts once for each. On Linux, open files that lie in
-    memory count as well.
+    memory count as well, and once more where they are mapped.
     """
     total = 0
     files: dict[tuple[int, int], int] = {}

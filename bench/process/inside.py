@@ -55,6 +55,7 @@ def serve(
     memory: int | None,
     hidden: str | None,
     restricted: bool,
+    guarded: bool,
 ) -> None:
     """Serve a parent until it closes the connection.
 
@@ -65,10 +66,12 @@ def serve(
         hidden: folder that a restricted process cannot read.
         restricted: whether to give up all rights that work does not need (``sandbox``); the
             present folder stays writable.
+        guarded: whether the parent takes care of what this process leaves behind, so that it may
+            be killed with the parent.
     """
     global _say
     adopt_orphans()
-    if restricted:
+    if restricted and guarded:
         end_with_parent(parent)
     threading.Thread(target=_end_without_parent, args=(parent,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, which ends this

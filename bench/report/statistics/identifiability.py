@@ -131,7 +131,11 @@ def _truths(
     trials: pd.DataFrame, study: Study
 ) -> Iterator[tuple[str, str, tuple[Recording, Identifiability] | _Unknown]]:
     pairs = trials[_GROUP].drop_duplicates().sort_values(_GROUP)
+    judged = set(trials.loc[trials["status"] != "harness_error", _GROUP].itertuples(index=False))
     for scenario, sensor in pairs.itertuples(index=False):
+        if (scenario, sensor) not in judged:  # to play it might take this process down as well
+            yield scenario, sensor, _Unknown("none of its trials could be judged")
+            continue
         first = int(trials.loc[trials["scenario"] == scenario, "seed"].min())
         try:
             draw = study.draw(scenario, first)

@@ -293,6 +293,7 @@ def test_descendants_end_with_the_driver(tmp_path):
     assert len(sleepers()) >= 3
     driver.kill()
     driver.wait()
+    driver.stdout.close()
     while sleepers() and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not sleepers()

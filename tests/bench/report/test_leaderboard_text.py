@@ -1,10 +1,9 @@
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pandas as pd
 import pytest
+from pylatexenc.latexwalker import LatexEnvironmentNode, LatexWalker
 
 from olne_bench.bench.report.leaderboard import leaderboard
 from olne_bench.bench.report.leaderboard_terminal import format_leaderboard
@@ -69,15 +68,11 @@ def test_latex(table: pd.DataFrame) -> None:
     assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {COLUMNS - 1}
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex")
-def test_latex_compiles(table: pd.DataFrame, tmp_path) -> None:
-    # Small TeX installations lack booktabs; the table itself must compile with its rules alone.
-    rules = r"\let\toprule\hline\let\midrule\hline\let\bottomrule\hline"
-    booktabs = rf"\IfFileExists{{booktabs.sty}}{{\usepackage{{booktabs}}}}{{{rules}}}"
-    head = rf"\documentclass{{article}}{booktabs}\begin{{document}}"
-    (tmp_path / "t.tex").write_text(head + latex(table) + r"\end{document}", encoding="utf-8")
-    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+def test_latex_is_well_formed(table: pd.DataFrame) -> None:
+    # Unbalanced braces, groups, mathematics and environments raise.
+    nodes, _, _ = LatexWalker(latex(table), tolerant_parsing=False).get_latex_nodes()
+    environments = [node for node in nodes if isinstance(node, LatexEnvironmentNode)]
+    assert [node.environmentname for node in environments] == ["tabular"]
 
 
 def test_the_terminal_explains_what_it_shows(table: pd.DataFrame) -> None:

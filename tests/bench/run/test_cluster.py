@@ -1,12 +1,14 @@
 """Dask: the same rows as here, the same limits, and workers that may die."""
 
 import signal
+import socket
 import time
 
 import pandas as pd
 import psutil
 import pytest
 
+from olne_bench.bench.run import cluster
 from olne_bench.bench.run.cluster import _local_cluster, check_cluster, run_on_dask
 from olne_bench.errors import UserError
 
@@ -78,3 +80,29 @@ def test_a_worker_that_dies_as_its_cluster_starts_is_started_again(monkeypatch):
     starts.clear()
     with pytest.raises(RuntimeError, match="Nanny"):
         _local_cluster(2)
+
+
+def test_a_scheduler_that_says_nothing_is_given_up(monkeypatch):
+    monkeypatch.setattr(cluster, "_CONNECT_SECONDS", 120.0)
+    monkeypatch.setattr(cluster, "_GREETING_SECONDS", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(UserError, match="no answer within 1 s"):
+            list(cluster.run_on_dask([], cluster=address))
+
+
+class Frozen:
+    """A client whose scheduler does not answer."""
+
+    status = "running"
+
+    def nthreads(self):
+        time.sleep(1000)
+
+
+def test_a_scheduler_that_freezes_is_given_up(monkeypatch):
+    monkeypatch.setattr(cluster, "_SILENCE_SECONDS", 0.3)
+    run = cluster._Run(Frozen(), cluster._Places(None, None, None), lambda: False)
+    time.sleep(0.5)
+    with pytest.raises(UserError, match=r"has not answered for 0\.3 s"):
+        run._check_connection()
