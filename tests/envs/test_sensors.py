@@ -138,3 +138,7 @@ def test_two_kinds_of_gaps_do_not_share_a_stream():
     twice = wrap(world(), (Drops(0.5), Drops(0.5)), 0.0, ONES)
     missing = np.mean([np.isnan(shown(twice, seed)).mean() for seed in range(30)])
     assert missing == pytest.approx(0.75, abs=0.04)
+
+
+def test_a_range_bearing_sensor_stands_in_the_middle_unless_told():
+    assert RangeBearing().layers() == (RangeBearingView((0.0, 0.0), 0.0, 0.1),)

@@ -103,6 +103,16 @@ def test_vehicles_do_not_run_into_an_ego_that_stands():
     assert not (ego.crashed or coming.crashed)
 
 
+@pytest.mark.parametrize("may", [True, False])
+def test_only_who_may_change_lanes_does(may):
+    road = straight_road()
+    slow = NashVehicle(road, [100, 0], speed=15, target_speed=15)
+    fast = NashVehicle(road, [60, 0], speed=28, target_speed=28, enable_lane_change=may)
+    road.vehicles = [slow, fast]
+    drive(road, 6)
+    assert (fast.target_lane_index[2] != slow.target_lane_index[2]) == may
+
+
 def test_temperaments_differ():
     reached = {}
     for name in ("cautious", "normal", "aggressive"):

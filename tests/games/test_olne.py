@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games.best_response import best_response
+from olne_bench.games.best_response import Response, best_response
 from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, rollout
 from olne_bench.games.features import ControlEffort, FinalGoal, Stage, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -260,6 +260,22 @@ class TestCertificate:
         certificate = certify(game, claimed, weights)
         assert not certificate.passed
         assert (certificate.gains > 1e-7).all()
+
+    def test_a_response_that_is_lost_certifies_nothing(
+        self,
+        crossing: Crossing,
+        crossing_equilibrium: Equilibrium,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        game, weights, _ = crossing
+        assert certify(game, crossing_equilibrium, weights).passed
+
+        def lost(game: Game, player: int, *arguments: np.ndarray) -> Response:
+            found = best_response(game, player, *arguments)
+            return replace(found, converged=player != 0)
+
+        monkeypatch.setattr("olne_bench.games.olne.best_response", lost)
+        assert not certify(game, crossing_equilibrium, weights).passed
 
     def test_gains_are_allowed_relative_to_costs(
         self, crossing: Crossing, crossing_equilibrium: Equilibrium
