@@ -20,6 +20,7 @@ from olne_bench.envs.wrappers import (
     ObservationView,
     PartialObservation,
     RangeBearing,
+    wrap,
 )
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
@@ -438,3 +439,16 @@ def test_world_without_a_layout():
 
     with pytest.raises(ValueError, match="no observation_layout"):
         AWGN(Foreign(), 0.1)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.3, 2.0])
+def test_a_stack_of_layers_has_the_noise_that_is_asked_for(sigma):
+    scale = (1.0, 1.0, 0.5, 2.0)
+    env = wrap(world(), (VIEWS["full"],), sigma, scale)
+    plain = blocks(world(), episode(world())[0])
+    noise = blocks(env, episode(env)[0]) - plain
+    if sigma == 0:
+        np.testing.assert_array_equal(noise, 0)
+        return
+    deviations = noise.reshape(-1, 4).std(axis=0)
+    np.testing.assert_allclose(deviations, sigma * np.array(scale), rtol=0.35)

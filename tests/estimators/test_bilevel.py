@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from olne_bench.estimators import bilevel
 from olne_bench.estimators.bilevel import Bilevel, OuterResiduals
 from olne_bench.estimators.forward_model import first_games
 from olne_bench.estimators.kkt_constrained import KktConstrained
@@ -81,3 +82,10 @@ def test_a_search_that_equilibria_end_is_no_optimum(seen, monkeypatch):
     result = Bilevel(starts=1).estimate(problem, observation, rng=RNG, budget=60)
     assert not result.converged
     assert result.message == "no equilibrium in the direction of descent"
+
+
+def test_a_trajectory_with_fewer_starts_repeats_its_last():
+    starts = [["a"], ["b", "c", "d"], ["e", "f"]]
+    combinations = [("a", "b", "e"), ("a", "c", "f"), ("a", "d", "f")]
+    assert bilevel._combinations(starts, 5) == combinations
+    assert bilevel._combinations(starts, 2) == combinations[:2]
