@@ -6,9 +6,12 @@ from pathlib import Path
 import click
 
 from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS, read_formats
+from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
+from olne_bench.plugins import SCENARIO, SENSOR, is_built_in
 
 #: A report that takes longer will not end [s].
 _LONGEST = 86_400.0
@@ -33,12 +36,15 @@ def report(folder: Path, figures: bool, formats: str) -> None:
 def show_report(folder: Path, formats: Sequence[str]) -> None:
     """Write a run's report, with figures in these formats, and print its leaderboard.
 
-    A report plays the scenarios once more, which may be foreign code, so a process of its own
-    makes it.
+    A report plays the scenarios once more. Where foreign code is among them, a process of its own
+    makes it, as this one imports no plugin.
 
     Raises:
         UserError: where there is no run to report on, or that process dies.
     """
+    if not _has_foreign_worlds(folder):
+        click.echo(_report_text(folder, tuple(formats)))
+        return
     child = Child()
     try:
         text = child.call(_report_text, folder, tuple(formats), kind=str, seconds=_LONGEST)
@@ -49,6 +55,16 @@ def show_report(folder: Path, formats: Sequence[str]) -> None:
     finally:
         child.stop()
     click.echo(text)
+
+
+def _has_foreign_worlds(folder: Path) -> bool:
+    with read_store(folder) as store:
+        suites = [read_suite_json(run.suite) for run in store.runs()]
+    named = {(SCENARIO, entry.name) for suite in suites for entry in suite.scenarios}
+    named |= {
+        (SENSOR, layer.name) for suite in suites for one in suite.sensors for layer in one.layers
+    }
+    return not all(is_built_in(kind, name) for kind, name in named)
 
 
 def _report_text(folder: Path, formats: tuple[str, ...]) -> str:

@@ -10,7 +10,7 @@ import pytest
 
 from olne_bench.bench.commands.cli import main
 
-PART = ["run", "quick", "--scenario", "two_player", "--view", "full", "--no-figures"]
+PART = ["run", "quick", "--scenario", "two_player", "--sensor", "full", "--no-figures"]
 
 
 def fails(capsys, *arguments):
@@ -28,7 +28,7 @@ def fails(capsys, *arguments):
     [
         (["run", "nope"], "unknown suite 'nope'; known are: field, highway, paper, quick"),
         (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
-        (["run", "quick", "--view", "x"], "no view 'x'; it has: full, partial"),
+        (["run", "quick", "--sensor", "x"], "no sensor 'x'; it has: full, partial"),
         (["run", "quick", "--estimator", "x"], "no estimator 'x'; it has: kkt_constrained"),
         (["run", "quick", "--sigma", "-1"], "no sigma -1.0; it has: 0.0"),
         (["run", "quick", "--sigma", "x"], "'x' is not a valid float"),
@@ -41,7 +41,7 @@ def fails(capsys, *arguments):
         (["check", "uniform", "--memory", "nan"], "nan is not a finite number"),
         (["check", "uniform", "--budget", "inf"], "inf is not a finite number"),
         (["run", "quick", "--frobnicate"], "known are: --out, --jobs"),
-        (["run", "quick", "--plugin", "no.py"], "no estimator file 'no.py'"),
+        (["run", "quick", "--plugin", "no.py"], "no plugin file"),
         (["frobnicate"], "known are: check, compare, estimate, gate, import, list, merge, new"),
     ],
 )
@@ -121,7 +121,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
 LIMITED = """
 name = "limited"
 scenarios = ["two_player", {name = "random", options = {num_players = 3}, seeds = 1}]
-views = ["full"]
+sensors = ["full"]
 sigmas = [0.05]
 seeds = 2
 estimators = ["uniform", {name = "kkt_residual", scenarios = ["two_player"]}]

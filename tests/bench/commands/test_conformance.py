@@ -347,7 +347,7 @@ UNMADE = """class Unmade:
     ("arguments", "expected"),
     [
         (["check", "nope"], "unknown plugin 'nope'; known are: estimators: bilevel"),
-        (["check", "nope.py:A"], "no plugin file 'nope.py'"),
+        (["check", "nope.py:A"], "nope.py'"),
         (["check", "broken.py"], "broken.py:2)"),
         (["check", "leaves.py"], "SystemExit: bye"),
         (["check", "syntax.py"], "SyntaxError: '(' was never closed ("),
@@ -362,13 +362,13 @@ UNMADE = """class Unmade:
         (["check", "interrupts.py"], "interrupts.py:1)"),
         (
             ["check", "unmade.py"],
-            "estimator 'unmade.py' cannot be made: RuntimeError: no licence (",
+            "unmade.py' cannot be made: RuntimeError: no licence (",
         ),
         (
             ["run", "quick", "--plugin", "dies.py", "--out", "o"],
             "cannot be loaded: the process was",
         ),
-        (["run", "quick", "--plugin", "unmade.py", "--out", "o"], "unmade.py:3)"),
+        (["run", "quick", "--plugin", "unmade.py", "--out", "o"], "unmade.py:4)"),
         (
             ["check", "hangs.py"],
             "plugin 'hangs.py' cannot be loaded: it takes more than 2 s",

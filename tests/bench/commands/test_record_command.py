@@ -11,6 +11,9 @@ import pytest
 from PIL import Image, ImageSequence
 
 from olne_bench.bench.commands.cli import main
+from olne_bench.bench.judge.raw_estimate import read_estimate
+from olne_bench.bench.judge.referee import Answer
+from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs import recording
 from olne_bench.envs.equilibrium import NoEquilibriumError
 from olne_bench.envs.recording_file import read_recording
@@ -117,7 +120,7 @@ def test_videos_show_moving_cars(tmp_path):
         (["random", "--out", "a.parquet", "--option", "n"], "expected NAME=VALUE"),
         (
             ["random", "--out", "a.parquet", "--option", "num_players=0"],
-            "num_players must be at least 1, got 0",
+            "num_players must be 1 to 50, got 0",
         ),
         (["random", "--out", "a.parquet", "--option", "num_players=x"], "--option: "),
     ],
@@ -301,12 +304,11 @@ def test_estimators_find_the_weights_of_tracks(tmp_path, capsys):
 def test_goals_are_where_players_were_last_seen(own_tracks, monkeypatch):
     games = []
 
-    class Spy:
-        def estimate(self, problem, observation, *, rng, budget):
-            games.append(problem.game)
-            return SimpleNamespace(weights=np.ones((2, 4)))
+    def spy(_, task):
+        games.append(task.problem.game)
+        return Answer(estimate=read_estimate(SimpleNamespace(weights=np.ones((2, 4)))))
 
-    monkeypatch.setattr("olne_bench.bench.commands.estimate.make", lambda *_: Spy())
+    monkeypatch.setattr(PlayerProcess, "estimate", spy)
     run("estimate", own_tracks, "--scenario", "two_player")
     goals = [player.task[0].goal for player in games[0].players]
     np.testing.assert_array_equal(goals, read_recording(own_tracks).states[0][-1, :, :2])
@@ -342,7 +344,7 @@ RAISES = """class Raises:
         (["--scenario", "two_player", "--budget", "inf"], "inf is not a finite number"),
         (
             ["--scenario", "two_player", "--estimator", "RAISES"],
-            "raised RuntimeError: no licence (",
+            "RuntimeError: no licence (",
         ),
         ([], "Missing option '--scenario'"),
     ],

@@ -87,7 +87,7 @@ def test_any_part_of_a_study_will_do(drawn, make_trials, tmp_path, part):
 
 
 @pytest.mark.parametrize("status", ["timeout", "crash", "invalid", "not_converged"])
-def test_failures_alone_are_drawn_as_such(make_trials, tmp_path, status):
+def test_failures_alone_are_drawn_as_such(drawn, make_trials, tmp_path, status):
     files = drawn(make_trials(status=status), tmp_path)
     # Without weights there is no landscape, but the bundles say that all failed.
     assert names(files) == expected("two_player", ("errors", "failures", "trajectories"))

@@ -124,21 +124,21 @@ def test_slider_and_player(tab: Page) -> None:
 
 
 def test_picking_estimators_and_scenarios(tab: Page) -> None:
-    both = pixels(tab, "#chart-position")
+    both = pixels(tab, "#chart-position_error")
     assert tab.locator("#bundles figure").count() == 5
     chip = tab.locator("#estimators button", has_text="kkt_constrained")
     chip.click()
     assert chip.get_attribute("aria-pressed") == "false"
     assert tab.locator("#bundles figure").count() == 3
-    assert (pixels(tab, "#chart-position") != both).any()
+    assert (pixels(tab, "#chart-position_error") != both).any()
     tab.select_option("#scenario", label="two_player")
     assert tab.locator("#weights tbody tr:not([hidden])").count() == 16
     assert tab.locator("#clock").inner_text() == "6 / 6 s"
 
 
 def test_values_on_hover_and_by_keyboard(tab: Page) -> None:
-    tab.locator("#chart-position").scroll_into_sensor_if_needed()
-    tab.locator("#chart-position").focus()
+    tab.locator("#chart-position_error").scroll_into_view_if_needed()
+    tab.locator("#chart-position_error").focus()
     tab.keyboard.press("ArrowRight")
     said = tab.locator("#tip").inner_text()
     assert "σ = " in said and "position error" in said
@@ -146,7 +146,7 @@ def test_values_on_hover_and_by_keyboard(tab: Page) -> None:
     assert tab.locator("#tip").inner_text() != said
     tab.keyboard.press("Escape")
     assert tab.locator("#tip").is_hidden()
-    box = tab.locator("#chart-cosine").bounding_box()
+    box = tab.locator("#chart-cosine_error").bounding_box()
     assert box is not None
     found = False
     for x, y in product(np.arange(0.2, 0.9, 0.05), np.arange(0.1, 0.9, 0.05)):
@@ -167,7 +167,12 @@ def test_looks(browser: Browser, page: Path, width: int, scheme: str) -> None:
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
     background = pixels(tab, "header").mean()
     assert background > 200 if scheme == "light" else background < 90
-    for selector in ("#chart-cosine", "#chart-position", "#player", "#bundles canvas >> nth=1"):
+    for selector in (
+        "#chart-cosine_error",
+        "#chart-position_error",
+        "#player",
+        "#bundles canvas >> nth=1",
+    ):
         shown = pixels(tab, selector)
         colours = np.unique(shown.reshape(-1, 3), axis=0)
         assert len(colours) > 50, f"{selector} is blank"
