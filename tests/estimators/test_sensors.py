@@ -53,7 +53,7 @@ CLOSE = {
     "particle": 0.2,
 }
 
-#: The filter loses its way on one draw in five of some sensors (docs/estimators.md), so it has five.
+#: The filter loses its way on some draws of some sensors (docs/estimators.md), so it has five.
 DRAWS = {"ukf": (0, 1, 2, 3, 4)}
 
 
