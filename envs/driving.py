@@ -1,7 +1,9 @@
 """Drivers on HighwayEnv's roads, and draws of scenarios that replay there exactly."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -90,6 +92,39 @@ def driving_scenario(
         world="highway_v0",
         noise_scale=NOISE_SCALE,
     )
+
+
+@dataclass(frozen=True)
+class RoadFamily(ABC):
+    """Draws on one of HighwayEnv's roads: what a scenario of a road has in common with the others.
+
+    Attributes:
+        name: of the road, and of the scenario.
+        players: fewest and most that the road holds.
+        num_players: N.
+
+    Raises:
+        ValueError: on a number of players that the road does not hold.
+    """
+
+    name: ClassVar[str]
+    players: ClassVar[tuple[int, int]]
+    num_players: int
+
+    def __post_init__(self) -> None:
+        check_num_players(self.name, self.num_players, *self.players)
+
+    def draw(self, seed: int = 0) -> Scenario:
+        """The first playable proposal of a seed.
+
+        Raises:
+            NoEquilibriumError: as ``draw_playable``.
+        """
+        return draw_playable(self.name, self.propose, seed, self.num_players)
+
+    @abstractmethod
+    def propose(self, rng: np.random.Generator) -> Scenario:
+        """One draw, which may be unplayable."""
 
 
 def draw_playable(

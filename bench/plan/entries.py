@@ -132,8 +132,6 @@ class MetricEntry(Strict):
         return value
 
 
-Entry = ScenarioEntry | SensorEntry | EstimatorEntry | MetricEntry
-
 #: Keys that no suite file gives: plugins do.
 LEARNT = {
     ScenarioEntry: ("family",),

@@ -5,7 +5,6 @@ each fast car to pass its own. The fast cars' task is to keep a left lane.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -13,8 +12,7 @@ import numpy as np
 from olne_bench.envs.driving import (
     FAST,
     Driver,
-    check_num_players,
-    draw_playable,
+    RoadFamily,
     draw_weights,
     driving_scenario,
 )
@@ -30,7 +28,7 @@ QUICK = (27.0, 29.0)  # [m/s]
 
 
 @dataclass(frozen=True)
-class Highway:
+class Highway(RoadFamily):
     """Pairs of a fast car behind a slow one; every seed draws others.
 
     Attributes:
@@ -38,16 +36,11 @@ class Highway:
     """
 
     name: ClassVar[str] = "highway"
+    players: ClassVar[tuple[int, int]] = PLAYERS
     num_players: int = 5
 
-    def __post_init__(self) -> None:
-        check_num_players(self.name, self.num_players, *PLAYERS)
-
-    def draw(self, seed: int = 0) -> Scenario:
-        """The first playable proposal of a seed."""
-        return draw_playable(
-            self.name, partial(propose, count=self.num_players), seed, self.num_players
-        )
+    def propose(self, rng: np.random.Generator) -> Scenario:
+        return propose(rng, self.num_players)
 
 
 def propose(rng: np.random.Generator, count: int) -> Scenario:

@@ -1,7 +1,6 @@
 """HighwayEnv's intersection: cars from different arms cross, turn left or turn right."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -9,8 +8,7 @@ import numpy as np
 from olne_bench.envs.driving import (
     TOWN,
     Driver,
-    check_num_players,
-    draw_playable,
+    RoadFamily,
     draw_weights,
     driving_scenario,
 )
@@ -26,7 +24,7 @@ SPACING = 8.0  # [m] that each further car is farther away
 
 
 @dataclass(frozen=True)
-class Intersection:
+class Intersection(RoadFamily):
     """Cars that cross or turn; every seed draws others.
 
     Attributes:
@@ -34,16 +32,11 @@ class Intersection:
     """
 
     name: ClassVar[str] = "intersection"
+    players: ClassVar[tuple[int, int]] = PLAYERS
     num_players: int = 3
 
-    def __post_init__(self) -> None:
-        check_num_players(self.name, self.num_players, *PLAYERS)
-
-    def draw(self, seed: int = 0) -> Scenario:
-        """The first playable proposal of a seed."""
-        return draw_playable(
-            self.name, partial(propose, count=self.num_players), seed, self.num_players
-        )
+    def propose(self, rng: np.random.Generator) -> Scenario:
+        return propose(rng, self.num_players)
 
 
 def propose(rng: np.random.Generator, count: int) -> Scenario:

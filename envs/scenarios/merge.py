@@ -1,7 +1,6 @@
 """HighwayEnv's merge: cars on the ramp join the right lane of a highway with cars on it."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -9,8 +8,7 @@ import numpy as np
 from olne_bench.envs.driving import (
     FAST,
     Driver,
-    check_num_players,
-    draw_playable,
+    RoadFamily,
     draw_weights,
     driving_scenario,
 )
@@ -27,7 +25,7 @@ LEFT_SPEED = (25.0, 28.0)  # [m/s], target on the left lane
 
 
 @dataclass(frozen=True)
-class Merge:
+class Merge(RoadFamily):
     """Cars on a ramp join the right lane of a highway; every seed draws others.
 
     Attributes:
@@ -35,16 +33,11 @@ class Merge:
     """
 
     name: ClassVar[str] = "merge"
+    players: ClassVar[tuple[int, int]] = PLAYERS
     num_players: int = 4
 
-    def __post_init__(self) -> None:
-        check_num_players(self.name, self.num_players, *PLAYERS)
-
-    def draw(self, seed: int = 0) -> Scenario:
-        """The first playable proposal of a seed."""
-        return draw_playable(
-            self.name, partial(propose, count=self.num_players), seed, self.num_players
-        )
+    def propose(self, rng: np.random.Generator) -> Scenario:
+        return propose(rng, self.num_players)
 
 
 def propose(rng: np.random.Generator, count: int) -> Scenario:

@@ -1,7 +1,6 @@
 """HighwayEnv's roundabout: cars on the ring meet cars that enter it."""
 
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import ClassVar
 
@@ -10,8 +9,7 @@ import numpy as np
 from olne_bench.envs.driving import (
     TOWN,
     Driver,
-    check_num_players,
-    draw_playable,
+    RoadFamily,
     draw_weights,
     driving_scenario,
 )
@@ -28,7 +26,7 @@ RING_PLACE = (0.0, 12.0)  # [m] along the ring's segment before the entry
 
 
 @dataclass(frozen=True)
-class Roundabout:
+class Roundabout(RoadFamily):
     """Cars on the ring and cars that enter it; every seed draws others.
 
     Attributes:
@@ -36,16 +34,11 @@ class Roundabout:
     """
 
     name: ClassVar[str] = "roundabout"
+    players: ClassVar[tuple[int, int]] = PLAYERS
     num_players: int = 3
 
-    def __post_init__(self) -> None:
-        check_num_players(self.name, self.num_players, *PLAYERS)
-
-    def draw(self, seed: int = 0) -> Scenario:
-        """The first playable proposal of a seed."""
-        return draw_playable(
-            self.name, partial(propose, count=self.num_players), seed, self.num_players
-        )
+    def propose(self, rng: np.random.Generator) -> Scenario:
+        return propose(rng, self.num_players)
 
 
 def propose(rng: np.random.Generator, count: int) -> Scenario:

@@ -1,7 +1,6 @@
 """HighwayEnv's two-way road: a car overtakes on the lane of the oncoming traffic and returns."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -9,8 +8,7 @@ import numpy as np
 from olne_bench.envs.driving import (
     FAST,
     Driver,
-    check_num_players,
-    draw_playable,
+    RoadFamily,
     draw_weights,
     driving_scenario,
 )
@@ -29,7 +27,7 @@ QUICK = (24.0, 27.0)  # [m/s]
 
 
 @dataclass(frozen=True)
-class TwoWay:
+class TwoWay(RoadFamily):
     """One car overtakes against oncoming traffic; every seed draws others.
 
     Attributes:
@@ -38,16 +36,11 @@ class TwoWay:
     """
 
     name: ClassVar[str] = "two_way"
+    players: ClassVar[tuple[int, int]] = PLAYERS
     num_players: int = 3
 
-    def __post_init__(self) -> None:
-        check_num_players(self.name, self.num_players, *PLAYERS)
-
-    def draw(self, seed: int = 0) -> Scenario:
-        """The first playable proposal of a seed."""
-        return draw_playable(
-            self.name, partial(propose, count=self.num_players), seed, self.num_players
-        )
+    def propose(self, rng: np.random.Generator) -> Scenario:
+        return propose(rng, self.num_players)
 
 
 def propose(rng: np.random.Generator, count: int) -> Scenario:
