@@ -1,17 +1,18 @@
 """``olne-bench report``: tables, page and figures of a run, once more."""
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import click
 
 from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS, read_formats
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
-from olne_bench.plugins import SCENARIO, SENSOR, is_built_in
 
 #: A report that takes longer will not end [s].
 _LONGEST = 86_400.0
@@ -60,11 +61,8 @@ def show_report(folder: Path, formats: Sequence[str]) -> None:
 def _has_foreign_worlds(folder: Path) -> bool:
     with read_store(folder) as store:
         suites = [read_suite_json(run.suite) for run in store.runs()]
-    named = {(SCENARIO, entry.name) for suite in suites for entry in suite.scenarios}
-    named |= {
-        (SENSOR, layer.name) for suite in suites for one in suite.sensors for layer in one.layers
-    }
-    return not all(is_built_in(kind, name) for kind, name in named)
+    pairs = [pair for suite in suites for pair in product(suite.scenarios, suite.sensors)]
+    return any(foreign_worlds(scenario, sensor) for scenario, sensor in pairs)
 
 
 def _report_text(folder: Path, formats: tuple[str, ...]) -> str:

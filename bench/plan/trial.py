@@ -33,6 +33,12 @@ LABEL_COLUMNS = {
 KEY_COLUMNS = ("scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "parameters")
 
 
+def foreign_worlds(scenario: ScenarioEntry, sensor: SensorEntry) -> tuple[str, ...]:
+    """References of a scenario and of layers of a sensor that are not built in."""
+    named = [(SCENARIO, scenario.name), *((SENSOR, layer.name) for layer in sensor.layers)]
+    return tuple(dict.fromkeys(name for kind, name in named if not is_built_in(kind, name)))
+
+
 @dataclass(frozen=True)
 class Trial:
     """One estimator on one observation.
@@ -72,10 +78,8 @@ class Trial:
 
     @property
     def home_plugins(self) -> tuple[str, ...]:
-        """Foreign code among what the trial is played with: its scenario and its sensor."""
-        named = [(SCENARIO, self.scenario.name)]
-        named += [(SENSOR, layer.name) for layer in self.sensor.layers]
-        return tuple(dict.fromkeys(name for kind, name in named if not is_built_in(kind, name)))
+        """Foreign code among what the trial is played with."""
+        return foreign_worlds(self.scenario, self.sensor)
 
     @property
     def key(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from olne_bench import plugins
 from olne_bench.bench.judge.referee import layers_of
 from olne_bench.bench.plan.entries import ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError, StartError
 from olne_bench.bench.run.describing import LOAD_LIMIT, LOAD_MEMORY
 from olne_bench.envs.recording import NoEquilibriumError
@@ -36,7 +37,7 @@ def check_fit(suite: Suite, hidden: Path | None = None) -> None:
         UserError: naming the first such pair.
     """
     for scenario, sensor in product(suite.scenarios, suite.sensors):
-        if _is_built_in(scenario, sensor):
+        if not foreign_worlds(scenario, sensor):
             problem = _problem(sensor, None)
         else:
             problem = _asked(scenario, sensor, hidden)
@@ -45,12 +46,6 @@ def check_fit(suite: Suite, hidden: Path | None = None) -> None:
                 f"suite {suite.name!r}: sensor {sensor.label!r} does not fit scenario "
                 f"{scenario.label!r}: {problem}"
             )
-
-
-def _is_built_in(scenario: ScenarioEntry, sensor: SensorEntry) -> bool:
-    return plugins.is_built_in(plugins.SCENARIO, scenario.name) and all(
-        plugins.is_built_in(plugins.SENSOR, layer.name) for layer in sensor.layers
-    )
 
 
 def _asked(scenario: ScenarioEntry, sensor: SensorEntry, hidden: Path | None) -> str:
