@@ -21,9 +21,10 @@ by a quadratic term, which is then dropped at once or in two steps.
 Several trajectories share one theta (``joint_ipopt``). The covariance of the weights is the
 inverse of the Fisher information at the estimate (``games.information``).
 
-IPOPT, the reference, which also serves where there is no compiler, takes three starts: the
-observations, the pre-solve (eqn. pre_solve), which is the paper's own start, and the solution of
-the tied problem.
+IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which is
+the paper's own start, and the solution of the tied problem. It also serves where there is no
+compiler, and where no start of the structured solver converges: that solver inverts G_z, which is
+singular where the optimum lies at a fold of the game's roots.
 """
 
 import time
@@ -131,14 +132,10 @@ class KktConstrained:
 
     def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
         if self._uses_ipopt(problem):
-            solutions = self._ipopt_attempts(problem, y)
-        else:
-            solutions = self._structured_attempts(problem, y, deadline)
-        attempts = []
-        for attempt in solutions:
-            attempts.append(attempt)
-            if time.monotonic() > deadline:
-                break
+            return _in_time(self._ipopt_attempts(problem, y), deadline)
+        attempts = _in_time(self._structured_attempts(problem, y, deadline), deadline)
+        if not any(attempt.converged for attempt in attempts) and time.monotonic() < deadline:
+            attempts += _in_time(self._ipopt_attempts(problem, y), deadline)
         return attempts
 
     def _several(
@@ -253,6 +250,16 @@ class _Search:
         settings = replace(settings, limit=max(0.0, self._deadline - time.monotonic()))
         problem = self._problem
         return solve_joint(problem.game, problem.view, self._y, start, settings, known=known)
+
+
+def _in_time(solutions: Iterator[JointSolution], deadline: float) -> list[JointSolution]:
+    """The first solution, and those after it that begin before the deadline."""
+    attempts = []
+    for attempt in solutions:
+        attempts.append(attempt)
+        if time.monotonic() > deadline:
+            break
+    return attempts
 
 
 def _lowest(attempts: list[JointSolution]) -> JointSolution:

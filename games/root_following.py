@@ -22,6 +22,8 @@ def follow_root(
     """The root at other weights, from the same initial state.
 
     Followed from the known one; where it is lost, by continuation in the coupling between players.
+    Independent players then start from the known controls, and last from coasting, as the forward
+    solver does (``games.olne``): either start loses some games that the other solves.
 
     Args:
         game: the game.
@@ -30,10 +32,13 @@ def follow_root(
         weights: (N, K) those wanted.
 
     Returns:
-        None where neither finds a root within a few dozen steps.
+        None where no way leads to a root within a few dozen steps.
     """
-    followed = follow_weights(game, known, known_weights, weights)
-    return followed or _from_independent_players(game, known, weights)
+    return (
+        follow_weights(game, known, known_weights, weights)
+        or from_independent_players(game, known.states[0], known.controls, weights)
+        or from_independent_players(game, known.states[0], np.zeros(game.control_shape), weights)
+    )
 
 
 def follow_weights(
@@ -47,8 +52,11 @@ def follow_weights(
     return batch.root(0) if batch.converged[0] else None
 
 
-def _from_independent_players(game: Game, known: Root, weights: np.ndarray) -> Root | None:
+def from_independent_players(
+    game: Game, initial_state: np.ndarray, controls: np.ndarray, weights: np.ndarray
+) -> Root | None:
+    """The other parts: the coupling between players grows from none, or None."""
     root = follow_coupling(
-        game, weights, known.states[0], known.controls, max_factorisations=_COUPLING_STEPS
+        game, weights, initial_state, controls, max_factorisations=_COUPLING_STEPS
     )
     return root if root is not None and root.residual < RESIDUAL_TOLERANCE else None

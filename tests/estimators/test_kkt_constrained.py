@@ -1,11 +1,16 @@
 """The joint method as an estimator."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from olne_bench.envs.recording import record
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators import kkt_constrained as module
 from olne_bench.estimators.bilevel import Bilevel
+from olne_bench.estimators.joint_problem import JointSolution, Status
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.observation import VIEWS, observe
@@ -61,6 +66,24 @@ def test_starts_that_disagree_call_for_more() -> None:
     hard = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
     assert hard.converged
     assert hard.extras["starts"] == 6
+
+
+def test_ipopt_serves_where_no_start_of_the_structured_solver_converges(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem, y = observed("full", 0.01)
+    own = module.solve_joint
+
+    def lost(*arguments: Any, **options: Any) -> JointSolution:
+        return replace(own(*arguments, **options), status=Status.NO_STEP)
+
+    monkeypatch.setattr(module, "solve_joint", lost)
+    rescued = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
+    expected = KktConstrained(solver="ipopt").estimate(problem, Observation(y), rng=RNG, budget=60)
+    assert rescued.converged
+    np.testing.assert_array_equal(rescued.weights, expected.weights)
+    late = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=0)
+    assert not late.converged
 
 
 @pytest.mark.parametrize("solver", ["structured", "ipopt"])

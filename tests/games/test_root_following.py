@@ -51,3 +51,17 @@ def test_where_one_way_is_lost_the_next_is_tried(
 def test_no_root_is_none(known: Known) -> None:
     game, root, weights = known
     assert root_following.follow_root(game, root, weights, HOPELESS) is None
+
+
+def test_coasting_leads_where_the_known_controls_do_not(known: Known) -> None:
+    """An estimate of the paper's study, beyond a fold of the roots that lead from the truth."""
+    game, root, weights = known
+    other = game.check_weights(np.array([[0.09, 0.10, 0.60, 0.21], [0.35, 0.37, 0.07, 0.21]]))
+    first = root.states[0]
+    assert root_following.follow_weights(game, root, weights, other) is None
+    assert root_following.from_independent_players(game, first, root.controls, other) is None
+    followed = root_following.follow_root(game, root, weights, other)
+    assert followed is not None
+    expected = solve_olne(game, other, first)
+    assert expected.certificate.passed
+    np.testing.assert_allclose(followed.states, expected.states, atol=1e-7)
