@@ -11,6 +11,7 @@ import os
 import re
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -44,6 +45,8 @@ jupyter:
 
 """
 _IMAGES = {"image/png": "png", "image/gif": "gif"}
+_STYLE = re.compile(r"<style.*?</style>\s*", re.DOTALL)
+_FRAME = '<table border="1" class="dataframe">'
 _RESULT = re.compile(r"\]\((?:\.\./)*(results/[^)\s#]+)\)")
 _LINK = re.compile(r"\]\(([^)\s#:]+)(#[^)\s]*)?\)")
 #: What a browser fetches by itself. Links that a reader clicks are no part of it.
@@ -110,7 +113,10 @@ def _tutorials(files: Files) -> list[File]:
 
 
 def _executed(text: str, name: str) -> str:
-    """A notebook as Markdown, with the outputs of its cells."""
+    """A notebook as Markdown, with the outputs of its cells.
+
+    Progress bars, which go to standard error, are left out.
+    """
     notebook = jupytext.reads(_KERNEL + text, fmt="md")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     with tempfile.TemporaryDirectory() as folder:
@@ -132,18 +138,24 @@ def _cell(cell: NotebookNode) -> str:
     source, language = cell.source, "python"
     if source.startswith("%%sh\n"):
         source, language = source.removeprefix("%%sh\n"), "sh"
-    return "\n\n".join([f"```{language}\n{source}\n```", *map(_output, cell.outputs)])
+    printed = "".join(
+        output.text
+        for output in cell.outputs
+        if output.output_type == "stream" and output.name == "stdout"
+    )
+    shown = [_shown(output.data) for output in cell.outputs if output.output_type != "stream"]
+    parts = [f"```{language}\n{source}\n```"]
+    if printed:
+        parts.append(f"```text\n{printed.rstrip()}\n```")
+    return "\n\n".join([*parts, *shown])
 
 
-def _output(output: Any) -> str:
-    """What a cell printed or returned; progress bars on standard error are left out."""
-    if output.output_type == "stream":
-        return f"```text\n{output.text.rstrip()}\n```" if output.name == "stdout" else ""
-    data = output.data
+def _shown(data: Mapping[str, str]) -> str:
+    """What a cell returned, as the richest of the forms that it offers."""
     for kind, suffix in _IMAGES.items():
         if kind in data:
             encoded = "".join(data[kind].split())
             return f"![Output](data:image/{suffix};base64,{encoded})"
-    if "text/html" in data:
-        return str(data["text/html"])
+    if "text/html" in data:  # a data frame, in the site's own style
+        return _STYLE.sub("", data["text/html"]).replace(_FRAME, "<table>")
     return f"```text\n{data['text/plain']}\n```"
