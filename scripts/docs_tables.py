@@ -16,7 +16,8 @@ from paper_claims import claims_of, line
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
-PAGES = ("README.md", "docs/study.md")
+PAPER = ["two_player", "highway_overtaking"]
+PAGES = ("README.md", "docs/estimators.md", "docs/study.md")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -63,13 +64,52 @@ def field() -> str:
     return _markdown(["Estimator", *wide.columns], rows, left=1)
 
 
+def times() -> str:
+    """Median time [ms] of one estimate: the paper's scenarios, and the median of the roads."""
+    board = _leaderboard("field")
+    board["where"] = board["scenario"].where(board["scenario"].isin(PAPER), "roads")
+    board["ms"] = 1e3 * board["solve_seconds_median"]
+    wide = board.pivot_table("ms", "estimator", "where", "median")[[*PAPER, "roads"]]
+    rows = [[name, *map(_number, values)] for name, *values in wide.itertuples()]
+    return _markdown(["Estimator", *wide.columns], rows, left=1)
+
+
+def coverage() -> str:
+    """Share of 95 % ellipsoids that hold the truth, by noise level."""
+    trials = pd.read_parquet(RESULTS / "paper" / "trials.parquet")
+    trials = trials[trials["sigma"].isin([0.001, 0.005, 0.01, 0.02, 0.05, 0.1])]
+    by = ["scenario", "sensor", "estimator"]
+    wide = trials.dropna(subset="covers_truth").pivot_table("covers_truth", by, "sigma")
+    rows = [[*keys, *(f"{share:.0%}" for share in row)] for keys, *row in wide.itertuples()]
+    heads = ["Scenario", "Sensor", "Estimator", *(f"{sigma:g} m" for sigma in wide.columns)]
+    return _markdown(heads, rows, left=3)
+
+
+def exponents() -> str:
+    """How errors fall with the number of trajectories: exponents with 95 % intervals."""
+    table = pd.read_csv(RESULTS / "several_trajectories" / "exponents.csv")
+    table = table.rename(columns={"view": "sensor"})
+    bounds = table[["exponent", "exponent_low", "exponent_high"]].itertuples(index=False)
+    table["shown"] = [f"{a:.2f} [{low:.2f}, {high:.2f}]" for a, low, high in bounds]
+    by = ["sensor", "sigma"]
+    wide = table.pivot_table("shown", by, "estimator", aggfunc="first")
+    limit = table.groupby(by)["limit_exponent"].first()
+    rows = [
+        [sensor, f"{sigma:g}", *cells, f"{limit[sensor, sigma]:.2f}"]
+        for (sensor, sigma), *cells in wide.itertuples()
+    ]
+    return _markdown(["Sensor", "Noise [m]", *wide.columns, "Cramér-Rao limit"], rows, left=1)
+
+
 def claims() -> str:
     """What ``scripts/paper_claims.py`` prints."""
     lines = [line(claim) for claim in claims_of(RESULTS / "paper")]
     return "\n".join(["```text", *lines, "```"])
 
 
-TABLES: dict[str, Callable[[], str]] = {"paper": paper, "field": field, "claims": claims}
+TABLES: dict[str, Callable[[], str]] = {
+    table.__name__: table for table in (paper, field, times, coverage, exponents, claims)
+}
 
 
 def _leaderboard(name: str) -> pd.DataFrame:
