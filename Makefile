@@ -22,7 +22,7 @@ help:
 	@echo "make test         linter, type checker and tests"
 	@echo "make check        linter and type checker"
 	@echo "make results      copy tables and figures of bench and field to results/"
-	@echo "make clean        remove the virtual environment and caches, keep runs"
+	@echo "make clean        remove the virtual environment, the site and caches, keep runs"
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=/path/to/python3.11")'
@@ -91,4 +91,4 @@ results: setup
 	du -sk results | awk '{ if ($$1 > 10240) { print "results/ has " $$1 " KiB; at most 10 MiB are kept"; exit 1 } }'
 
 clean:
-	rm -rf $(VENV) *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) site *.egg-info .pytest_cache .mypy_cache .ruff_cache
