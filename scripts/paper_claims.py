@@ -83,20 +83,15 @@ def claims_of(folder: Path) -> list[Claim]:
     return [*failures(trials), *statistical_limit(trials), *data_fidelity(trials)]
 
 
-def line(claim: Claim) -> str:
-    """A claim as it is printed."""
-    verdict = "holds" if claim.holds else "FAILS"
-    bounds = f"[{claim.low:g}, {claim.high:g}]"
-    return f"{verdict}  {claim.text:<75} {claim.value:>10.4g}  {bounds}"
-
-
 def main() -> None:
     """Read a run folder and check all claims."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="run folder with trials.parquet")
     claims = claims_of(parser.parse_args().folder)
     for claim in claims:
-        print(line(claim))
+        verdict = "holds" if claim.holds else "FAILS"
+        bounds = f"[{claim.low:g}, {claim.high:g}]"
+        print(f"{verdict}  {claim.text:<75} {claim.value:>10.4g}  {bounds}")
     sys.exit(not all(claim.holds for claim in claims))
 
 
