@@ -29,7 +29,9 @@ def read(path: Path, part: str | None) -> Tracks:
     told = [name for name in (*_NUMBERS, "psi_rad") if name in rows]
     rows = numbers(path, rows, told)
     moving = direction(rows["vx"], rows["vy"])
-    heading = np.where(rows["psi_rad"].notna(), rows["psi_rad"], moving) if len(told) > 5 else moving
+    heading = (
+        np.where(rows["psi_rad"].notna(), rows["psi_rad"], moving) if len(told) > 5 else moving
+    )
     table = pd.DataFrame(
         {
             "time": rows["timestamp_ms"] / 1000,

@@ -69,7 +69,7 @@ def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
             f"{path}: {len(names)} players, at most {MOST_PLAYERS} make a game; choose a shorter "
             f"--window or --players; there are: {listed(names)}"
         )
-    by_player = {player: rows for player, rows in table.groupby("player", sort=False)}
+    by_player = dict(list(table.groupby("player", sort=False)))
     own = float((times[-1] - times[0]) / (len(times) - 1))
     rounding = _ROUNDING if excerpt.step else _SAME * own
     columns = [_resampled(by_player[name], times, rounding) for name in names]
@@ -83,18 +83,14 @@ def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
     return Grid(times, names, states, tuple(notes))
 
 
-def _window(
-    path: Path, table: pd.DataFrame, window: tuple[float, float] | None
-) -> pd.DataFrame:
+def _window(path: Path, table: pd.DataFrame, window: tuple[float, float] | None) -> pd.DataFrame:
     if window is None or table.empty:
         return table
     first, last = window
     inside = table["time"].between(first - _ROUNDING, last + _ROUNDING)
     if not inside.any():
         low, high = table["time"].min(), table["time"].max()
-        raise UserError(
-            f"--window {first:g},{last:g}: {path} has times from {low:g} to {high:g} s"
-        )
+        raise UserError(f"--window {first:g},{last:g}: {path} has times from {low:g} to {high:g} s")
     return table[inside]
 
 
@@ -115,7 +111,9 @@ def _chosen(
     if len(brief) == len(known):
         return table, []  # there is nothing to choose from; the checks say what is wrong
     kept = table[~table["player"].isin(brief)]
-    return kept, [f"left out, seen less than {FEWEST_STEPS} times: {listed(brief)}"] if brief else []
+    return kept, [
+        f"left out, seen less than {FEWEST_STEPS} times: {listed(brief)}"
+    ] if brief else []
 
 
 def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:

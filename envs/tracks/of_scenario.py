@@ -8,8 +8,13 @@ from olne_bench.envs.lane_curves import lane_curve
 from olne_bench.envs.layout import player_name
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.tracks.road import Road, RoadLane
-from olne_bench.envs.tracks.road_file import LaneEntry, PlayerEntry, RoadFile, curve_entry
-from olne_bench.envs.tracks.road_file import lane_entries
+from olne_bench.envs.tracks.road_file import (
+    LaneEntry,
+    PlayerEntry,
+    RoadFile,
+    curve_entry,
+    lane_entries,
+)
 from olne_bench.games.features import FinalGoal, StateDeviation
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import Lane, LaneKeeping

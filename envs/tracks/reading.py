@@ -114,5 +114,3 @@ def _recording(grid: Grid, road: RoadFile | None) -> RecordingFile:
     )
     none = np.empty((len(grid.times) - 1, len(grid.players), 0))
     return RecordingFile(metadata, (grid.times,), (grid.states,), (none,))
-
-

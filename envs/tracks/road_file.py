@@ -21,7 +21,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -91,7 +90,7 @@ class LaneEntry(_Strict):
 
     points: list[_Pair] | None = None
     curves: list[CurveEntry] | None = None
-    width: float = Field(DEFAULT_WIDTH, gt=0)
+    width: float = Field(default=DEFAULT_WIDTH, gt=0)
     following: list[str] = []
 
     @model_validator(mode="after")
@@ -123,8 +122,8 @@ class PlayerEntry(_Strict):
     """
 
     targets: dict[str, float] = {}
-    lanes: list[str] | None = Field(None, min_length=1)
-    blend: float | None = Field(None, gt=0)
+    lanes: list[str] | None = Field(default=None, min_length=1)
+    blend: float | None = Field(default=None, gt=0)
     goal: _Pair | None = None
 
 
@@ -234,11 +233,3 @@ def lane_entries(road: Road) -> dict[str, LaneEntry]:
 def route_curves(lanes: Mapping[str, LaneEntry], names: Sequence[str]) -> tuple[Lane, ...]:
     """The curves of a route of named lanes, one after the other."""
     return tuple(curve for name in names for curve in lanes[name].lane().curves)
-
-
-def player_entry_of(targets: Mapping[str, float], goal: np.ndarray | None) -> PlayerEntry:
-    """An entry without lanes."""
-    return PlayerEntry(
-        targets={name: float(value) for name, value in targets.items()},
-        goal=None if goal is None else (float(goal[0]), float(goal[1])),
-    )

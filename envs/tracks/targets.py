@@ -9,6 +9,7 @@ from olne_bench.envs.tracks.matching import driven, route
 from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import PlayerEntry, RoadFile, route_curves
+from olne_bench.errors import UserError
 from olne_bench.games.features import Feature, FinalGoal, StateDeviation
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import LaneKeeping
@@ -111,11 +112,20 @@ class Targets:
         return replace(term, target=float(target))
 
     def _from_data(self, name: str, everybody: list[float]) -> tuple[float, str]:
-        """The target of a component that nothing but the track tells."""
+        """The target of a component that nothing but the track tells, and how.
+
+        Raises:
+            UserError: where the track does not tell it either.
+        """
         if name == "speed":
             return float(np.nanmedian(self.motion.speeds)), "median speed"
         if name == "heading":
             return float(np.nanmedian(self.motion.headings)), "median heading"
+        if name not in ("px", "py"):
+            raise UserError(
+                f"nothing tells the target of {name!r} of player {self.player!r}; give it in a "
+                "TOML file to 'olne-bench import --road'"
+            )
         column = ("px", "py").index(name)
         last = float(self.motion.positions[self.motion.seen][-1, column])
         nearest = min(everybody, key=lambda value: abs(value - last))
