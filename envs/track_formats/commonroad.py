@@ -29,7 +29,7 @@ def read(path: Path, part: str | None) -> Tracks:
             skipped.append(str(obstacle.obstacle_id))
             continue
         for state in [obstacle.initial_state, *trajectory.state_list]:
-            rows.append(_row(path, scenario.dt, obstacle.obstacle_id, state))
+            rows.append(_row(path, scenario.dt, obstacle, state))
     lanes = {
         str(lanelet.lanelet_id): RoadLane(
             curves_through(lanelet.center_vertices),
@@ -68,10 +68,14 @@ def _scenario(path: Path) -> Any:
     return scenario
 
 
-def _row(path: Path, dt: float, number: int, state: Any) -> tuple[Any, ...]:
-    position = state.position
+def _row(path: Path, dt: float, obstacle: Any, state: Any) -> tuple[Any, ...]:
+    """One row of the table; a shape may have its origin elsewhere than in its centre."""
+    position, number = state.position, obstacle.obstacle_id
     if not isinstance(position, np.ndarray) or not isinstance(state.time_step, int):
         raise UserError(f"{path}: obstacle {number} has uncertain states; expected exact ones")
     known = (getattr(state, name, None) for name in ("orientation", "velocity"))
     heading, speed = (np.nan if value is None else float(value) for value in known)
-    return dt * state.time_step, str(number), *map(float, position[:2]), heading, speed
+    ahead = float(getattr(obstacle.obstacle_shape, "origin_x_shift", 0.0))
+    if ahead != 0.0:
+        position = position[:2] - ahead * np.array([np.cos(heading), np.sin(heading)])
+    return dt * state.time_step, str(number), float(position[0]), float(position[1]), heading, speed

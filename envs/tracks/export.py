@@ -121,13 +121,13 @@ def renamed(road: RoadFile, names: dict[str, str]) -> RoadFile:
 
 
 def _obstacle(number: int, motion: Motion) -> Any:
-    from commonroad.geometry.shape import Rectangle
+    from commonroad.geometry.obstacle_shapes.rect_obstacle_shape import RectObstacleShape
     from commonroad.prediction.prediction import TrajectoryPrediction
     from commonroad.scenario.obstacle import DynamicObstacle, ObstacleType
     from commonroad.scenario.state import InitialState, KSState
     from commonroad.scenario.trajectory import Trajectory
 
-    shape = Rectangle(length=CAR_LENGTH, width=CAR_WIDTH)
+    shape = RectObstacleShape(width=CAR_WIDTH, length=CAR_LENGTH)
     first, *later = (
         {
             "time_step": int(k),

@@ -6,7 +6,7 @@ change. The likeliest sequence is found by dynamic programming (Viterbi).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,9 +74,27 @@ def route(road: Road, legs: Sequence[Leg]) -> tuple[tuple[Lane, ...], list[str]]
         earlier = [k for k, name in enumerate(ends[:-1]) if name == ends[-1]]
         for leg in group[earlier[-1] + 1 :] if earlier else group[-1:]:
             lane = road.lanes[leg.lane]
-            curves += _until(lane, leg.until) if leg.changed else lane.curves
+            for curve in _until(lane, leg.until) if leg.changed else lane.curves:
+                _append(curves, curve)
             names.append(leg.lane)
     return tuple(curves), names
+
+
+def _append(curves: list[Lane], curve: Lane) -> None:
+    """Add a curve; one that goes on like the last is joined with it, as blending costs time."""
+    last = curves[-1] if curves else None
+    if isinstance(last, ArcLane) and isinstance(curve, ArcLane):
+        turn = curve.end_phase - curve.start_phase
+        on = np.sign(turn) == np.sign(last.end_phase - last.start_phase)
+        if on and np.allclose([*last.centre, last.radius], [*curve.centre, curve.radius]):
+            curves[-1] = replace(last, end_phase=last.end_phase + turn)
+            return
+    if isinstance(last, StraightLane) and isinstance(curve, StraightLane):
+        end = np.asarray(last.start) + last.length * np.asarray(last.direction)
+        if np.allclose(last.direction, curve.direction) and np.allclose(end, curve.start):
+            curves[-1] = replace(last, length=last.length + curve.length)
+            return
+    curves.append(curve)
 
 
 def _cheapest(costs: np.ndarray, step_cost: np.ndarray) -> list[int]:

@@ -12,6 +12,7 @@ from olne_bench.games.lanes import LaneKeeping
 
 MARGIN = 1.0  # [m] beside a lane that a car may still be
 TOLERATED = 0.2  # of a car's samples that may be off the road, or against the lanes
+_FAR = 1e4  # [m]
 _HINT = (
     "'olne-bench import' changes frames by --shift, --flip-y and --rotate, leaves players out by "
     "--players, and takes other lanes by --road"
@@ -65,9 +66,15 @@ def lane_warnings(
             if not isinstance(term, LaneKeeping):
                 continue
             lane = RoadLane(term.route)
-            beside = float(locate(lane.line, last).distance[0])
+            beside = float(locate(_extended(lane.line), last).distance[0])
             if beside > lane.width / 2 + MARGIN + 2 * noise:
                 warnings.append(
                     f"player {name!r} ends {beside:.1f} m beside the lanes that it is taken to keep"
                 )
     return warnings
+
+
+def _extended(line: np.ndarray) -> np.ndarray:
+    """A line of points (P, 2) that goes straight on: the last lane of a route has no end."""
+    onward = line[-1] - line[-2]
+    return np.vstack([line, line[-1] + _FAR * onward / np.linalg.norm(onward)])

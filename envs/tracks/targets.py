@@ -151,7 +151,7 @@ class Targets:
             curves = route_curves(self.known.file.lanes, told.lanes)
             return replace(term, route=curves, blend=told.blend or self._usual_blend())
         if self.drawn is not None:
-            self._note("lanes", f"{len(term.route)} of its own", DRAW)
+            self._note("lanes", _count(len(term.route)), DRAW)
             return term
         assert self.known.road is not None, "a road is looked for where lanes matter"
         curves, names = route(self.known.road, driven(self.known.road, self.motion))
@@ -166,3 +166,7 @@ class Targets:
             for term in player.task
             if isinstance(term, LaneKeeping)
         )
+
+
+def _count(lanes: int) -> str:
+    return f"{lanes} lane{'s'[: lanes > 1]}"
