@@ -1,5 +1,6 @@
 """A recording's motion as a file that others read, with a road file beside it."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -109,7 +110,8 @@ def write_commonroad(path: Path, episode: Episode) -> dict[str, str]:
         decimal_precision=_DECIMALS,
         file_format=FileFormat.XML,
     )
-    with whole_file(path) as unfinished:
+    with whole_file(path) as unfinished, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of lanelets without a type
         writer.write_to_file(str(unfinished), OverwriteExistingFile.ALWAYS)
     return numbers
 

@@ -91,6 +91,10 @@ def _road(
     players = {name: entry for name, entry in known.players.items() if name in grid.players}
     lanes = known.lanes or (lane_entries(tracks.road) if tracks.road else {})
     known = known.model_copy(update={"players": players, "lanes": lanes})
+    try:
+        known.check_lanes()
+    except ValueError as error:
+        raise UserError(f"{road}: {error}") from error
     return known, [f"lanes and targets: {len(known.lanes)} lanes, {len(players)} players of {road}"]
 
 

@@ -142,6 +142,16 @@ class RoadFile(_Strict):
 
     @model_validator(mode="after")
     def _knows_its_lanes(self) -> "RoadFile":
+        if self.lanes:  # else they are those of a map
+            self.check_lanes()
+        return self
+
+    def check_lanes(self) -> None:
+        """Refuse names of lanes that are not there.
+
+        Raises:
+            ValueError: naming who names it, and the lanes that there are.
+        """
         named = [
             *((f"lane {name!r}", lane.following) for name, lane in self.lanes.items()),
             *((f"player {name!r}", player.lanes or []) for name, player in self.players.items()),
@@ -151,7 +161,6 @@ class RoadFile(_Strict):
                 if lane not in self.lanes:
                     known = listed(list(self.lanes)) or "none"
                     raise ValueError(f"{who} names the lane {lane!r}; there are: {known}")
-        return self
 
     def road(self) -> Road | None:
         """The lanes as a road; None where there are none."""
