@@ -20,6 +20,12 @@ from scipy.interpolate import CubicSpline
 from olne_bench.envs.track_formats.ngsim import FOOT
 from olne_bench.envs.tracks.export import CAR_LENGTH, CAR_WIDTH, Episode, write_commonroad
 from olne_bench.envs.tracks.reading import read_tracks
+from olne_bench.envs.tracks.road_file import (
+    PlayerEntry,
+    RoadFile,
+    read_road_file,
+    write_road_file,
+)
 
 LATE = 0.8  # [s] until which the last car is not seen
 DECIMALS = 6
@@ -67,6 +73,20 @@ def write_highd(folder: Path, rows: pd.DataFrame) -> None:
     markings = ";".join(f"{lane - 2:g}" for lane in LANES) + f";{LANES[-1] + 2:g}"
     text = f"id,frameRate,upperLaneMarkings,lowerLaneMarkings\n1,25,,{markings}\n"
     (folder / "highd_recordingMeta.csv").write_text(text)
+
+
+def write_highd_targets(folder: Path) -> None:
+    """The targets of ``highway.toml`` for the cars and the lanes of highD."""
+    known = read_road_file(folder / "highway.toml")
+    players = {
+        str(k): PlayerEntry(
+            targets=entry.targets,
+            lanes=[f"lower_{int(name[-1]) + 1}" for name in entry.lanes or []],
+        )
+        for k, entry in enumerate(known.players.values(), start=1)
+    }
+    road = RoadFile(scenario=known.scenario, players=players)
+    write_road_file(folder / "highd_tracks.toml", road)
 
 
 def write_ind(folder: Path, rows: pd.DataFrame) -> None:
@@ -160,6 +180,7 @@ def write_all(folder: Path) -> None:
     times, states = known.times[0], known.states[0]
     often, tenths = Motion.of(times, states, 25).rows, Motion.of(times, states, 10).rows
     write_highd(folder, often)
+    write_highd_targets(folder)
     write_ind(folder, tenths)
     write_ngsim(folder, tenths)
     write_interaction(folder, tenths)

@@ -1,7 +1,10 @@
 """The road and the players' targets of a scenario, as plain data."""
 
+from dataclasses import replace
 from functools import lru_cache
 from itertools import count
+
+import numpy as np
 
 from olne_bench.envs.highway_roads import ROAD_NAMES, road_network
 from olne_bench.envs.lane_curves import lane_curve
@@ -19,6 +22,8 @@ from olne_bench.games.features import FinalGoal, StateDeviation
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import Lane, LaneKeeping
 
+_BESIDE = 1.5  # lane widths from the end of a lane to one that goes on
+
 
 def road_of_scenario(scenario: Scenario) -> Road | None:
     """The lanes of the HighwayEnv road that a scenario is played on; None elsewhere."""
@@ -30,20 +35,36 @@ def road_of_scenario(scenario: Scenario) -> Road | None:
 @lru_cache(maxsize=len(ROAD_NAMES))
 def highway_road(name: str) -> Road:
     """All lanes of one of HighwayEnv's roads; ``a_b_0`` is the first lane from node a to b."""
-    graph = road_network(name).graph
-    lanes = {}
-    for start, ends in graph.items():
-        for end, parallel in ends.items():
-            following = tuple(
-                f"{end}_{after}_{number}"
-                for after, others in graph.get(end, {}).items()
-                for number in range(len(others))
-                if after != start or end not in graph.get(start, {})
+    lanes = {
+        (start, end, number): RoadLane((lane_curve(lane),), float(lane.width))
+        for start, ends in road_network(name).graph.items()
+        for end, parallel in ends.items()
+        for number, lane in enumerate(parallel)
+    }
+    return Road(
+        {
+            _name(index): replace(
+                lane,
+                following=tuple(
+                    _name(other)
+                    for other, after in lanes.items()
+                    if other[0] == index[1] and _goes_on(lane, after)
+                ),
             )
-            for number, lane in enumerate(parallel):
-                curve = lane_curve(lane)
-                lanes[f"{start}_{end}_{number}"] = RoadLane((curve,), float(lane.width), following)
-    return Road(lanes)
+            for index, lane in lanes.items()
+        }
+    )
+
+
+def _name(index: tuple[str, str, int]) -> str:
+    return "_".join(map(str, index))
+
+
+def _goes_on(lane: RoadLane, after: RoadLane) -> bool:
+    """Whether a car at the end of a lane can drive on to another, perhaps beside its own."""
+    gap = after.line[0] - lane.line[-1]
+    turn = (after.line[1] - after.line[0]) @ (lane.line[-1] - lane.line[-2])
+    return bool(turn > 0 and np.linalg.norm(gap) < _BESIDE * lane.width)
 
 
 def road_file(scenario: Scenario) -> RoadFile:

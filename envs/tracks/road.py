@@ -9,7 +9,8 @@ import numpy as np
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
 DEFAULT_WIDTH = 4.0  # [m]
-_ARC_STEP = np.deg2rad(2)  # between points that stand for an arc
+_ARC_STEP = np.deg2rad(2)  # between points that stand for an arc, at most
+_SAGITTA = 0.01  # [m] that an arc bulges over the chord between two of them, at most
 _SINE_STEP = 1.0  # [m] along the axis
 
 
@@ -106,7 +107,8 @@ def curve_points(curve: Lane) -> np.ndarray:
         return _on_axis(curve.axis, along) + beside[:, None] * np.array([-sin, cos])
     if isinstance(curve, ArcLane):
         turn = abs(curve.end_phase - curve.start_phase)
-        count = max(2, int(np.ceil(turn / _ARC_STEP)) + 1)
+        step = min(_ARC_STEP, np.sqrt(8 * _SAGITTA / curve.radius))
+        count = max(2, int(np.ceil(turn / step)) + 1)
         phase = np.linspace(curve.start_phase, curve.end_phase, count)
         circle = np.column_stack([np.cos(phase), np.sin(phase)])
         return np.asarray(curve.centre) + curve.radius * circle

@@ -192,7 +192,8 @@ def read_road_file(path: Path) -> RoadFile:
 
 def write_road_file(path: Path, content: RoadFile) -> None:
     """Write a TOML file, whole or not at all."""
-    text = tomli_w.dumps(content.model_dump(exclude_none=True, exclude_defaults=False))
+    data = content.model_dump(exclude_none=True)
+    text = tomli_w.dumps({name: value for name, value in data.items() if value})
     with whole_file(path) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
 
