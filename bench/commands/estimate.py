@@ -27,6 +27,7 @@ from olne_bench.plugins import ESTIMATOR, is_built_in
 
 #: Noise on positions [m] below which numbers are but rounded.
 LEAST_NOISE = 1e-6
+TOLD = "--noise"  # where a noise level comes from that was told
 MOST_STEPS = 400  # of a game that is solved in minutes
 
 
@@ -98,7 +99,7 @@ def estimate(
     result = _estimate(estimator, problem, Observation(y), budget)
     fit = Fit(problem, y, result)
     table = _table(players, game.weight_names, fit)
-    _say_result(table, players, fit, "--noise" if noise else "from the roughness of the tracks")
+    _say_result(table, players, fit, TOLD if noise else "from the roughness of the tracks")
     if out is not None:
         _write(table, out)
 
@@ -161,6 +162,8 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
             f"residuals are far above the noise for {who}",
             err=True,
         )
+        if source != TOLD:
+            click.echo("tracks that were smoothed look less noisy than they are: --noise", err=True)
     if not fit.result.converged:
         reason = fit.result.message or "the estimator gives no reason"
         click.echo(f"not converged, do not rely on these weights: {reason}", err=True)

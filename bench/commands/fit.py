@@ -10,7 +10,7 @@ from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import observe
 
 #: Residuals beyond so many times the noise are not noise.
-FAR_ABOVE_NOISE = 3.0
+FAR_ABOVE_NOISE = 2.0
 #: Below this residual [m] nothing is said: it is about what positions are rounded to.
 NEGLIGIBLE = 0.01
 
