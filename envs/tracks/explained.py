@@ -31,7 +31,7 @@ from olne_bench.envs.tracks.of_scenario import road_of_scenario
 from olne_bench.envs.tracks.on_road import check_on_road, lane_warnings
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import RoadFile
-from olne_bench.envs.tracks.targets import Assumption, Known, Targets
+from olne_bench.envs.tracks.targets import Assumption, Known, Targets, check_told
 from olne_bench.errors import UserError
 from olne_bench.games.features import ControlEffort, Feature, FinalGoal, StateDeviation
 from olne_bench.games.game import Player
@@ -79,12 +79,13 @@ def explain(
     told = entry.road or RoadFile()
     rough = roughness(states[..., :2])
     level = noise if noise is not None else (rough if np.isfinite(rough) else 0.0)
-    drawn, warnings = _drawn(scenario, seed, entry.players, states, told, level)
+    drawn, warnings = _drawn(name, scenario, seed, entry.players, states, told, level)
     motions = [Motion.of(states[:, i], names, dt) for i in range(states.shape[1])]
     road = _road(scenario, told)
     if road is not None:
         check_on_road(road, entry.players, motions, level)
     sources = Known(told, road, scenario.game.players)
+    warnings += check_told(name, sources)
     players, assumptions = [], []
     for i, (player, motion) in enumerate(zip(entry.players, motions, strict=True)):
         match = None if drawn is None else drawn[i]
@@ -123,6 +124,7 @@ def costs_of(name: str, seed: int | None, count: int) -> Scenario:
 
 
 def _drawn(
+    name: str,
     scenario: Scenario,
     seed: int | None,
     names: Sequence[str],
@@ -133,27 +135,27 @@ def _drawn(
     """Which player of the scenario each of the recording is; None where they are of no draw."""
     players = scenario.game.players
     alike = len({_without_targets(player) for player in players}) == 1
-    if alike and all(name in told.players for name in names):
+    if alike and all(player in told.players for player in names):
         return None, []
     starts = scenario.initial_state[:, :2]
     matched = None
-    if (seed is not None or not is_family(scenario.name)) and len(starts) >= len(names):
+    if (seed is not None or not is_family(name)) and len(starts) >= len(names):
         matched = _by_start(starts, states[0, :, :2], START_TOLERANCE + 3 * noise)
     if matched is None and seed is not None:
         raise UserError(
             f"--seed {seed}: the players do not start where those of that draw of "
-            f"{scenario.name!r} do; leave --seed away to take targets from the file or the data"
+            f"{name!r} do; leave --seed away to take targets from the file or the data"
         )
     if matched is not None or alike:
         return matched, []
     if len(players) != len(names):
         raise UserError(
-            f"--scenario {scenario.name!r} has {len(players)} players with different costs, "
+            f"--scenario {name!r} has {len(players)} players with different costs, "
             f"the recording has {len(names)}"
         )
-    order = ", ".join(f"{name} = {k}" for k, name in enumerate(names))
+    order = ", ".join(f"{player} = {k}" for k, player in enumerate(names))
     return list(range(len(names))), [
-        f"players of {scenario.name!r} have different costs, and none starts where another does: "
+        f"players of {name!r} have different costs, and none starts where another does: "
         f"they are taken in the order of the file: {order}"
     ]
 

@@ -130,20 +130,30 @@ def _obstacle(number: int, motion: Motion) -> Any:
     from commonroad.scenario.trajectory import Trajectory
 
     shape = RectObstacleShape(width=CAR_WIDTH, length=CAR_LENGTH)
+    headings, speeds = (_filled(values) for values in (motion.headings, motion.speeds))
     first, *later = (
         {
             "time_step": int(k),
             "position": motion.positions[k],
-            "orientation": float(motion.headings[k]),
-            "velocity": float(motion.speeds[k]),
+            "orientation": float(headings[k]),
+            "velocity": float(speeds[k]),
         }
         for k in np.flatnonzero(motion.seen)
     )
     start = InitialState(**first, acceleration=0.0, yaw_rate=0.0, slip_angle=0.0)
     states = [KSState(**values, steering_angle=0.0) for values in later]
-    trajectory = Trajectory(states[0].time_step, states)
-    prediction = TrajectoryPrediction(trajectory, shape)
+    prediction = None
+    if states:
+        prediction = TrajectoryPrediction(Trajectory(states[0].time_step, states), shape)
     return DynamicObstacle(number, ObstacleType.CAR, shape, start, prediction)
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """Values (T,) with gaps filled, as CommonRoad has none; zeros where nothing is known."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not known.size:
+        return np.zeros_like(values)
+    return np.interp(np.arange(len(values)), known, values[known])
 
 
 def _lanelets(road: Road, first: int) -> list[Any]:

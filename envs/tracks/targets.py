@@ -51,6 +51,33 @@ class Known:
     players: Sequence[Player]
 
 
+def check_told(scenario: str, known: Known) -> list[str]:
+    """What the file tells and the scenario's costs make no use of, one line each.
+
+    Raises:
+        UserError: on a target of a component that no cost looks at, which is a slip.
+    """
+    terms = [term for player in known.players for term in (*player.preferences, *player.task)]
+    components = sorted({term.component for term in terms if isinstance(term, StateDeviation)})
+    warnings = []
+    for name, entry in known.file.players.items():
+        for target in entry.targets:
+            if target not in components:
+                raise UserError(
+                    f"the road file has a target of {target!r} for player {name!r}; costs of "
+                    f"{scenario!r} have: {', '.join(components) or 'none'}"
+                )
+        for what, told, kind in (
+            ("lanes", entry.lanes, LaneKeeping),
+            ("goal", entry.goal, FinalGoal),
+        ):
+            if told is not None and not any(isinstance(term, kind) for term in terms):
+                warnings.append(
+                    f"{what} of player {name!r}: not used, {scenario!r} has no such cost"
+                )
+    return warnings
+
+
 @dataclass
 class Targets:
     """Looks up one player's targets and keeps account of where they came from.
@@ -117,10 +144,9 @@ class Targets:
         Raises:
             UserError: where the track does not tell it either.
         """
-        if name == "speed":
-            return float(np.nanmedian(self.motion.speeds)), "median speed"
-        if name == "heading":
-            return float(np.nanmedian(self.motion.headings)), "median heading"
+        told = {"speed": self.motion.speeds, "heading": self.motion.headings}.get(name)
+        if told is not None and np.isfinite(told).any():
+            return float(np.nanmedian(told)), f"median {name}"
         if name not in ("px", "py"):
             raise UserError(
                 f"nothing tells the target of {name!r} of player {self.player!r}; give it in a "

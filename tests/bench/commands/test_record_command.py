@@ -257,6 +257,28 @@ def test_tracks_that_are_not_there_or_not_text(tmp_path, capsys):
     assert out.read_text() == "precious"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--format", "nope"], "unknown format 'nope'; known are: commonroad, csv, highd, ind"),
+        (["--window", "3,1"], "'3,1' does not begin before it ends"),
+        (["--window", "3"], "'3' is not a pair of numbers A,B"),
+        (["--shift", "1,inf"], "'1,inf' is not a pair of finite numbers"),
+        (["--resample", "0"], "0.0 is not in the range"),
+        (["--rotate", "nan"], "nan is not a finite number"),
+        (["--players", "bus"], "--players 'bus': "),
+        (["--road", "none.toml"], "no road file 'none.toml'"),
+        (["--part", "1"], "--part '1': files of this format have no parts"),
+    ],
+)
+def test_options_of_import_are_checked(tmp_path, capsys, monkeypatch, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    tracks().to_csv("tracks.csv", index=False)
+    error = fails(capsys, "import", "tracks.csv", "--out", "a.parquet", *arguments)
+    assert expected in error
+    assert not (tmp_path / "a.parquet").exists()
+
+
 # -- export ----------------------------------------------------------------------------------
 
 

@@ -18,7 +18,7 @@ from olne_bench.envs.tracks.export import Episode, write_csv
 from olne_bench.envs.tracks.frames import Frame
 from olne_bench.envs.tracks.grid import Excerpt
 from olne_bench.envs.tracks.reading import read_tracks
-from olne_bench.envs.tracks.road_file import write_road_file
+from olne_bench.envs.tracks.road_file import RoadFile, write_road_file
 from olne_bench.errors import UserError
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
@@ -197,3 +197,27 @@ def test_a_target_that_nothing_tells_is_asked_for(
     known = as_tracks(cruising(original.initial_state + AWAY, 0.25), 0.25, tmp_path)
     with pytest.raises(UserError, match="nothing tells the target of 'yaw' of player 'car 0'"):
         explain("two_player", None, known, 0)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"targets": {"sped": 3.0}}, "target of 'sped' for player 'car 0'; costs of 'two_player'"),
+        ({"lanes": ["a"]}, "lanes of player 'car 0': not used, 'two_player' has no such cost"),
+    ],
+)
+def test_slips_in_the_road_file_are_told(
+    entry: dict[str, object], words: str, tmp_path: Path
+) -> None:
+    scenario = get_scenario("two_player")
+    known = as_tracks(cruising(scenario.initial_state, 0.25), 0.25, tmp_path)
+    lanes = {"a": {"points": [[0, 0], [9, 0]]}}
+    road = RoadFile.model_validate({"lanes": lanes, "players": {"car 0": entry}})
+    episode = known.metadata.episodes[0].model_copy(update={"road": road})
+    metadata = known.metadata.model_copy(update={"episodes": [episode]})
+    known = replace(known, metadata=metadata)
+    if "targets" in entry:
+        with pytest.raises(UserError, match=words):
+            explain("two_player", None, known, 0)
+    else:
+        assert explain("two_player", None, known, 0).warnings == (words,)
