@@ -44,8 +44,10 @@ def test_every_command_does_what_the_page_says(
     truth = read_recording("two_way.parquet").metadata
     names = truth.weight_names
     assert names is not None
-    estimated = pd.read_csv("weights.csv")[names]
-    np.testing.assert_allclose(estimated, truth.episodes[0].weights, atol=1e-3)
+    table = pd.read_csv("weights.csv")
+    np.testing.assert_allclose(table[names], truth.episodes[0].weights, atol=1e-3)
+    errors = table[[f"{name}_error" for name in names]]
+    assert ((errors > 0) & (errors < 0.1)).all(axis=None)
     (shown,) = blocks("")
     first = said["olne-bench estimate tracks.parquet --out weights.csv"].out.splitlines()
     for told, printed in zip(shown.splitlines()[:-1], first, strict=False):

@@ -282,34 +282,6 @@ def test_options_of_import_are_checked(tmp_path, capsys, monkeypatch, arguments,
 # -- export ----------------------------------------------------------------------------------
 
 
-def test_a_recording_goes_through_csv_to_the_same_weights(tmp_path, capsys):
-    """Rows shuffled and players renamed; the road file beside the table tells the targets."""
-    truth, table, out = (tmp_path / name for name in ("a.parquet", "b.csv", "weights.csv"))
-    run("record", "two_way", "--out", truth)
-    run("export", truth, "--out", table)
-    rows = pd.read_csv(table).sample(frac=1, random_state=5)
-    rows["player"] = rows["player"].str.replace("player_", "car ")
-    rows.to_csv(table, index=False)
-    beside = table.with_suffix(".toml")
-    text = beside.read_text()
-    for k in range(3):
-        text = text.replace(f"[players.player_{k}", f'[players."car {k}"')
-    beside.write_text(text)
-    run("import", table, "--out", tmp_path / "c.parquet")
-    capsys.readouterr()
-    run("estimate", tmp_path / "c.parquet", "--out", out)
-    said = capsys.readouterr()
-    assert said.out.count("file") >= 6 and "data" not in said.out
-    assert "warning" not in said.err
-    estimated = pd.read_csv(out).set_index("player")
-    metadata = read_recording(truth).metadata
-    for k, weights in enumerate(metadata.episodes[0].weights):
-        found = estimated.loc[f"car {k}", metadata.weight_names]
-        np.testing.assert_allclose(found.astype(float), weights, atol=1e-3)
-        errors = estimated.loc[f"car {k}", [f"{name}_error" for name in metadata.weight_names]]
-        assert (errors.astype(float) > 0).all()
-
-
 def test_exports_refuse_what_exists_and_other_suffixes(tmp_path, capsys):
     truth = tmp_path / "a.parquet"
     run("record", "two_player", "--out", truth)
