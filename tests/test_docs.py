@@ -24,8 +24,8 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 #: Pages whose blocks run in ``test_a_page_runs``.
 RUN_HERE = ("README.md", "docs/plugins.md", "docs/study_commands.md", "docs/highway.md")
-#: Pages that have a test of their own below.
-RUN_BELOW = ("docs/environments.md", "docs/recordings.md")
+#: Pages that have a test of their own, below or in ``test_recordings_guide.py``.
+RUN_ELSEWHERE = ("docs/environments.md", "docs/recordings.md")
 #: A block of code, with the comment above it that says why nothing runs it.
 BLOCK = re.compile(r"(?:<!-- not run: ([^\n]+) -->\n+)?```(\w*)\n(.*?)```", re.DOTALL)
 FILE_NAME = re.compile(r"# ([\w.]+\.(?:py|toml))\n")
@@ -104,7 +104,7 @@ def check_film(path):
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_block_runs_somewhere_or_says_why_not(page):
     name = name_of(page)
-    if name.startswith("docs/tutorials/") or name in (*RUN_HERE, *RUN_BELOW):
+    if name.startswith("docs/tutorials/") or name in (*RUN_HERE, *RUN_ELSEWHERE):
         return
     for block in blocks(page):
         runs = block.language in ("python", "sh", "")
@@ -141,16 +141,6 @@ def test_ten_lines_are_the_examples():
         ("highway_overtaking.py", code_blocks("README.md")[-1]),
     ):
         assert (ROOT / "examples" / example).read_text().endswith(block)
-
-
-def test_recordings_guide(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    main(["record", "random", "--option", "num_players=3", "--out", "random.parquet"])
-    names = {}
-    for block in code_blocks("docs/recordings.md"):
-        exec(block, names)
-    assert names["states"].shape == (25, 3, 4)
-    assert np.shape(names["weights"]) == (3, 4)
 
 
 def test_tables_are_those_of_the_results(monkeypatch):
