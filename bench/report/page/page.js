@@ -109,7 +109,7 @@
         row.classList.toggle("group", !sorted && k > 0 && group(row) !== group(visible[k - 1]));
       });
     }
-    sorter.append(new Option("scenario, sensor, error", ""));
+    sorter.append(new Option("scenario, sensor, rank", ""));
     heads.forEach((head, column) => {
       if ("nosort" in head.dataset) return;
       const button = document.createElement("button"), name = head.textContent.trim();
