@@ -202,7 +202,9 @@ def test_the_floor_takes_nobodys_rank() -> None:
 def test_too_few_units_have_no_rank(scenario: str, seeds: int, ranked: bool) -> None:
     """Three levels of two draws are six trials, but two draws of a family."""
     trials = study({"a": np.zeros((3, seeds)), "b": np.ones((3, seeds))}, scenario)
-    names = pd.DataFrame({"estimator": ["a", "b"]}).assign(scenario=scenario, sensor="full", trials=9)
+    names = pd.DataFrame({"estimator": ["a", "b"]}).assign(
+        scenario=scenario, sensor="full", trials=9
+    )
     found = ranks(compare(trials), names, "position_error")
     assert found.notna().tolist() == [ranked] * 2
 
