@@ -1,10 +1,12 @@
 import json
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from playwright.sync_api import Browser, Error, sync_playwright
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.plan.select import Selection
@@ -83,3 +85,17 @@ def page(small_study: pd.DataFrame, usual: Study, tmp_path_factory: pytest.TempP
     html = render_page(small_study, tables, [provenance()], usual).html
     path.write_text(html, encoding="utf-8")
     return path
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    if found is None:
+        pytest.skip("needs Chromium (Debian: apt install chromium)")
+    with sync_playwright() as play:
+        try:
+            browser = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except Error as error:
+            pytest.skip(f"Chromium does not start: {error}")
+        yield browser
+        browser.close()
