@@ -119,7 +119,6 @@ ELSEWHERE = {
     "bench/report/write.py": "tests/bench/report/test_leaderboard.py",
     "bench/run/player.py": "tests/bench/run/test_executor.py",
     "bench/run/player_process.py": "tests/bench/run/test_executor.py",
-    "bench/run/provenance.py": "tests/bench/run/test_store.py",
     "bench/run/referee.py": "tests/bench/run/test_executor.py",
     "bench/run/referee_process.py": "tests/bench/run/test_executor.py",
     "envs/equilibrium.py": "tests/envs/test_recording.py",
@@ -354,6 +353,7 @@ def draw(count: int, only: str, seed: int) -> list[Mutant]:
 
 
 def in_order(mutant: Mutant) -> tuple[int, str, int]:
+    """Return where a mutant comes in what is printed."""
     return PACKAGES.index(Path(mutant.module).parts[0]), mutant.module, mutant.line
 
 
