@@ -1,15 +1,9 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.report.figures import landscape, trajectories
-from olne_bench.bench.report.figures.scene import scene_of
+from olne_bench.bench.report.figures import landscape
 from olne_bench.bench.report.figures.series import split
 from olne_bench.bench.report.not_drawn import NotDrawnError
-
-
-@pytest.fixture(scope="module")
-def scene(make_trials, usual):
-    return scene_of(make_trials(), usual)
 
 
 def test_cost_of_a_position_is_that_of_the_paper(scene):
@@ -57,49 +51,3 @@ def test_unusable_weights_leave_no_landscape(usual, make_trials, value):
     expected = "no estimate left weights" if value is None or value is np.nan else "do not fit"
     with pytest.raises(NotDrawnError, match=expected):
         landscape.draw(trials, usual)
-
-
-def titles(figure):
-    return [axes.get_title() for axes in figure.axes]
-
-
-def test_bundles_say_how_many_failed(usual, make_trials):
-    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.01, 0.1), seeds=3)
-    last = trials.index[-1]
-    trials.loc[last, "status"] = "failed_forward"
-    figure = trajectories.draw(trials, usual)
-    assert titles(figure) == [
-        "Truth and 3 observed sequences",
-        "a\nfull, 1 of 3 failed",
-    ]
-    # Truth and start per player, and the two predictions of each.
-    assert len(figure.axes[1].lines) == 2 * 2 + 2 * 2
-
-
-def test_bundles_are_of_the_largest_noise_at_which_everybody_predicts_something(usual, make_trials):
-    trials = make_trials(estimators=("a", "b"), sensors=("full",), sigmas=(0.01, 0.1))
-    assert trajectories.draw(trials, usual).get_suptitle().endswith("σ = 0.1")
-    lost = (trials["estimator"] == "b") & (trials["sigma"] == 0.1)
-    trials.loc[lost, "status"] = "failed_forward"
-    assert trajectories.draw(trials, usual).get_suptitle().endswith("σ = 0.01")
-    trials["status"] = "failed_forward"
-    assert trajectories.draw(trials, usual).get_suptitle().endswith("σ = 0.1")
-
-
-def test_prediction_at_the_true_weights_is_the_truth(usual, make_trials, scene):
-    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=1)
-    trials["weights"] = [scene.recording.scenario.weights.tolist()]
-    predicted = trajectories.draw(trials, usual).axes[1].lines[0].get_xydata()
-    np.testing.assert_allclose(predicted, scene.recording.states[:, 0, :2], atol=1e-6)
-
-
-def test_a_family_shows_one_draw(usual, make_trials):
-    scene = scene_of(make_trials("random", ("a",), ("full",), (0.1,), seeds=4), usual)
-    assert scene.trials["seed"].tolist() == [0]
-
-
-def test_a_long_road_lies_along_the_page(usual, make_trials, scene):
-    road = scene_of(make_trials("highway_overtaking", ("a",), ("full",), (0.1,), 1), usual)
-    assert road.is_wide
-    assert road.axes_order == (1, 0)
-    assert not scene.is_wide
