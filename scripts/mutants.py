@@ -109,7 +109,6 @@ ELSEWHERE = {
     "bench/report/gate.py": "tests/bench/report/test_gate_and_compare.py",
     "bench/report/page/data.py": "tests/bench/report/page/test_render.py",
     "bench/report/page/numbers.py": "tests/bench/report/page/test_render.py",
-    "bench/report/page/scenes.py": "tests/bench/report/page/test_render.py",
     "bench/report/statistics/run_comparison.py": "tests/bench/report/test_gate_and_compare.py",
     "bench/report/study.py": "tests/bench/report/test_leaderboard.py",
     "bench/report/tables.py": "tests/bench/report/page/test_render.py",
