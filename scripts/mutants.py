@@ -112,7 +112,6 @@ ELSEWHERE = {
     "bench/report/statistics/run_comparison.py": "tests/bench/report/test_gate_and_compare.py",
     "bench/report/study.py": "tests/bench/report/test_leaderboard.py",
     "bench/report/tables.py": "tests/bench/report/page/test_render.py",
-    "bench/report/write.py": "tests/bench/report/test_leaderboard.py",
     "bench/run/player.py": "tests/bench/run/test_executor.py",
     "bench/run/player_process.py": "tests/bench/run/test_executor.py",
     "bench/run/referee.py": "tests/bench/run/test_executor.py",
@@ -473,7 +472,8 @@ def _run_here(tree: Path, tests: str) -> int:
     os.chdir(tree)
     resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_LIMIT, resource.RLIM_INFINITY))
     source = str(tree / "src")
-    sys.path[:] = [source, *(path for path in sys.path if not path.startswith(str(ROOT) + os.sep))]
+    others = [path for path in sys.path if not path.startswith(str(ROOT) + os.sep)]
+    sys.path[:] = [str(tree), source, *others]  # as with python -m pytest
     os.environ["PYTHONPATH"] = source
     # Processes that tests start would import the file of the main module.
     sys.modules["__main__"] = types.ModuleType("__main__")
