@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from matplotlib.collections import QuadMesh
 
 from olne_bench.bench.report.figures import landscape
+from olne_bench.bench.report.figures.scene import scene_of
 from olne_bench.bench.report.figures.series import split
 from olne_bench.bench.report.not_drawn import NotDrawnError
 
@@ -51,3 +53,31 @@ def test_unusable_weights_leave_no_landscape(usual, make_trials, value):
     expected = "no estimate left weights" if value is None or value is np.nan else "do not fit"
     with pytest.raises(NotDrawnError, match=expected):
         landscape.draw(trials, usual)
+
+
+@pytest.mark.parametrize("name", ["two_player", "highway_overtaking"])
+def test_costs_lie_where_they_are_and_a_star_marks_whose_they_are(usual, make_trials, name):
+    trials = make_trials(name, ("a",), ("full",), (0.1,), 1)
+    scene = scene_of(trials, usual)
+    figure = landscape.draw(trials, usual)
+    step, player = landscape.closest_pass(scene.recording.states)
+    position = scene.recording.states[step, player]
+    panels = [axes for axes in figure.axes if axes.get_title()]
+    assert len(panels) == 2  # the truth's and the estimate's
+    for axes in panels:
+        (star,) = [line for line in axes.lines if line.get_marker() == "*"]
+        np.testing.assert_allclose(star.get_xydata(), [scene.plane(position)])
+        (mesh,) = [one for one in axes.collections if isinstance(one, QuadMesh)]
+        places = mesh.get_coordinates()
+        for axis, (low, high) in enumerate(scene.limits):
+            cell = (high - low) / (places.shape[1 - axis] - 2)
+            assert places[..., axis].min() == pytest.approx(low - cell / 2, abs=1e-9)
+            assert places[..., axis].max() == pytest.approx(high + cell / 2, abs=1e-9)
+    true = panels[0].collections[0]
+    assert isinstance(true, QuadMesh)
+    middles = (true.get_coordinates()[:-1, :-1] + true.get_coordinates()[1:, 1:]) / 2
+    right, up = np.moveaxis(middles, -1, 0)
+    px, py = (right, up) if scene.axes_order == (0, 1) else (up, right)
+    weights = scene.recording.scenario.weights[player]
+    expected = landscape.position_cost(scene, weights, step, player, px, py)
+    np.testing.assert_allclose(true.get_array().reshape(px.shape), expected, atol=1e-6)
