@@ -61,6 +61,14 @@ def test_report_without_a_run(tmp_path, capsys):
     assert "no run in" in fails(capsys, "report", tmp_path)
 
 
+def test_a_run_is_not_merged_with_itself(tmp_path, capsys):
+    again = tmp_path / "x" / ".."
+    (tmp_path / "x").mkdir()
+    assert "with itself" in fails(capsys, "merge", tmp_path, again)
+    for one, other in (("a", "b"), ("b", "a")):
+        assert "no run in" in fails(capsys, "merge", tmp_path / one, tmp_path / other)
+
+
 def test_a_foreign_store_is_not_overwritten(tmp_path, capsys):
     store = tmp_path / "trials.sqlite"
     store.write_text("precious")
