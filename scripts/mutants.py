@@ -110,7 +110,6 @@ ELSEWHERE = {
     "bench/report/figures/panels.py": "tests/bench/report/figures/test_scene.py",
     "bench/report/figures/style.py": "tests/bench/report/figures/test_draw_figures.py",
     "bench/report/gate.py": "tests/bench/report/test_gate_and_compare.py",
-    "bench/report/page/data.py": "tests/bench/report/page/test_render.py",
     "bench/report/page/numbers.py": "tests/bench/report/page/test_render.py",
     "bench/report/statistics/run_comparison.py": "tests/bench/report/test_gate_and_compare.py",
     "bench/report/study.py": "tests/bench/report/test_leaderboard.py",
