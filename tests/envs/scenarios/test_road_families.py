@@ -228,6 +228,9 @@ def test_one_car_overtakes_against_oncoming_traffic() -> None:
             assert car.state[3] == car.target_speed
             assert two_way.SLOW[0] <= car.target_speed <= two_way.SLOW[1]
     assert_spans(column("two_way", 3, lambda c: c[0].target_speed), *two_way.QUICK)
+    assert_spans(column("two_way", 3, lambda c: c[1].target_speed), *two_way.SLOW)
+    oncoming = column("two_way", 3, lambda c: c[2].state[0] - 100)
+    assert_spans(oncoming, *two_way.ONCOMING_DISTANCE)
     for count in (3, 4, 5):
         whole, part = (proposals("two_way", k, 1)[0].initial_state for k in (5, count))
         np.testing.assert_array_equal(whole[:count], part)
