@@ -14,4 +14,6 @@ COMMANDS = {
     "report": "report",
     "run": "run",
     "status": "status",
+    "submit": "submit",
+    "verify": "verify",
 }
