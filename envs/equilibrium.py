@@ -1,9 +1,13 @@
-"""The true motion of a scenario: its certified equilibrium, solved once per process."""
+"""The true motion of a scenario: its certified equilibrium, solved once per process.
+
+Of the draws that a user plays in a world, once for good (``envs.kept_draws``).
+"""
 
 from functools import lru_cache
 
 import numpy as np
 
+from olne_bench.envs import kept_draws
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.games.game import Game
 from olne_bench.games.olne import Equilibrium, solve_olne
@@ -27,11 +31,16 @@ def certified_equilibrium(scenario: Scenario) -> Equilibrium:
 
 @lru_cache(maxsize=128)
 def _solve(game: Game, weights: bytes, initial_state: bytes) -> Equilibrium:
-    truth = solve_olne(
-        game,
-        np.frombuffer(weights).reshape(game.num_players, game.num_weights),
-        np.frombuffer(initial_state).reshape(game.state_shape[1:]),
-    )
+    kept = kept_draws.file_of(game, weights, initial_state)
+    truth = None if kept is None else kept_draws.read(kept)
+    if truth is None:
+        truth = solve_olne(
+            game,
+            np.frombuffer(weights).reshape(game.num_players, game.num_weights),
+            np.frombuffer(initial_state).reshape(game.state_shape[1:]),
+        )
+        if kept is not None:
+            kept_draws.write(kept, truth)
     certificate = truth.certificate
     for array in (truth.states, truth.controls, truth.costates, certificate.costs):
         array.setflags(write=False)

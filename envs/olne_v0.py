@@ -15,10 +15,12 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from olne_bench.envs.episode import Episode
 from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.kept_draws import keeping
 from olne_bench.envs.layout import ObservationLayout, player_index
 from olne_bench.envs.scenarios import Scenario, checked_seed, get_scenario
 from olne_bench.envs.spaces import Spaces, SpaceSize
 from olne_bench.games.olne import Certificate, Equilibrium
+from olne_bench.plugins import SCENARIO, is_built_in
 
 if TYPE_CHECKING:
     from olne_bench.envs.rendering import Renderer
@@ -154,7 +156,8 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         self.np_random = np.random.default_rng()
         self._episode: Episode | None = None
         self._renderer: Renderer | None = None
-        self._spaces = Spaces(SpaceSize.of(_draw(scenario, 0, scenario_options)))
+        with keeping(_is_kept(scenario)):
+            self._spaces = Spaces(SpaceSize.of(_draw(scenario, 0, scenario_options)))
 
     # -- what is played ----------------------------------------------------------------------
 
@@ -216,9 +219,10 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
             self.np_random = np.random.default_rng(seed)
         member = int(self.np_random.integers(2**31)) if seed is None else seed
         name, scenario_options = self._choice(options)
-        scenario = _draw(name, member, scenario_options)
-        size = SpaceSize.of(scenario)
-        truth = _equilibrium_within(scenario, size) if self.reveal_truth else None
+        with keeping(_is_kept(name)):
+            scenario = _draw(name, member, scenario_options)
+            size = SpaceSize.of(scenario)
+            truth = _equilibrium_within(scenario, size) if self.reveal_truth else None
 
         if size != self._spaces.size:
             self._spaces = Spaces(size)
@@ -390,6 +394,14 @@ def _draw(scenario: str | Scenario, seed: int, options: dict[str, Any]) -> Scena
     if options:
         raise ValueError(f"a Scenario object takes no options, got {', '.join(options)}")
     return scenario
+
+
+def _is_kept(scenario: str | Scenario) -> bool:
+    """Whether draws are kept on disk: those of built-in scenarios that a world draws itself.
+
+    The code of other scenarios may change unseen.
+    """
+    return isinstance(scenario, str) and is_built_in(SCENARIO, scenario)
 
 
 def _equilibrium_within(scenario: Scenario, size: SpaceSize) -> Equilibrium:

@@ -6,7 +6,7 @@ import numpy as np
 import pygame
 
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.scene import goals, heading_of, lanes
+from olne_bench.envs.scene import goals, heading_of, lanes, player_colour
 from olne_bench.envs.view import HEADER, SHARPNESS, View
 from olne_bench.envs.window import Window
 
@@ -18,17 +18,6 @@ BACKGROUND = (247, 247, 244)
 ROAD = (222, 223, 226)
 LANE_MARK = (255, 255, 255)
 INK = (60, 62, 68)
-#: Okabe and Ito's colours, which colour-blind readers can tell apart.
-COLOURS = (
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (230, 159, 0),
-    (86, 180, 233),
-    (120, 94, 60),
-    (90, 90, 90),
-)
 
 
 class Renderer:
@@ -153,7 +142,8 @@ class Renderer:
 
 
 def _colour(player: int) -> tuple[int, int, int]:
-    return COLOURS[player % len(COLOURS)]
+    red, green, blue = bytes.fromhex(player_colour(player)[1:])
+    return red, green, blue
 
 
 def _mix(

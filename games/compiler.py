@@ -163,7 +163,7 @@ def _shared(key: str) -> Path | None:
     folder = os.environ.get(_SHARED)
     for path in sorted(Path(folder).glob(f"{key[:32]}-*.so")) if folder else []:
         with suppress(OSError):
-            if not _foreign(path) and path.name == _name(key, path):
+            if not why_foreign(path) and path.name == _name(key, path):
                 return path
     return None
 
@@ -172,7 +172,7 @@ def _kept(folder: Path, key: str) -> Path | None:
     """A library from earlier, ours alone and as it was compiled; removes what is not."""
     for path in sorted(folder.glob(f"{key[:32]}-*.so")):
         try:
-            wrong = _foreign(path) or ("" if path.name == _name(key, path) else "damaged")
+            wrong = why_foreign(path) or ("" if path.name == _name(key, path) else "damaged")
             if not wrong:
                 os.utime(path)  # for the order in which libraries are removed
                 return path
@@ -185,8 +185,12 @@ def _kept(folder: Path, key: str) -> Path | None:
     return None
 
 
-def _foreign(path: Path) -> str:
-    """Why a file or folder cannot be trusted; empty where it can."""
+def why_foreign(path: Path) -> str:
+    """Why a file or folder cannot be trusted; empty where it can.
+
+    Raises:
+        OSError: where there is none, or it cannot be looked at.
+    """
     found = path.lstat()
     if stat.S_ISLNK(found.st_mode):
         return "a link"
@@ -197,12 +201,12 @@ def _foreign(path: Path) -> str:
     return ""
 
 
-def _folder() -> Path:
-    """The first folder that can be used, made where it is missing."""
+def kept_folder() -> Path | None:
+    """The first folder that can be used, made where it is missing; None where there is none."""
     for folder in _folders():
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            wrong = _foreign(folder.resolve())
+            wrong = why_foreign(folder.resolve())
             if not wrong and not os.access(folder, os.W_OK | os.X_OK):
                 wrong = "not writable"
         except OSError as error:
@@ -210,7 +214,11 @@ def _folder() -> Path:
         if not wrong:
             return folder
         _refuse(folder, wrong)
-    return Path(_scratch_folder().name)
+    return None
+
+
+def _folder() -> Path:
+    return kept_folder() or Path(_scratch_folder().name)
 
 
 @lru_cache(maxsize=8)

@@ -2,10 +2,14 @@
 
 The raw environment is ``highway-v0`` as installed, with as many controlled vehicles and no other
 ones, under the same actions: once with HighwayEnv's usual observation (Kinematics) and once with
-none at all. Usage: python scripts/highway_speed.py [ROUNDS]
+none at all. Resets come apart: a new seed is drawn and solved, one that was played before, in this
+process or another one, is read from disk. Usage: python scripts/highway_speed.py [ROUNDS]
 """
 
+import os
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 
@@ -19,6 +23,7 @@ from olne_bench.envs.highway_roads import MAX_ACCELERATION, POLICY_FREQUENCY, SI
 from olne_bench.envs.scenarios import get_scenario
 
 PLAYERS = 5
+RESETS = range(1, 6)  # seeds
 
 
 def raw_environment(observation: dict) -> gymnasium.Env:
@@ -79,6 +84,32 @@ def main(rounds: int) -> None:
         other = np.median(rates[kind])
         print(f"raw highway-env, {kind}: {other:.0f} steps/s, ratio {ours / other:.2f}")
 
+    steps = len(controls)
+    for kind, seconds in zip(("solved", "read from disk"), reset_seconds(), strict=True):
+        rate = steps / (seconds + steps / ours)
+        print(f"reset, {kind}: {seconds:.2f} s; with it, {rate:.0f} steps/s")
+
+
+def reset_seconds() -> list[float]:
+    """Mean time of a reset [s]: of new seeds, and of the same ones in another process."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"OLNE_BENCH_CACHE": f"{folder}/cache"}
+        command = [sys.executable, __file__, "--resets"]
+        return [
+            float(subprocess.run(command, env=environment, check=True, capture_output=True).stdout)
+            for _ in range(2)
+        ]
+
+
+def time_resets() -> None:
+    """Print the mean time of resets to a few seeds, each of them once."""
+    world = highway_v0.parallel_env("highway", num_players=PLAYERS)
+    world.reset(seed=0)  # imports, and compiles what seeds have in common
+    begin = time.process_time()
+    for seed in RESETS:
+        world.reset(seed=seed)
+    print((time.process_time() - begin) / len(RESETS))
+
 
 def _rate(step: Callable, actions: list) -> float:
     begin = time.process_time()
@@ -88,4 +119,7 @@ def _rate(step: Callable, actions: list) -> float:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)
+    if sys.argv[1:] == ["--resets"]:
+        time_resets()
+    else:
+        main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)

@@ -36,6 +36,7 @@ from olne_bench.bench.process.messages import (
     decode_value,
 )
 from olne_bench.bench.text import clip
+from olne_bench.envs.draws_folder import draws_folder
 from olne_bench.errors import UserError
 from olne_bench.games.compiler import reader_environment
 
@@ -233,7 +234,8 @@ class Child:
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
-        hidden = None if self._hidden is None else str(self._hidden.resolve())
+        # Draws that the user has played are no estimator's business either.
+        hidden = [str(f.resolve()) for f in (self._hidden, draws_folder()) if f is not None]
         options = f"memory={self._memory}, hidden={hidden!r}, restricted={self._restricted}"
         options += f", guarded={adopts_orphans()}"
         call = f"serve({theirs.fileno()}, {os.getpid()}, {options})"

@@ -53,7 +53,7 @@ def serve(
     parent: int,
     *,
     memory: int | None,
-    hidden: str | None,
+    hidden: list[str],
     restricted: bool,
     guarded: bool,
 ) -> None:
@@ -63,7 +63,7 @@ def serve(
         descriptor: of the connection to it.
         parent: its process id.
         memory: limit [bytes] of this process's data, None for no limit.
-        hidden: folder that a restricted process cannot read.
+        hidden: folders that a restricted process cannot read.
         restricted: whether to give up all rights that work does not need (``sandbox``); the
             present folder stays writable.
         guarded: whether the parent takes care of what this process leaves behind, so that it may
@@ -89,7 +89,7 @@ def serve(
 
     _say = say
     if restricted:
-        restrict(None if hidden is None else Path(hidden), Path.cwd())
+        restrict([Path(folder) for folder in hidden], Path.cwd())
     with contextlib.suppress(ClosedError, GarbageError):
         _work(channel, say, memory)
     kill_descendants(own)

@@ -1,7 +1,7 @@
 """What foreign code may reach: Linux's Landlock, which a process imposes on itself for good.
 
-Restricted code has no privileges of a superuser. It reads any file but those below one hidden
-folder, writes below one folder of its own, opens no TCP connection, and can neither send signals
+Restricted code has no privileges of a superuser. It reads any file but those below hidden
+folders, writes below one folder of its own, opens no TCP connection, and can neither send signals
 to processes outside of the sandbox nor look into them. Kernels before 5.13 and other systems have
 no Landlock, older kernels know only a part of this (``restrictions`` says which); see
 docs/isolation.md.
@@ -10,6 +10,7 @@ docs/isolation.md.
 import ctypes
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 # linux/landlock.h and asm-generic/unistd.h
@@ -65,11 +66,11 @@ def drop_capabilities() -> None:
         _libc().capset(ctypes.byref(header), (ctypes.c_uint32 * 6)())
 
 
-def restrict(hidden: Path | None, writable: Path) -> None:
+def restrict(hidden: Sequence[Path], writable: Path) -> None:
     """Restrict this process, and all that it starts, as far as the kernel can.
 
     Args:
-        hidden: a folder of which nothing can be read, even if it is made later.
+        hidden: folders of which nothing can be read, even if they are made later.
         writable: the only folder that can be written to.
     """
     drop_capabilities()
@@ -99,22 +100,27 @@ def restrict(hidden: Path | None, writable: Path) -> None:
         os.close(descriptor)
 
 
-def _around(hidden: Path | None) -> list[Path]:
-    """Files and folders that together are everything but the hidden folder."""
-    if hidden is None:
-        return [Path("/")]
-    hidden = hidden.resolve()
-    places: list[Path] = []
-    for folder, next_one in zip(
-        reversed(hidden.parents), [*list(reversed(hidden.parents))[1:], hidden], strict=True
-    ):
-        try:
-            # A link is not followed: it may lead into the hidden folder.
-            entries = [entry for entry in folder.iterdir() if not entry.is_symlink()]
-        except OSError:  # not there yet, or not for us to list
-            break
-        places += [entry for entry in entries if entry != next_one]
-    return places
+def _around(hidden: Sequence[Path]) -> list[Path]:
+    """Files and folders that together are everything but the hidden folders."""
+    return _outside(Path("/"), [folder.resolve() for folder in hidden])
+
+
+def _outside(place: Path, hidden: list[Path]) -> list[Path]:
+    """What there is of a place besides the hidden folders, which are below it or itself."""
+    if not hidden:
+        return [place]
+    if place in hidden:
+        return []
+    try:
+        # A link is not followed: it may lead into a hidden folder.
+        entries = [entry for entry in place.iterdir() if not entry.is_symlink()]
+    except OSError:  # not there yet, or not for us to list
+        return []
+    return [
+        found
+        for entry in entries
+        for found in _outside(entry, [h for h in hidden if h == entry or entry in h.parents])
+    ]
 
 
 def _allow(ruleset: int, place: Path, rights: int) -> None:

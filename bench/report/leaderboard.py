@@ -46,8 +46,8 @@ def leaderboard(
         value); ``limit_ratio`` (mean cosine error over its statistical limit for small noise), the
         median time, infinite for attempts that never came to an end, and ranks with ties by the
         metrics that are compared. In means, a failure has the largest error there is, such as 1 for
-        angles and infinity for positions. The best median of the primary metric, the position
-        error, comes first within a scenario and sensor.
+        angles and infinity for positions. Within a scenario and sensor the best rank by the primary
+        metric, the position error, comes first; of equal ranks, or without any, the least median.
     """
     metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
     about = {metric.name: measured(trials, metric, study) for metric in metrics}
@@ -66,7 +66,8 @@ def leaderboard(
             table[f"{metric.name}_rank"] = ranks(comparisons, table, metric.name)
     first = primary(metrics)
     others = [f"{metric.name}_median" for metric in ranked if metric != first]
-    best = [f"{first.name}_median"] if first else []
+    best = [f"{first.name}_{kind}" for kind in ("rank", "median")] if first else []
+    best = [name for name in best if name in table]
     order = ["scenario", "sensor", *best, "failures", *others, "estimator"]
     return table.sort_values(order, ignore_index=True)
 

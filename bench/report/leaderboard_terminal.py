@@ -17,10 +17,10 @@ _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
 published_failures: also those where the published search misses a root that another one finds."""
 _LEGEND_OF_RANKS = """
-rank: by {metric}; differences that are not significant are ties, and where so few trials
-are independent that none could be, there is none. /limit: mean cosine error
-over its statistical limit (the Cramer-Rao bound) at little noise. ms: median time of one
-estimate; those that were stopped or broke off count as infinitely slow."""
+rank: by {metric}; differences that are not significant are ties. There is none where so few
+trials are independent that none could be, or for an estimator run on a part of the trials.
+/limit: mean cosine error over its statistical limit (the Cramer-Rao bound) at little noise.
+ms: median time of one estimate; those that were stopped or broke off count as infinitely slow."""
 _FLOOR_LEGEND = """
 uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 

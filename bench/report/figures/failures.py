@@ -1,5 +1,6 @@
 """How often estimators fail, over the noise level."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from matplotlib.ticker import PercentFormatter
 from scipy.stats import binomtest
 
 from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.figures.levels import has_curve
 from olne_bench.bench.report.figures.series import Series, split
 from olne_bench.bench.report.leaderboard import published_failures
 from olne_bench.bench.report.study import USUAL, Study
@@ -32,8 +34,12 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     axes = figure.subplots()
     levels = sorted(pd.concat([s.trials["sigma"] for s in series]).unique())
     shares = [failure_shares(s) for s in series]
+    line = partial(_line, joined=has_curve(series))
     for s, share, offset in zip(series, shares, _offsets(len(series)), strict=True):
-        _draw_shares(axes, s, share, [levels.index(sigma) + offset for sigma in share["sigma"]])
+        places = [levels.index(sigma) + offset for sigma in share["sigma"]]
+        axes.plot(places, share["share"], **line(s))
+        if not s.is_floor:
+            _intervals(axes, s, share, places)
     # Levels are set apart evenly, as half of them lie in the lowest tenth of the range.
     axes.set_xticks(range(len(levels)), [f"{sigma:g}" for sigma in levels], rotation=60)
     axes.yaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0))
@@ -42,7 +48,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     axes.set_xlabel("Noise level σ: standard deviation of positions [m]")
     axes.set_ylabel("Failed trials, published definition")
     axes.set_title(f"{trials['scenario'].iloc[0]}: failures (95 % Wilson intervals)")
-    style.legend_below(figure, [_entry(s) for s in series])
+    style.legend_below(figure, [_entry(s, line(s)) for s in series])
     return figure
 
 
@@ -69,23 +75,22 @@ def failure_shares(series: Series) -> pd.DataFrame:
     return pd.DataFrame(levels)
 
 
-def _draw_shares(axes: Axes, series: Series, shares: pd.DataFrame, places: list[float]) -> None:
-    axes.plot(places, shares["share"], **_line(series))
-    if not series.is_floor:
-        axes.vlines(
-            places, shares["low"], shares["high"], color=series.colour, alpha=0.5, linewidth=1.2
-        )
+def _intervals(axes: Axes, series: Series, shares: pd.DataFrame, places: list[float]) -> None:
+    axes.vlines(
+        places, shares["low"], shares["high"], color=series.colour, alpha=0.5, linewidth=1.2
+    )
 
 
-def _line(series: Series) -> dict[str, Any]:
-    line = {"color": series.colour, "linestyle": series.line_style}
+def _line(series: Series, joined: bool) -> dict[str, Any]:
+    """Few levels or trials have points only; the floor is a line."""
+    line = {"color": series.colour, "linestyle": series.line_style if joined else "none"}
     if series.is_floor:
-        return line | {"linewidth": 0.8}
+        return line | {"linewidth": 0.8, "linestyle": "-"}
     return line | {"linewidth": 1.1, "marker": series.marker, "markersize": 3.5}
 
 
-def _entry(series: Series) -> tuple[Artist, str]:
+def _entry(series: Series, line: dict[str, Any]) -> tuple[Artist, str]:
     count = series.count
     failed, without = count[series.published_failed].sum(), count[series.failed].sum()
     text = f"{series.name}: {failed} of {count.sum()}, {without} without a prediction"
-    return Line2D([], [], **_line(series)), text
+    return Line2D([], [], **line), text

@@ -6,28 +6,35 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.panels import scene_panels
-from olne_bench.bench.report.figures.scene import Scene, player_colour, scene_of
+from olne_bench.bench.report.figures.scene import Scene, scene_of
 from olne_bench.bench.report.figures.series import Series, contenders, sensors_in, split
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.predicted_motion import estimated_weights
 from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.envs.scene import player_colour
 from olne_bench.games.features import Stage
 
 _CELLS = 160  # along the longer side of the slice
 _LEVELS = 11
+#: Of a road, what a car can reach within a second or two [m]. Far away the cost of its lane, a
+#: square, is all that shows, and the lane is not defined: opposite to an arc its heading jumps.
+_ROAD_REACH = 18.0
+_ROAD_NEAR = 3.5  # [m] within which costs set the scale of the colours
 
 
 def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     """Cost of a position for one player, where and when it passes another most closely.
 
     One panel for the truth and one per estimator, at the median of its weights at the largest
-    noise level that all estimators have in common, with the full sensor where there is one.
+    noise level that all estimators have in common, with the full sensor where there is one. Titles
+    give the weights that a position's cost depends on: panels differ by nothing else.
 
     Raises:
         NotDrawnError: as ``scene_of``, and without weights, or weights that fit the scenario.
@@ -42,14 +49,22 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
         if weights is not None:
             panels.append((style.printable(s.estimator), weights))
 
-    step, player = closest_pass(scene.recording.states)
+    states = scene.recording.states
+    step, player = closest_pass(states)
+    if scene.on_road:
+        scene = scene.around(states[step, player], _ROAD_REACH)
     grid = _grid(scene)
     costs = [position_cost(scene, weights[player], step, player, *grid) for _, weights in panels]
-    figure = _heat_maps(scene, grid, [name for name, _ in panels], costs, step, player)
+    matter = _weights_that_matter(scene, step, player)
+    names = [
+        f"{name}\n{_told(scene, weights[player], matter)}".rstrip() for name, weights in panels
+    ]
+    figure = _heat_maps(scene, grid, names, costs, step, player)
     time = step * scene.recording.scenario.game.dt
     figure.suptitle(
         f"{trials['scenario'].iloc[0]}: cost of a position for player {player + 1} at "
         f"t = {time:g} s,\nat median estimates ({style.printable(sensor)}, σ = {sigma:g})"
+        f"{scene.stretch_note}"
     )
     return figure
 
@@ -85,20 +100,37 @@ def position_cost(
         px: positions [m], any shape.
         py: of the same shape.
     """
+    position, stage = _at_any_position(scene, step, player)
+    model, theta = scene.recording.scenario.game.players[player], ca.SX(ca.DM(weights))
+    final = stage.control is None
+    cost = model.final_cost(stage, theta) if final else model.running_cost(stage, theta)
+    values = np.array(ca.Function("cost", [position], [cost])(np.array([px.ravel(), py.ravel()])))
+    return (values - values.min()).reshape(px.shape)
+
+
+def _at_any_position(scene: Scene, step: int, player: int) -> tuple[ca.SX, Stage]:
+    """A symbol for one player's position, and the true stage with the player there."""
     game, recording = scene.recording.scenario.game, scene.recording
     position = ca.SX.sym("position", 2)
     states = [ca.SX(ca.DM(state)) for state in recording.states[step]]
     states[player] = ca.vertcat(position, states[player][2:])
-    model, theta = game.players[player], ca.SX(ca.DM(weights))
-    if step < game.horizon - 1:
-        control = ca.SX(ca.DM(recording.controls[step, player]))
-        cost = model.running_cost(
-            Stage(player, tuple(states), control, game.dynamics, game.dt), theta
-        )
-    else:
-        cost = model.final_cost(Stage(player, tuple(states), None, game.dynamics, game.dt), theta)
-    values = np.array(ca.Function("cost", [position], [cost])(np.array([px.ravel(), py.ravel()])))
-    return (values - values.min()).reshape(px.shape)
+    last = step == game.horizon - 1
+    control = None if last else ca.SX(ca.DM(recording.controls[step, player]))
+    return position, Stage(player, tuple(states), control, game.dynamics, game.dt)
+
+
+def _weights_that_matter(scene: Scene, step: int, player: int) -> list[int]:
+    """Weights whose features depend on the position."""
+    position, stage = _at_any_position(scene, step, player)
+    features = scene.recording.scenario.game.players[player].preferences
+    final = stage.control is None
+    costs = [f.final_cost(stage) if final else f.running_cost(stage) for f in features]
+    return [k for k, cost in enumerate(costs) if ca.depends_on(ca.SX(cost), position)]
+
+
+def _told(scene: Scene, weights: np.ndarray, matter: Sequence[int]) -> str:
+    names = scene.recording.scenario.game.weight_names
+    return ", ".join(f"{names[k]} {weights[k]:.2g}" for k in matter)
 
 
 def median_weights(series: Series, scene: Scene, sigma: float) -> np.ndarray | None:
@@ -149,9 +181,10 @@ def _heat_maps(
 ) -> Figure:
     columns = 1 if scene.is_wide else 3
     places = [divmod(k, columns) for k in range(len(names))]
-    figure, panels = scene_panels(scene, places, margin=(0.3, 1.4) if scene.is_wide else (1, 0.6))
-    levels = np.linspace(0, max(cost.max() for cost in costs) or 1.0, _LEVELS)
+    margin = (0.3, 1.4) if scene.is_wide else (1, 0.6)
+    figure, panels = scene_panels(scene, places, margin, lanes=False)
     right, up = scene.plane(np.stack(grid, axis=-1))
+    levels = np.linspace(0, _largest(scene, costs, right, up, step, player) or 1.0, _LEVELS)
     for axes, name, cost in zip(panels, names, costs, strict=True):
         image = axes.pcolormesh(
             right, up, cost, vmin=0, vmax=levels[-1], cmap="cividis", rasterized=True
@@ -162,13 +195,33 @@ def _heat_maps(
         _players(axes, scene, step, player)
         axes.set_title(name)
     place = "bottom" if scene.is_wide else "right"
-    figure.colorbar(image, ax=panels, location=place, label="Cost above the least [-]", aspect=45)
-    entries = [
-        (_marker(i, i == player), f"player {i + 1}{' (whose cost)' * (i == player)}")
-        for i in range(scene.recording.scenario.game.num_players)
-    ]
-    style.legend_below(figure, entries)
+    beyond = "max" if any(cost.max() > levels[-1] for cost in costs) else "neither"
+    figure.colorbar(
+        image,
+        ax=panels,
+        location=place,
+        label="Cost above the least [-]",
+        aspect=45,
+        extend=beyond,
+    )
+    style.legend_below(figure, _entries(scene, step, player))
     return figure
+
+
+def _largest(
+    scene: Scene,
+    costs: Sequence[np.ndarray],
+    right: np.ndarray,
+    up: np.ndarray,
+    step: int,
+    player: int,
+) -> float:
+    """What the colours end at: on a road the largest cost near the player, as its square grows."""
+    if not scene.on_road:
+        return float(max(cost.max() for cost in costs))
+    x, y = scene.plane(scene.recording.states[step, player])
+    near = np.hypot(right - x, up - y) < _ROAD_NEAR
+    return float(max(cost[near].max() for cost in costs))
 
 
 def _players(axes: Axes, scene: Scene, step: int, player: int) -> None:
@@ -176,10 +229,25 @@ def _players(axes: Axes, scene: Scene, step: int, player: int) -> None:
     states = scene.recording.states
     for i in range(states.shape[1]):
         axes.plot(*scene.plane(states[:, i]), color="white", linewidth=0.9, alpha=0.8)
-        marker = _marker(i, i == player)
-        marker.set_data(*([float(v)] for v in scene.plane(states[step, i])))
-        axes.add_line(marker)
+        if scene.on_road:
+            scene.draw_car(axes, states[step, i], player_colour(i), label=str(i + 1))
+        else:
+            marker = _marker(i, i == player)
+            marker.set_data(*([float(v)] for v in scene.plane(states[step, i])))
+            axes.add_line(marker)
     axes.grid(visible=False)
+    scene.draw_marks(axes, "#FFFFFF66")
+
+
+def _entries(scene: Scene, step: int, player: int) -> list[tuple[Artist, str]]:
+    entries: list[tuple[Artist, str]] = []
+    for i, state in enumerate(scene.recording.states[step]):
+        if scene.shows(state):
+            marker = _marker(i, i == player)
+            if scene.on_road:
+                marker.set(marker="s", markersize=7)
+            entries.append((marker, f"player {i + 1}{' (whose cost)' * (i == player)}"))
+    return entries
 
 
 def _marker(player: int, is_subject: bool) -> Line2D:

@@ -8,13 +8,16 @@ from matplotlib.figure import Figure
 
 from olne_bench.bench.report.figures.scene import Scene
 
-_AREA = 6.5  # [inch^2] of a panel beside others
+_AREA, _ROAD_AREA = 6.5, 9.5  # [inch^2] of a panel beside others; cars take some room
 _WIDTH = 7.2  # [inch] of a panel below others
 _GAP = 0.25, 0.45  # [inch] beside and below a panel
 
 
 def scene_panels(
-    scene: Scene, places: Sequence[tuple[int, int]], margin: tuple[float, float]
+    scene: Scene,
+    places: Sequence[tuple[int, int]],
+    margin: tuple[float, float],
+    lanes: bool = True,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with a panel at each (row, column), framed by the scene.
 
@@ -22,10 +25,13 @@ def scene_panels(
         scene: what will be shown.
         places: of the panels; the grid may have gaps.
         margin: width and height [inch] for what lies around the panels.
+        lanes: whether a road is drawn.
     """
     rows, columns = (1 + max(numbers) for numbers in zip(*places, strict=True))
     width, height = scene.extents
-    panel_width = _WIDTH if scene.is_wide else math.sqrt(_AREA * width / height)
+    height *= scene.stretch
+    area = _ROAD_AREA if scene.on_road else _AREA
+    panel_width = _WIDTH if scene.is_wide else math.sqrt(area * width / height)
     panel_height = panel_width * height / width
     figure = Figure(
         figsize=(
@@ -37,7 +43,7 @@ def scene_panels(
     panels = []
     for row, column in places:
         axes = figure.add_subplot(grid[row, column])
-        scene.frame(axes)
+        scene.frame(axes, lanes)
         leftmost = column == min(c for r, c in places if r == row)
         lowest = row == max(r for r, c in places if c == column)
         axes.tick_params(labelleft=leftmost, labelbottom=lowest)

@@ -92,10 +92,9 @@ def split(trials: pd.DataFrame, study: Study = USUAL) -> list[Series]:
     if attempts.empty:
         raise NotDrawnError("nothing was attempted")
     estimators = style.estimator_order(attempts["estimator"].tolist())
-    colours = style.estimator_colours(estimators)
     slots = style.sensor_slots([*study.sensors, *sensors_in(attempts)])
     series: list[Series] = []
-    for place, estimator in enumerate(estimators):
+    for estimator in estimators:
         for sensor in sensors_in(attempts):
             rows = attempts[(attempts["estimator"] == estimator) & (attempts["sensor"] == sensor)]
             if rows.empty:
@@ -107,9 +106,9 @@ def split(trials: pd.DataFrame, study: Study = USUAL) -> list[Series]:
                     estimator,
                     sensor,
                     rows,
-                    colour=style.shade(colours[estimator], slots[sensor]),
+                    colour=style.shade(style.estimator_colours(estimator), slots[sensor]),
                     line_style=style.LINE_STYLES[slots[sensor] % len(style.LINE_STYLES)],
-                    marker=style.MARKERS[place % len(style.MARKERS)],
+                    marker=style.estimator_marker(estimator),
                     study=study,
                 )
             )

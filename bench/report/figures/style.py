@@ -2,6 +2,7 @@
 
 import math
 import warnings
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,20 +21,28 @@ from matplotlib.typing import LineStyleType
 from olne_bench.bench.report.formats import USUAL_FORMATS
 from olne_bench.bench.report.statistics.attempts import FLOOR
 
-#: Okabe and Ito's palette, told apart by colour-blind readers: one colour per player.
-PLAYER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-
-#: One (strong, light) pair per estimator, for the paper's two sensors: shades of one hue.
-ESTIMATOR_COLOURS = (
-    ("#0072B2", "#56B4E9"),
-    ("#D55E00", "#E69F00"),
-    ("#007A59", "#4FC9A4"),
-    ("#9E3D75", "#DD9BC2"),
-    ("#7A6A00", "#CFC22B"),
-    ("#3B2A1A", "#A98F76"),
+#: One (strong, light) pair per estimator of this package, for the paper's two sensors: shades of
+#: one hue out of Okabe and Ito's, which colour-blind readers can tell apart. A name keeps its pair
+#: in every study. No player has one of these colours (``envs.scene.PLAYER_COLOURS``).
+ESTIMATOR_COLOURS = {
+    "kkt_constrained": ("#0072B2", "#56B4E9"),
+    "kkt_residual": ("#D55E00", "#E69F00"),
+    "bilevel": ("#007A59", "#4FC9A4"),
+    "maxent_residual": ("#9E3D75", "#DD9BC2"),
+    "particle": ("#7A6A00", "#CFC22B"),
+    "ukf": ("#3B2A1A", "#A98F76"),
+}
+#: Those of all other estimators; the name decides which.
+FOREIGN_COLOURS = (
+    ("#463983", "#9F97C6"),
+    ("#7B242E", "#C48E94"),
+    ("#215605", "#8FB07E"),
+    ("#73176F", "#BE86BB"),
+    ("#9B5F55", "#D2B3AD"),
+    ("#46606E", "#A3B4BD"),
+    ("#1B6F77", "#8DBBBF"),
+    ("#5C5C3D", "#B3B39C"),
 )
-#: Estimators that keep their pair whatever else was run with them.
-_FIXED_COLOURS = {"kkt_constrained": 0, "kkt_residual": 1}
 
 _PAPER_SENSORS = ("full", "partial")
 
@@ -109,16 +118,26 @@ def printable(name: str) -> str:
 
 def estimator_order(names: Sequence[str]) -> list[str]:
     """Distinct names, those with a colour of their own first, the floor last."""
-    return sorted(set(names), key=lambda n: (n == FLOOR, _FIXED_COLOURS.get(n, 99), n))
+    own = list(ESTIMATOR_COLOURS)
+    return sorted(set(names), key=lambda n: (n == FLOOR, own.index(n) if n in own else len(own), n))
 
 
-def estimator_colours(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """A (strong, light) pair per estimator; more than six share those that are nobody's own."""
-    pairs = dict.fromkeys((n for n in names if n == FLOOR), (FLOOR_COLOUR, FLOOR_COLOUR))
-    others = [n for n in estimator_order(names) if n != FLOOR and n not in _FIXED_COLOURS]
-    free = ESTIMATOR_COLOURS[len(_FIXED_COLOURS) :]
-    own = {n: ESTIMATOR_COLOURS[slot] for n, slot in _FIXED_COLOURS.items() if n in names}
-    return pairs | own | {n: free[k % len(free)] for k, n in enumerate(others)}
+def estimator_colours(name: str) -> tuple[str, str]:
+    """An estimator's (strong, light) pair, the same in every study."""
+    if name == FLOOR:
+        return FLOOR_COLOUR, FLOOR_COLOUR
+    return ESTIMATOR_COLOURS.get(name) or FOREIGN_COLOURS[_digest(name) % len(FOREIGN_COLOURS)]
+
+
+def estimator_marker(name: str) -> str:
+    """An estimator's marker, the same in every study; it tells apart two of one colour."""
+    own = list(ESTIMATOR_COLOURS)
+    place = own.index(name) if name in own else _digest(name) // len(FOREIGN_COLOURS)
+    return MARKERS[place % len(MARKERS)]
+
+
+def _digest(name: str) -> int:
+    return zlib.crc32(name.encode(errors="replace"))
 
 
 def sensor_slots(labels: Sequence[str], known_only: bool = False) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Bundles of predicted trajectories at the largest noise level that has some of everybody."""
+"""Bundles of predicted trajectories at a noise level at which methods differ visibly."""
 
 from collections.abc import Sequence
 
@@ -11,14 +11,17 @@ from matplotlib.lines import Line2D
 
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.panels import scene_panels
-from olne_bench.bench.report.figures.scene import Scene, player_colour, scene_of
+from olne_bench.bench.report.figures.scene import Scene, scene_of
 from olne_bench.bench.report.figures.series import Series, contenders, sensors_in, split
+from olne_bench.bench.report.figures.telling import telling_level
 from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.envs.scene import player_colour
 
 #: Most sequences in one panel, as in the paper.
 MOST_SEQUENCES = 40
 
 _COLUMNS = 3
+_FEW = 4  # sequences, up to which their lines are strong
 _TRUTH_STYLE = (0, (3, 1.5))
 
 
@@ -32,7 +35,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
         NotDrawnError: as ``scene_of``, and where weights do not fit the scenario.
     """
     scene = scene_of(trials, study)
-    sigma = largest_with_predictions(scene.trials)
+    sigma = telling_level(scene.trials)
     seeds = sorted(scene.trials.loc[scene.trials["sigma"] == sigma, "seed"].unique())
     seeds = seeds[:MOST_SEQUENCES]
     shown = scene.trials["seed"].isin(seeds) & (scene.trials["sigma"] == sigma)
@@ -44,18 +47,11 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     _observations(first, scene, sigma, seeds)
     for axes, s in zip(panels, series, strict=True):
         _predictions(axes, scene, s)
-    figure.suptitle(f"{trials['scenario'].iloc[0]}: predicted trajectories at σ = {sigma:g}")
+    figure.suptitle(
+        f"{trials['scenario'].iloc[0]}: predicted trajectories at σ = {sigma:g}{scene.stretch_note}"
+    )
     style.legend_below(figure, _entries(scene))
     return figure
-
-
-def largest_with_predictions(trials: pd.DataFrame) -> float:
-    """Largest noise level at which every series has a prediction to show, else the largest."""
-    for sigma in sorted(trials["sigma"].unique(), reverse=True):
-        series = contenders(split(trials[trials["sigma"] == sigma]))
-        if all((s.trials["status"] == "ok").any() for s in series):
-            return float(sigma)
-    return float(trials["sigma"].max())
 
 
 def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
@@ -92,7 +88,10 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
     predicted = [scene.predicted(trial) for trial in series.trials.to_dict("records")]
     found = [states for states in predicted if states is not None]
     for states in found:
-        _bundle(axes, scene, states, linewidth=0.8, alpha=0.45, marker=".", markevery=[-1])
+        few = len(found) <= _FEW
+        _bundle(axes, scene, states, linewidth=1.4 if few else 0.8, alpha=0.9 if few else 0.45)
+        for i, state in enumerate(states[-1]):
+            scene.draw_car(axes, state, player_colour(i), filled=False)
     _truth(axes, scene)
     failed = int(series.published_failed.sum())
     without = len(predicted) - len(found) - failed
@@ -113,16 +112,17 @@ def _truth(axes: Axes, scene: Scene) -> None:
     states = scene.recording.states
     for i in range(states.shape[1]):
         axes.plot(*scene.plane(states[:, i]), color="black", linewidth=1, linestyle=_TRUTH_STYLE)
-        axes.plot(*scene.plane(states[0, i]), color="black", marker="o", markersize=4)
+        scene.draw_car(axes, states[0, i], "black", label=str(i + 1))
+        if scene.on_road:
+            scene.draw_car(axes, states[-1, i], "black", filled=False)
 
 
 def _entries(scene: Scene) -> list[tuple[Artist, str]]:
-    truth = Line2D(
-        [], [], color="black", linewidth=1, linestyle=_TRUTH_STYLE, marker="o", markersize=4
-    )
+    truth = Line2D([], [], color="black", linewidth=1, linestyle=_TRUTH_STYLE, markersize=4)
+    truth.set_marker("s" if scene.on_road else "o")
     truth.set_markevery([0])
     players: list[tuple[Artist, str]] = [
         (Line2D([], [], color=player_colour(i)), f"player {i + 1}")
         for i in range(scene.recording.states.shape[1])
     ]
-    return [(truth, "truth, from its start"), *players]
+    return [(truth, "truth, numbered where it starts"), *players]

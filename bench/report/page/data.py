@@ -9,13 +9,17 @@ import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.figures.errors import rolling_errors
+from olne_bench.bench.report.figures.curves import rolling_errors
+from olne_bench.bench.report.figures.error_panels import failed_rows, floor_error
+from olne_bench.bench.report.figures.levels import LevelStatistics, has_curve, level_statistics
+from olne_bench.bench.report.figures.rolling import RollingStatistics
 from olne_bench.bench.report.figures.series import Series, split
 from olne_bench.bench.report.measures import in_table, primary
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.page.numbers import rounded
 from olne_bench.bench.report.page.scenes import scene_data
 from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.envs.scene import PLAYER_COLOURS
 
 #: Trials drawn as points, on the whole page; beyond, some are left out, evenly.
 _MOST_POINTS = 14_000
@@ -59,21 +63,21 @@ def chart_data(trials: pd.DataFrame, study: Study = USUAL) -> ChartData:
     drawn = sum(not s.is_floor for series in parts.values() for s in series)
     most = max(_FEWEST_POINTS, _MOST_POINTS // max(1, drawn))
     estimators = style.estimator_order(trials["estimator"].tolist())
-    colours = style.estimator_colours(estimators)
     metrics = errors_shown(trials, study)
     content = {
         "metrics": [_metric(metric) for metric in metrics],
         "primary": getattr(primary(metrics), "name", None),
         "sensors": list(style.sensor_slots(trials["sensor"].unique().tolist(), known_only=True)),
         "estimators": [
-            {"name": name, "colours": colours[name], "floor": name == style.FLOOR}
+            {"name": name, "colours": style.estimator_colours(name), "floor": name == style.FLOOR}
             for name in estimators
         ],
-        "players": style.PLAYER_COLOURS,
+        "players": PLAYER_COLOURS,
         "scenarios": [
             {
                 "name": name,
-                "series": [_series(s, most, metrics) for s in series],
+                "curves": has_curve(series),
+                "series": [_series(s, most, metrics, has_curve(series)) for s in series],
                 "scene": scenes[name],
             }
             for name, series in parts.items()
@@ -98,7 +102,9 @@ def _metric(metric: MetricDeclaration) -> dict[str, Any]:
     }
 
 
-def _series(series: Series, most: int, metrics: Sequence[MetricDeclaration]) -> dict[str, Any]:
+def _series(
+    series: Series, most: int, metrics: Sequence[MetricDeclaration], curves: bool
+) -> dict[str, Any]:
     order = np.argsort(series.observation_error, kind="stable")
     every = -(-len(order) // most)
     shown = order[::every]
@@ -120,7 +126,7 @@ def _series(series: Series, most: int, metrics: Sequence[MetricDeclaration]) -> 
             "published": series.published_failed[shown].astype(int).tolist(),
             **{metric.name: _points(series, metric, shown) for metric in metrics},
         },
-        "rolling": {metric.name: _rolling(series, metric) for metric in metrics},
+        "rolling": {metric.name: _middle(series, metric, curves) for metric in metrics},
     }
 
 
@@ -133,11 +139,22 @@ def _points(
     return [value if told else "–" for value, told in zip(values, about, strict=True)]
 
 
-def _rolling(series: Series, metric: MetricDeclaration) -> dict[str, list[float | None]]:
-    rolling = rolling_errors(series, metric, _MOST_NODES)
+def _middle(
+    series: Series, metric: MetricDeclaration, curves: bool
+) -> dict[str, list[float | None]]:
+    """Median and quartiles: rolling ones, those of each noise level, or the floor's one line."""
+    told: RollingStatistics | LevelStatistics
+    if series.is_floor:
+        ends = np.array([0.0, series.observation_error.max()])
+        level = np.full(2, floor_error(series, metric))
+        told = RollingStatistics(ends, level, level, level)
+    elif curves:
+        told = rolling_errors(series, metric, _MOST_NODES)
+    else:
+        told = level_statistics(series, metric, failed_rows(series, metric))
     return {
-        "x": rounded(rolling.x),
-        "low": rounded(rolling.lower),
-        "mid": rounded(rolling.median),
-        "high": rounded(rolling.upper),
+        "x": rounded(told.x),
+        "low": rounded(told.lower),
+        "mid": rounded(told.median),
+        "high": rounded(told.upper),
     }

@@ -109,7 +109,7 @@
         row.classList.toggle("group", !sorted && k > 0 && group(row) !== group(visible[k - 1]));
       });
     }
-    sorter.append(new Option("scenario, sensor, error", ""));
+    sorter.append(new Option("scenario, sensor, rank", ""));
     heads.forEach((head, column) => {
       if ("nosort" in head.dataset) return;
       const button = document.createElement("button"), name = head.textContent.trim();
@@ -227,7 +227,7 @@
       const { context: c, box } = this;
       this.axes();
       for (const m of this.marks) if (!m.failed) this.mark(m, 0.28, 2);
-      for (const s of this.shown) this.line(s);
+      for (const s of this.shown) (scenario().curves || looks.get(s.estimator).floor ? this.line(s) : this.levels(s));
       for (const m of this.marks) if (m.failed) this.mark(m, 0.75, 4);
       if (!this.shown.length) {
         c.fillStyle = css("--soft");
@@ -302,6 +302,26 @@
       c.setLineDash([]);
     }
 
+    /* Median and quartiles of each noise level, series side by side. */
+    levels(s) {
+      const c = this.context, r = s.rolling[this.column];
+      const drawn = this.shown.filter((one) => !looks.get(one.estimator).floor);
+      const shift = (drawn.indexOf(s) - (drawn.length - 1) / 2) * 6;
+      c.fillStyle = c.strokeStyle = seriesColour(s);
+      r.x.forEach((place, k) => {
+        const x = this.x(place) + shift;
+        if (r.low[k] !== null) {
+          c.globalAlpha = 0.4; c.lineWidth = 4; c.lineCap = "butt";
+          c.beginPath(); c.moveTo(x, this.y(r.low[k]));
+          c.lineTo(x, r.high[k] === null ? this.box.top : this.y(r.high[k])); c.stroke();
+          c.globalAlpha = 1; c.lineCap = "round";
+        }
+        if (r.mid[k] === null) return;
+        c.beginPath(); c.arc(x, this.y(r.mid[k]), 3.4, 0, 7); c.fill();
+        c.lineWidth = 1; c.strokeStyle = css("--card"); c.stroke(); c.strokeStyle = c.fillStyle;
+      });
+    }
+
     ring(m) {
       const c = this.context;
       this.mark(m, 1, m.failed ? 5 : 4);
@@ -357,24 +377,58 @@
   /* Scenes -------------------------------------------------------------------------------- */
 
   const LOWEST = 110; // pixels that a scene is high at least
+  const CAR = [5, 2]; // metres, HighwayEnv's cars
 
   class Plane {
     constructor(canvas, scene, tallest) {
       const [[left, right], [bottom, top]] = scene.limits;
       const margin = 34, pad = 8, width = canvas.clientWidth;
       const scale = Math.min((width - margin - pad) / (right - left), (tallest - margin - pad) / (top - bottom));
-      /* A long road on a narrow screen is stretched upwards, and says so. */
+      /* A long road on a narrow screen is stretched, and says so. */
       const stretch = Math.min(4, Math.max(1, Math.round((2 * LOWEST) / ((top - bottom) * scale)) / 2));
       const height = (top - bottom) * scale * stretch + margin + pad;
       Object.assign(this, prepare(canvas, Math.round(height)), { scale, stretch, scene });
       const free = this.width - margin - pad - (right - left) * scale;
       this.x = (x) => margin + free / 2 + (x - left) * scale;
-      this.y = (y) => pad + (top - y) * scale * stretch;
+      /* On HighwayEnv's roads y points down, as HighwayEnv draws it. */
+      this.y = (y) => pad + (scene.down ? y - bottom : top - y) * scale * stretch;
+      this.foot = pad + (top - bottom) * scale * stretch;
       this.grid();
       const c = this.context;
       c.beginPath();
-      c.rect(this.x(left) - 8, this.y(top) - 8, (right - left) * scale + 16, this.y(bottom) - this.y(top) + 12);
+      c.rect(this.x(left) - 8, pad - 8, (right - left) * scale + 16, this.foot - pad + 12);
       c.clip();
+      this.road();
+    }
+
+    road() {
+      const c = this.context, trace = (points) => points.forEach((p) => c.lineTo(this.x(p[0]), this.y(p[1])));
+      c.fillStyle = css("--road");
+      for (const lane of this.scene.lanes) {
+        c.beginPath(); trace(lane.edges[0]); trace([...lane.edges[1]].reverse()); c.fill();
+      }
+      c.strokeStyle = css("--mark"); c.lineWidth = 1.3;
+      for (const lane of this.scene.lanes) lane.edges.forEach((edge, k) => {
+        if (lane.marks[k] === "none") return;
+        c.setLineDash(lane.marks[k] === "dashed" ? [6, 6] : []);
+        c.beginPath(); trace(edge); c.stroke();
+      });
+      c.setLineDash([]);
+    }
+
+    /* A car of HighwayEnv's size at (x, y, heading); elsewhere a dot, as games know points. */
+    car(point, colour, { filled = true, radius = 5 } = {}) {
+      if (!this.scene.down) { this.dot(point, colour, radius); return; }
+      const c = this.context, [x, y, heading] = point, cos = Math.cos(heading), sin = Math.sin(heading);
+      c.beginPath();
+      for (const [a, b] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
+        const along = a * CAR[0] / 2, beside = b * CAR[1] / 2;
+        c.lineTo(this.x(x + along * cos - beside * sin), this.y(y + along * sin + beside * cos));
+      }
+      c.closePath();
+      c.fillStyle = c.strokeStyle = colour; c.lineWidth = 1.5;
+      if (filled) c.fill();
+      c.stroke();
     }
 
     grid() {
@@ -391,8 +445,8 @@
       const text = (v) => String(Number(v.toPrecision(6)));
       c.textAlign = "center"; c.textBaseline = "top";
       for (let k = Math.ceil(left / s); k * s <= right; k += 1) {
-        line(this.x(k * s), this.y(top), this.x(k * s), this.y(bottom));
-        c.fillText(text(k * s), this.x(k * s), this.y(bottom) + 5);
+        line(this.x(k * s), 8, this.x(k * s), this.foot);
+        c.fillText(text(k * s), this.x(k * s), this.foot + 5);
       }
       c.textAlign = "right"; c.textBaseline = "middle";
       for (let k = Math.ceil(bottom / r); k * r <= top; k += 1) {
@@ -400,7 +454,7 @@
         c.fillText(text(k * r), this.x(left) - 5, this.y(k * r));
       }
       c.textAlign = "right"; c.textBaseline = "bottom";
-      c.fillText(`${scene.axes[0]} → · ${scene.axes[1]} ↑ [m]${this.stretch > 1 ? `, upwards × ${this.stretch}` : ""}`, this.x(right), this.height - 1);
+      c.fillText(`${scene.axes[0]} → · ${scene.axes[1]} ${scene.down ? "↓" : "↑"} [m]${this.stretch > 1 ? `, stretched × ${this.stretch}` : ""}`, this.x(right), this.height - 1);
     }
 
     path(points, colour, { width = 1, alpha = 1, dash = [], upto = points.length } = {}) {
@@ -471,14 +525,17 @@
       this.bundle.forEach((one, k) => { if (k !== this.at) this.one(one, alpha * faint, width); });
       scene.truth.forEach((path) => {
         plane.path(path, css("--ink"), { width: 1.4, dash: [5, 4] });
-        plane.dot(path[0], css("--ink"), 3.5);
+        plane.car(path[0], css("--ink"), { radius: 3.5 });
       });
       if (this.at >= 0) this.one(this.bundle[this.at], 1, 2.6);
     }
 
     one(one, alpha, width) {
       one.paths.forEach((path, i) => {
-        if (this.series) this.plane.path(path, playerColour(i), { alpha, width });
+        if (this.series) {
+          this.plane.path(path, playerColour(i), { alpha, width });
+          if (this.plane.scene.down) this.plane.car(path[path.length - 1], playerColour(i), { filled: false });
+        }
         else path.forEach((point) => this.plane.dot(point, playerColour(i), width, alpha));
       });
     }
@@ -558,13 +615,13 @@
       const colour = shade(looks.get(p.estimator).colours[0]);
       for (const path of p.paths || []) {
         plane.path(path, colour, { width: 2.4, alpha: 0.9, upto });
-        plane.dot(path[t], colour, 5);
+        plane.car(path[t], colour, { filled: false });
       }
     }
     const c = plane.context;
     c.textAlign = "center"; c.textBaseline = "middle"; c.font = "700 10px system-ui, sans-serif";
     scene.truth.forEach((path, i) => {
-      plane.dot(path[t], ink, 7.5);
+      plane.car(path[t], ink, { radius: 7.5 });
       c.fillStyle = css("--card");
       c.fillText(i + 1, plane.x(path[t][0]), plane.y(path[t][1]) + 0.5);
     });
@@ -627,11 +684,15 @@
   /* What lines and signs of the charts mean; colours are told by the buttons. */
   function legend() {
     const shown = visible(), entries = [];
-    for (const sensor of allSensors) {
+    const curves = scenario().curves;
+    for (const sensor of curves ? allSensors : []) {
       const one = shown.find((s) => s.sensor === sensor && !looks.get(s.estimator).floor);
-      if (one) entries.push([`l-dash-${one.dash}`, `${sensor}, median`]);
+      if (one) entries.push([`l-dash-${one.dash}`, `${sensor}, rolling median`]);
     }
-    entries.push(["l-band", "quartiles"], ["l-failed", "failed"]);
+    if (!curves) entries.push(["l-mid", "median of a noise level"]);
+    const lines = shown.flatMap((s) => Object.values(s.rolling));
+    if (lines.some((r) => r.low.some((low) => low !== null))) entries.push([curves ? "l-band" : "l-bar", "quartiles"]);
+    if (charts.some((chart) => chart.failing.length)) entries.push(["l-failed", "failed"]);
     const floor = shown.find((s) => looks.get(s.estimator).floor);
     if (floor) entries.push(["l-floor", `${floor.estimator}, the floor`]);
     byId("chart-legend").replaceChildren(...entries.map(([kind, text]) => {

@@ -78,7 +78,7 @@ def render_page(
         css=_own("page.css"),
         script=_own("page.js"),
         data=charts.content,
-        colours=style.estimator_colours(table["estimator"].unique().tolist()),
+        colours={n: style.estimator_colours(n) for n in table["estimator"].unique()},
         verdicts=verdicts(table, tables.comparisons, study),
         rows=_board(table, metrics, first),
         metrics=metrics,

@@ -1,16 +1,19 @@
 """Trajectories for the page: truth, observations, and what the estimates predict."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from olne_bench.bench.report.figures.scene import Scene, scene_of
-from olne_bench.bench.report.figures.trajectories import largest_with_predictions
+from olne_bench.bench.report.figures.telling import telling_level
 from olne_bench.bench.report.measures import in_table
 from olne_bench.bench.report.page.numbers import decimals, rounded
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import USUAL, Study
+
+if TYPE_CHECKING:
+    from olne_bench.envs.road_shapes import LaneShape
 
 #: Coordinates drawn and predictions made, about, for the whole page; most sequences of a bundle.
 _MOST_COORDINATES = 140_000
@@ -19,14 +22,15 @@ _MOST_SEQUENCES = 12
 _FEWEST_SEQUENCES = 4
 _OTHER_LEVELS = 3  # noise levels besides the bundle's that can be played
 _OTHER_SEEDS = 1
-_PLACES = 3  # millimetres
+_PLACES = 3  # millimetres, milliradians
+_LANE_PLACES = 2
 
 
 def scene_data(trials: pd.DataFrame, *, number: int, study: Study = USUAL) -> dict[str, Any]:
     """Truth and sample trials of one scenario.
 
-    A bundle of sequences at the largest noise level at which everybody has predictions, and a few
-    at other levels. Predictions are made again (``bench.report.predicted_motion``).
+    A bundle of sequences at the noise level at which methods differ most, and a few at other
+    levels. Predictions are made again (``bench.report.predicted_motion``).
 
     Args:
         trials: of one scenario.
@@ -41,12 +45,14 @@ def scene_data(trials: pd.DataFrame, *, number: int, study: Study = USUAL) -> di
     steps, players, _ = scene.recording.states.shape
     paths = 1 + attempts.groupby(["estimator", "sensor"]).ngroups
     most = min(_MOST_COORDINATES // (2 * steps * players), _MOST_PREDICTIONS) // (number * paths)
-    bundle = largest_with_predictions(scene.trials)
+    bundle = telling_level(scene.trials)
     chosen = _chosen(scene, bundle, int(np.clip(most, _FEWEST_SEQUENCES, _MOST_SEQUENCES)))
     names = scene.recording.scenario.game.dynamics.state_names
     return {
         "axes": [names[axis] for axis in scene.axes_order],
         "limits": scene.limits,
+        "down": scene.on_road,
+        "lanes": [_lane(shape) for shape in scene.lanes],
         "dt": scene.recording.scenario.game.dt,
         "truth": _paths(scene, scene.recording.states),
         "bundle": bundle,
@@ -97,6 +103,13 @@ def _predicted(scene: Scene, trial: dict[Any, Any]) -> list[list[list[float]]] |
     return None if states is None else _paths(scene, states)
 
 
+def _lane(shape: "LaneShape") -> dict[str, Any]:
+    edges = [decimals(edge, _LANE_PLACES) for edge in shape.edges]
+    return {"edges": edges, "marks": shape.marks}
+
+
 def _paths(scene: Scene, states: np.ndarray) -> list[list[list[float]]]:
-    """Each player's path (N, T, 2) in the plane of the scene."""
-    return decimals(np.stack(scene.plane(states.swapaxes(0, 1)), axis=-1), _PLACES)
+    """Each player's path (N, T, 2) in the plane of the scene; cars have a third entry, heading."""
+    paths = states.swapaxes(0, 1)
+    columns = [*scene.plane(paths), *([paths[..., 2]] if scene.on_road else [])]
+    return decimals(np.stack(columns, axis=-1), _PLACES)

@@ -21,16 +21,18 @@ class Line:
 
     Attributes:
         sensor: its name.
-        first: the estimator with the least median of the primary metric; empty where half of the
-            attempts of each fail.
+        first: the estimator that the leaderboard has first: of the best rank the one with the
+            least median of the primary metric. Empty where half of its attempts fail.
         error: that error, with its unit.
         remark: how it compares with the next one.
+        ranked: whether there are enough trials for a rank; if not, nobody is first.
     """
 
     sensor: str
     first: str
     error: str
     remark: str
+    ranked: bool = True
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,15 @@ def _line(rows: pd.DataFrame, beaten: set[tuple[Any, ...]], metric: MetricDeclar
         beaten: scenario, sensor, winner and loser of every significant comparison.
         metric: that counts.
     """
-    median = f"{metric.name}_median"
-    rows = rows.assign(floor=rows["estimator"] == FLOOR)
-    first, *others = rows.sort_values(["floor", median]).to_dict("records")
-    error, sensor = first[median], str(first["sensor"])
+    median, rank = f"{metric.name}_median", f"{metric.name}_rank"
+    rows = rows.assign(floor=rows["estimator"] == FLOOR, unranked=rows[rank].isna())
+    order = ["floor", "unranked", rank, median]
+    first, *others = rows.sort_values(order).to_dict("records")
+    error, sensor, ranked = first[median], str(first["sensor"]), not first["unranked"]
     if not math.isfinite(error):
-        return Line(sensor, "", "", "")
+        return Line(sensor, "", "", "", ranked)
     remark = _against(first, others[0], beaten, metric) if others else ""
-    return Line(sensor, first["estimator"], _with_unit(error, metric), remark)
+    return Line(sensor, first["estimator"], _with_unit(error, metric), remark, ranked)
 
 
 def _against(
@@ -89,12 +92,16 @@ def _against(
     name, theirs = other["estimator"], other[f"{metric.name}_median"]
     error, place = first[f"{metric.name}_median"], (first["scenario"], first["sensor"])
     size = "half of its attempts fail" if math.isinf(theirs) else _with_unit(theirs, metric)
-    if theirs < error:
+    if first["unranked"]:
         return f"{name}: {size}"
-    if (*place, name, first["estimator"]) in beaten:  # medians and most trials can disagree
-        return f"{name}: {size}, but better in most trials"
+    if other["unranked"] and name != FLOOR:
+        return f"{name}: {size}, on a part of the trials"
+    if name == FLOOR and theirs < error:
+        return f"{name}: {size}"
     if (*place, first["estimator"], name) not in beaten:
         return f"{name}: {size}, no significant difference"
+    if theirs < error:  # medians and most trials can disagree
+        return f"{name}: {size}, but worse in most trials"
     factor = theirs / error if error > 0 else math.inf
     return f"{name}: {size}" + (f", {human(factor)} times as much" if factor < math.inf else "")
 

@@ -30,6 +30,8 @@ from olne_bench.bench.report.study import USUAL, Study
 SIGNIFICANCE = 0.05
 #: With fewer independent units no p-value can be that small, whatever they say: 2 / 2**5 is more.
 _LEAST_UNITS = 6
+#: Share of the most trials that anybody has, below which an estimator was run on a part of them.
+_WHOLE = 0.8
 #: Differences below are ties: absolute, of rounding; relative to the smaller error, too small to
 #: matter, as of two solvers that end at the same optimum.
 _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
@@ -142,27 +144,33 @@ def significant_wins(comparisons: pd.DataFrame, error: str) -> pd.DataFrame:
 def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd.Series:
     """Rank of each estimator: one more than the number of contenders significantly better.
 
-    The floor is no contender: it takes nobody's rank, and its own says where it would stand.
+    The floor is no contender, nor is an estimator that was run on a part of the trials: neither
+    takes anybody's rank. The floor's own rank says where it would stand.
 
     Args:
         comparisons: from ``compare_estimators``.
-        estimators: rows with ``scenario, sensor, estimator``.
+        estimators: rows with ``scenario, sensor, estimator`` and ``trials``, how many they have.
         error: which one to rank by.
 
     Returns:
         Ranks with the index of ``estimators``; those that cannot be told apart share one. Missing
-        where there are so few independent units that nobody could be told apart.
+        where there is nobody to compare with, where there are so few independent units that nobody
+        could be told apart, and for estimators that were run on a part of the trials only: these
+        are compared on the trials in common, which says less than all of them.
     """
     of_error = comparisons[comparisons["error"] == error]
-    told = significant_wins(of_error, error)
-    beaten = told[told["winner"] != FLOOR].groupby([*_GROUP, "loser"]).size()
     keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
+    most = estimators.groupby(_GROUP)["trials"].transform("max")
+    whole = estimators["trials"] >= _WHOLE * most
+    ranked = keys[whole & (estimators["estimator"] != FLOOR)]
+    told = significant_wins(of_error, error)
+    told = told[pd.MultiIndex.from_frame(told[[*_GROUP, "winner"]]).isin(ranked)]
+    beaten = told.groupby([*_GROUP, "loser"]).size()
     found = pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
     enough = of_error[of_error["units"] >= _LEAST_UNITS]
     judged = pd.concat([enough, enough.assign(estimator=enough["other"])])
-    alone = estimators.groupby(_GROUP)["estimator"].transform("size") == 1
-    known = alone | keys.isin(pd.MultiIndex.from_frame(judged[[*_GROUP, "estimator"]]))
-    return found.astype("Int64").where(known)
+    known = keys.isin(pd.MultiIndex.from_frame(judged[[*_GROUP, "estimator"]]))
+    return found.astype("Int64").where(known & whole)
 
 
 def leaders(table: pd.DataFrame, error: str) -> pd.Series:

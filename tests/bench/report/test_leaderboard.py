@@ -3,6 +3,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
 from olne_bench.bench.report.study import USUAL
 
 
@@ -143,3 +144,21 @@ def test_in_a_fixed_scenario_all_seeds_have_the_same_starts(usual):
         trial(scenario="two_player", seed=k, held_out_error=e) for k, e in ((0, 0.1), (1, None))
     ]
     assert only_row(*rows, study=usual)["held_out_error_q75"] == np.inf
+
+
+def test_rows_stand_by_rank_and_then_by_median(usual):
+    """Medians and most trials can disagree: then the trials decide, as they do on the page."""
+    errors = {"often": [0.1] * 7 + [9.0] * 8, "even": [5.0] * 7 + [9.1] * 8, "last": [50.0] * 15}
+    rows = [
+        trial(scenario="two_player", estimator=name, seed=seed, position_error=error)
+        for name, values in errors.items()
+        for seed, error in enumerate(values)
+    ]
+    trials = pd.DataFrame(rows)
+    table = leaderboard(trials, compare_estimators(trials, usual), usual)
+    assert table["estimator"].tolist() == ["often", "even", "last"]
+    assert table["position_error_rank"].tolist() == [1, 2, 3]
+    swapped = trials.replace({"position_error": {9.1: 8.0}})
+    table = leaderboard(swapped, compare_estimators(swapped, usual), usual)
+    assert table["position_error_rank"].tolist() == [1, 1, 3]
+    assert table["estimator"].tolist() == ["even", "often", "last"]

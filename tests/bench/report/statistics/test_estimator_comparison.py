@@ -152,23 +152,39 @@ def test_ranks_tie_what_cannot_be_told_apart() -> None:
     )
     comparisons = compare(trials)
     names = pd.DataFrame({"estimator": ["fails", "equal", "best", "worse"]})
-    table = names.assign(scenario="two_player", sensor="full")
+    table = names.assign(scenario="two_player", sensor="full", trials=80)
     assert ranks(comparisons, table, "position_error").tolist() == [4, 1, 1, 3]
 
 
-def test_one_estimator_alone_has_the_first_rank() -> None:
+def test_one_estimator_alone_has_no_rank() -> None:
     trials = study({"a": np.ones((2, 3))})
     comparisons = compare(trials)
     assert comparisons.empty
-    table = trials[["scenario", "sensor", "estimator"]].drop_duplicates()
-    assert ranks(comparisons, table, "cosine_error").tolist() == [1]
+    table = trials[["scenario", "sensor", "estimator"]].drop_duplicates().assign(trials=6)
+    assert ranks(comparisons, table, "cosine_error").isna().all()
+
+
+def test_who_was_run_on_a_part_of_the_trials_has_no_rank_and_takes_none() -> None:
+    """It is compared on the trials in common; the others are ranked as if it were not there."""
+    errors = {"good": np.full((4, 20), 0.1), "bad": np.full((4, 20), 0.5)}
+    part = {"part": np.full((4, 5), 0.01), "nearly": np.full((4, 17), 0.2)}
+    comparisons = compare(study(errors | part))
+    own = comparisons[(comparisons["error"] == "cosine_error")].set_index(["estimator", "other"])
+    assert own.loc[("good", "part"), "pairs"] == 20
+    assert own.loc[("good", "part"), "p_holm"] < 0.05
+    names = pd.DataFrame({"estimator": ["good", "bad", "part", "nearly"]})
+    table = names.assign(scenario="two_player", sensor="full", trials=[80, 80, 20, 68])
+    found = ranks(comparisons, table, "position_error")
+    assert found.fillna(0).tolist() == [1, 3, 0, 2]
+    leading = leaders(table.assign(e_rank=found, e_median=[0.1, 0.5, 0.01, 0.2]), "e")
+    assert leading.tolist() == [True, False, False, False]
 
 
 def test_the_floor_takes_nobodys_rank() -> None:
     """Where equal weights happen to be the truth, the best contender still comes first."""
     errors = np.zeros((4, 20)), np.full((4, 20), 0.1), np.full((4, 20), 0.5)
     names = pd.DataFrame({"estimator": ["uniform", "near", "far"]})
-    table = names.assign(scenario="two_player", sensor="full")
+    table = names.assign(scenario="two_player", sensor="full", trials=80)
     for order, expected in (((0, 1, 2), [1, 1, 2]), ((2, 0, 1), [3, 1, 2])):
         found = study(dict(zip(names["estimator"], (errors[k] for k in order), strict=True)))
         assert ranks(compare(found), table, "position_error").tolist() == expected
@@ -186,7 +202,9 @@ def test_the_floor_takes_nobodys_rank() -> None:
 def test_too_few_units_have_no_rank(scenario: str, seeds: int, ranked: bool) -> None:
     """Three levels of two draws are six trials, but two draws of a family."""
     trials = study({"a": np.zeros((3, seeds)), "b": np.ones((3, seeds))}, scenario)
-    names = pd.DataFrame({"estimator": ["a", "b"]}).assign(scenario=scenario, sensor="full")
+    names = pd.DataFrame({"estimator": ["a", "b"]}).assign(
+        scenario=scenario, sensor="full", trials=9
+    )
     found = ranks(compare(trials), names, "position_error")
     assert found.notna().tolist() == [ranked] * 2
 

@@ -1,0 +1,106 @@
+"""Errors level by level, a row per metric and a column per sensor: few levels or trials."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.figures.error_panels import (
+    Entries,
+    draw_floor,
+    failed_entry,
+    failed_rows,
+    floor_entry,
+    lower_limit,
+    share_scale,
+    upper_limit,
+)
+from olne_bench.bench.report.figures.levels import (
+    Slots,
+    draw_levels,
+    draw_shares,
+    has_quartiles,
+    median_style,
+)
+from olne_bench.bench.report.figures.series import Series, contenders
+
+_ABSCISSA = "Noise level σ [m]"
+_COUNTS_HEIGHT = 0.12  # of the panel's height, for triangles with numbers
+
+
+def draw_level_panels(
+    series: Sequence[Series], metrics: Sequence[MetricDeclaration]
+) -> tuple[Figure, Entries]:
+    """A row per metric and a column per sensor, and what their legend says."""
+    drawn = [_in_own_colour(s) for s in contenders(list(series)) if not s.is_floor]
+    floor = next((s for s in series if s.is_floor), None)
+    sensors = list(dict.fromkeys(s.sensor for s in drawn or series))
+    estimators = style.estimator_order([s.estimator for s in drawn])
+    slots = Slots(series, estimators)
+    width = 4.6 if len(sensors) <= 2 else 3.4
+    figure = Figure(figsize=(max(4.8, width * len(sensors)), 0.6 + 2.9 * len(metrics)))
+    panels = figure.subplots(len(metrics), len(sensors), squeeze=False)
+    for axes, sensor in zip(panels[0], sensors, strict=True):
+        axes.set_title(style.printable(sensor))
+    for axes in panels[-1]:
+        axes.set_xlabel(_ABSCISSA)
+    for row, metric in zip(panels, metrics, strict=True):
+        for axes, sensor in zip(row, sensors, strict=True):
+            own = [s for s in drawn if s.sensor == sensor]
+            slots.frame(axes)
+            if metric.is_share:
+                share_scale(axes)
+                for s in own:
+                    draw_shares(axes, s, slots, metric)
+            else:
+                _level_panel(axes, own, drawn, floor, slots, metric)
+            axes.tick_params(labelleft=axes is row[0])
+        row[0].set_ylabel(style.printable(metric.title))
+    return figure, _level_entries(drawn, floor, metrics)
+
+
+def _in_own_colour(series: Series) -> Series:
+    """Sensors have panels of their own, so an estimator has one colour."""
+    return replace(series, colour=style.estimator_colours(series.estimator)[0], line_style="-")
+
+
+def _level_panel(
+    axes: Axes,
+    own: Sequence[Series],
+    all_series: Sequence[Series],
+    floor: Series | None,
+    slots: Slots,
+    metric: MetricDeclaration,
+) -> None:
+    """One sensor's panel, on the scale of all sensors."""
+    scaled = [*all_series, *([floor] if floor else [])]
+    bottom = lower_limit(scaled, metric)
+    some_failed = any(failed_rows(s, metric).any() for s in all_series)
+    top = upper_limit(scaled, metric, bottom, reserved=_COUNTS_HEIGHT if some_failed else 0.03)
+    style.log_axis(axes, bottom, top)
+    if floor is not None:
+        draw_floor(axes, floor, metric, bottom)
+    for s in own:
+        draw_levels(axes, s, slots, metric, failed_rows(s, metric), bottom, top)
+
+
+def _level_entries(
+    drawn: Sequence[Series], floor: Series | None, metrics: Sequence[MetricDeclaration]
+) -> Entries:
+    entries: Entries = []
+    for s in {s.estimator: s for s in drawn}.values():
+        entries.append((Line2D([], [], **median_style(s)), style.printable(s.estimator)))
+    if floor is not None:
+        entries.append(floor_entry(floor))
+    if drawn:
+        trial = Line2D([], [], color="0.35", marker=".", linestyle="none", markeredgewidth=0)
+        middle = Line2D([], [], color="0.35", marker="o", linestyle="none", markersize=4)
+        entries += [(trial, "one trial"), (middle, "median")]
+    if has_quartiles(drawn):
+        bar = Line2D([], [], color="0.35", linewidth=3, alpha=0.4)
+        entries.append((bar, "quartiles"))
+    return [*entries, *failed_entry(drawn, metrics, "number of failures, as published")]

@@ -1,0 +1,164 @@
+"""Equilibria of draws kept on disk, so that a world's second reset of a seed need not solve anew.
+
+Only worlds that draw a built-in scenario themselves, by its name, keep and read what is kept
+(``keeping``). The referee of a benchmark hands its worlds finished scenarios, so the truth of a run
+is never kept; and the folder is closed to estimators all the same (``bench.process.sandbox``).
+
+A file is named by a digest of all that decides the result: the game, the weights, the start, this
+package's code, the versions of the libraries and the machine's kind. It holds the arrays bit by
+bit, behind a digest of its own. A file that is damaged, somebody else's or writable by others is
+not read. The least recently used files go where there are more than ``MOST_FILES``.
+
+``OLNE_BENCH_DRAWS=0`` switches keeping off. The folder lies beside that of compiled libraries
+(``games.compiler``), with ``-draws`` behind its name.
+"""
+
+import hashlib
+import io
+import os
+import platform
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import fields, is_dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from olne_bench.envs.draws_folder import draws_folder
+from olne_bench.games.compiler import backend, why_foreign
+from olne_bench.games.game import Game
+from olne_bench.games.olne import Certificate, Equilibrium
+
+#: Of some ten kilobytes each.
+MOST_FILES = 2000
+
+_LIBRARIES = ("casadi", "numpy", "scipy", "highway-env", "olne-bench")
+_PACKAGES = ("olne_bench.games", "olne_bench.envs")
+_DIGEST = 32  # bytes of SHA-256
+_keeping: ContextVar[bool] = ContextVar("keeping", default=False)
+
+
+@contextmanager
+def keeping(wanted: bool = True) -> Iterator[None]:
+    """Within, equilibria are kept on disk and read from there, if it is wanted."""
+    token = _keeping.set(wanted and os.environ.get("OLNE_BENCH_DRAWS", "1") != "0")
+    try:
+        yield
+    finally:
+        _keeping.reset(token)
+
+
+def file_of(game: Game, weights: bytes, initial_state: bytes) -> Path | None:
+    """The file of a solved game; None where nothing is to be kept, or the game cannot be told."""
+    folder = draws_folder() if _keeping.get() else None
+    if folder is None:
+        return None
+    try:
+        told = _told(game)
+    except TypeError:
+        return None
+    parts = (*_surroundings(), told, weights.hex(), initial_state.hex())
+    return folder / f"{hashlib.sha256(repr(parts).encode()).hexdigest()}.npz"
+
+
+def read(path: Path) -> Equilibrium | None:
+    """What a file holds; None where it holds nothing that can be trusted."""
+    with suppress(OSError, ValueError, KeyError):
+        if why_foreign(path) or why_foreign(path.parent):
+            return None
+        content = path.read_bytes()
+        if hashlib.sha256(content[_DIGEST:]).digest() != content[:_DIGEST]:
+            return None
+        os.utime(path)  # for the order in which files are removed
+        with np.load(io.BytesIO(content[_DIGEST:]), allow_pickle=False) as arrays:
+            certificate = Certificate(
+                arrays["gains"],
+                arrays["costs"],
+                float(arrays["tolerance"]),
+                bool(arrays["passed"]),
+            )
+            return Equilibrium(
+                arrays["states"],
+                arrays["controls"],
+                arrays["costates"],
+                float(arrays["residual"]),
+                certificate,
+            )
+    return None
+
+
+def write(path: Path, solved: Equilibrium) -> None:
+    """Keep an equilibrium; where that does not work, it is not kept."""
+    buffer = io.BytesIO()
+    certificate = solved.certificate
+    np.savez(
+        buffer,
+        states=solved.states,
+        controls=solved.controls,
+        costates=solved.costates,
+        residual=solved.residual,
+        gains=certificate.gains,
+        costs=certificate.costs,
+        tolerance=certificate.tolerance,
+        passed=certificate.passed,
+    )
+    content = buffer.getvalue()
+    with suppress(OSError):
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        if why_foreign(path.parent):
+            return
+        # Written aside and moved in one step, so that processes may race.
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(hashlib.sha256(content).digest() + content)
+        Path(file.name).replace(path)
+        _tidy(path.parent)
+
+
+def _tidy(folder: Path) -> None:
+    """Remove the least recently used files beyond the limit."""
+    kept = []
+    for path in folder.iterdir():
+        with suppress(FileNotFoundError):  # another process may remove some as well
+            kept.append((path.stat().st_mtime, path))
+    for _, path in sorted(kept)[: max(0, len(kept) - MOST_FILES)]:
+        path.unlink(missing_ok=True)
+
+
+@lru_cache(maxsize=1)
+def _surroundings() -> tuple[str, ...]:
+    """All that decides a result besides the game."""
+    code = hashlib.sha256()
+    for package in _PACKAGES:
+        for path in _sources(Path(str(files(package)))):
+            code.update(path.name.encode() + path.read_bytes())
+    libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
+    return (code.hexdigest(), *libraries, backend(), platform.machine(), platform.python_version())
+
+
+def _sources(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".c"))
+
+
+def _told(value: Any) -> str:
+    """A text that differs for different games: fields of dataclasses, names of functions.
+
+    Raises:
+        TypeError: on a value of another kind.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        inner = ", ".join(f"{f.name}={_told(getattr(value, f.name))}" for f in fields(value))
+        return f"{type(value).__module__}.{type(value).__qualname__}({inner})"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_told, value))})"
+    if isinstance(value, FunctionType):
+        return f"{value.__module__}.{value.__qualname__}"
+    if value is None or isinstance(value, bool | int | float | str):
+        return repr(value)
+    raise TypeError(f"no text for a {type(value).__name__}")
