@@ -1,19 +1,23 @@
 """``olne-bench compare``: what got better or worse from one run to another."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import pandas as pd
 
 from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.measures import FAILURES
 from olne_bench.bench.report.statistics.run_comparison import compare_runs
 from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
+from olne_bench.files import check_new_file, whole_file
 
 
 @click.command()
@@ -27,7 +31,10 @@ from olne_bench.errors import UserError
     help="Only this estimator, which AFTER calls OTHER (repeatable).",
 )
 @click.option("--out", type=PATH, help="Write the table as CSV as well.")
-def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | None) -> None:
+@click.option("--page", type=PATH, help="Write a page that shows both runs, a new .html file.")
+def compare(
+    before: Path, after: Path, estimators: tuple[str, ...], out: Path | None, page: Path | None
+) -> None:
     """Compare the run in AFTER with that in BEFORE, trial by trial on the same noise.
 
     Compared are the errors by which estimators are ranked, and which trials fail.
@@ -35,8 +42,12 @@ def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | 
     Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if
     something did, 2 on bad input. Both may be the same folder, to compare two estimators in it.
     """
-    (old, one), (new, other) = (_trials(folder) for folder in (before, after))
-    study = _common(one, other)
+    if page is not None:
+        check_new_file("--page", page, (".html",))
+    first, second = (_read(folder) for folder in (before, after))
+    old, new = first.trials, second.trials
+    study = _common(first.study, second.study)
+    _refuse_other_noise(first.study, second.study, before, after)
     names = _names(estimators, old, new, before, after)
     table = compare_runs(old, new, names, study)
     if table.empty:
@@ -46,6 +57,8 @@ def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | 
             csv_safe(table).to_csv(out, index=False)
         except OSError as error:
             raise UserError(f"cannot write to {out}: {error.strerror or error}") from error
+    if page is not None:
+        _write_page(page, first, second, names, table, study)
     click.echo(_format(table))
     for note in _notes(old, new, names, before, after):
         click.echo(f"note: {note}", err=True)
@@ -54,12 +67,52 @@ def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | 
     sys.exit(1 if counts.get("worse", 0) else 0)
 
 
-def _trials(folder: Path) -> tuple[pd.DataFrame, Study]:
+@dataclass(frozen=True)
+class _Run:
+    """What is compared of a run."""
+
+    folder: Path
+    trials: pd.DataFrame
+    study: Study
+    sources: list[Provenance]
+
+
+def _read(folder: Path) -> _Run:
     with read_store(folder) as store:
         trials, runs = store.frame(), store.runs()
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    return trials, study_of(read_suite_json(run.suite) for run in runs)
+    return _Run(folder, trials, study_of(read_suite_json(run.suite) for run in runs), runs)
+
+
+def _refuse_other_noise(one: Study, other: Study, before: Path, after: Path) -> None:
+    if one.salt != other.salt:
+        raise UserError(
+            f"{before} has the salt {salt_id(one.salt)} and {after} has {salt_id(other.salt)}: "
+            "they have no noise in common; run both with one --salt"
+        )
+
+
+def _write_page(
+    place: Path,
+    first: _Run,
+    second: _Run,
+    names: dict[str, str],
+    changes: pd.DataFrame,
+    study: Study,
+) -> None:
+    from olne_bench.bench.report.page.two_runs import two_runs_page  # drawing is slow to import
+
+    html = two_runs_page(
+        (str(first.folder), first.trials, first.sources),
+        (str(second.folder), second.trials, second.sources),
+        names,
+        changes,
+        study,
+    )
+    with whole_file(place) as path:
+        path.write_text(html, encoding="utf-8")
+    click.echo(f"{place}: both runs on one page")
 
 
 def _common(one: Study, other: Study) -> Study:
@@ -69,6 +122,8 @@ def _common(one: Study, other: Study) -> Study:
         tuple(metric for metric in other.metrics if metric.name in names),
         {**one.scenarios, **other.scenarios},
         {**one.sensors, **other.sensors},
+        one.salt,
+        {**one.estimators, **other.estimators},
     )
 
 

@@ -8,8 +8,10 @@ import click
 
 from olne_bench.bench.commands.options import MEMORY, PATH
 from olne_bench.bench.report.submission.fresh import FreshErrors
+from olne_bench.bench.report.submission.manifest import read_submission
 from olne_bench.bench.report.submission.verify import Limits, Verdict
 from olne_bench.bench.report.submission.verify import verify as check
+from olne_bench.files import check_new_file, whole_file
 
 #: So many rows that differ are shown.
 _SHOWN = 5
@@ -35,8 +37,15 @@ _SHOWN = 5
     metavar="GIB",
     help="Memory that a worker process may use.",
 )
+@click.option("--page", type=PATH, help="Write a page of what was accepted, a new .html file.")
 def verify(
-    folders: tuple[Path, ...], sample: int, seed: int | None, strict: bool, jobs: int, memory: float
+    folders: tuple[Path, ...],
+    sample: int,
+    seed: int | None,
+    strict: bool,
+    jobs: int,
+    memory: float,
+    page: Path | None,
 ) -> None:
     """Check the submissions in FOLDER..., as 'olne-bench submit' packs them.
 
@@ -47,13 +56,34 @@ def verify(
 
     Exit code 0 if all are accepted, 1 if one is not, 2 on bad input, such as a changed file.
     """
+    if page is not None:
+        check_new_file("--page", page, (".html",))
     chosen = secrets.randbits(32) if seed is None else seed
-    accepted = True
+    accepted: dict[Path, Verdict] = {}
     for folder in folders:
         verdict = check(folder, Limits(sample, chosen, jobs, int(memory * 2**30), strict))
         click.echo("\n".join(_lines(folder, verdict, chosen)))
-        accepted = accepted and verdict.accepted
-    sys.exit(0 if accepted else 1)
+        if verdict.accepted:
+            accepted[folder] = verdict
+    if page is not None and accepted:
+        _write_page(page, accepted)
+    sys.exit(0 if len(accepted) == len(set(folders)) else 1)
+
+
+def _write_page(place: Path, accepted: dict[Path, Verdict]) -> None:
+    from olne_bench.bench.report.page.accepted import Accepted, accepted_page  # slow to import
+
+    found = [
+        Accepted(
+            read_submission(folder),
+            f"{verdict.identical} rows run again, all the same; "
+            f"{sum(one.trials for one in verdict.fresh)} trials with a fresh salt",
+        )
+        for folder, verdict in accepted.items()
+    ]
+    with whole_file(place) as path:
+        path.write_text(accepted_page(found), encoding="utf-8")
+    click.echo(f"{place}: {len(found)} accepted")
 
 
 def _lines(folder: Path, verdict: Verdict, seed: int) -> list[str]:

@@ -80,8 +80,8 @@ def _refuse_unknown(rows: Table, places: Sequence[tuple[float, int]]) -> None:
         if (sigma, seed) not in known:
             levels = ", ".join(f"{level:g}" for level in sorted({level for level, _ in known}))
             raise UserError(
-                f"--play {sigma:g}:{seed}: the run has no such trial; it has the noise levels {levels} "
-                f"and seeds up to {max(seed for _, seed in known)}"
+                f"--play {sigma:g}:{seed}: the run has no such trial; it has the noise levels "
+                f"{levels} and seeds up to {max(seed for _, seed in known)}"
             )
 
 

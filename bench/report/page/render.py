@@ -46,7 +46,7 @@ class Extras:
     """What a page shows beyond what every run's does.
 
     Attributes:
-        title: instead of the suite's name and description.
+        title: instead of the suite's name.
         playable: noise levels and seeds of sequences that can be played, whatever else can.
         changes: from ``bench.report.statistics.run_comparison``, on a page of two runs.
     """
@@ -97,7 +97,7 @@ def render_page(
     labels = style.estimator_order(table["estimator"].tolist())
     html = template("template.html").render(
         title=extras.title or str(trials["suite"].iloc[0]),
-        description=extras.title or _description(runs),
+        description=_description(runs),
         script=script(SCRIPTS),
         data=charts.content | {"tables": _texts(tables)},
         colours={n: style.estimator_colours(n) for n in labels},

@@ -55,7 +55,7 @@ def _own(name: str) -> Markup:
 
 
 def _now() -> str:
-    return datetime.now(UTC).isoformat(sep=" ", timespec="minutes")
+    return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
 
 
 def _percent(share: float) -> str:

@@ -4,6 +4,7 @@ let tellBoard, heedBoard; // to and from the page's address
 function setUpBoard() {
   const table = byId("board"), body = table.tBodies[0], rows = all("tr", body);
   const heads = all("thead th", table), sorter = byId("board-sort");
+  const words = Number(table.dataset.words || 3); // so many columns are searched
   const given = new Map(rows.map((row, k) => [row, k]));
   const keyOf = (row, column) => {
     const cell = row.cells[column];
@@ -37,12 +38,12 @@ function setUpBoard() {
     writeAddress();
   }
   function filter() {
-    const words = byId("filter").value.toLowerCase().split(/\s+/).filter(Boolean);
+    const wanted = byId("filter").value.toLowerCase().split(/\s+/).filter(Boolean);
     const sensor = byId("board-sensor").value;
     let shown = 0;
     for (const row of rows) {
-      const text = [0, 1, 2].map((k) => row.cells[k].textContent).join(" ").toLowerCase();
-      row.hidden = !(words.every((word) => text.includes(word)) && (!sensor || row.dataset.sensor === sensor));
+      const text = [...row.cells].slice(0, words).map((cell) => cell.textContent).join(" ").toLowerCase();
+      row.hidden = !(wanted.every((word) => text.includes(word)) && (!sensor || row.dataset.sensor === sensor));
       shown += !row.hidden;
     }
     byId("board-count").textContent = shown === rows.length ? `${shown} rows` : `${shown} of ${rows.length} rows`;

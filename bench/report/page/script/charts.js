@@ -10,7 +10,7 @@ class Chart {
       this.ready = event.pointerType === "mouse" || (before !== null && before === this.at);
     });
     canvas.addEventListener("click", () => { if (this.at && this.ready) this.play(this.at); });
-    canvas.addEventListener("pointerleave", () => this.leave());
+    canvas.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") this.leave(); });
     canvas.addEventListener("blur", () => this.leave());
     canvas.addEventListener("keydown", (event) => this.key(event));
   }
@@ -199,7 +199,10 @@ class Chart {
   key(event) {
     const marks = this.marks || [];
     if (event.key === "Escape") return this.leave();
-    if (event.key === "Enter" && this.at) return this.play(this.at);
+    if (event.key === "Enter" && this.at) {
+      event.preventDefault(); // or the button that has the focus then would be pressed
+      return this.play(this.at);
+    }
     if (!["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"].includes(event.key) || !marks.length) return undefined;
     event.preventDefault();
     if (!this.at) return this.select(marks[0]);

@@ -6,9 +6,8 @@
 const place = { section: "", quiet: true };
 
 function readAddress() {
-  const text = decodeURIComponent(location.hash.slice(1));
-  if (text && !text.includes("=") && byId(text)) return new URLSearchParams({ at: text });
-  return new URLSearchParams(location.hash.slice(1));
+  const text = location.hash.slice(1);
+  return text && byId(text) ? new URLSearchParams({ at: text }) : new URLSearchParams(text);
 }
 
 function writeAddress() {
@@ -47,7 +46,8 @@ function applyAddress() {
     ? scene.samples.findIndex((s) => s.sigma === Number(said.get("sigma")) && s.seed === Number(said.get("seed"))) : 0;
   state.sample = Math.max(0, found);
   state.sensor = said.get("seen") || "";
-  if ([...byId("pair-error").options].some((o) => o.value === said.get("pair"))) byId("pair-error").value = said.get("pair");
+  const pairs = [...byId("pair-error").options], pair = pairs.find((o) => o.value === said.get("pair")) || pairs[0];
+  if (pair) byId("pair-error").value = pair.value;
   setUpTrials();
   if (scene && said.has("step")) setTime(Math.max(0, Math.min(lastStep(), Number(said.get("step")) || 0)));
   redraw();

@@ -1,10 +1,13 @@
 import json
-from collections.abc import Callable
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from playwright.sync_api import Browser, Error, sync_playwright
+from playwright.sync_api import Page as Tab
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.plan.select import Selection
@@ -16,8 +19,6 @@ from olne_bench.envs.scenarios import get_scenario
 
 #: A name that a plugin's author could think of.
 HOSTILE = "<img src=x onerror=\"document.title='broken'\"></script><b>&"
-
-Page = Callable[..., str]
 
 
 def provenance() -> Provenance:
@@ -83,3 +84,33 @@ def page(small_study: pd.DataFrame, usual: Study, tmp_path_factory: pytest.TempP
     html = render_page(small_study, tables, [provenance()], usual).html
     path.write_text(html, encoding="utf-8")
     return path
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    if found is None:
+        pytest.skip("needs Chromium (Debian: apt install chromium)")
+    with sync_playwright() as play:
+        try:
+            browser = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except Error as error:
+            pytest.skip(f"Chromium does not start: {error}")
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def tab(browser: Browser, page: Path) -> Iterator[Tab]:
+    """The page, opened from disk; at its end there must have been no complaint."""
+    complaints: list[str] = []
+    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    tab = context.new_page()
+    tab.on("console", lambda message: complaints.append(message.text))
+    tab.on("pageerror", lambda error: complaints.append(str(error)))
+    tab.on("request", lambda r: complaints.append(r.url) if r.url.startswith("http") else None)
+    tab.goto(page.as_uri())
+    yield tab
+    assert tab.title() == "small <study> · OLNE Bench"  # a hostile name would have changed it
+    context.close()
+    assert complaints == []

@@ -67,7 +67,7 @@ def test_predictions_at_the_true_weights_are_the_truth(page: Path) -> None:
     scene = data["scenarios"][1]["scene"]
     for prediction in scene["samples"][0]["predictions"]:
         if prediction["estimator"] == "uniform":
-            np.testing.assert_allclose(prediction["paths"], scene["truth"], atol=2e-3)
+            np.testing.assert_allclose(prediction["paths"], scene["draws"]["0"]["truth"], atol=2e-3)
 
 
 def test_a_large_study_leaves_points_out(small_study: pd.DataFrame, monkeypatch) -> None:
