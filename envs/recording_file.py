@@ -24,6 +24,7 @@ from olne_bench.envs.recording_metadata import (
     Metadata,
     library_versions,
 )
+from olne_bench.envs.tracks.of_scenario import road_file
 from olne_bench.files import whole_file
 
 METADATA_KEY = b"olne_bench"
@@ -141,6 +142,7 @@ def _entry(recording: Recording, seed: int) -> EpisodeEntry:
             tolerance=certificate.tolerance,
             passed=bool(certificate.passed),
         ),
+        road=road_file(recording.scenario),
     )
 
 

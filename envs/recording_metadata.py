@@ -5,6 +5,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from olne_bench.envs.tracks.road_file import RoadFile
+
 _PACKAGES = ("olne-bench", "numpy", "casadi", "pettingzoo", "highway-env", "pyarrow")
 
 
@@ -29,12 +31,14 @@ class EpisodeEntry(_Strict):
         seed: of the draw; None for tracks.
         weights: (N, K) true weights; None for tracks.
         certificate: evidence of the equilibrium; None for tracks.
+        road: lanes and the players' targets, as far as they are known.
     """
 
     players: list[str]
     seed: int | None = None
     weights: list[list[float]] | None = None
     certificate: CertificateEntry | None = None
+    road: RoadFile | None = None
 
 
 class Metadata(_Strict):
@@ -42,7 +46,7 @@ class Metadata(_Strict):
 
     Attributes:
         kind: ``truth`` for a world's equilibria, ``tracks`` for motion of unknown weights.
-        scenario: name of the scenario; None for tracks.
+        scenario: name of the scenario; for tracks, that of their road file or None.
         options: the scenario's own options.
         weight_names: names of the K weights; None for tracks.
         state_names: names of the n state components.

@@ -49,16 +49,6 @@ def test_the_overtaking_film_shows_motion(tmp_path, monkeypatch):
     assert np.abs(first - last).max() > 50
 
 
-def test_recordings_guide(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    main(["record", "random", "--option", "num_players=3", "--out", "random.parquet"])
-    names = {}
-    for block in code_blocks("recordings.md"):
-        exec(block, names)
-    assert names["states"].shape == (25, 3, 4)
-    assert np.shape(names["weights"]) == (3, 4)
-
-
 def test_plugins_guide(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "plugins.md").read_text()

@@ -5,6 +5,7 @@ COMMANDS = {
     "check": "check",
     "compare": "compare",
     "estimate": "estimate",
+    "export": "export",
     "gate": "gate",
     "import": "import_tracks",
     "list": "list_all",

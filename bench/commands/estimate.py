@@ -1,49 +1,57 @@
 """``olne-bench estimate``: run an estimator on a recording whose truth nobody needs to know."""
 
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.commands.options import BUDGET, PATH
-from olne_bench.bench.judge.estimate_check import (
-    CheckedEstimate,
-    check_estimate,
-)
+from olne_bench.bench.commands.fit import Fit
+from olne_bench.bench.commands.options import BUDGET, PATH, FiniteRange
+from olne_bench.bench.commands.recordings import read_episode
+from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
 from olne_bench.bench.judge.observe import sensor_model
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
-from olne_bench.envs.recording import NoEquilibriumError
-from olne_bench.envs.recording_file import RecordingFile, RecordingFileError, read_recording
-from olne_bench.envs.scenarios import Scenario, get_scenario, scenario_options
+from olne_bench.envs.tracks.explained import explain
+from olne_bench.envs.tracks.targets import DATA, Assumption
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.files import check_new_file, whole_file
-from olne_bench.games.features import Feature, FinalGoal
-from olne_bench.games.game import Game, Player
+from olne_bench.games.game import Game
 from olne_bench.games.observation import ComponentView, FullView, View
 from olne_bench.plugins import ESTIMATOR, is_built_in
+
+#: Noise on positions [m] below which numbers are but rounded.
+LEAST_NOISE = 1e-6
+TOLD = "--noise"  # where a noise level comes from that was told
+MOST_STEPS = 400  # of a game that is solved in minutes
 
 
 @click.command()
 @click.argument("recording", type=PATH)
-@click.option("--scenario", required=True, help="Scenario whose cost features the players have.")
+@click.option(
+    "--scenario",
+    help="Scenario whose cost features the players have; that of the recording where absent.",
+)
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Its draw, if a family.",
+    help="The draw of a family that the tracks are of; its targets serve those who start there.",
 )
 @click.option(
     "--estimator", default="kkt_constrained", show_default=True, help="Name, or FILE.py[:CLASS]."
 )
 @click.option(
     "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Which to look at."
+)
+@click.option(
+    "--noise",
+    type=FiniteRange(min=0, min_open=True),
+    help="Standard deviation of positions [m]; from the roughness of the tracks where absent.",
 )
 @click.option(
     "--budget",
@@ -55,38 +63,109 @@ from olne_bench.plugins import ESTIMATOR, is_built_in
 @click.option("--out", type=PATH, help="CSV file of the weights, a new one.")
 def estimate(
     recording: Path,
-    scenario: str,
-    seed: int,
+    scenario: str | None,
+    seed: int | None,
     estimator: str,
     episode: int,
+    noise: float | None,
     budget: float,
     out: Path | None,
 ) -> None:
     """Estimate the weights of every player in RECORDING.
 
-    Motion model, cost features, target speeds, lanes and noise scales are those of the scenario;
-    horizon, step and number of players those of the recording. A player with a goal has it where
-    it was last seen. Players stop a little short of their goals, and the weights bear the
-    difference.
+    Motion model, cost features and noise scales are those of the scenario. Target speeds, lanes
+    and goals are taken from the recording's road file, from a draw that starts alike, from the
+    scenario or from the data; what was taken is printed with its source. Tracks that are off the
+    road or drive against its lanes are refused.
     """
     if out is not None:
         check_new_file("--out", out, (".csv",))
-    known = _read(recording, episode)
-    states = known.states[episode]
-    explained = _scenario(scenario, seed, states, known.metadata.dt)
-    game = explained.game
+    known = read_episode(recording, episode)
+    states, players = known.states[episode], known.metadata.episodes[episode].players
+    _check_length(recording, len(states), known.metadata.dt)
+    name = scenario or known.metadata.scenario
+    if name is None:
+        raise UserError(f"{recording} names no scenario; say by --scenario whose costs there are")
+    explained = explain(name, seed, known, episode, noise)
+    game = explained.scenario.game
     view, y = _observation(game, known.metadata.state_names, states)
-    scale = sensor_model(explained, (view,)).noise_scale
-    result = _estimate(estimator, Problem(game, view, noise_scale=scale), Observation(y), budget)
+    level = noise or max(LEAST_NOISE, float(np.nan_to_num(explained.noise)))
+    scale = sensor_model(explained.scenario, (view,)).noise_scale
+    problem = Problem(game, view, sigma=level, noise_scale=scale)
+    _say_assumptions(name, known.metadata.dt, explained.assumptions)
+    for warning in explained.warnings:
+        click.echo(f"warning: {warning}", err=True)
 
-    players = known.metadata.episodes[episode].players
-    table = pd.DataFrame(result.weights, columns=list(game.weight_names))
-    table.insert(0, "player", players)
-    click.echo(table.to_string(index=False, float_format=lambda value: f"{value:.4f}"))
+    result = _estimate(estimator, problem, Observation(y), budget)
+    fit = Fit(problem, y, result)
+    table = _table(players, game.weight_names, fit)
+    _say_result(table, players, fit, TOLD if noise else "from the roughness of the tracks")
     if out is not None:
         _write(table, out)
-    if not result.converged:
-        reason = result.message or "the estimator gives no reason"
+
+
+def _check_length(path: Path, steps: int, dt: float) -> None:
+    if steps > MOST_STEPS:
+        raise UserError(
+            f"{path} has {steps} steps of {dt:g} s, at most {MOST_STEPS} make a game; import it "
+            f"again with --resample {max(0.1, 2 * dt):g}, or with a shorter --window"
+        )
+
+
+def _say_assumptions(scenario: str, dt: float, assumptions: Sequence[Assumption]) -> None:
+    click.echo(f"costs of {scenario!r} at steps of {dt:.6g} s, with these targets:")
+    rows = [(a.player, a.what, a.value, a.source, a.how) for a in assumptions]
+    names = ["player", "target", "value", "source", "how"]
+    click.echo(pd.DataFrame(rows, columns=names).to_string(index=False, justify="left"))
+    guessed = sorted({a.what for a in assumptions if a.source == DATA})
+    if guessed:
+        click.echo(
+            f"warning: nothing tells the players' {', '.join(guessed)}: the weights depend on what "
+            "the data suggested (source 'data')",
+            err=True,
+        )
+
+
+def _table(players: list[str], names: Sequence[str], fit: Fit) -> pd.DataFrame:
+    """Weights, and their standard errors where they are known, one row per player."""
+    table = pd.DataFrame(fit.result.weights, columns=list(names))
+    table.insert(0, "player", players)
+    errors = fit.standard_errors
+    if errors is not None:
+        table[[f"{name}_error" for name in names]] = errors
+    return table
+
+
+def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) -> None:
+    shown = table[["player"]].copy()
+    for name in fit.problem.weight_names:
+        text = table[name].map("{:.4f}".format)
+        if f"{name}_error" in table:
+            text += " ± " + table[f"{name}_error"].map("{:.1g}".format)
+        shown[name] = text
+    click.echo("weights" + (" ± standard error:" if "±" in shown.to_string() else ":"))
+    click.echo(shown.to_string(index=False))
+    noise = f"noise {fit.problem.sigma:.2g} m ({source})"
+    if fit.residual is None:
+        click.echo(f"the estimator gives no motion to compare; {noise}")
+    else:
+        click.echo(f"residual {fit.residual:.2g} m, {noise}")
+    if fit.standard_errors is None:
+        click.echo("no standard errors: the estimator gives none, or weights do not show", err=True)
+    if fit.unexplained:
+        who = ", ".join(
+            f"{players[i]} ({fit.residuals[i]:.2g} m)"  # type: ignore[index]
+            for i in fit.unexplained
+        )
+        click.echo(
+            "warning: the model does not explain the motion, do not rely on these weights: "
+            f"residuals are far above the noise for {who}",
+            err=True,
+        )
+        if source != TOLD:
+            click.echo("tracks that were smoothed look less noisy than they are: --noise", err=True)
+    if not fit.result.converged:
+        reason = fit.result.message or "the estimator gives no reason"
         click.echo(f"not converged, do not rely on these weights: {reason}", err=True)
 
 
@@ -96,57 +175,6 @@ def _write(table: pd.DataFrame, out: Path) -> None:
             table.to_csv(path, index=False)
     except OSError as error:
         raise UserError(f"--out {out}: cannot be written: {error.strerror or error}") from error
-
-
-def _read(path: Path, episode: int) -> RecordingFile:
-    try:
-        known = read_recording(path)
-    except RecordingFileError as error:
-        raise UserError(str(error)) from error
-    if episode >= len(known.states):
-        raise UserError(
-            f"--episode {episode}: {path} has the episodes 0 to {len(known.states) - 1}"
-        )
-    return known
-
-
-def _scenario(name: str, seed: int, states: np.ndarray, dt: float) -> Scenario:
-    """The scenario with the horizon, step, number of players and goals of the states."""
-    steps, count, _ = states.shape
-    try:
-        sized = {"num_players": count} if "num_players" in scenario_options(name) else {}
-        scenario = get_scenario(name, seed, **sized)
-    except (ValueError, NoEquilibriumError) as error:
-        raise UserError(f"--scenario: {error}") from error
-    game = scenario.game
-    if game.num_players != count:
-        raise UserError(
-            f"--scenario {name!r} has {game.num_players} players, the recording has {count}"
-        )
-    players = tuple(
-        _with_goal(player, _last_seen(states[:, i, :2])) for i, player in enumerate(game.players)
-    )
-    return replace(scenario, game=replace(game, players=players, horizon=steps, dt=dt))
-
-
-def _with_goal(player: Player, position: np.ndarray) -> Player:
-    """The player with its goal, where it has one, moved to a position (2,)."""
-
-    def moved(feature: Feature) -> Feature:
-        if not isinstance(feature, FinalGoal):
-            return feature
-        return replace(feature, goal=(float(position[0]), float(position[1])))
-
-    return Player(
-        preferences=tuple(moved(feature) for feature in player.preferences),
-        task=tuple(moved(feature) for feature in player.task),
-    )
-
-
-def _last_seen(positions: np.ndarray) -> np.ndarray:
-    """The last position (2,) without a gap among (T, 2)."""
-    seen = np.isfinite(positions).all(axis=1)
-    return np.asarray(positions[seen][-1])
 
 
 def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View, np.ndarray]:

@@ -42,7 +42,10 @@ def fails(capsys, *arguments):
         (["check", "uniform", "--budget", "inf"], "inf is not a finite number"),
         (["run", "quick", "--frobnicate"], "known are: --out, --jobs"),
         (["run", "quick", "--plugin", "no.py"], "no plugin file"),
-        (["frobnicate"], "known are: check, compare, estimate, gate, import, list, merge, new"),
+        (
+            ["frobnicate"],
+            "known are: check, compare, estimate, export, gate, import, list, merge, new",
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, expected):

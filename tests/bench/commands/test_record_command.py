@@ -212,20 +212,12 @@ BAD_TRACKS = {
     "empty": ("", "is empty; expected the columns time, player, x, y"),
     "no rows": ("time,player,x,y\n", "has 0 times, expected at least 3"),
     "ragged": ("time,player,x,y\n0,a,0,0,0,0\n", "not a CSV file"),
-    "duplicate": (_with(4, "time", 0.1), "line 6: player 'car' has time 0.1 twice"),
-    "unsorted": (
-        tracks().iloc[[0, 1, 4, 5, 2, 3, 6, 7]],
-        "line 6: time 0.1 of player 'car' follows on 0.2; times must increase",
-    ),
+    "duplicate": (_with(4, "time", 0.1), "player 'car' has time 0.1 twice"),
     "unequal": (
-        tracks(time=np.repeat([0, 0.1, 0.2, 0.4], 2)),
-        "unequal time steps: 0.2 s after time 0.2, mostly 0.1 s",
+        tracks(time=np.repeat([0, 0.1, 0.2, 0.35], 2)),
+        "unequal time steps: 0.15 s after time 0.2, mostly 0.1 s",
     ),
-    "absent": (tracks().drop(index=3), "player 'van' has no row at time 0.1 (1 of 4"),
-    "never seen": (
-        tracks(x=[0, np.nan] * 4, y=[0, np.nan] * 4),
-        "player 'van' has no position at any time",
-    ),
+    "never seen": (tracks(x=np.nan, y=np.nan), "player 'car' has no position at any time"),
     "text": (_with(2, "x", "1,5"), "line 4: x is '1,5', expected a finite number"),
     "infinite": (_with(2, "x", "inf"), "line 4: x is 'inf', expected a finite number"),
     "no time": (_with(2, "time", ""), "line 4: the row has no time"),
@@ -265,10 +257,46 @@ def test_tracks_that_are_not_there_or_not_text(tmp_path, capsys):
     assert out.read_text() == "precious"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--format", "nope"], "unknown format 'nope'; known are: commonroad, csv, highd, ind"),
+        (["--window", "3,1"], "'3,1' does not begin before it ends"),
+        (["--window", "3"], "'3' is not a pair of numbers A,B"),
+        (["--shift", "1,inf"], "'1,inf' is not a pair of finite numbers"),
+        (["--resample", "0"], "0.0 is not in the range"),
+        (["--rotate", "nan"], "nan is not a finite number"),
+        (["--players", "bus"], "--players 'bus': "),
+        (["--road", "none.toml"], "no road file 'none.toml'"),
+        (["--part", "1"], "--part '1': files of this format have no parts"),
+    ],
+)
+def test_options_of_import_are_checked(tmp_path, capsys, monkeypatch, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    tracks().to_csv("tracks.csv", index=False)
+    error = fails(capsys, "import", "tracks.csv", "--out", "a.parquet", *arguments)
+    assert expected in error
+    assert not (tmp_path / "a.parquet").exists()
+
+
+# -- export ----------------------------------------------------------------------------------
+
+
+def test_exports_refuse_what_exists_and_other_suffixes(tmp_path, capsys):
+    truth = tmp_path / "a.parquet"
+    run("record", "two_player", "--out", truth)
+    assert "must end in .csv or .xml" in fails(capsys, "export", truth, "--out", tmp_path / "a.txt")
+    (tmp_path / "b.toml").write_text("precious")
+    assert "b.toml exists already" in fails(capsys, "export", truth, "--out", tmp_path / "b.csv")
+    assert not (tmp_path / "b.csv").exists()
+    arguments = ("export", truth, "--episode", 1, "--out", tmp_path / "c.csv")
+    assert "has the episodes 0 to 0" in fails(capsys, *arguments)
+
+
 # -- estimate --------------------------------------------------------------------------------
 
 
-def tracks_of(name, tmp_path):
+def tracks_of(name, tmp_path, **shift):
     """An equilibrium as a user's tracks: positions only, one sample hidden."""
     truth = tmp_path / "truth.parquet"
     run("record", name, "--out", truth)
@@ -280,6 +308,8 @@ def tracks_of(name, tmp_path):
     ]
     table = pd.DataFrame(rows, columns=["time", "player", "x", "y"])
     table.loc[10, ["x", "y"]] = np.nan
+    for column, by in shift.items():
+        table[column] += by
     imported(tmp_path, table)
     return tmp_path / "tracks.parquet"
 
@@ -289,19 +319,29 @@ def own_tracks(tmp_path):
     return tracks_of("two_player", tmp_path)
 
 
-def test_estimators_find_the_weights_of_tracks(tmp_path, capsys):
+def test_players_who_start_as_those_of_a_fixed_scenario_have_their_targets(tmp_path, capsys):
     path, out = tracks_of("highway_overtaking", tmp_path), tmp_path / "weights.csv"
     capsys.readouterr()
     run("estimate", path, "--scenario", "highway_overtaking", "--out", out)
-    printed = capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "draw" in said.out and "warning" not in said.err
     table = pd.read_csv(out)
     assert list(table["player"]) == [f"robot_{player}" for player in range(5)]
-    assert "robot_4" in printed and "proximity" in printed
-    truth = get_scenario("highway_overtaking").weights
-    np.testing.assert_allclose(table.drop(columns="player"), truth, atol=1e-3)
+    truth = get_scenario("highway_overtaking")
+    estimated = table[list(truth.game.weight_names)]
+    np.testing.assert_allclose(estimated, truth.weights, atol=1e-3)
 
 
-def test_goals_are_where_players_were_last_seen(own_tracks, monkeypatch):
+def test_targets_from_the_data_are_named_and_warned_of(tmp_path, capsys):
+    path = tracks_of("highway_overtaking", tmp_path, x=3.0)  # nobody starts there
+    run("estimate", path, "--scenario", "highway_overtaking", "--estimator", "uniform")
+    said = capsys.readouterr()
+    assert "the estimator gives no motion to compare" in said.out
+    assert "median speed" in said.out and "where it was last seen" in said.out
+    assert "nothing tells the players' px, speed: the weights depend on what the data" in said.err
+
+
+def test_goals_of_others_are_where_they_were_last_seen(tmp_path, monkeypatch):
     games = []
 
     def spy(_, task):
@@ -309,20 +349,39 @@ def test_goals_are_where_players_were_last_seen(own_tracks, monkeypatch):
         return Answer(estimate=read_estimate(SimpleNamespace(weights=np.ones((2, 4)))))
 
     monkeypatch.setattr(PlayerProcess, "estimate", spy)
-    run("estimate", own_tracks, "--scenario", "two_player")
+    path = tracks_of("two_player", tmp_path, x=3.0)
+    run("estimate", path, "--scenario", "two_player")
     goals = [player.task[0].goal for player in games[0].players]
-    np.testing.assert_array_equal(goals, read_recording(own_tracks).states[0][-1, :, :2])
+    np.testing.assert_array_equal(goals, read_recording(path).states[0][-1, :, :2])
     original = get_scenario("two_player").game
     assert games[0].horizon == original.horizon and games[0].dt == pytest.approx(original.dt)
 
 
 def test_estimators_run_on_recordings_with_truth(tmp_path, capsys):
-    path = tmp_path / "road.parquet"
+    path, out = tmp_path / "road.parquet", tmp_path / "weights.csv"
     run("record", "highway_overtaking", "--out", path)
-    run("estimate", path, "--scenario", "highway_overtaking", "--estimator", "kkt_residual")
-    rows = capsys.readouterr().out.splitlines()[-5:]
-    estimated = np.array([row.split()[1:] for row in rows], dtype=float)
-    np.testing.assert_allclose(estimated, get_scenario("highway_overtaking").weights, atol=1e-2)
+    run("estimate", path, "--estimator", "kkt_residual", "--out", out)
+    truth = get_scenario("highway_overtaking")
+    estimated = pd.read_csv(out)[list(truth.game.weight_names)]
+    np.testing.assert_allclose(estimated, truth.weights, atol=1e-2)
+    assert "no standard errors" in capsys.readouterr().err
+
+
+def test_motion_that_the_model_does_not_explain_is_warned_of(tmp_path, capsys):
+    path = tracks_of("highway_overtaking", tmp_path, x=3.0)
+    run("estimate", path, "--scenario", "highway_overtaking", "--noise", 1e-3)
+    said = capsys.readouterr()
+    assert "noise 0.001 m (--noise)" in said.out
+    assert "the model does not explain the motion, do not rely on these weights" in said.err
+
+
+def test_games_that_are_too_long_say_how_to_resample(tmp_path, capsys):
+    times = 0.04 * np.arange(500)
+    table = pd.DataFrame({"time": times, "player": "a", "x": 10 * times, "y": 0.0})
+    imported(tmp_path, table)
+    error = fails(capsys, "estimate", tmp_path / "tracks.parquet", "--scenario", "highway")
+    assert "has 500 steps of 0.04 s, at most 400 make a game" in error
+    assert "--resample 0.1, or with a shorter --window" in error
 
 
 RAISES = """class Raises:
@@ -336,8 +395,9 @@ RAISES = """class Raises:
     ("arguments", "expected"),
     [
         (["--scenario", "nope"], "--scenario: unknown scenario 'nope'; known are"),
-        (["--scenario", "highway_overtaking"], "has 5 players, the recording has 2"),
-        (["--scenario", "highway"], "holds 3 to 8 players, got num_players = 2"),
+        (["--scenario", "highway", "--seed", "0"], "holds 3 to 8 players, got num_players = 2"),
+        (["--scenario", "merge"], "player 'robot_1' drives against the lanes: at (-0.0"),
+        (["--scenario", "random", "--seed", "7"], "--seed 7: the players do not start where"),
         (["--scenario", "two_player", "--estimator", "x"], "unknown estimator 'x'; known are"),
         (["--scenario", "two_player", "--episode", "1"], "has the episodes 0 to 0"),
         (["--scenario", "two_player", "--budget", "nan"], "nan is not a finite number"),
@@ -346,7 +406,7 @@ RAISES = """class Raises:
             ["--scenario", "two_player", "--estimator", "RAISES"],
             "RuntimeError: no licence (",
         ),
-        ([], "Missing option '--scenario'"),
+        ([], "names no scenario; say by --scenario whose costs there are"),
     ],
 )
 def test_bad_estimates_are_refused(own_tracks, tmp_path, capsys, arguments, expected):

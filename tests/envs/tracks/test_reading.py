@@ -7,7 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.envs.tracks import ignored_columns, read_tracks
+from olne_bench.envs.tracks.frames import Frame
+from olne_bench.envs.tracks.grid import Excerpt
+from olne_bench.envs.tracks.reading import read_tracks
 from olne_bench.errors import UserError
 
 DT, STEPS = 0.5, 9
@@ -40,9 +42,103 @@ def read(tmp_path: Path) -> Callable[[pd.DataFrame], np.ndarray]:
     def of(table: pd.DataFrame) -> np.ndarray:
         path = tmp_path / "tracks.csv"
         table.to_csv(path, index=False)
-        return read_tracks(path).states[0]
+        return read_tracks(path).recording.states[0]
 
     return of
+
+
+def test_rows_may_be_in_any_order(tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    two().sample(frac=1, random_state=3).to_csv(path, index=False)
+    entry = read_tracks(path).recording
+    order = entry.metadata.episodes[0].players
+    expected = {"red": 10 * np.cos(0.3) * TIMES, "blue": 4 * TIMES}
+    for i, name in enumerate(order):
+        np.testing.assert_allclose(entry.states[0][:, i, 0], expected[name], atol=1e-12)
+
+
+def test_a_car_that_comes_and_goes_has_missing_samples(tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    two().drop(index=[9, 10, 13, 17]).to_csv(path, index=False)
+    imported = read_tracks(path)
+    states = imported.recording.states[0]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(states[:, 1, 0])), [0, 1, 4, 8])
+    assert np.isfinite(states[:, 0]).all()
+    assert imported.notes == (
+        "player 'blue' is seen at 5 of 9 times; the others are missing samples",
+    )
+
+
+def test_a_car_that_is_hardly_seen_is_left_out_and_named(tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    two().drop(index=range(11, 18)).to_csv(path, index=False)
+    imported = read_tracks(path)
+    assert imported.recording.metadata.episodes[0].players == ["red"]
+    assert imported.notes == ("left out, seen less than 3 times: blue",)
+
+
+def test_window_players_and_step_are_chosen(tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    two().to_csv(path, index=False)
+    recording = read_tracks(path, excerpt=Excerpt((1.0, 3.0), ("blue",), 0.4)).recording
+    np.testing.assert_allclose(recording.times[0], 1.0 + 0.4 * np.arange(6))
+    assert recording.metadata.dt == pytest.approx(0.4)
+    np.testing.assert_allclose(recording.states[0][:, 0, 0], 4 * recording.times[0])
+
+
+EXCERPTS = {
+    "window": (Excerpt((50.0, 60.0)), "--window 50,60: ", "has times from 0 to 4 s"),
+    "player": (Excerpt(players=("green",)), "--players 'green': ", "red, blue"),
+    "absent": (Excerpt((0.0, 1.0), ("red",), 0.9), "--resample 0.9: ", "has 2 such steps"),
+}
+
+
+@pytest.mark.parametrize("case", EXCERPTS)
+def test_excerpts_that_are_not_there_are_refused(case: str, tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    two().to_csv(path, index=False)
+    excerpt, *words = EXCERPTS[case]
+    with pytest.raises(UserError) as caught:
+        read_tracks(path, excerpt=excerpt)
+    assert all(word in str(caught.value) for word in words)
+
+
+def test_more_players_than_a_game_holds_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    cars = [drive(f"car{k}", 10.0, 0.0, 4.0 * k) for k in range(21)]
+    pd.concat(cars).to_csv(path, index=False)
+    with pytest.raises(UserError, match=r"21 players, at most 20 make a game; choose a shorter"):
+        read_tracks(path)
+
+
+def test_frames_turn_positions_and_headings(tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    two().to_csv(path, index=False)
+    frame = Frame(flip_y=True, rotate=np.pi / 2, shift=(3.0, -1.0))
+    states = read_tracks(path, frame=frame).recording.states[0]
+    x, y = 10 * np.cos(0.3) * TIMES, -10 * np.sin(0.3) * TIMES
+    np.testing.assert_allclose(states[:, 0, :2], np.column_stack([-y + 3, x - 1]), atol=1e-9)
+    np.testing.assert_allclose(states[:, 0, 2], np.pi / 2 - 0.3)
+
+
+def test_a_road_file_beside_the_tracks_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    two().to_csv(path, index=False)
+    (tmp_path / "tracks.toml").write_text(
+        'scenario = "highway"\n[lanes.a]\npoints = [[0, 0], [50, 0]]\n'
+        '[players.red]\ntargets = { speed = 9 }\nlanes = ["a"]\n'
+    )
+    imported = read_tracks(path)
+    metadata = imported.recording.metadata
+    assert metadata.scenario == "highway"
+    road = metadata.episodes[0].road
+    assert road is not None and road.players["red"].targets == {"speed": 9.0}
+    assert imported.notes[-1].startswith("lanes and targets: 1 lanes, 1 players of ")
+    (tmp_path / "tracks.toml").write_text("[players.green]\n")
+    with pytest.raises(UserError, match=r"'green', who is not in .*; there are: red, blue"):
+        read_tracks(path)
+    with pytest.raises(UserError, match=r"the name must end in .toml or .xml"):
+        read_tracks(path, road=path)
 
 
 def test_states_are_by_time_and_by_the_players_first_rows(tmp_path: Path) -> None:
@@ -50,7 +146,8 @@ def test_states_are_by_time_and_by_the_players_first_rows(tmp_path: Path) -> Non
     two().assign(colour="any").sample(frac=1, random_state=1).sort_values(
         ["player", "time"], ascending=[False, True]
     ).to_csv(path, index=False)
-    recording = read_tracks(path)
+    imported = read_tracks(path)
+    recording = imported.recording
     assert recording.metadata.dt == pytest.approx(DT)
     assert recording.metadata.episodes[0].players == ["red", "blue"]
     states = recording.states[0]
@@ -59,7 +156,7 @@ def test_states_are_by_time_and_by_the_players_first_rows(tmp_path: Path) -> Non
     np.testing.assert_allclose(states[:, 0, 0], 10 * np.cos(0.3) * TIMES)
     np.testing.assert_allclose(states[:, 1, 1], 5.0)
     np.testing.assert_allclose(states[:, 0, 2:], np.tile([0.3, 10.0], (STEPS, 1)))
-    assert ignored_columns(path) == ["colour"]
+    assert imported.notes == ("not used: column colour",)
 
 
 def test_headings_are_unwrapped_across_gaps(read: Callable[[pd.DataFrame], np.ndarray]) -> None:
@@ -106,16 +203,14 @@ def changed(rows: slice, **values: object) -> pd.DataFrame:
 
 FIRST = slice(0, 8)  # the rows of red; .loc includes the last
 REFUSED = {
-    "twice": (changed(slice(3, 3), time=1.0), "line 5: player 'red' has time 1 twice"),
-    "falling": (changed(slice(3, 3), time=0.7), "line 5: time 0.7 of player 'red' follows on 1;"),
+    "twice": (changed(slice(3, 3), time=1.0), "player 'red' has time 1 twice"),
     "few": (two()[lambda t: t["time"] < 1], "has 2 times, expected at least 3"),
     "milliseconds": (two().assign(time=1000 * two()["time"]), "time steps of 500, above 10 s"),
     "unequal": (
         two().assign(time=two()["time"].replace(2.0, 2.1)),
-        "unequal time steps: 0.6 s after time 1.5, mostly 0.5 s",
+        "unequal time steps: 0.6 s after time 1.5, mostly 0.5 s; --resample 0.5 makes",
     ),
-    "absent": (two().drop(index=[4, 6]), "player 'red' has no row at time 2 (2 of 9 are missing)"),
-    "unseen": (changed(FIRST, x=np.nan), "player 'red' has no position at any time"),
+    "unseen": (two().assign(x=np.nan), "player 'red' has no position at any time"),
     "fast": (changed(FIRST, speed=101.0), "has a speed of 101, above 100 m/s"),
     "far": (changed(FIRST, x=1000 * two().loc[FIRST, "x"]), "moves at 9553"),
     "degrees": (changed(FIRST, heading=26.0), "has a heading of 26; expected radians"),
@@ -156,7 +251,7 @@ def test_cells_may_be_empty_padded_or_say_that_they_are_missing(tmp_path: Path) 
     path = tmp_path / "tracks.csv"
     rows = ["time , player,x,y,speed", "0, a ,0,0,1", "1,a,1,0,NA", "", "2,a,,n/a,1", "3,a,3,0,1"]
     path.write_text("\n".join(rows))
-    recording = read_tracks(path)
+    recording = read_tracks(path).recording
     assert recording.metadata.episodes[0].players == ["a"]
     np.testing.assert_array_equal(recording.states[0][:, 0, 0], [0, 1, np.nan, 3])
     np.testing.assert_array_equal(recording.states[0][:, 0, 3], [1, np.nan, 1, 1])

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from olne_bench.envs.tracks.table import STATE_NAMES
 from olne_bench.errors import UserError
 
 REQUIRED = ("time", "player", "x", "y")
 OPTIONAL = ("heading", "speed")
-STATE_NAMES = {"x": "px", "y": "py", "heading": "heading", "speed": "speed"}
 _MISSING = {"", "nan", "na", "n/a", "null"}
 _FIRST_LINE = 2  # of data, after the header
 

@@ -1,0 +1,46 @@
+"""``olne-bench export``: a recording's motion as CSV or CommonRoad, with a road file beside it."""
+
+from pathlib import Path
+
+import click
+
+from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.commands.recordings import read_episode
+from olne_bench.envs.tracks.export import Episode, renamed, write_commonroad, write_csv
+from olne_bench.envs.tracks.road_file import write_road_file
+from olne_bench.errors import UserError
+from olne_bench.files import check_new_file
+
+SUFFIXES = (".csv", ".xml")
+
+
+@click.command()
+@click.argument("recording", type=PATH)
+@click.option(
+    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Which to write."
+)
+@click.option("--out", type=PATH, required=True, help="CSV or CommonRoad XML file, a new one.")
+def export(recording: Path, episode: int, out: Path) -> None:
+    """Write the motion in RECORDING as a table or a CommonRoad scenario.
+
+    Lanes and the players' targets go to a TOML file of the same name beside it. Weights are not
+    written: 'olne-bench import' and 'estimate' find them again.
+    """
+    check_new_file("--out", out, SUFFIXES)
+    beside = out.with_suffix(".toml")
+    check_new_file("--out", beside, (".toml",))
+    written = Episode.of(read_episode(recording, episode), episode)
+    road = written.road
+    try:
+        if out.suffix.lower() == ".csv":
+            write_csv(out, written)
+        else:
+            numbers = write_commonroad(out, written)
+            road = renamed(road, numbers) if road else None
+        if road is not None:
+            write_road_file(beside, road)
+    except OSError as error:
+        raise UserError(f"--out {out}: cannot be written: {error.strerror or error}") from error
+    steps, count, _ = written.states.shape
+    click.echo(f"{out}: {count} players, {steps} steps of {written.dt:.6g} s")
+    click.echo(f"{beside}: lanes and targets" if road else "no lanes or targets are known")

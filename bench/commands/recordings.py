@@ -1,0 +1,23 @@
+"""Recordings that commands are given."""
+
+from pathlib import Path
+
+from olne_bench.envs.recording_file import RecordingFile, RecordingFileError, read_recording
+from olne_bench.errors import UserError
+
+
+def read_episode(path: Path, episode: int) -> RecordingFile:
+    """The recording, which has that episode.
+
+    Raises:
+        UserError: on a file that is no recording, or an episode that it does not have.
+    """
+    try:
+        known = read_recording(path)
+    except RecordingFileError as error:
+        raise UserError(str(error)) from error
+    if episode >= len(known.states):
+        raise UserError(
+            f"--episode {episode}: {path} has the episodes 0 to {len(known.states) - 1}"
+        )
+    return known

@@ -1,0 +1,43 @@
+"""Formats of track files: one file each, and the file's name is the format's name.
+
+A format is a module with a ``DESCRIPTION`` of one line and a function
+``read(path, part) -> envs.tracks.table.Tracks``, where ``part`` names one part of a file in which
+player names repeat, or is None. Put a new file into this folder and ``olne-bench import`` knows it.
+"""
+
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Protocol, cast
+
+from olne_bench.envs.tracks.table import Tracks
+from olne_bench.errors import UserError
+
+
+class TrackFormat(Protocol):
+    """A module of this folder."""
+
+    DESCRIPTION: str
+
+    def read(self, path: Path, part: str | None) -> Tracks:
+        """Read a file, in metres, seconds and radians, with the centres of cars.
+
+        Raises:
+            UserError: on a file that is not of this format, or an unknown part.
+        """
+
+
+def format_names() -> list[str]:
+    """Names of all formats."""
+    return sorted(module.name for module in iter_modules(__path__))
+
+
+def get_format(name: str) -> TrackFormat:
+    """The format of that name.
+
+    Raises:
+        UserError: on an unknown one; the message names all.
+    """
+    if name not in format_names():
+        raise UserError(f"unknown format {name!r}; known are: {', '.join(format_names())}")
+    return cast(TrackFormat, import_module(f"{__name__}.{name}"))

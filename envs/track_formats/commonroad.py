@@ -1,0 +1,81 @@
+"""CommonRoad scenarios (XML or protobuf): their dynamic obstacles and their lanelets."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.envs.tracks.curve_fit import curves_through
+from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.envs.tracks.table import COLUMNS, Tracks
+from olne_bench.errors import UserError
+
+DESCRIPTION = "CommonRoad scenarios; lanes from their lanelets; needs olne-bench[commonroad]"
+
+
+def read(path: Path, part: str | None) -> Tracks:
+    """Read the obstacles that have a trajectory; see ``track_formats``."""
+    if part is not None:
+        raise UserError(f"--part {part!r}: files of this format have no parts")
+    if not path.is_file():
+        raise UserError(f"no tracks file {str(path)!r}")
+    scenario = _scenario(path)
+    rows: list[tuple[Any, ...]] = []
+    skipped = []
+    for obstacle in scenario.dynamic_obstacles:
+        trajectory = getattr(obstacle.prediction, "trajectory", None)
+        if trajectory is None:
+            skipped.append(str(obstacle.obstacle_id))
+            continue
+        for state in [obstacle.initial_state, *trajectory.state_list]:
+            rows.append(_row(path, scenario.dt, obstacle, state))
+    lanes = {
+        str(lanelet.lanelet_id): RoadLane(
+            curves_through(lanelet.center_vertices),
+            float(np.linalg.norm(lanelet.left_vertices - lanelet.right_vertices, axis=1).mean()),
+            tuple(str(number) for number in lanelet.successor),
+        )
+        for lanelet in scenario.lanelet_network.lanelets
+    }
+    notes = (f"left out, without a trajectory: {', '.join(skipped)}",) if skipped else ()
+    return Tracks(pd.DataFrame(rows, columns=list(COLUMNS)), Road(lanes) if lanes else None, notes)
+
+
+def commonroad_io() -> None:
+    """Make sure that commonroad-io is there.
+
+    Raises:
+        UserError: says how to install it.
+    """
+    try:
+        import commonroad  # noqa: F401
+    except ImportError as error:
+        raise UserError(
+            "CommonRoad files need commonroad-io: pip install 'olne-bench[commonroad]'"
+        ) from error
+
+
+def _scenario(path: Path) -> Any:
+    commonroad_io()
+    from commonroad.common.file_reader import CommonRoadFileReader
+
+    try:
+        scenario, _ = CommonRoadFileReader(path).open()
+    except Exception as error:  # the library raises whatever its parsers do
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise UserError(f"{path} is not a CommonRoad scenario: {reason}") from error
+    return scenario
+
+
+def _row(path: Path, dt: float, obstacle: Any, state: Any) -> tuple[Any, ...]:
+    """One row of the table; a shape may have its origin elsewhere than in its centre."""
+    position, number = state.position, obstacle.obstacle_id
+    if not isinstance(position, np.ndarray) or not isinstance(state.time_step, int):
+        raise UserError(f"{path}: obstacle {number} has uncertain states; expected exact ones")
+    known = (getattr(state, name, None) for name in ("orientation", "velocity"))
+    heading, speed = (np.nan if value is None else float(value) for value in known)
+    ahead = float(getattr(obstacle.obstacle_shape, "origin_x_shift", 0.0))
+    if ahead != 0.0:
+        position = position[:2] - ahead * np.array([np.cos(heading), np.sin(heading)])
+    return dt * state.time_step, str(number), float(position[0]), float(position[1]), heading, speed

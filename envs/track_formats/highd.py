@@ -1,0 +1,70 @@
+"""The highD data set: a German motorway from above, ``NN_tracks.csv`` with its recording's data.
+
+Positions are upper left corners of boxes in an image, whose y axis points down. Lanes lie between
+the markings that ``NN_recordingMeta.csv`` gives; upper ones lead against the x axis.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.envs.tracks.table import (
+    COLUMNS,
+    Tracks,
+    companion,
+    direction,
+    frame_rate,
+    numbers,
+    player_names,
+    read_columns,
+)
+from olne_bench.errors import UserError
+from olne_bench.games.lanes import StraightLane
+
+DESCRIPTION = "highD: NN_tracks.csv, with NN_recordingMeta.csv beside it; lanes from its markings"
+_NUMBERS = ("frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
+_BEYOND = 50.0  # [m] that lanes go on at both ends
+
+
+def read(path: Path, part: str | None) -> Tracks:
+    """Read a recording; see ``track_formats``."""
+    if part is not None:
+        raise UserError(f"--part {part!r}: a file of highD is one recording")
+    rows = numbers(path, read_columns(path, ("id", *_NUMBERS)), _NUMBERS)
+    meta_path = companion(path, "recordingMeta", "frame rate")
+    markings = ("upperLaneMarkings", "lowerLaneMarkings")
+    meta = read_columns(meta_path, ("frameRate",), markings)
+    table = pd.DataFrame(
+        {
+            "time": rows["frame"] / frame_rate(meta, meta_path),
+            "player": player_names(rows["id"]),
+            "x": rows["x"] + rows["width"] / 2,  # width is along x, hence the car's length
+            "y": rows["y"] + rows["height"] / 2,
+            "heading": direction(rows["xVelocity"], rows["yVelocity"]),
+            "speed": np.hypot(rows["xVelocity"], rows["yVelocity"]),
+        }
+    )
+    low, high = float(table["x"].min()) - _BEYOND, float(table["x"].max()) + _BEYOND
+    lanes = {
+        f"{side}_{number}": lane
+        for side, name in zip(("upper", "lower"), markings, strict=True)
+        if name in meta
+        for number, lane in enumerate(_lanes(meta_path, meta[name].iloc[0], side, low, high), 1)
+    }
+    return Tracks(table[list(COLUMNS)], Road(lanes) if lanes else None)
+
+
+def _lanes(path: Path, markings: object, side: str, low: float, high: float) -> list[RoadLane]:
+    """Lanes between markings, a list of y [m] parted by semicolons."""
+    try:
+        values = [float(value) for value in str(markings).split(";")]
+    except ValueError as error:
+        raise UserError(f"{path}: {side}LaneMarkings are {markings!r}") from error
+    start, way = (high, -1.0) if side == "upper" else (low, 1.0)
+    return [
+        RoadLane((StraightLane((start, (a + b) / 2), (way, 0.0), high - low),), abs(b - a))
+        for a, b in pairwise(values)
+    ]

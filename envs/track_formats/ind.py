@@ -1,0 +1,43 @@
+"""The inD data set and its kin (rounD, exiD, uniD): ``NN_tracks.csv`` with its recording's data.
+
+Positions are centres of boxes. Headings are in degrees from the x axis towards the y axis.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.envs.tracks.table import (
+    COLUMNS,
+    Tracks,
+    companion,
+    frame_rate,
+    numbers,
+    player_names,
+    read_columns,
+)
+from olne_bench.errors import UserError
+
+DESCRIPTION = "inD, rounD, exiD, uniD: NN_tracks.csv, with NN_recordingMeta.csv beside it"
+_NUMBERS = ("frame", "xCenter", "yCenter", "heading", "xVelocity", "yVelocity")
+
+
+def read(path: Path, part: str | None) -> Tracks:
+    """Read a recording; see ``track_formats``."""
+    if part is not None:
+        raise UserError(f"--part {part!r}: a file of inD is one recording")
+    rows = numbers(path, read_columns(path, ("trackId", *_NUMBERS)), _NUMBERS)
+    meta_path = companion(path, "recordingMeta", "frame rate")
+    meta = read_columns(meta_path, ("frameRate",))
+    table = pd.DataFrame(
+        {
+            "time": rows["frame"] / frame_rate(meta, meta_path),
+            "player": player_names(rows["trackId"]),
+            "x": rows["xCenter"],
+            "y": rows["yCenter"],
+            "heading": np.deg2rad(rows["heading"]),
+            "speed": np.hypot(rows["xVelocity"], rows["yVelocity"]),
+        }
+    )
+    return Tracks(table[list(COLUMNS)])

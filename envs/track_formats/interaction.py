@@ -1,0 +1,45 @@
+"""The INTERACTION data set: ``vehicle_tracks_NNN.csv`` or a file of many cases.
+
+Times are in milliseconds, positions are centres, headings are in radians.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.envs.tracks.table import (
+    COLUMNS,
+    Tracks,
+    choose_part,
+    direction,
+    numbers,
+    player_names,
+    read_columns,
+)
+
+DESCRIPTION = "INTERACTION: vehicle_tracks_NNN.csv; --part chooses a case_id where there are some"
+_NUMBERS = ("timestamp_ms", "x", "y", "vx", "vy")
+
+
+def read(path: Path, part: str | None) -> Tracks:
+    """Read one case; see ``track_formats``."""
+    rows = read_columns(path, ("track_id", *_NUMBERS), ("psi_rad", "case_id"))
+    rows = choose_part(path, rows, "case_id", part)
+    told = [name for name in (*_NUMBERS, "psi_rad") if name in rows]
+    rows = numbers(path, rows, told)
+    moving = direction(rows["vx"], rows["vy"])
+    heading = (
+        np.where(rows["psi_rad"].notna(), rows["psi_rad"], moving) if len(told) > 5 else moving
+    )
+    table = pd.DataFrame(
+        {
+            "time": rows["timestamp_ms"] / 1000,
+            "player": player_names(rows["track_id"]),
+            "x": rows["x"],
+            "y": rows["y"],
+            "heading": heading,
+            "speed": np.hypot(rows["vx"], rows["vy"]),
+        }
+    )
+    return Tracks(table[list(COLUMNS)])

@@ -1,0 +1,52 @@
+"""SUMO's floating car data (``--fcd-output``): XML with a row per vehicle and time step.
+
+Positions are those of the middle of the front bumper, angles in degrees clockwise from north.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.envs.tracks.table import COLUMNS, Tracks
+from olne_bench.errors import UserError
+
+DESCRIPTION = "SUMO: XML of --fcd-output; lanes from its network by --road FILE.net.xml"
+LENGTH = 5.0  # [m], SUMO's default of a passenger car
+
+
+def read(path: Path, part: str | None) -> Tracks:
+    """Read the vehicles; see ``track_formats``."""
+    if part is not None:
+        raise UserError(f"--part {part!r}: files of this format have no parts")
+    if not path.is_file():
+        raise UserError(f"no tracks file {str(path)!r}")
+    try:
+        rows = pd.DataFrame(_vehicles(path), columns=["time", "player", "x", "y", "angle", "speed"])
+    except (ElementTree.ParseError, KeyError, ValueError) as error:
+        reason = f"no attribute {error}" if isinstance(error, KeyError) else str(error)
+        raise UserError(f"{path} is not floating car data of SUMO: {reason}") from error
+    heading = np.deg2rad(90 - rows["angle"])
+    table = rows.assign(
+        heading=heading,
+        x=rows["x"] - LENGTH / 2 * np.cos(heading),
+        y=rows["y"] - LENGTH / 2 * np.sin(heading),
+    )
+    note = f"SUMO tells where front bumpers are; cars are taken to be {LENGTH:g} m long"
+    return Tracks(table[list(COLUMNS)], notes=(note,))
+
+
+def _vehicles(path: Path) -> Iterator[tuple[float, str, float, float, float, float]]:
+    time = np.nan
+    for event, element in ElementTree.iterparse(path, events=("start", "end")):
+        if element.tag == "timestep":
+            if event == "start":
+                time = float(element.attrib["time"])
+            else:
+                element.clear()
+        elif element.tag == "vehicle" and event == "end":
+            values = (float(element.attrib[name]) for name in ("x", "y", "angle", "speed"))
+            x, y, angle, speed = values
+            yield time, element.attrib["id"], x, y, angle, speed

@@ -1,0 +1,171 @@
+"""An excerpt of tracks on a common time grid: window, players, step."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.envs.tracks.checks import FEWEST_STEPS, STEP_TOLERANCE, check_steps, check_times
+from olne_bench.envs.tracks.table import STATE_NAMES, listed
+from olne_bench.errors import UserError
+
+MOST_PLAYERS = 20  # a game of more takes hours
+_ROUNDING = 1e-6  # [s], of times that were computed
+_BRIDGED = 1.5  # steps of the data that interpolation may bridge
+_SAME = 0.25  # of a step, within which a sample belongs to a time of the data's own grid
+
+
+@dataclass(frozen=True)
+class Excerpt:
+    """What is wanted of a file.
+
+    Attributes:
+        window: first and last time [s]; all times where absent.
+        players: their names, in that order; all of them where empty.
+        step: [s], of the result; that of the data where absent.
+    """
+
+    window: tuple[float, float] | None = None
+    players: tuple[str, ...] = ()
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Tracks on equal times.
+
+    Attributes:
+        times: (T,) [s].
+        players: N names.
+        states: (T, N, 4) in the order of ``STATE_NAMES``, NaN where unknown; headings unwrapped.
+        notes: what was left out, one line each.
+    """
+
+    times: np.ndarray
+    players: list[str]
+    states: np.ndarray
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def step(self) -> float:
+        """Time between two states [s]."""
+        return float((self.times[-1] - self.times[0]) / (len(self.times) - 1))
+
+
+def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
+    """The excerpt of a table of tracks.
+
+    Raises:
+        UserError: names the file, what is wrong and the alternatives.
+    """
+    table = _window(path, table, excerpt.window)
+    table, notes = _chosen(path, table, excerpt.players)
+    check_times(path, table)
+    times = _times(path, table, excerpt.step)
+    names = list(excerpt.players) or list(table["player"].unique())
+    if len(names) > MOST_PLAYERS:
+        raise UserError(
+            f"{path}: {len(names)} players, at most {MOST_PLAYERS} make a game; choose a shorter "
+            f"--window or --players; there are: {listed(names)}"
+        )
+    by_player = dict(list(table.groupby("player", sort=False)))
+    own = float((times[-1] - times[0]) / (len(times) - 1))
+    rounding = _ROUNDING if excerpt.step else _SAME * own
+    columns = [_resampled(by_player[name], times, rounding) for name in names]
+    states = np.stack(columns, axis=1)
+    seen = np.isfinite(states[..., :2]).all(axis=-1).sum(axis=0)
+    notes += [
+        f"player {name!r} is seen at {count} of {len(times)} times; the others are missing samples"
+        for name, count in zip(names, seen, strict=True)
+        if count < len(times)
+    ]
+    return Grid(times, names, states, tuple(notes))
+
+
+def _window(path: Path, table: pd.DataFrame, window: tuple[float, float] | None) -> pd.DataFrame:
+    if window is None or table.empty:
+        return table
+    first, last = window
+    inside = table["time"].between(first - _ROUNDING, last + _ROUNDING)
+    if not inside.any():
+        low, high = table["time"].min(), table["time"].max()
+        raise UserError(f"--window {first:g},{last:g}: {path} has times from {low:g} to {high:g} s")
+    return table[inside]
+
+
+def _chosen(
+    path: Path, table: pd.DataFrame, players: tuple[str, ...]
+) -> tuple[pd.DataFrame, list[str]]:
+    """The rows of the players that were asked for, or of all who are seen long enough."""
+    seen = table[table[["x", "y"]].notna().all(axis=1)].groupby("player", sort=False).size()
+    known = list(table["player"].unique())
+    for player in players:
+        if player not in known:
+            raise UserError(f"--players {player!r}: {path} has, at these times: {listed(known)}")
+        if seen.get(player, 0) == 0:
+            raise UserError(f"--players {player!r}: {path} has no position of it at these times")
+    if players:
+        return table[table["player"].isin(players)], []
+    brief = [name for name in known if seen.get(name, 0) < FEWEST_STEPS]
+    if len(brief) == len(known):
+        return table, []  # there is nothing to choose from; the checks say what is wrong
+    kept = table[~table["player"].isin(brief)]
+    return kept, [
+        f"left out, seen less than {FEWEST_STEPS} times: {listed(brief)}"
+    ] if brief else []
+
+
+def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
+    known = np.unique(table["time"])
+    if step is None:
+        known = _merged(known)
+        check_steps(path, known)
+        usual = float(np.median(np.diff(known)))
+        count = round((known[-1] - known[0]) / usual)
+        return np.linspace(known[0], known[-1], count + 1)
+    count = int(np.floor((known[-1] - known[0]) / step + _ROUNDING)) if len(known) else 0
+    if count + 1 < FEWEST_STEPS:
+        raise UserError(
+            f"--resample {step:g}: {path} has {count + 1} such steps, expected at least "
+            f"{FEWEST_STEPS}"
+        )
+    return np.asarray(known[0] + step * np.arange(count + 1))
+
+
+def _merged(times: np.ndarray) -> np.ndarray:
+    """Times without those that another player's clock rounded a little differently."""
+    if len(times) < 2:
+        return times
+    steps = np.diff(times)
+    return times[np.r_[True, steps > STEP_TOLERANCE * steps.max()]]
+
+
+def _resampled(rows: pd.DataFrame, times: np.ndarray, rounding: float) -> np.ndarray:
+    """States (T, 4) at times, straight between neighbouring samples, NaN within gaps."""
+    result = np.full((len(times), len(STATE_NAMES)), np.nan)
+    rows = rows.sort_values("time")
+    every = np.diff(rows["time"].to_numpy())
+    usual = float(np.median(every)) if len(every) else 0.0
+    for k, name in enumerate(STATE_NAMES):
+        seen = rows[rows[name].notna()]
+        if seen.empty:
+            continue
+        at, values = seen["time"].to_numpy(), seen[name].to_numpy()
+        if name == "heading":
+            values = np.unwrap(values)
+        result[:, k] = _between(at, values, times, _BRIDGED * usual, rounding)
+    return result
+
+
+def _between(
+    at: np.ndarray, values: np.ndarray, times: np.ndarray, bridged: float, rounding: float
+) -> np.ndarray:
+    """Values at times; a sample serves times that differ from its own by rounding."""
+    after = np.searchsorted(at, times).clip(0, len(at) - 1)
+    before = (after - 1).clip(0)
+    nearest = np.where(np.abs(at[after] - times) <= np.abs(at[before] - times), after, before)
+    same = np.abs(at[nearest] - times) <= rounding
+    inside = (at[before] <= times) & (times <= at[after]) & (at[after] - at[before] <= bridged)
+    straight = np.interp(times, at, values)
+    return np.where(same, values[nearest], np.where(inside, straight, np.nan))

@@ -1,0 +1,110 @@
+"""The road and the players' targets of a scenario, as plain data."""
+
+from dataclasses import replace
+from functools import lru_cache
+from itertools import count
+
+import numpy as np
+
+from olne_bench.envs.highway_roads import ROAD_NAMES, road_network
+from olne_bench.envs.lane_curves import lane_curve
+from olne_bench.envs.layout import player_name
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.envs.tracks.road_file import (
+    LaneEntry,
+    PlayerEntry,
+    RoadFile,
+    curve_entry,
+    lane_entries,
+)
+from olne_bench.games.features import FinalGoal, StateDeviation
+from olne_bench.games.game import Player
+from olne_bench.games.lanes import Lane, LaneKeeping
+
+_BESIDE = 1.5  # lane widths from the end of a lane to one that goes on
+
+
+def road_of_scenario(scenario: Scenario) -> Road | None:
+    """The lanes of the HighwayEnv road that a scenario is played on; None elsewhere."""
+    if scenario.world != "highway_v0" or scenario.name not in ROAD_NAMES:
+        return None
+    return highway_road(scenario.name)
+
+
+@lru_cache(maxsize=len(ROAD_NAMES))
+def highway_road(name: str) -> Road:
+    """All lanes of one of HighwayEnv's roads; ``a_b_0`` is the first lane from node a to b."""
+    lanes = {
+        (start, end, number): RoadLane((lane_curve(lane),), float(lane.width))
+        for start, ends in road_network(name).graph.items()
+        for end, parallel in ends.items()
+        for number, lane in enumerate(parallel)
+    }
+    return Road(
+        {
+            _name(index): replace(
+                lane,
+                following=tuple(
+                    _name(other)
+                    for other, after in lanes.items()
+                    if other[0] == index[1] and _goes_on(lane, after)
+                ),
+            )
+            for index, lane in lanes.items()
+        }
+    )
+
+
+def _name(index: tuple[str, str, int]) -> str:
+    return "_".join(map(str, index))
+
+
+def _goes_on(lane: RoadLane, after: RoadLane) -> bool:
+    """Whether a car at the end of a lane can drive on to another, perhaps beside its own."""
+    gap = after.line[0] - lane.line[-1]
+    turn = (after.line[1] - after.line[0]) @ (lane.line[-1] - lane.line[-2])
+    return bool(turn > 0 and np.linalg.norm(gap) < _BESIDE * lane.width)
+
+
+def road_file(scenario: Scenario) -> RoadFile:
+    """What is known of a scenario's players besides their weights.
+
+    Routes over lanes of a kind that has no plain numbers are left out.
+    """
+    road = road_of_scenario(scenario)
+    lanes = lane_entries(road) if road else {}
+    players = {
+        player_name(index): _player(player, player_name(index), lanes)
+        for index, player in enumerate(scenario.game.players)
+    }
+    return RoadFile(scenario=scenario.name, lanes=lanes, players=players)
+
+
+def _player(player: Player, name: str, lanes: dict[str, LaneEntry]) -> PlayerEntry:
+    """The player's targets; lanes that its route has for itself join ``lanes``."""
+    terms = (*player.preferences, *player.task)
+    goals = [term.goal for term in terms if isinstance(term, FinalGoal)]
+    routes = [term for term in terms if isinstance(term, LaneKeeping)]
+    entry = PlayerEntry(
+        targets={t.component: float(t.target) for t in terms if isinstance(t, StateDeviation)},
+        goal=goals[0] if goals else None,
+    )
+    if not routes:
+        return entry
+    try:
+        names = [_named(curve, name, lanes) for curve in routes[0].route]
+    except TypeError:
+        return entry
+    return entry.model_copy(update={"lanes": names, "blend": float(routes[0].blend)})
+
+
+def _named(curve: Lane, player: str, lanes: dict[str, LaneEntry]) -> str:
+    """The name of a lane with exactly that curve, a new one where there is none."""
+    entry = curve_entry(curve)
+    for name, lane in lanes.items():
+        if lane.curves == [entry]:
+            return name
+    new = next(name for k in count() if (name := f"{player}_lane_{k}") not in lanes)
+    lanes[new] = LaneEntry(curves=[entry])
+    return new

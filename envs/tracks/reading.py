@@ -1,0 +1,120 @@
+"""From a file of tracks to a recording without truth."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from olne_bench.envs.recording_file import RecordingFile
+from olne_bench.envs.recording_metadata import EpisodeEntry, Metadata, library_versions
+from olne_bench.envs.track_formats import get_format
+from olne_bench.envs.tracks.checks import check_positions, check_units
+from olne_bench.envs.tracks.frames import Frame
+from olne_bench.envs.tracks.grid import Excerpt, Grid, on_grid
+from olne_bench.envs.tracks.road_file import RoadFile, lane_entries, read_road_file
+from olne_bench.envs.tracks.sumo_net import read_net
+from olne_bench.envs.tracks.table import STATE_NAMES, Tracks, listed
+from olne_bench.errors import UserError
+
+ROAD_SUFFIXES = (".toml", ".xml")
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What became of a file.
+
+    Attributes:
+        recording: one episode.
+        notes: what was assumed or left out, one line each.
+    """
+
+    recording: RecordingFile
+    notes: tuple[str, ...]
+
+
+def read_tracks(
+    path: Path,
+    format_name: str = "csv",
+    *,
+    excerpt: Excerpt | None = None,
+    frame: Frame | None = None,
+    road: Path | None = None,
+    part: str | None = None,
+) -> Imported:
+    """Read a file of tracks.
+
+    Args:
+        path: of the file.
+        format_name: one of ``track_formats.format_names()``.
+        excerpt: times, players and step; everything as it is where absent.
+        frame: how positions and headings change, after reading; lanes do not change.
+        road: TOML file of lanes and targets, or SUMO's network. Where absent, a TOML file of the
+            same name beside ``path`` is taken.
+        part: which part of a file whose player names repeat.
+
+    Raises:
+        UserError: names file, place, value and what is expected.
+    """
+    tracks = get_format(format_name).read(path, part)
+    table = (frame or Frame()).apply(tracks.table)
+    grid = on_grid(path, table, excerpt or Excerpt())
+    check_positions(path, grid.states, grid.players)
+    check_units(path, grid.states, grid.step, grid.players)
+    known, notes = _road(path, road, tracks, grid)
+    return Imported(_recording(grid, known), (*tracks.notes, *grid.notes, *notes))
+
+
+def _road(
+    path: Path, road: Path | None, tracks: Tracks, grid: Grid
+) -> tuple[RoadFile | None, list[str]]:
+    """Lanes and targets, and where they come from."""
+    beside = path.with_suffix(".toml")
+    if road is None and beside.is_file():
+        road = beside
+    if road is None:
+        if tracks.road is None:
+            return None, []
+        near = tracks.road.near(_positions(grid), _NEAR)
+        return RoadFile(lanes=lane_entries(near)), [f"lanes: {len(near.lanes)} of the file's map"]
+    if road.suffix.lower() == ".xml":
+        near = read_net(road).near(_positions(grid), _NEAR)
+        return RoadFile(lanes=lane_entries(near)), [f"lanes: {len(near.lanes)} of {road}"]
+    if road.suffix.lower() != ".toml":
+        raise UserError(f"--road {road}: the name must end in {' or '.join(ROAD_SUFFIXES)}")
+    known = read_road_file(road)
+    for player in known.players:
+        if player not in set(tracks.table["player"]):
+            there = listed(list(tracks.table["player"].unique()))
+            raise UserError(
+                f"{road} has targets of player {player!r}, who is not in {path}; there are: {there}"
+            )
+    players = {name: entry for name, entry in known.players.items() if name in grid.players}
+    lanes = known.lanes or (lane_entries(tracks.road) if tracks.road else {})
+    known = known.model_copy(update={"players": players, "lanes": lanes})
+    try:
+        known.check_lanes()
+    except ValueError as error:
+        raise UserError(f"{road}: {error}") from error
+    return known, [f"lanes and targets: {len(known.lanes)} lanes, {len(players)} players of {road}"]
+
+
+#: Lanes of a map that are farther from everybody are left out [m].
+_NEAR = 30.0
+
+
+def _positions(grid: Grid) -> np.ndarray:
+    positions = grid.states[..., :2].reshape(-1, 2)
+    return positions[np.isfinite(positions).all(axis=1)]
+
+
+def _recording(grid: Grid, road: RoadFile | None) -> RecordingFile:
+    metadata = Metadata(
+        kind="tracks",
+        scenario=road.scenario if road else None,
+        state_names=list(STATE_NAMES.values()),
+        dt=grid.step,
+        versions=library_versions(),
+        episodes=[EpisodeEntry(players=grid.players, road=road)],
+    )
+    none = np.empty((len(grid.times) - 1, len(grid.players), 0))
+    return RecordingFile(metadata, (grid.times,), (grid.states,), (none,))

@@ -1,0 +1,119 @@
+"""Lanes of a road as a map: where they lie, and which lane is near a car."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+
+DEFAULT_WIDTH = 4.0  # [m]
+_ARC_STEP = np.deg2rad(2)  # between points that stand for an arc, at most
+_SAGITTA = 0.01  # [m] that an arc bulges over the chord between two of them, at most
+_SINE_STEP = 1.0  # [m] along the axis
+
+
+@dataclass(frozen=True)
+class RoadLane:
+    """One lane: curves in driving order.
+
+    Attributes:
+        curves: at least one.
+        width: [m].
+        following: names of the lanes that it leads to.
+    """
+
+    curves: tuple[Lane, ...]
+    width: float = DEFAULT_WIDTH
+    following: tuple[str, ...] = ()
+
+    @cached_property
+    def line(self) -> np.ndarray:
+        """Points (P, 2) of the centre line [m]."""
+        parts = [curve_points(curve) for curve in self.curves]
+        points = np.concatenate(parts)
+        apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9
+        return points[np.concatenate([[True], apart])]
+
+    @property
+    def length(self) -> float:
+        """Of the centre line [m]."""
+        return float(np.linalg.norm(np.diff(self.line, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True)
+class Road:
+    """Lanes by name."""
+
+    lanes: Mapping[str, RoadLane]
+
+    def near(self, positions: np.ndarray, within: float) -> "Road":
+        """The lanes that pass within so many metres of any of positions (S, 2)."""
+        kept = {
+            name: lane
+            for name, lane in self.lanes.items()
+            if locate(lane.line, positions).distance.min() < within
+        }
+        return Road(kept)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where positions are with respect to a line; every array is (S,).
+
+    Attributes:
+        along: distance along it [m].
+        distance: from its nearest point [m].
+        heading: of the line there [rad].
+    """
+
+    along: np.ndarray
+    distance: np.ndarray
+    heading: np.ndarray
+
+
+def locate(line: np.ndarray, positions: np.ndarray) -> Place:
+    """Project positions (S, 2) on a line of points (P, 2)."""
+    start, step = line[:-1], np.diff(line, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    unit = step / length[:, None]
+    relative = positions[:, None] - start
+    along = np.clip(np.einsum("spk,pk->sp", relative, unit), 0, length)
+    distance = np.linalg.norm(relative - along[..., None] * unit, axis=-1)
+    nearest = distance.argmin(axis=1)
+    rows = np.arange(len(positions))
+    before = np.concatenate([[0], np.cumsum(length)[:-1]])
+    return Place(
+        along=before[nearest] + along[rows, nearest],
+        distance=distance[rows, nearest],
+        heading=np.arctan2(unit[nearest, 1], unit[nearest, 0]),
+    )
+
+
+def curve_points(curve: Lane) -> np.ndarray:
+    """Points (P, 2) on a curve of ``games.lanes``, from its start to its end.
+
+    Raises:
+        TypeError: on a curve of another kind.
+    """
+    if isinstance(curve, StraightLane):
+        return _on_axis(curve, np.array([0.0, curve.length]))
+    if isinstance(curve, SineLane):
+        count = max(2, int(np.ceil(curve.length / _SINE_STEP)) + 1)
+        along = np.linspace(0, curve.length, count)
+        beside = curve.amplitude * np.sin(curve.pulsation * along + curve.phase)
+        cos, sin = curve.axis.direction
+        return _on_axis(curve.axis, along) + beside[:, None] * np.array([-sin, cos])
+    if isinstance(curve, ArcLane):
+        turn = abs(curve.end_phase - curve.start_phase)
+        step = min(_ARC_STEP, np.sqrt(8 * _SAGITTA / curve.radius))
+        count = max(2, int(np.ceil(turn / step)) + 1)
+        phase = np.linspace(curve.start_phase, curve.end_phase, count)
+        circle = np.column_stack([np.cos(phase), np.sin(phase)])
+        return np.asarray(curve.centre) + curve.radius * circle
+    raise TypeError(f"no points for a {type(curve).__name__}")
+
+
+def _on_axis(axis: StraightLane, along: np.ndarray) -> np.ndarray:
+    return np.asarray(axis.start) + along[:, None] * np.asarray(axis.direction)

@@ -1,0 +1,245 @@
+"""The road and the players' targets as plain data, and as the TOML file beside a file of tracks.
+
+    scenario = "highway"              # whose costs the players have; may be left out
+
+    [lanes.left]
+    points = [[0, 0], [120, 0]]       # centre line [m], in the driving direction
+    following = ["bend"]              # lanes that it leads to
+    width = 3.5                       # [m]
+
+    [players.car_1]
+    targets = { speed = 28.0 }        # what components of the state are drawn to
+    lanes = ["left"]                  # its route, in driving order
+    goal = [80, 0]                    # where it wants to be at the end [m]
+
+A lane is given by ``points``, or exactly by ``curves``: straight lines, sines and arcs with their
+numbers, as ``olne-bench export`` writes them.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from olne_bench.envs.tracks.curve_fit import curves_through
+from olne_bench.envs.tracks.road import DEFAULT_WIDTH, Road, RoadLane
+from olne_bench.envs.tracks.table import listed
+from olne_bench.errors import UserError
+from olne_bench.files import whole_file
+from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+
+_Pair = tuple[float, float]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class StraightEntry(_Strict):
+    """``games.lanes.StraightLane`` as plain numbers."""
+
+    kind: Literal["straight"] = "straight"
+    start: _Pair
+    direction: _Pair
+    length: float = Field(gt=0)
+
+    def curve(self) -> StraightLane:
+        """The lane."""
+        return StraightLane(self.start, self.direction, self.length)
+
+
+class SineEntry(_Strict):
+    """``games.lanes.SineLane`` as plain numbers."""
+
+    kind: Literal["sine"] = "sine"
+    start: _Pair
+    direction: _Pair
+    length: float = Field(gt=0)
+    amplitude: float
+    pulsation: float
+    phase: float
+
+    def curve(self) -> SineLane:
+        """The lane."""
+        axis = StraightLane(self.start, self.direction, self.length)
+        return SineLane(axis, self.amplitude, self.pulsation, self.phase)
+
+
+class ArcEntry(_Strict):
+    """``games.lanes.ArcLane`` as plain numbers."""
+
+    kind: Literal["arc"] = "arc"
+    centre: _Pair
+    radius: float = Field(gt=0)
+    start_phase: float
+    end_phase: float
+
+    def curve(self) -> ArcLane:
+        """The lane."""
+        return ArcLane(self.centre, self.radius, self.start_phase, self.end_phase)
+
+
+CurveEntry = Annotated[StraightEntry | SineEntry | ArcEntry, Field(discriminator="kind")]
+
+
+class LaneEntry(_Strict):
+    """``envs.tracks.road.RoadLane`` as plain data: either points or curves."""
+
+    points: list[_Pair] | None = None
+    curves: list[CurveEntry] | None = None
+    width: float = Field(default=DEFAULT_WIDTH, gt=0)
+    following: list[str] = []
+
+    @model_validator(mode="after")
+    def _is_one_of_both(self) -> "LaneEntry":
+        if bool(self.points) == bool(self.curves):
+            raise ValueError("a lane has either points or curves")
+        if self.points:
+            curves_through(self.points)
+        return self
+
+    def lane(self) -> RoadLane:
+        """The lane."""
+        curves = (
+            curves_through(self.points)
+            if self.points
+            else tuple(entry.curve() for entry in self.curves or [])
+        )
+        return RoadLane(curves, self.width, tuple(self.following))
+
+
+class PlayerEntry(_Strict):
+    """What one player is known to want.
+
+    Attributes:
+        targets: values that components of the state are drawn to, by component.
+        lanes: names of the lanes of its route, in driving order.
+        blend: length [m] of the passage between these.
+        goal: position [m] at the end.
+    """
+
+    targets: dict[str, float] = {}
+    lanes: list[str] | None = Field(default=None, min_length=1)
+    blend: float | None = Field(default=None, gt=0)
+    goal: _Pair | None = None
+
+
+class RoadFile(_Strict):
+    """Lanes and players' targets; see the module.
+
+    Attributes:
+        scenario: name of the scenario whose costs the players have.
+        lanes: by name.
+        players: by name.
+    """
+
+    scenario: str | None = None
+    lanes: dict[str, LaneEntry] = {}
+    players: dict[str, PlayerEntry] = {}
+
+    @model_validator(mode="after")
+    def _knows_its_lanes(self) -> "RoadFile":
+        if self.lanes:  # else they are those of a map
+            self.check_lanes()
+        return self
+
+    def check_lanes(self) -> None:
+        """Refuse names of lanes that are not there.
+
+        Raises:
+            ValueError: naming who names it, and the lanes that there are.
+        """
+        named = [
+            *((f"lane {name!r}", lane.following) for name, lane in self.lanes.items()),
+            *((f"player {name!r}", player.lanes or []) for name, player in self.players.items()),
+        ]
+        for who, lanes in named:
+            for lane in lanes:
+                if lane not in self.lanes:
+                    known = listed(list(self.lanes)) or "none"
+                    raise ValueError(f"{who} names the lane {lane!r}; there are: {known}")
+
+    def road(self) -> Road | None:
+        """The lanes as a road; None where there are none."""
+        if not self.lanes:
+            return None
+        return Road({name: entry.lane() for name, entry in self.lanes.items()})
+
+
+def read_road_file(path: Path) -> RoadFile:
+    """Read a TOML file of lanes and targets.
+
+    Raises:
+        UserError: in one line, naming the place.
+    """
+    if not path.is_file():
+        raise UserError(f"no road file {str(path)!r}")
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} is not a TOML file: {error}") from error
+    try:
+        return RoadFile.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        message = first["msg"].removeprefix("Value error, ")
+        raise UserError(f"{path}: {place + ': ' if place else ''}{message}") from error
+
+
+def write_road_file(path: Path, content: RoadFile) -> None:
+    """Write a TOML file, whole or not at all."""
+    data = content.model_dump(exclude_none=True)
+    text = tomli_w.dumps({name: value for name, value in data.items() if value})
+    with whole_file(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+
+
+def curve_entry(curve: Lane) -> StraightEntry | SineEntry | ArcEntry:
+    """A curve of ``games.lanes`` as plain numbers.
+
+    Raises:
+        TypeError: on a curve of another kind.
+    """
+    if isinstance(curve, StraightLane):
+        return StraightEntry(start=curve.start, direction=curve.direction, length=curve.length)
+    if isinstance(curve, SineLane):
+        return SineEntry(
+            start=curve.axis.start,
+            direction=curve.axis.direction,
+            length=curve.length,
+            amplitude=curve.amplitude,
+            pulsation=curve.pulsation,
+            phase=curve.phase,
+        )
+    if isinstance(curve, ArcLane):
+        return ArcEntry(
+            centre=curve.centre,
+            radius=curve.radius,
+            start_phase=curve.start_phase,
+            end_phase=curve.end_phase,
+        )
+    raise TypeError(f"no plain numbers for a {type(curve).__name__}")
+
+
+def lane_entries(road: Road) -> dict[str, LaneEntry]:
+    """The lanes of a road as plain data, with their exact curves.
+
+    Names of lanes that the road does not hold are left out of ``following``.
+    """
+    return {
+        name: LaneEntry(
+            curves=[curve_entry(curve) for curve in lane.curves],
+            width=lane.width,
+            following=[other for other in lane.following if other in road.lanes],
+        )
+        for name, lane in road.lanes.items()
+    }
+
+
+def route_curves(lanes: Mapping[str, LaneEntry], names: Sequence[str]) -> tuple[Lane, ...]:
+    """The curves of a route of named lanes, one after the other."""
+    return tuple(curve for name in names for curve in lanes[name].lane().curves)

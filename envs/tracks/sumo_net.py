@@ -1,0 +1,58 @@
+"""Lanes of a SUMO network (``.net.xml``)."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from olne_bench.envs.tracks.curve_fit import curves_through
+from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.errors import UserError
+
+WIDTH = 3.2  # [m], SUMO's default of a lane
+
+
+def read_net(path: Path) -> Road:
+    """The lanes for cars, with those inside junctions, and where each leads.
+
+    Raises:
+        UserError: on a file that is missing or no network.
+    """
+    if not path.is_file():
+        raise UserError(f"no road file {str(path)!r}")
+    try:
+        net = ElementTree.parse(path).getroot()
+        if net.tag != "net":
+            raise UserError(f"{path} is not a SUMO network: its root is <{net.tag}>, not <net>")
+        following = _following(net)
+        lanes = {
+            lane.attrib["id"]: RoadLane(
+                curves_through(_points(lane.attrib["shape"])),
+                float(lane.get("width", WIDTH)),
+                tuple(following.get(lane.attrib["id"], ())),
+            )
+            for edge in net.iter("edge")
+            if edge.get("function") not in ("crossing", "walkingarea")
+            for lane in edge.iter("lane")
+            if _is_for_cars(lane)
+        }
+    except (ElementTree.ParseError, KeyError, ValueError) as error:
+        raise UserError(f"{path} is not a SUMO network: {error}") from error
+    return Road(lanes)
+
+
+def _following(net: ElementTree.Element) -> dict[str, list[str]]:
+    """Names of the lanes that each leads to, through the junction where one lies between."""
+    result: dict[str, list[str]] = {}
+    for link in net.iter("connection"):
+        start = f"{link.attrib['from']}_{link.attrib['fromLane']}"
+        end = f"{link.attrib['to']}_{link.attrib['toLane']}"
+        result.setdefault(start, []).append(link.get("via", end))
+    return result
+
+
+def _is_for_cars(lane: ElementTree.Element) -> bool:
+    allowed, refused = lane.get("allow", "all").split(), lane.get("disallow", "").split()
+    return bool({"passenger", "all"} & set(allowed)) and not {"passenger", "all"} & set(refused)
+
+
+def _points(shape: str) -> list[list[float]]:
+    return [[float(value) for value in point.split(",")[:2]] for point in shape.split()]

@@ -1,0 +1,145 @@
+"""What a format reads out of a file: rows of motion, and the road where the file has one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.envs.tracks.road import Road
+from olne_bench.errors import UserError
+
+#: Columns of every table of tracks: s, name, m, m, rad, m/s.
+COLUMNS = ("time", "player", "x", "y", "heading", "speed")
+#: Component of the state that a column holds.
+STATE_NAMES = {"x": "px", "y": "py", "heading": "heading", "speed": "speed"}
+SLOWEST = 0.1  # [m/s] at which a velocity still has a direction
+_SHOWN = 8  # names in a message
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Rows of motion in metres, seconds and radians; positions are those of the cars' centres.
+
+    Attributes:
+        table: one row per player and time, with ``COLUMNS``; NaN where unknown.
+        road: lanes, where the format has a map.
+        notes: what the reader had to assume or leave out, one line each.
+    """
+
+    table: pd.DataFrame
+    road: Road | None = None
+    notes: tuple[str, ...] = ()
+
+
+def read_columns(
+    path: Path, needed: Sequence[str], optional: Sequence[str] = (), **settings: object
+) -> pd.DataFrame:
+    """Columns of a data set's CSV file, under the names asked for, whatever their case.
+
+    Raises:
+        UserError: on a file that is missing, is no CSV or lacks a column.
+    """
+    if not path.is_file():
+        raise UserError(f"no tracks file {str(path)!r}")
+    try:
+        frame = pd.read_csv(path, **settings)  # type: ignore[call-overload]
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} is not a CSV file: {' '.join(str(error).split())}") from error
+    there = {str(name).strip().lower(): name for name in frame.columns}
+    absent = [name for name in needed if name.lower() not in there]
+    if absent:
+        raise UserError(
+            f"{path}: missing column{'s'[: len(absent) > 1]} {', '.join(absent)}; "
+            f"it has: {', '.join(map(str, frame.columns))}"
+        )
+    names = {there[name.lower()]: name for name in (*needed, *optional) if name.lower() in there}
+    return frame[list(names)].rename(columns=names)
+
+
+def numbers(path: Path, frame: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
+    """The frame with those of its columns as numbers.
+
+    Raises:
+        UserError: naming the row and the value that is none.
+    """
+    frame = frame.copy()
+    for name in names:
+        values = pd.to_numeric(frame[name], errors="coerce").astype(float)
+        wrong = (frame[name].notna() & ~np.isfinite(values)).to_numpy()
+        if wrong.any():
+            row = int(wrong.argmax())
+            raise UserError(
+                f"{path}, row {row + 1}: {name} is {str(frame[name].iloc[row])!r}, "
+                "expected a finite number"
+            )
+        frame[name] = values
+    return frame
+
+
+def companion(path: Path, suffix: str, purpose: str) -> Path:
+    """The file beside ``NN_tracks.csv`` that is named ``NN_<suffix>.csv``.
+
+    Raises:
+        UserError: if it is not there.
+    """
+    stem = path.stem.removesuffix("_tracks")
+    beside = path.with_name(f"{stem}_{suffix}.csv")
+    if not beside.is_file():
+        raise UserError(f"{path}: its {purpose} is in {beside.name!r}, which is not beside it")
+    return beside
+
+
+def frame_rate(meta: pd.DataFrame, path: Path) -> float:
+    """Frames per second out of a recording's metadata.
+
+    Raises:
+        UserError: unless it is positive.
+    """
+    rate = float(numbers(path, meta, ["frameRate"])["frameRate"].iloc[0])
+    if not rate > 0:
+        raise UserError(f"{path}: frameRate is {rate:g}, expected a positive number")
+    return rate
+
+
+def choose_part(path: Path, frame: pd.DataFrame, column: str, part: str | None) -> pd.DataFrame:
+    """The rows of one part of a file whose player names repeat from part to part.
+
+    Raises:
+        UserError: where there are several and none, or an unknown one, is chosen.
+    """
+    if column not in frame:
+        if part is not None:
+            raise UserError(f"--part {part!r}: {path} has no column {column}")
+        return frame
+    names = frame[column].map(_text)
+    parts = list(names.unique())
+    if part is None and len(parts) > 1:
+        raise UserError(f"{path} holds {listed(parts)} in {column}; choose one with --part")
+    if part is not None and part not in parts:
+        raise UserError(f"--part {part!r}: {column} of {path} holds {listed(parts)}")
+    return frame if part is None else frame[names == part]
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a message, the first few of them."""
+    more = len(names) - _SHOWN
+    return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def player_names(ids: pd.Series) -> pd.Series:
+    """Names of players from a column of numbers or texts."""
+    return ids.map(_text)
+
+
+def direction(vx: pd.Series, vy: pd.Series) -> np.ndarray:
+    """Heading (R,) [rad] of velocities; NaN where a car hardly moves."""
+    moving = np.hypot(vx, vy) > SLOWEST
+    return np.where(moving, np.arctan2(vy, vx), np.nan)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value).strip()

@@ -1,0 +1,192 @@
+"""Write small synthetic files in every format of tracks, from one motion.
+
+    olne-bench record highway --out highway.parquet
+    olne-bench export highway.parquet --out examples/tracks/highway.csv
+    python scripts/example_tracks.py examples/tracks
+
+The second command writes the motion, five cars at equilibrium on HighwayEnv's highway; this script
+reads it back and writes it once more as highD, inD, NGSIM, INTERACTION, SUMO and CommonRoad would
+have it. The fifth car comes into view late. Nothing of the licensed data is in these files.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import CubicSpline
+
+from olne_bench.envs.track_formats.ngsim import FOOT
+from olne_bench.envs.tracks.export import CAR_LENGTH, CAR_WIDTH, Episode, write_commonroad
+from olne_bench.envs.tracks.reading import read_tracks
+from olne_bench.envs.tracks.road_file import (
+    PlayerEntry,
+    RoadFile,
+    read_road_file,
+    write_road_file,
+)
+
+LATE = 0.8  # [s] until which the last car is not seen
+DECIMALS = 6
+LANES = (0.0, 4.0, 8.0, 12.0)  # [m], y of HighwayEnv's lanes
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Samples of all cars, one row each: time, car (from 1 on), x, y, heading, speed, vx, vy."""
+
+    rows: pd.DataFrame
+
+    @classmethod
+    def of(cls, times: np.ndarray, states: np.ndarray, rate: float) -> "Motion":
+        """Cubic splines through states (T, N, 4), at so many samples per second."""
+        at = np.arange(round((times[-1] - times[0]) * rate) + 1) / rate
+        smooth = CubicSpline(times - times[0], states)(at)
+        frames = []
+        for i in range(states.shape[1]):
+            x, y, heading, speed = smooth[:, i].T
+            frame = pd.DataFrame({"time": at, "car": i + 1, "x": x, "y": y})
+            frame = frame.assign(heading=heading, speed=speed)
+            seen = at >= LATE - 1e-9 if i + 1 == states.shape[1] else at >= 0
+            frames.append(frame[seen])
+        rows = pd.concat(frames, ignore_index=True)
+        rows["frame"] = np.rint(rows["time"] * rate).astype(int)
+        rows["vx"] = rows["speed"] * np.cos(rows["heading"])
+        rows["vy"] = rows["speed"] * np.sin(rows["heading"])
+        return cls(rows)
+
+
+def write_highd(folder: Path, rows: pd.DataFrame) -> None:
+    """25 frames a second; upper left corners of boxes."""
+    table = {
+        "frame": rows["frame"] + 1,
+        "id": rows["car"],
+        "x": rows["x"] - CAR_LENGTH / 2,
+        "y": rows["y"] - CAR_WIDTH / 2,
+        "width": CAR_LENGTH,
+        "height": CAR_WIDTH,
+        "xVelocity": rows["vx"],
+        "yVelocity": rows["vy"],
+    }
+    _write(folder / "highd_tracks.csv", table)
+    markings = ";".join(f"{lane - 2:g}" for lane in LANES) + f";{LANES[-1] + 2:g}"
+    text = f"id,frameRate,upperLaneMarkings,lowerLaneMarkings\n1,25,,{markings}\n"
+    (folder / "highd_recordingMeta.csv").write_text(text)
+
+
+def write_highd_targets(folder: Path) -> None:
+    """The targets of ``highway.toml`` for the cars and the lanes of highD."""
+    known = read_road_file(folder / "highway.toml")
+    players = {
+        str(k): PlayerEntry(
+            targets=entry.targets,
+            lanes=[f"lower_{int(name[-1]) + 1}" for name in entry.lanes or []],
+        )
+        for k, entry in enumerate(known.players.values(), start=1)
+    }
+    road = RoadFile(scenario=known.scenario, players=players)
+    write_road_file(folder / "highd_tracks.toml", road)
+
+
+def write_ind(folder: Path, rows: pd.DataFrame) -> None:
+    """Centres, and headings in degrees."""
+    table = {
+        "recordingId": 1,
+        "trackId": rows["car"],
+        "frame": rows["frame"],
+        "xCenter": rows["x"],
+        "yCenter": rows["y"],
+        "heading": np.rad2deg(rows["heading"]) % 360,
+        "width": CAR_WIDTH,
+        "length": CAR_LENGTH,
+        "xVelocity": rows["vx"],
+        "yVelocity": rows["vy"],
+    }
+    _write(folder / "ind_tracks.csv", table)
+    (folder / "ind_recordingMeta.csv").write_text("recordingId,frameRate\n1,10\n")
+
+
+def write_ngsim(folder: Path, rows: pd.DataFrame) -> None:
+    """Feet, and the middle of the front."""
+    lane = np.abs(rows["y"].to_numpy()[:, None] - LANES).argmin(axis=1) + 1
+    table = {
+        "Vehicle_ID": rows["car"],
+        "Frame_ID": rows["frame"] + 1,
+        "Global_Time": 1118846980200 + 100 * rows["frame"],
+        "Local_X": rows["y"] / FOOT,
+        "Local_Y": (rows["x"] + CAR_LENGTH / 2) / FOOT,
+        "v_Length": CAR_LENGTH / FOOT,
+        "v_Width": CAR_WIDTH / FOOT,
+        "v_Vel": rows["speed"] / FOOT,
+        "Lane_ID": lane,
+    }
+    _write(folder / "ngsim.csv", table)
+
+
+def write_interaction(folder: Path, rows: pd.DataFrame) -> None:
+    """Milliseconds; a second case with the same names of cars."""
+    table = pd.DataFrame(
+        {
+            "case_id": 1.0,
+            "track_id": rows["car"],
+            "frame_id": rows["frame"] + 1,
+            "timestamp_ms": 100 * (rows["frame"] + 1),
+            "agent_type": "car",
+            "x": rows["x"],
+            "y": rows["y"],
+            "vx": rows["vx"],
+            "vy": rows["vy"],
+            "psi_rad": rows["heading"],
+            "length": CAR_LENGTH,
+            "width": CAR_WIDTH,
+        }
+    )
+    other = table[table["frame_id"] <= 4].assign(case_id=2.0)
+    _write(folder / "interaction.csv", pd.concat([table, other]))
+
+
+def write_sumo(folder: Path, rows: pd.DataFrame) -> None:
+    """Front bumpers, degrees clockwise from north; and the network."""
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<fcd-export>"]
+    for time, frame in rows.groupby("time"):
+        lines.append(f'    <timestep time="{time:.2f}">')
+        for row in frame.itertuples():
+            x = row.x + CAR_LENGTH / 2 * np.cos(row.heading)
+            y = row.y + CAR_LENGTH / 2 * np.sin(row.heading)
+            angle = (90 - np.rad2deg(row.heading)) % 360
+            lines.append(
+                f'        <vehicle id="car{row.car}" x="{x:.6f}" y="{y:.6f}" angle="{angle:.6f}" '
+                f'type="DEFAULT_VEHTYPE" speed="{row.speed:.6f}" lane="road_0"/>'
+            )
+        lines.append("    </timestep>")
+    (folder / "sumo_fcd.xml").write_text("\n".join([*lines, "</fcd-export>", ""]))
+    lanes = [
+        f'        <lane id="road_{k}" index="{k}" speed="30" length="1000" width="4" '
+        f'shape="0,{y:g} 1000,{y:g}"/>'
+        for k, y in enumerate(reversed(LANES))
+    ]
+    edge = ['    <edge id="road" from="a" to="b">', *lanes, "    </edge>"]
+    (folder / "sumo.net.xml").write_text("\n".join(["<net>", *edge, "</net>", ""]))
+
+
+def _write(path: Path, table: object) -> None:
+    pd.DataFrame(table).round(DECIMALS).to_csv(path, index=False)
+
+
+def write_all(folder: Path) -> None:
+    """Write every file beside ``highway.csv`` of the folder."""
+    known = read_tracks(folder / "highway.csv").recording
+    times, states = known.times[0], known.states[0]
+    often, tenths = Motion.of(times, states, 25).rows, Motion.of(times, states, 10).rows
+    write_highd(folder, often)
+    write_highd_targets(folder)
+    write_ind(folder, tenths)
+    write_ngsim(folder, tenths)
+    write_interaction(folder, tenths)
+    write_sumo(folder, tenths)
+    write_commonroad(folder / "commonroad.xml", Episode.of(known, 0))
+
+
+if __name__ == "__main__":
+    write_all(Path(sys.argv[1]))

@@ -1,0 +1,223 @@
+"""From roads to tables to weights, and tracks that cannot be explained."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.interpolate import CubicSpline
+
+from olne_bench.envs.recording import Recording
+from olne_bench.envs.recording_file import RecordingFile, of_recordings
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.tracks import explained as module
+from olne_bench.envs.tracks.explained import explain
+from olne_bench.envs.tracks.export import Episode, write_csv
+from olne_bench.envs.tracks.frames import Frame
+from olne_bench.envs.tracks.grid import Excerpt
+from olne_bench.envs.tracks.reading import read_tracks
+from olne_bench.envs.tracks.road_file import RoadFile, write_road_file
+from olne_bench.errors import UserError
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.games.features import ControlEffort, FinalGoal, StateDeviation
+from olne_bench.games.game import Game
+from olne_bench.games.observation import FullView
+
+#: Every road, with few players.
+ROADS = {"highway": 3, "merge": 2, "roundabout": 2, "intersection": 2, "two_way": 3}
+AWAY = np.array([5.0, 0.0, 0.0, 0.0])
+Recorder = Callable[..., Recording]
+
+
+def exported(folder: Path, recording: Recording, *, targets: bool = True) -> Path:
+    """A table of the motion, rows shuffled and players renamed, with the road file beside it."""
+    path = folder / "tracks.csv"
+    episode = Episode.of(of_recordings([recording], [0], {}), 0)
+    write_csv(path, episode)
+    table = pd.read_csv(path).sample(frac=1, random_state=2)
+    table.assign(player=table["player"].map(renamed)).to_csv(path, index=False)
+    assert episode.road is not None
+    if targets:
+        players = {renamed(name): entry for name, entry in episode.road.players.items()}
+        road = episode.road.model_copy(update={"players": players})
+        write_road_file(path.with_suffix(".toml"), road)
+    return path
+
+
+def renamed(name: str) -> str:
+    return {"player_0": "red car", "player_1": "blue", "player_2": "0"}[name]
+
+
+def estimate(game: Game, y: np.ndarray) -> Estimate:
+    problem = Problem(game, FullView(), noise_scale=(1.0, 1.0, 0.1, 1.0))
+    rng = np.random.default_rng(0)
+    return KktConstrained().estimate(problem, Observation(y), rng=rng, budget=60.0)
+
+
+@pytest.mark.parametrize("name", ROADS)
+def test_every_weight_comes_back_through_a_table(
+    name: str, recorded: Recorder, tmp_path: Path
+) -> None:
+    recording = recorded(name, 0, num_players=ROADS[name])
+    known = read_tracks(exported(tmp_path, recording)).recording
+    explained = explain(name, None, known, 0)
+    assert {one.source for one in explained.assumptions} == {"file"}
+    assert explained.warnings == ()
+    weights = estimate(explained.scenario.game, known.states[0]).weights
+    found = dict(zip(known.metadata.episodes[0].players, weights, strict=True))
+    for index, truth in enumerate(recording.scenario.weights):
+        np.testing.assert_allclose(found[renamed(f"player_{index}")], truth, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ROADS)
+@pytest.mark.parametrize("frame", [Frame(shift=(1000.0, 50.0)), Frame(flip_y=True)])
+@pytest.mark.parametrize("targets", [True, False])
+def test_tracks_in_another_frame_are_refused(
+    name: str, frame: Frame, targets: bool, recorded: Recorder, tmp_path: Path
+) -> None:
+    recording = recorded(name, 0, num_players=ROADS[name])
+    path = exported(tmp_path, recording, targets=targets)
+    known = read_tracks(path, frame=frame).recording
+    with pytest.raises(UserError, match=r"is off the road: at \(|drives against the lanes: at \("):
+        explain(name, None, known, 0)
+
+
+@pytest.mark.parametrize("name", ROADS)
+def test_without_targets_every_assumption_names_the_data(
+    name: str, recorded: Recorder, tmp_path: Path
+) -> None:
+    recording = recorded(name, 0, num_players=ROADS[name])
+    known = read_tracks(exported(tmp_path, recording, targets=False)).recording
+    explained = explain(name, None, known, 0)
+    assert {(one.what, one.source) for one in explained.assumptions} == {
+        ("speed", "data"),
+        ("lanes", "data"),
+    }
+    speeds = [one for one in explained.assumptions if one.what == "speed"]
+    assert {one.how for one in speeds} == {"median speed"}
+
+
+def test_a_draw_gives_its_targets_to_those_who_start_there(
+    recorded: Recorder, tmp_path: Path
+) -> None:
+    recording = recorded("merge", 0, num_players=2)
+    known = read_tracks(exported(tmp_path, recording, targets=False)).recording
+    explained = explain("merge", 0, known, 0)
+    order = [["red car", "blue"].index(name) for name in known.metadata.episodes[0].players]
+    players = recording.scenario.game.players
+    assert explained.scenario.game.players == tuple(players[k] for k in order)
+    assert {one.source for one in explained.assumptions} == {"draw"}
+    with pytest.raises(UserError, match="--seed 1: the players do not start where those of"):
+        explain("merge", 1, known, 0)
+
+
+def as_tracks(states: np.ndarray, dt: float, folder: Path) -> RecordingFile:
+    """States (T, N, 4) through a table."""
+    path = folder / "tracks.csv"
+    times = np.repeat(dt * np.arange(len(states)), states.shape[1])
+    rows = pd.DataFrame(states.reshape(-1, 4), columns=["x", "y", "heading", "speed"])
+    players = np.tile([f"car {k}" for k in range(states.shape[1])], len(states))
+    rows.assign(time=times, player=players).to_csv(path, index=False)
+    return read_tracks(path).recording
+
+
+def test_weights_mean_the_same_at_every_step(tmp_path: Path) -> None:
+    scenario = get_scenario("two_player")
+    dt = scenario.game.dt / 5
+    known = as_tracks(cruising(scenario.initial_state, dt), dt, tmp_path)
+    game = explain("two_player", None, known, 0).scenario.game
+    for ours, theirs in zip(game.players, scenario.game.players, strict=True):
+        for term, original in zip(
+            (*ours.preferences, *ours.task), (*theirs.preferences, *theirs.task), strict=True
+        ):
+            factor = {ControlEffort: 25.0, FinalGoal: 5.0}.get(type(term), 1.0)
+            assert term.scale == pytest.approx(factor * original.scale)  # type: ignore[attr-defined]
+
+
+def test_two_hundred_steps_at_25_hz_converge_and_resampling_gives_the_step_back(
+    recorded: Recorder, tmp_path: Path
+) -> None:
+    recording = recorded("two_way", 0, num_players=3)
+    coarse = np.concatenate([recording.states, recording.extra_state[None]])
+    dt = recording.scenario.game.dt
+    times = 0.04 * np.arange(200)
+    fine = CubicSpline(dt * np.arange(len(coarse)), coarse)(times)
+    table = as_tracks(fine, 0.04, tmp_path)
+    found = estimate(explain("two_way", 0, table, 0).scenario.game, table.states[0])
+    assert found.converged
+    # The motion had steps of 0.4 s, so weights at 0.04 s are but close.
+    np.testing.assert_allclose(found.weights, recording.scenario.weights, atol=0.06)
+    again = read_tracks(tmp_path / "tracks.csv", excerpt=Excerpt((0.0, 7.6), step=dt)).recording
+    np.testing.assert_allclose(again.states[0], recording.states, atol=1e-9)
+    game = explain("two_way", 0, again, 0).scenario.game
+    np.testing.assert_allclose(
+        estimate(game, again.states[0]).weights, recording.scenario.weights, atol=1e-3
+    )
+
+
+def cruising(start: np.ndarray, dt: float) -> np.ndarray:
+    """Four states of players who drive straight on from their states (N, 4)."""
+    states = np.repeat(start[None], 4, axis=0)
+    way = np.stack([np.cos(start[:, 2]), np.sin(start[:, 2])], axis=1)
+    states[..., :2] += dt * np.arange(4)[:, None, None] * start[:, 3:] * way
+    return states
+
+
+def test_players_are_alike_unless_their_costs_differ(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    original = get_scenario("two_player")
+    first, second = original.game.players
+    louder = replace(second.preferences[0], scale=2.0)  # type: ignore[type-var]
+    other = replace(second, preferences=(louder, *second.preferences[1:]))
+    changed = replace(original, game=replace(original.game, players=(first, other)))
+    monkeypatch.setattr(module, "get_scenario", lambda *_, **__: changed)
+    away = cruising(original.initial_state + AWAY, 0.25)
+    explained = explain("two_player", None, as_tracks(away, 0.25, tmp_path), 0)
+    assert explained.warnings[0].endswith("in the order of the file: car 0 = 0, car 1 = 1")
+    assert explained.scenario.game.players[1].preferences[0] == louder
+    with pytest.raises(UserError, match="2 players with different costs, the recording has 1"):
+        explain("two_player", None, as_tracks(away[:, :1], 0.25, tmp_path), 0)
+
+
+def test_a_target_that_nothing_tells_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    original = get_scenario("two_player")
+    odd = StateDeviation("heading", target=0.3)
+    players = tuple(
+        replace(player, task=(replace(odd, component="yaw", target=k),))
+        for k, player in enumerate(original.game.players)
+    )
+    changed = replace(original, game=replace(original.game, players=players))
+    monkeypatch.setattr(module, "get_scenario", lambda *_, **__: changed)
+    known = as_tracks(cruising(original.initial_state + AWAY, 0.25), 0.25, tmp_path)
+    with pytest.raises(UserError, match="nothing tells the target of 'yaw' of player 'car 0'"):
+        explain("two_player", None, known, 0)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"targets": {"sped": 3.0}}, "target of 'sped' for player 'car 0'; costs of 'two_player'"),
+        ({"lanes": ["a"]}, "lanes of player 'car 0': not used, 'two_player' has no such cost"),
+    ],
+)
+def test_slips_in_the_road_file_are_told(
+    entry: dict[str, object], words: str, tmp_path: Path
+) -> None:
+    scenario = get_scenario("two_player")
+    known = as_tracks(cruising(scenario.initial_state, 0.25), 0.25, tmp_path)
+    lanes = {"a": {"points": [[0, 0], [9, 0]]}}
+    road = RoadFile.model_validate({"lanes": lanes, "players": {"car 0": entry}})
+    episode = known.metadata.episodes[0].model_copy(update={"road": road})
+    metadata = known.metadata.model_copy(update={"episodes": [episode]})
+    known = replace(known, metadata=metadata)
+    if "targets" in entry:
+        with pytest.raises(UserError, match=words):
+            explain("two_player", None, known, 0)
+    else:
+        assert explain("two_player", None, known, 0).warnings == (words,)

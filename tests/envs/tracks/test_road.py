@@ -1,0 +1,88 @@
+"""Lanes as lines of points, lines of points as curves, and where a car is on them."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from olne_bench.envs.tracks.curve_fit import TOLERANCE, curves_through
+from olne_bench.envs.tracks.matching import shortened
+from olne_bench.envs.tracks.road import Road, RoadLane, curve_points, locate
+from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+
+STRAIGHT = StraightLane((1.0, 2.0), (0.6, 0.8), 10.0)
+SINE = SineLane(StraightLane((0.0, 0.0), (1.0, 0.0), 20.0), 2.0, np.pi / 20, -np.pi / 2)
+ARC = ArcLane((0.0, 0.0), 15.0, 0.2, -1.3)  # clockwise
+CURVES = {"straight": STRAIGHT, "sine": SINE, "arc": ARC}
+
+
+def beside(curve: Lane, points: np.ndarray) -> np.ndarray:
+    """What the game's own lane says about points: along and beside (S, 2)."""
+    position = ca.SX.sym("p", 2)
+    along, across, _ = curve.locate(position)
+    function = ca.Function("f", [position], [along, across])
+    return np.array([[float(value) for value in function(point)] for point in points])
+
+
+@pytest.mark.parametrize("kind", CURVES)
+def test_points_of_a_curve_lie_on_it_from_end_to_end(kind: str) -> None:
+    curve = CURVES[kind]
+    along, across = beside(curve, curve_points(curve)).T
+    np.testing.assert_allclose(across, 0, atol=1e-9)
+    np.testing.assert_allclose(along[[0, -1]], [0, curve.length], atol=1e-9)
+    assert (np.diff(along) > 0).all()
+
+
+@pytest.mark.parametrize("kind", CURVES)
+def test_a_shortened_curve_is_the_first_part(kind: str) -> None:
+    part = shortened(CURVES[kind], 4.0)
+    assert part.length == pytest.approx(4.0)
+    np.testing.assert_allclose(curve_points(part)[0], curve_points(CURVES[kind])[0])
+    along, across = beside(CURVES[kind], curve_points(part)[-1:]).T
+    np.testing.assert_allclose([*along, *across], [4.0, 0.0], atol=1e-9)
+
+
+def test_positions_are_located_on_a_line() -> None:
+    line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
+    place = locate(line, np.array([[4.0, -1.0], [11.0, 5.0], [10.0, 13.0], [-3.0, 4.0]]))
+    np.testing.assert_allclose(place.along, [4, 15, 20, 0])
+    np.testing.assert_allclose(place.distance, [1, 1, 3, 5])
+    np.testing.assert_allclose(place.heading, [0, np.pi / 2, np.pi / 2, 0])
+
+
+def test_lanes_far_from_everybody_are_left_out() -> None:
+    road = Road({"here": RoadLane((STRAIGHT,)), "there": RoadLane((ARC,))})
+    assert list(road.near(np.array([[2.0, 3.0]]), 3.0).lanes) == ["here"]
+
+
+def test_a_straight_line_of_many_points_is_one_curve() -> None:
+    points = np.column_stack([np.linspace(0, 300, 50), np.linspace(5, 65, 50)])
+    (curve,) = curves_through(points)
+    assert isinstance(curve, StraightLane)
+    assert curve.length == pytest.approx(np.hypot(300, 60))
+
+
+def test_an_arc_of_many_points_is_one_curve() -> None:
+    phase = np.linspace(2.0, -0.5, 60)
+    points = np.array([3.0, 1.0]) + 20 * np.column_stack([np.cos(phase), np.sin(phase)])
+    (curve,) = curves_through(points)
+    assert isinstance(curve, ArcLane)
+    np.testing.assert_allclose([*curve.centre, curve.radius], [3, 1, 20], atol=1e-6)
+    np.testing.assert_allclose([curve.start_phase, curve.end_phase], [2.0, -0.5], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_line_is_followed_within_the_tolerance(seed: int) -> None:
+    turn = np.cumsum(np.random.default_rng(seed).normal(0, 0.03, 120))
+    points = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]), axis=0)
+    curves = curves_through(points)
+    assert len(curves) < 40
+    line = RoadLane(curves).line
+    assert locate(line, points).distance.max() < TOLERANCE + 0.02
+    np.testing.assert_allclose(line[[0, -1]], points[[0, -1]], atol=1e-6)
+
+
+def test_a_lane_needs_two_points() -> None:
+    with pytest.raises(ValueError, match="at least two different points"):
+        curves_through([[1.0, 1.0], [1.0, 1.0]])
+    with pytest.raises(ValueError, match="pairs of finite numbers"):
+        curves_through([[1.0, 1.0], [1.0, np.nan]])
