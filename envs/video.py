@@ -1,11 +1,16 @@
-"""Frames to a video file: GIF through Pillow, MP4 through the ffmpeg inside imageio-ffmpeg."""
+"""Frames to a video file: GIF through Pillow, MP4 through the ffmpeg inside imageio-ffmpeg.
+
+The latter is large and comes with the extra ``video``.
+"""
 
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
-import imageio_ffmpeg
 import numpy as np
 from PIL import Image
+
+from olne_bench.errors import UserError
 
 SUFFIXES = (".mp4", ".gif")
 
@@ -17,11 +22,28 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
         path: ends in one of ``SUFFIXES``.
         frames: (height, width, 3) uint8, at least one, all of one size.
         fps: frames per second.
+
+    Raises:
+        UserError: where a format needs what is not installed.
     """
+    check_format(path)
     if path.suffix.lower() == ".gif":
         _write_gif(path, frames, fps)
     else:
         _write_mp4(path, frames, fps)
+
+
+def check_format(path: Path) -> None:
+    """Refuse a video that cannot be written here, before its frames are drawn.
+
+    Raises:
+        UserError: where a format needs what is not installed.
+    """
+    if path.suffix.lower() == ".mp4" and find_spec("imageio_ffmpeg") is None:
+        raise UserError(
+            f"{path}: MP4 needs imageio-ffmpeg: pip install 'olne-bench[video]'; "
+            f"{path.with_suffix('.gif').name} needs nothing more"
+        )
 
 
 def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
@@ -30,6 +52,8 @@ def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
 
 def _write_mp4(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
+    import imageio_ffmpeg
+
     writer = None
     try:
         for frame in frames:

@@ -11,7 +11,7 @@ from olne_bench.envs.recording import NoEquilibriumError, Recording, film
 from olne_bench.envs.recording import record as play
 from olne_bench.envs.recording_file import of_recordings, write_recording
 from olne_bench.envs.scenarios import Scenario, get_scenario, is_family
-from olne_bench.envs.video import SUFFIXES, write_video
+from olne_bench.envs.video import SUFFIXES, check_format, write_video
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file
 
@@ -29,7 +29,7 @@ SLOWEST_FPS = 2.5
     help="Draws to play, from seed 0 on; a fixed scenario has one.",
 )
 @click.option("--out", type=PATH, required=True, help="Parquet file, a new one.")
-@click.option("--video", type=PATH, help="MP4 or GIF of the first draw, a new file.")
+@click.option("--video", type=PATH, help="GIF or MP4 of the first draw, a new file.")
 @click.option(
     "--option",
     "options",
@@ -47,6 +47,7 @@ def record(
     check_new_file("--out", out, (".parquet",))
     if video is not None:
         check_new_file("--video", video, SUFFIXES)
+        check_format(video)
     chosen = dict(name_and_value("--option", text) for text in options)
     numbers = range(seeds if _is_family(scenario) else 1)
     if len(numbers) < seeds:

@@ -27,7 +27,7 @@ def frames(world, actions=None):
 def shows(frame, player):
     """Number of pixels in exactly that player's colour, the legend apart."""
     scene = frame[view.HEADER :]
-    return int((scene == rendering.COLOURS[player]).all(axis=-1).sum())
+    return int((scene == rendering._colour(player)).all(axis=-1).sum())
 
 
 @pytest.mark.parametrize("name", ["two_player", "highway_overtaking", "random"])
@@ -51,7 +51,7 @@ def test_cars_move_to_the_right_along_the_road():
     height, width, _ = shown[0].shape
     assert width > height
     columns = [
-        np.argwhere((frame[view.HEADER :] == rendering.COLOURS[1]).all(axis=-1))[:, 1].mean()
+        np.argwhere((frame[view.HEADER :] == rendering._colour(1)).all(axis=-1))[:, 1].mean()
         for frame in (shown[0], shown[-1])
     ]
     assert columns[1] > columns[0] + 100

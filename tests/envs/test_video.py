@@ -1,6 +1,7 @@
 """Frames to a video file."""
 
 import subprocess
+import sys
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from olne_bench.envs.video import write_video
+from olne_bench.envs.video import check_format, write_video
+from olne_bench.errors import UserError
 
 SHAPES = [(40, 60), (41, 61)]
 
@@ -51,3 +53,13 @@ def test_a_film_that_breaks_off_is_closed(tmp_path: Path) -> None:
 
     with pytest.raises(RuntimeError, match="no more"):
         write_video(tmp_path / "film.mp4", broken(), fps=5)
+
+
+def test_mp4_says_what_it_lacks_before_anything_is_drawn(monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    monkeypatch.setattr("olne_bench.envs.video.find_spec", lambda _: None)
+    for use in (check_format, lambda path: write_video(path, frames(SHAPES[0]), fps=5)):
+        with pytest.raises(UserError, match=r"pip install 'olne-bench\[video\]'; a.gif needs"):
+            use(tmp_path / "a.mp4")
+    write_video(tmp_path / "a.gif", frames(SHAPES[0]), fps=5)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]

@@ -34,7 +34,7 @@ ESTIMATOR_COLOURS = {
 }
 #: Those of all other estimators; the name decides which.
 FOREIGN_COLOURS = (
-    ("#463983", "#9F97C6"),
+    ("#463983", "#C6BFDE"),
     ("#7B242E", "#C48E94"),
     ("#215605", "#8FB07E"),
     ("#73176F", "#BE86BB"),

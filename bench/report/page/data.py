@@ -155,7 +155,9 @@ def _middle(
         told = rolling_errors(series, metric, _MOST_NODES)
     else:
         told = level_statistics(series, metric, failed_rows(series, metric))
+    sigma = {"sigma": told.sigma.tolist()} if isinstance(told, LevelStatistics) else {}
     return {
+        **sigma,
         "x": rounded(told.x),
         "low": rounded(told.lower),
         "mid": rounded(told.median),

@@ -64,6 +64,22 @@ def test_the_hidden_folder_cannot_be_read_and_others_can(child, hidden):
             child.call(read, str(path), kind=str, seconds=5)
 
 
+def test_draws_that_the_user_played_cannot_be_read(monkeypatch, tmp_path):
+    """They hold true motions; also where no run is hidden, and before the first is kept."""
+    monkeypatch.setenv("OLNE_BENCH_CACHE", str(tmp_path / "cache"))
+    draws = tmp_path / "cache-draws"
+    (tmp_path / "data").write_text("open")
+    one = Child(restricted=True)
+    try:
+        assert one.call(read, str(tmp_path / "data"), kind=str, seconds=5) == "open"
+        draws.mkdir()
+        (draws / "a.npz").write_text("truth")
+        with pytest.raises(RaisedError, match="PermissionError"):
+            one.call(read, str(draws / "a.npz"), kind=str, seconds=5)
+    finally:
+        one.stop()
+
+
 def test_nothing_is_written_outside_of_its_own_folder(child, hidden):
     assert child.call(write, "own", kind=int, seconds=5) == 1
     for path in (hidden / "new", hidden.parent.parent / "data", "/var/tmp/olne_bench_test"):

@@ -3,13 +3,16 @@
 from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.truth import true_recording
 from olne_bench.bench.plan.entries import EstimatorEntry, PluginEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.report.study import Study
+from olne_bench.envs import highway_v0
 from olne_bench.games.root_following import follow_root
+from olne_bench.plugins import ESTIMATOR, names
 
 
 @pytest.fixture(scope="session")
@@ -41,3 +44,57 @@ def prediction_error(usual: Study) -> Callable[[str, int, np.ndarray], float]:
         return position_error(truth.states, root.states)
 
     return error
+
+
+ROAD = ScenarioEntry(name="roundabout", label="roundabout", options={"num_players": 2}, family=True)
+
+
+@pytest.fixture(scope="session")
+def road_study() -> Study:
+    sensors = [SensorEntry(label=n, layers=(PluginEntry(name=n),)) for n in ("full", "partial")]
+    return Study(scenarios={"roundabout": ROAD}, sensors={s.label: s for s in sensors}, salt="test")
+
+
+@pytest.fixture(scope="session")
+def road_trials(road_study: Study) -> pd.DataFrame:
+    """One draw on a road, which every estimator of this package finds out exactly."""
+    weights = true_recording(road_study.draw("roundabout", 0)).scenario.weights.tolist()
+    metrics = ("cosine_error", "position_error", "reconstruction_error", "held_out_error")
+    return pd.DataFrame(
+        [
+            {
+                "suite": "roads",
+                "scenario": "roundabout",
+                "sensor": sensor,
+                "sigma": 0.1,
+                "seed": 0,
+                "estimator": estimator,
+                "parameters": "{}",
+                "count": 1,
+                "status": "ok",
+                "message": "",
+                **dict.fromkeys(metrics, 0.0),
+                "covers_truth": 1,
+                "cosine_limit": 0.01,
+                "published_forward": 1,
+                "observation_error": 0.08,
+                "solve_seconds": 0.1,
+                "weights": weights,
+            }
+            for estimator in names(ESTIMATOR)
+            for sensor in ("full", "partial")
+        ]
+    )
+
+
+@pytest.fixture(scope="session")
+def road_frame(road_study: Study) -> tuple[np.ndarray, np.ndarray]:
+    """HighwayEnv's picture of that draw at its start, and where it has the cars (N, 2) [pixels]."""
+    world = highway_v0.parallel_env(
+        true_recording(road_study.draw("roundabout", 0)).scenario, render_mode="rgb_array"
+    )
+    world.reset()
+    frame = world.render()
+    colours = [v.color for v in world._roads["roundabout"].controlled_vehicles]
+    found = [np.argwhere((frame == colour).all(axis=-1)).mean(axis=0)[::-1] for colour in colours]
+    return frame, np.array(found)

@@ -30,17 +30,23 @@ class Chart {
     const fails = (s, k) => s.points[this.column][k] === null
       || (this.metric.prediction && s.points.published[k] === 1);
     const failing = shown.filter((s) => s.points && s.points.x.some((_, k) => fails(s, k)));
-    const box = { left: 50, right: this.width - 10, top: 12 + 11 * failing.length, bottom: this.height - 26 };
+    const box = { left: 50, right: this.width - 10, top: 12 + 11 * (scenario().curves ? failing.length : Math.min(1, failing.length)), bottom: this.height - 26 };
     this.x = (x) => box.left + 6 + (x / right) * (box.right - box.left - 12);
+    /* With few levels, these stand side by side, and so do the series in each of them. */
+    this.sigmas = scenario().curves ? [] : [...new Set(shown.flatMap((s) => s.rolling[this.column].sigma || []))].sort((a, b) => a - b);
+    const drawn = shown.filter((s) => !looks.get(s.estimator).floor), slot = (box.right - box.left) / Math.max(1, this.sigmas.length);
+    const step = Math.min(14, (0.8 * slot) / Math.max(1, drawn.length));
+    this.level = (s, sigma) => box.left + (this.sigmas.indexOf(sigma) + 0.5) * slot + (drawn.indexOf(s) - (drawn.length - 1) / 2) * step;
+    this.place = (s, k) => (this.sigmas.length ? this.level(s, s.points.sigma[k]) : this.x(s.points.x[k]));
     this.y = (y) => box.bottom - (Math.log10(Math.max(y, low) / low) / Math.log10(high / low)) * (box.bottom - box.top);
     Object.assign(this, { shown, low, high, right, failing, box });
     this.marks = [];
     shown.forEach((s) => {
       if (!s.points) return;
-      s.points.x.forEach((x, k) => {
+      s.points.x.forEach((_, k) => {
         const y = s.points[this.column][k];
-        if (typeof y === "number") this.marks.push({ s, k, px: this.x(x), py: this.y(y), failed: false });
-        if (fails(s, k)) this.marks.push({ s, k, px: this.x(x), py: 8 + 11 * failing.indexOf(s), failed: true });
+        if (typeof y === "number") this.marks.push({ s, k, px: this.place(s, k), py: this.y(y), failed: false });
+        if (fails(s, k)) this.marks.push({ s, k, px: this.place(s, k), py: 8 + (this.sigmas.length ? 0 : 11 * failing.indexOf(s)), failed: true });
       });
     });
   }
@@ -81,7 +87,10 @@ class Chart {
     c.textBaseline = "top";
     const rough = this.right / 5, size = 10 ** Math.floor(Math.log10(rough));
     const step = size * [1, 2, 5, 10].find((m) => m * size >= rough);
-    for (let k = 0; k * step <= this.right * 1.001; k += 1) {
+    this.sigmas.forEach((sigma, k) => {
+      c.fillText(number(sigma), box.left + ((k + 0.5) * (box.right - box.left)) / this.sigmas.length, box.bottom + 8);
+    });
+    for (let k = 0; !this.sigmas.length && k * step <= this.right * 1.001; k += 1) {
       c.fillText(String(Number((k * step).toPrecision(3))), this.x(k * step), box.bottom + 8);
     }
     c.strokeStyle = css("--line");
@@ -130,11 +139,9 @@ class Chart {
   /* Median and quartiles of each noise level, series side by side. */
   levels(s) {
     const c = this.context, r = s.rolling[this.column];
-    const drawn = this.shown.filter((one) => !looks.get(one.estimator).floor);
-    const shift = (drawn.indexOf(s) - (drawn.length - 1) / 2) * 6;
     c.fillStyle = c.strokeStyle = seriesColour(s);
-    r.x.forEach((place, k) => {
-      const x = this.x(place) + shift;
+    r.sigma.forEach((sigma, k) => {
+      const x = this.level(s, sigma);
       if (r.low[k] !== null) {
         c.globalAlpha = 0.4; c.lineWidth = 4; c.lineCap = "butt";
         c.beginPath(); c.moveTo(x, this.y(r.low[k]));

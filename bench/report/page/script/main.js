@@ -10,11 +10,12 @@ function legend() {
     if (one) entries.push([`l-dash-${one.dash}`, `${sensor}, rolling median`]);
   }
   if (!curves) entries.push(["l-mid", "median of a noise level"]);
-  const lines = shown.flatMap((s) => Object.values(s.rolling));
+  const lines = shown.filter((s) => !looks.get(s.estimator).floor).flatMap((s) => Object.values(s.rolling));
   if (lines.some((r) => r.low.some((low) => low !== null))) entries.push([curves ? "l-band" : "l-bar", "quartiles"]);
   if (charts.some((chart) => chart.failing.length)) entries.push(["l-failed", "failed"]);
   const floor = shown.find((s) => looks.get(s.estimator).floor);
   if (floor) entries.push(["l-floor", `${floor.estimator}, the floor`]);
+  byId("chart-axis").textContent = curves ? "Mean absolute error of the observed positions [m]" : "Noise level σ [m]";
   byId("chart-legend").replaceChildren(...entries.map(([kind, text]) => {
     const entry = document.createElement("span");
     entry.className = kind;

@@ -167,5 +167,5 @@ def test_names_are_shown_as_they_are(make_trials, name):
         figure = errors.draw(make_trials(estimators=(name,), sensors=("full",), seeds=1))
     (legend,) = figure.legends
     text = legend.get_texts()[0]
-    assert text.get_text() == f"{style.printable(name)}, full"
+    assert text.get_text() == style.printable(name)
     assert not text.get_parse_math()

@@ -1,11 +1,21 @@
+"""Errors as curves, which ``errors.draw`` makes of studies with many levels and trials."""
+
 import numpy as np
 
-from olne_bench.bench.report.figures import errors, style
+from olne_bench.bench.report.figures import curves, style
+from olne_bench.bench.report.figures.series import split
+from olne_bench.bench.report.measures import in_table
+from olne_bench.bench.report.study import USUAL
 
 
 def draw(trials):
     with style.applied():
-        return errors.draw(trials)
+        return curves.draw_curves(split(trials), in_table(USUAL.metrics, trials))[0]
+
+
+def legend(trials):
+    entries = curves.draw_curves(split(trials), in_table(USUAL.metrics, trials))[1]
+    return {text: artist for artist, text in entries}
 
 
 def lines(axes, marker):
@@ -54,11 +64,24 @@ def test_triangles_stand_above_all_points(make_trials):
     assert highest < min(line.get_ydata()[0] for line in lines(position, "^"))
 
 
-def test_the_floor_is_a_line_only(make_trials):
+def test_the_floor_is_one_level_line(make_trials):
+    """It looks at no observation: what changes along the noise is the choice of trials only."""
     trials = make_trials(estimators=("uniform",), seeds=5)
     for axes in draw(trials).axes:
-        assert len(axes.lines) == 1
+        (line,) = axes.lines
+        assert len(set(line.get_ydata())) == 1
         assert not axes.collections
+
+
+def test_the_legend_names_what_is_there(make_trials):
+    few = make_trials(estimators=("a",), sensors=("full",), seeds=5)
+    assert list(legend(few)) == ["a, full"]
+    assert legend(few)["a, full"].get_linestyle() == "None"  # points, but no curve
+    few.loc[few.index[-1], "status"] = "crash"
+    assert list(legend(few)) == ["a, full", "failed by the published definition"]
+    many = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=60)
+    assert list(legend(many)) == ["a, full", "quartiles (rolling, 60 trials)"]
+    assert legend(many)["a, full"].get_linestyle() == "-"
 
 
 def test_of_many_points_some_are_drawn_all_along(make_trials):
@@ -67,12 +90,12 @@ def test_of_many_points_some_are_drawn_all_along(make_trials):
     (points,) = lines(position, "o")
     number = len(points.get_xdata())
     assert number == len(trials)
-    mask = np.arange(4 * errors._MOST) % 2 == 0
-    shown = errors._thinned(mask)
+    mask = np.arange(4 * curves._MOST) % 2 == 0
+    shown = curves._thinned(mask)
     assert mask[shown].all()
-    assert errors._MOST / 2 <= len(shown) <= errors._MOST
+    assert curves._MOST / 2 <= len(shown) <= curves._MOST
     assert len(set(np.diff(shown))) == 1
-    np.testing.assert_array_equal(errors._thinned(mask[:10]), [0, 2, 4, 6, 8])
+    np.testing.assert_array_equal(curves._thinned(mask[:10]), [0, 2, 4, 6, 8])
 
 
 def test_the_lower_edge_is_a_power_of_ten_below_the_errors_under_noise(make_trials):

@@ -8,19 +8,37 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from olne_bench.bench.report.figures import style
+from olne_bench.envs.scene import PLAYER_COLOURS
+from olne_bench.plugins import ESTIMATOR, names
 
 
-def test_estimators_have_an_order_and_known_ones_a_colour() -> None:
+def test_estimators_have_an_order_and_keep_their_looks() -> None:
     names = ["ukf", "uniform", "kkt_residual", "ukf", "a", "kkt_constrained"]
-    order = ["kkt_constrained", "kkt_residual", "a", "ukf", "uniform"]
+    order = ["kkt_constrained", "kkt_residual", "ukf", "a", "uniform"]
     assert style.estimator_order(names) == order
-    colours = style.estimator_colours(names)
-    assert colours["uniform"] == (style.FLOOR_COLOUR,) * 2
-    assert [colours[n] for n in order[:4]] == list(style.ESTIMATOR_COLOURS[:4])
-    # Without them, nobody takes their colours; a fifth stranger shares that of the first.
-    strangers = style.estimator_colours([f"e{k}" for k in range(5)])
-    assert [strangers[f"e{k}"] for k in range(4)] == list(style.ESTIMATOR_COLOURS[2:])
-    assert strangers["e4"] == strangers["e0"]
+    assert style.estimator_colours("uniform") == (style.FLOOR_COLOUR,) * 2
+    assert style.estimator_colours("kkt_residual") == ("#D55E00", "#E69F00")
+    # The name alone decides on those of strangers, and they are never those of this package.
+    strangers = {f"e{k}": style.estimator_colours(f"e{k}") for k in range(40)}
+    assert set(strangers.values()) == set(style.FOREIGN_COLOURS)
+    assert strangers["e0"] == ("#7B242E", "#C48E94")
+    looks = {(strangers[name], style.estimator_marker(name)) for name in strangers}
+    assert len(looks) > 25
+    known = [style.estimator_marker(name) for name in style.ESTIMATOR_COLOURS]
+    assert len(set(known)) == len(known)
+
+
+def test_every_estimator_of_this_package_has_colours_of_its_own() -> None:
+    assert set(names(ESTIMATOR)) - {"uniform"} == set(style.ESTIMATOR_COLOURS)
+
+
+def test_no_player_looks_like_an_estimator() -> None:
+    """In the space of red, green and blue, each of 0 to 255."""
+    pairs = [*style.ESTIMATOR_COLOURS.values(), *style.FOREIGN_COLOURS]
+    estimators = np.array([to_rgb(c) for pair in pairs for c in (*pair, style.FLOOR_COLOUR)])
+    for colour in PLAYER_COLOURS:
+        assert 255 * np.linalg.norm(estimators - to_rgb(colour), axis=1).min() > 45, colour
+    assert len(set(PLAYER_COLOURS)) == len(PLAYER_COLOURS) == 8  # as many as a road holds
 
 
 def test_sensors_have_slots_and_the_papers_the_first() -> None:
@@ -30,7 +48,7 @@ def test_sensors_have_slots_and_the_papers_the_first() -> None:
 
 
 def test_shades_are_those_of_the_pair_and_then_between_darker_and_lighter() -> None:
-    pair = style.ESTIMATOR_COLOURS[0]
+    pair = style.ESTIMATOR_COLOURS["kkt_constrained"]
     assert [style.shade(pair, slot) for slot in (0, 1)] == list(pair)
     strong, light = (np.array(to_rgb(colour)) for colour in pair)
     middle, first, last = (np.array(to_rgb(style.shade(pair, slot))) for slot in (2, 3, 4))
