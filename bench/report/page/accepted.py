@@ -92,12 +92,17 @@ def _cards(submission: Submission, board: pd.DataFrame) -> list[tuple[Any, Any]]
     (*_, suite) = submission.suites(submission.folder)
     return [
         (
-            replace(card_of(entry), label=f"{entry.label} of {submission.name}"),
+            replace(card_of(entry), label=_named(entry.label, submission)),
             measured_cost(board, entry.label),
         )
         for entry in suite.estimators
         if not is_built_in(ESTIMATOR, entry.name) and (board["estimator"] == entry.label).any()
     ]
+
+
+def _named(estimator: str, submission: Submission) -> str:
+    """An estimator's name among those of other submissions."""
+    return estimator if estimator == submission.name else f"{estimator} of {submission.name}"
 
 
 def _source(one: Accepted, board: pd.DataFrame) -> _Source:

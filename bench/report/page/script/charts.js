@@ -7,7 +7,7 @@ class Chart {
       const before = this.at;
       this.hover(event);
       /* A finger points first, and plays when it points at the same once more. */
-      this.ready = event.pointerType === "mouse" || (before !== null && before === this.at);
+      this.ready = event.pointerType === "mouse" || isSameMark(before, this.at);
     });
     canvas.addEventListener("click", () => { if (this.at && this.ready) this.play(this.at); });
     canvas.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") this.leave(); });
@@ -198,7 +198,7 @@ class Chart {
       const d = (m.px - x) ** 2 + (m.py - y) ** 2;
       if (d < least) { least = d; best = m; }
     }
-    if (best !== this.at) this.select(best);
+    if (!isSameMark(best, this.at) && best !== this.at) this.select(best);
   }
 
   leave() { if (this.at) this.select(null); }
@@ -232,4 +232,9 @@ function playableAt(m) {
   if (!scene) return -1;
   if (!scene.places) scene.places = new Map(scene.samples.map((s, k) => [`${s.sigma} ${s.seed}`, k]));
   return scene.places.get(`${p.sigma[m.k]} ${p.seed[m.k]}`) ?? -1;
+}
+
+/* Marks are made anew with every drawing. */
+function isSameMark(a, b) {
+  return Boolean(a && b) && a.s === b.s && a.k === b.k && a.failed === b.failed;
 }

@@ -107,7 +107,7 @@ function fillEstimates(scene, shown) {
       const cell = row.insertCell();
       cell.className = "n share-of-one";
       cell.textContent = weight === null ? "–" : weight.toFixed(3);
-      cell.style.setProperty("--share", `${100 * (weight ?? 0)}%`);
+      cell.style.setProperty("--share", weight ?? 0);
     });
     return row;
   })));
