@@ -16,12 +16,7 @@ function applyAddress() {
   quiet = false;
 }
 
-applyTheme();
-byId("theme").addEventListener("click", () => {
-  theme = themes[(themes.indexOf(theme) + 1) % themes.length];
-  applyTheme();
-});
-systemDark.addEventListener("change", applyTheme);
+setUpTheme(() => {});
 setUpBoard();
 setUpTables();
 addEventListener("hashchange", applyAddress);

@@ -6,12 +6,25 @@ const tip = byId("tip");
 
 const systemDark = matchMedia("(prefers-color-scheme: dark)");
 const themes = ["auto", "light", "dark"];
-let theme = "auto";
+let theme = "auto", printing = false;
 
 function applyTheme() {
-  const dark = theme === "dark" || (theme === "auto" && systemDark.matches);
+  const dark = !printing && (theme === "dark" || (theme === "auto" && systemDark.matches));
   document.documentElement.dataset.theme = dark ? "dark" : "light";
   byId("theme").textContent = `Theme: ${theme}`;
+}
+
+/* Let the theme follow its button, the system and the printer, which is given paper's colours. */
+function setUpTheme(redraw) {
+  const changed = () => { applyTheme(); redraw(); };
+  byId("theme").addEventListener("click", () => {
+    theme = themes[(themes.indexOf(theme) + 1) % themes.length];
+    changed();
+  });
+  systemDark.addEventListener("change", changed);
+  addEventListener("beforeprint", () => { printing = true; changed(); });
+  addEventListener("afterprint", () => { printing = false; changed(); });
+  applyTheme();
 }
 const isDark = () => document.documentElement.dataset.theme === "dark";
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

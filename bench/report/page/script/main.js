@@ -50,7 +50,7 @@ function setUpChartSaves() {
 }
 
 function setUp() {
-  applyTheme();
+  setUpTheme(redraw);
   setUpBoard();
   chips(byId("sensors"), allSensors, state.sensors, false);
   chips(byId("estimators"), data.estimators.map((e) => e.name), state.estimators, true);
@@ -70,12 +70,6 @@ function setUp() {
   byId("time").addEventListener("input", (event) => { play(false); setTime(Number(event.target.value)); });
   byId("play").addEventListener("click", () => play(!playing));
   byId("pair-error").addEventListener("change", () => { filterTables(); writeAddress(); });
-  byId("theme").addEventListener("click", () => {
-    theme = themes[(themes.indexOf(theme) + 1) % themes.length];
-    applyTheme();
-    redraw();
-  });
-  systemDark.addEventListener("change", () => { applyTheme(); redraw(); });
   let width = innerWidth;
   addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; redraw(); } });
   setUpTables();
