@@ -47,7 +47,6 @@ def compare(
     first, second = (_read(folder) for folder in (before, after))
     old, new = first.trials, second.trials
     study = _common(first.study, second.study)
-    _refuse_other_noise(first.study, second.study, before, after)
     names = _names(estimators, old, new, before, after)
     table = compare_runs(old, new, names, study)
     if table.empty:
@@ -60,7 +59,7 @@ def compare(
     if page is not None:
         _write_page(page, first, second, names, table, study)
     click.echo(_format(table))
-    for note in _notes(old, new, names, before, after):
+    for note in _other_noise(first, second) + _notes(old, new, names, before, after):
         click.echo(f"note: {note}", err=True)
     counts = table["verdict"].value_counts()
     click.echo(", ".join(f"{counts.get(v, 0)} {v}" for v in ("better", "same", "worse")))
@@ -83,14 +82,6 @@ def _read(folder: Path) -> _Run:
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
     return _Run(folder, trials, study_of(read_suite_json(run.suite) for run in runs), runs)
-
-
-def _refuse_other_noise(one: Study, other: Study, before: Path, after: Path) -> None:
-    if one.salt != other.salt:
-        raise UserError(
-            f"{before} has the salt {salt_id(one.salt)} and {after} has {salt_id(other.salt)}: "
-            "they have no noise in common; run both with one --salt"
-        )
 
 
 def _write_page(
@@ -125,6 +116,16 @@ def _common(one: Study, other: Study) -> Study:
         one.salt,
         {**one.estimators, **other.estimators},
     )
+
+
+def _other_noise(first: _Run, second: _Run) -> list[str]:
+    one, other = first.study.salt, second.study.salt
+    if one == other:
+        return []
+    return [
+        f"{first.folder} has the salt {salt_id(one)} and {second.folder} has {salt_id(other)}: pairs "
+        "of trials share their noise level, not their noise"
+    ]
 
 
 def _notes(
