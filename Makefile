@@ -9,7 +9,7 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick field sensors submissions gate perf test check results clean
+.PHONY: help setup bench bench-quick field sensors submissions gate perf docs test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
@@ -19,10 +19,11 @@ help:
 	@echo "make submissions  check what was submitted, and write its page"
 	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
+	@echo "make docs         the documentation site, into site/; runs its tutorials"
 	@echo "make test         linter, type checker and tests"
 	@echo "make check        linter and type checker"
 	@echo "make results      copy tables and figures of bench and field to results/"
-	@echo "make clean        remove the virtual environment and caches, keep runs"
+	@echo "make clean        remove the virtual environment, the site and caches, keep runs"
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=/path/to/python3.11")'
@@ -59,6 +60,14 @@ gate: setup
 perf: setup
 	$(BIN)/python scripts/perf.py
 
+$(VENV)/.docs: $(VENV)/.installed
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	touch $@
+
+# NO_MKDOCS_2_WARNING: Material says on every build what it thinks of another version of MkDocs.
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -83,7 +92,8 @@ results: setup
 	$(call keep,highway,*.png)
 	$(call keep,field,errors_*.png)
 	$(call keep,sensors,errors_*.png)
+	$(BIN)/python scripts/docs_tables.py
 	du -sk results | awk '{ if ($$1 > 10240) { print "results/ has " $$1 " KiB; at most 10 MiB are kept"; exit 1 } }'
 
 clean:
-	rm -rf $(VENV) *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) site *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -32,7 +32,7 @@ class HighwayWorld(OlneWorld):
 
     **Pictures** are HighwayEnv's: the x axis points right and the y axis points **down**. Headings
     therefore grow clockwise in pictures, and positive steering turns a car to the right as one
-    sees it. Figures that show y upwards mirror the pictures.
+    sees it. The benchmark's figures and pages of roads point down as well.
 
     Args:
         scenario: one of ``envs.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.

@@ -77,12 +77,17 @@ def data_fidelity(trials: pd.DataFrame) -> Iterator[Claim]:
     yield Claim("kkt_constrained: squared error above the truth's", excess, -float("inf"), 1e-6)
 
 
+def claims_of(folder: Path) -> list[Claim]:
+    """All claims, measured in a run folder."""
+    trials = pd.read_parquet(folder / "trials.parquet")
+    return [*failures(trials), *statistical_limit(trials), *data_fidelity(trials)]
+
+
 def main() -> None:
     """Read a run folder and check all claims."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="run folder with trials.parquet")
-    trials = pd.read_parquet(parser.parse_args().folder / "trials.parquet")
-    claims = [*failures(trials), *statistical_limit(trials), *data_fidelity(trials)]
+    claims = claims_of(parser.parse_args().folder)
     for claim in claims:
         verdict = "holds" if claim.holds else "FAILS"
         bounds = f"[{claim.low:g}, {claim.high:g}]"

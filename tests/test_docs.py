@@ -1,27 +1,133 @@
-"""The code blocks of the guide run, one after the other, as a reader would try them."""
+"""What the documentation says is so: its commands run, its tables are those of results/.
+
+The tutorials are notebooks, which run where the site is built (make docs).
+"""
 
 import re
+import runpy
 import shlex
+import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 
+import click
 import numpy as np
-import pandas as pd
+import pytest
 from PIL import Image
 
-from olne_bench.bench.commands.cli import main
+from olne_bench.bench.commands import COMMANDS
+from olne_bench.bench.commands.cli import cli, main
 from olne_bench.envs import wrappers
 
 ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+#: Pages whose blocks run in ``test_a_page_runs``.
+RUN_HERE = ("README.md", "docs/plugins.md", "docs/study_commands.md", "docs/highway.md")
+#: Pages that have a test of their own, below or in ``test_recordings_guide.py``.
+RUN_ELSEWHERE = ("docs/environments.md", "docs/recordings.md")
+#: A block of code, with the comment above it that says why nothing runs it.
+BLOCK = re.compile(r"(?:<!-- not run: ([^\n]+) -->\n+)?```(\w*)\n(.*?)```", re.DOTALL)
+FILE_NAME = re.compile(r"# ([\w.]+\.(?:py|toml))\n")
+COMMAND = re.compile(r"(?:^|`)olne-bench ((?:[^`\n\\]|\\\n)+)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Block:
+    language: str
+    text: str
+    reason: str  # why it is not run; empty where it is
+
+
+def name_of(page):
+    return str(page.relative_to(ROOT))
+
+
+def blocks(page):
+    return [Block(found[2], found[3], found[1] or "") for found in BLOCK.finditer(page.read_text())]
 
 
 def code_blocks(page):
-    return re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL)
+    return [block.text for block in blocks(ROOT / page) if block.language == "python"]
+
+
+def shortened(words):
+    """A part of a suite will do."""
+    if words[0] != "run":
+        return words
+    added = {"--seeds": "1"}
+    if not words[1].endswith(".toml"):
+        added |= {"--scenario": "two_player", "--sigma": "0.01"}
+    options = [word for name, value in added.items() if name not in words for word in (name, value)]
+    return [*words, *options, "--no-figures"]
+
+
+def run_commands(text):
+    for line in text.replace("\\\n", " ").splitlines():
+        program, *words = shlex.split(line, comments=True)
+        assert program == "olne-bench", f"a test cannot run {line!r}: mark its block 'not run: why'"
+        try:
+            main(shortened(words))
+        except SystemExit as end:
+            assert not end.code, line
+
+
+@pytest.mark.parametrize("name", RUN_HERE)
+def test_a_page_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in blocks(ROOT / name):
+        if block.reason:
+            continue
+        file = FILE_NAME.match(block.text)
+        if file:
+            Path(file[1]).write_text(block.text)
+        elif block.language == "python":
+            exec(block.text, names)
+        elif block.language == "sh":
+            run_commands(block.text)
+    if name == "README.md":
+        check_film("highway.gif")
+
+
+def check_film(path):
+    """The cars of the overtaking film move, on frames that are not black."""
+    with Image.open(path) as film:
+        assert film.n_frames == 20  # the horizon
+        first = np.asarray(film.convert("RGB"), dtype=float)
+        film.seek(film.n_frames - 1)
+        last = np.asarray(film.convert("RGB"), dtype=float)
+    assert first.std() > 10
+    assert np.abs(first - last).max() > 50
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_block_runs_somewhere_or_says_why_not(page):
+    name = name_of(page)
+    if name.startswith("docs/tutorials/") or name in (*RUN_HERE, *RUN_ELSEWHERE):
+        return
+    for block in blocks(page):
+        runs = block.language in ("python", "sh", "")
+        assert block.reason or not runs, f"{name}: nothing runs {block.text!r}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_and_options_exist(page):
+    for found in COMMAND.finditer(page.read_text()):
+        words = shlex.split(found[1].replace("\\\n", " "), comments=True)
+        if words[0].startswith("-"):
+            continue
+        assert words[0] in COMMANDS, found[0]
+        command = cli.get_command(click.Context(cli), words[0])
+        known = {"--help", *(o for p in command.params for o in (*p.opts, *p.secondary_opts))}
+        options = {word.partition("=")[0] for word in words if word.startswith("--")}
+        assert options <= known, found[0]
 
 
 def test_environments_guide(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {"np": np, **vars(wrappers)}
-    for block in code_blocks("environments.md"):
+    for block in code_blocks("docs/environments.md"):
         exec(block, names)
         if "y" in names:
             assert names["y"].shape == (20, 5, 3)
@@ -31,39 +137,38 @@ def test_environments_guide(tmp_path, monkeypatch):
 
 def test_ten_lines_are_the_examples():
     for example, block in (
-        ("play_olne.py", code_blocks("environments.md")[0]),
-        ("highway_overtaking.py", code_blocks("../README.md")[-1]),
+        ("play_olne.py", code_blocks("docs/environments.md")[0]),
+        ("highway_overtaking.py", code_blocks("README.md")[-1]),
     ):
         assert (ROOT / "examples" / example).read_text().endswith(block)
 
 
-def test_the_overtaking_film_shows_motion(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    exec(code_blocks("../README.md")[-1], {})
-    with Image.open("highway.gif") as film:
-        assert film.n_frames == 20  # the horizon
-        first = np.asarray(film.convert("RGB"), dtype=float)
-        film.seek(film.n_frames - 1)
-        last = np.asarray(film.convert("RGB"), dtype=float)
-    assert first.std() > 10
-    assert np.abs(first - last).max() > 50
+def test_tables_are_those_of_the_results(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    script = runpy.run_path(str(ROOT / "scripts" / "docs_tables.py"))
+    for name in script["PAGES"]:
+        page = (ROOT / name).read_text()
+        assert "<!-- table: " in page
+        assert script["filled"](page) == page, f"{name}: run scripts/docs_tables.py"
 
 
-def test_plugins_guide(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    page = (ROOT / "docs" / "plugins.md").read_text()
-    names = ("predict", "crossing", "camera", "farthest")
-    for name, block in zip(names, code_blocks("plugins.md"), strict=True):
-        assert len([line for line in block.splitlines() if line]) <= 25
-        Path(f"{name}.py").write_text(block)
-    for line in re.findall(r"^olne-bench ([^#\n]*)", page, re.MULTILINE):
-        words = shlex.split(line)
-        if words[0] == "run":
-            words += ["--seeds", "1", "--sigma", "0.01", "--no-figures"]  # a part of it will do
-        main(words)
-    said = capsys.readouterr().out
-    for reference in ("predict.py:Predict", "crossing.py", "camera.py", "farthest.py"):
-        assert f"{reference} conforms" in said
-    rows = pd.read_parquet("runs/predict/trials.parquet")
-    status = rows[rows["estimator"] == "predict"].set_index("sensor")["status"]
-    assert dict(status) == {"full": "ok", "partial": "skipped"}
+def test_one_version():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    for name, pattern in (
+        ("CITATION.cff", r"^version: (.+)$"),
+        ("README.md", r"^  version = \{(.+)\},$"),
+        ("CHANGELOG.md", r"^## ([\d.]+)"),
+    ):
+        found = re.search(pattern, (ROOT / name).read_text(), re.MULTILINE)
+        assert found is not None and found[1] == version, name
+
+
+def test_the_picture_of_weights_tells_the_truth(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    picture = runpy.run_path(str(ROOT / "scripts" / "weight_picture.py"))
+    hurried, careful = (picture["motion"](subject).states for subject in picture["SUBJECTS"])
+    assert np.array_equal(hurried[0], careful[0])  # they start alike
+    last = picture["SHOWN"][-1]
+    gaps = [states[last, 1, 0] - states[last, 0, 0] for states in (hurried, careful)]
+    assert gaps[1] > 1.5 * gaps[0]
+    assert careful[last, 0, 3] < hurried[last, 0, 3] - 3

@@ -1,4 +1,4 @@
-"""``olne-bench check``: does a plugin keep to what every one of its kind has to?"""
+"""``olne-bench check``: does a plugin keep the rules of its kind?"""
 
 import sys
 
@@ -14,21 +14,21 @@ from olne_bench.plugins import KINDS, absolute
 @click.option(
     "--kind",
     type=click.Choice([kind.name for kind in KINDS]),
-    help="Its kind, where plugins of two kinds have the name.",
+    help="Kind of the plugin, where plugins of two kinds have its name.",
 )
 @click.option(
     "--parameter",
     "parameters",
     multiple=True,
     metavar="NAME=VALUE",
-    help="A parameter of it, such as p=0.3 (repeatable).",
+    help="Parameter of the plugin, such as p=0.3 (repeatable).",
 )
 @click.option(
     "--budget",
     type=BUDGET,
     default=20.0,
     show_default=True,
-    help="Seconds that an estimator has for each estimate.",
+    help="Time limit of each estimate [s], for estimators.",
 )
 @click.option(
     "--memory",
@@ -36,15 +36,16 @@ from olne_bench.plugins import KINDS, absolute
     default=4.0,
     show_default=True,
     metavar="GIB",
-    help="Memory that it may use.",
+    help="Memory limit of the plugin's process.",
 )
 def check(
     plugin: str, kind: str | None, parameters: tuple[str, ...], budget: float, memory: float
 ) -> None:
     """Check PLUGIN, FILE.py:CLASS or a name from 'olne-bench list'.
 
-    An estimator, scenario, sensor or metric. A line for each check; exit code 1 if one of them
-    fails. 'weak' is no failure: the plugin keeps to the rules, but a good one does better.
+    PLUGIN is an estimator, scenario, sensor or metric. Each check prints one line. The exit code
+    is 1 if a check fails. 'weak' is not a failure: the plugin keeps the rules, but a good one does
+    better.
     """
     chosen = dict(name_and_value("--parameter", text) for text in parameters)
     found = identify(plugin, chosen, kind)  # bad input ends here
@@ -56,7 +57,7 @@ def check(
         verdict = "FAIL" if outcome.status != "ok" else "weak" if outcome.message else "pass"
         click.echo(f"{verdict}  {name}{': ' if outcome.message else ''}{outcome.message}")
         if outcome.status == "timeout":
-            click.echo("it hangs, so no further check is made")
+            click.echo("the plugin hangs: the remaining checks are skipped")
     if failed:
         click.echo(f"{plugin}: {failed} check{'s' if failed > 1 else ''} failed")
         sys.exit(1)

@@ -28,6 +28,7 @@ class _Commands(click.Group):
     cls=_Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+@click.version_option(package_name="olne-bench", message="olne-bench %(version)s")
 def cli() -> None:
     """A benchmark for inverse dynamic games."""
 
@@ -49,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _alternatives(error: click.ClickException) -> str:
-    """What could have been said in place of an unknown command or option."""
+    """The known commands or options, where an unknown one was given."""
     context = getattr(error, "ctx", None)
     if context is None:
         return ""

@@ -28,19 +28,20 @@ from olne_bench.files import check_new_file, whole_file
     "estimators",
     multiple=True,
     metavar="NAME[=OTHER]",
-    help="Only this estimator, which AFTER calls OTHER (repeatable).",
+    help="Compare only this estimator, which is called OTHER in AFTER (repeatable).",
 )
-@click.option("--out", type=PATH, help="Write the table as CSV as well.")
-@click.option("--page", type=PATH, help="Write a page that shows both runs, a new .html file.")
+@click.option("--out", type=PATH, help="CSV file to write the table to as well.")
+@click.option("--page", type=PATH, help="New .html file for a page that shows both runs.")
 def compare(
     before: Path, after: Path, estimators: tuple[str, ...], out: Path | None, page: Path | None
 ) -> None:
-    """Compare the run in AFTER with that in BEFORE, trial by trial on the same noise.
+    """Compare two runs trial by trial, on the same noise.
 
-    Compared are the errors by which estimators are ranked, and which trials fail.
+    It compares the errors that rank estimators, and which trials fail. BEFORE and AFTER may be the
+    same folder, to compare two estimators of one run.
 
     Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if
-    something did, 2 on bad input. Both may be the same folder, to compare two estimators in it.
+    something did, 2 on bad input.
     """
     if page is not None:
         check_new_file("--page", page, (".html",))
@@ -50,7 +51,7 @@ def compare(
     names = _names(estimators, old, new, before, after)
     table = compare_runs(old, new, names, study)
     if table.empty:
-        raise UserError(f"{before} and {after} have no trial in common, noise-free ones aside")
+        raise UserError(f"{before} and {after} have no trial with noise in common")
     if out is not None:
         try:
             csv_safe(table).to_csv(out, index=False)
@@ -123,7 +124,7 @@ def _other_noise(first: _Run, second: _Run) -> list[str]:
     if one == other:
         return []
     return [
-        f"{first.folder} has the salt {salt_id(one)} and {second.folder} has {salt_id(other)}: pairs "
+        f"{first.folder} has the salt {salt_id(one)}, {second.folder} {salt_id(other)}: pairs "
         "of trials share their noise level, not their noise"
     ]
 
@@ -136,8 +137,8 @@ def _notes(
     suites = [", ".join(sorted(trials["suite"].unique())) for trials in (old, new)]
     if suites[0] != suites[1]:
         notes.append(
-            f"{before} is a run of suite {suites[0]}, {after} of {suites[1]}; compared are the "
-            "trials that both have"
+            f"{before} is a run of suite {suites[0]}, {after} of {suites[1]}; only trials "
+            "that both have are compared"
         )
     places = ["scenario", "sensor", "sigma", "seed"]
     mine = old[old["estimator"].isin(names)]

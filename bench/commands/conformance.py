@@ -1,7 +1,6 @@
-"""What plugins have to keep to, as checks that an author can run.
+"""Rules of plugins, as checks that an author can run.
 
-Each check runs in a process of its own kind, like a trial's, so that one that hangs or dies fails
-and the others go on.
+Checks run in a child process, like a trial. A check that dies fails, and the others go on.
 """
 
 import os
@@ -72,15 +71,15 @@ def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
 def identify(
     reference: str, parameters: Mapping[str, Any] | None = None, kind: str | None = None
 ) -> Kind:
-    """What a reference names; a file is imported and its plugin made in another process.
+    """The kind of plugin that a reference names. A file is imported in another process.
 
     Args:
         reference: of the plugin.
         parameters: that it has to accept.
-        kind: name of its kind, where more than one has a plugin of this name; any where absent.
+        kind: name of its kind, needed if several kinds have a plugin of this name.
 
     Raises:
-        UserError: where there is no such plugin or it cannot be made, with one line.
+        UserError: if there is no such plugin, or it cannot be constructed.
     """
     kinds = [one for one in KINDS if kind in (None, one.name)]
     found = kinds if is_file(reference) else [one for one in kinds if reference in names(one)]
@@ -105,8 +104,8 @@ def run_checks(
 ) -> Iterator[tuple[str, Outcome]]:
     """Run all checks of a plugin; yields each with its outcome.
 
-    It is ``ok`` where the check is met, with a message where the plugin is weak. A check that
-    hangs is the last: the others would hang as well, for minutes each.
+    It is ``ok`` if the check is met, with a message if the plugin is weak. After a check that hangs
+    no further one runs: they would hang as well, for minutes each.
 
     Args:
         kind: of the plugin.

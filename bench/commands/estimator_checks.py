@@ -1,4 +1,4 @@
-"""What every estimator has to keep to."""
+"""Rules of estimators, as checks."""
 
 import pickle
 import time
@@ -39,7 +39,7 @@ def _shapes(estimator: Any, budget: float) -> None:
 
 
 def _determinism(estimator: Any, budget: float) -> None:
-    """The generator that it is given is its only source of randomness."""
+    """Its only source of randomness is the generator that it is given."""
     case = _supported(estimator)[0]
     first = _weights(estimator, case, budget)
     np.random.seed(1)  # noqa: NPY002 (an estimator that uses it must not get away with it)
@@ -59,7 +59,7 @@ def _pickling(estimator: Any, budget: float) -> None:
 
 
 def _inputs(estimator: Any, budget: float) -> None:
-    """Problem and observation are as they were."""
+    """It changes neither problem nor observation."""
     case = _supported(estimator)[0]
     seen = case.observation
     extra = None if seen.extra is None else seen.extra.copy()
@@ -73,7 +73,7 @@ def _inputs(estimator: Any, budget: float) -> None:
 
 
 def _deadline(estimator: Any, budget: float) -> None:
-    """An estimate ends within its budget, set-up apart, on five players and much noise too."""
+    """An estimate ends within its budget, without set-up, even with five players and much noise."""
     case = _case("highway_overtaking", "full", 0.1)
     if _declines(estimator, case.problem):
         case = _supported(estimator)[0]
@@ -86,7 +86,7 @@ def _deadline(estimator: Any, budget: float) -> None:
 
 
 def _missing(estimator: Any, budget: float) -> None:
-    """Missing samples (NaN) do not stop it, or it says that they do."""
+    """It copes with missing samples (NaN), or says that it cannot."""
     case = _supported(estimator)[0]
     y = case.observation.y.copy()
     y[3, 0] = np.nan
@@ -99,7 +99,7 @@ def _missing(estimator: Any, budget: float) -> None:
 
 
 def _supports(estimator: Any, budget: float) -> None:
-    """What ``supports`` accepts can be estimated; it gives its reasons as text, always the same."""
+    """It can estimate what ``supports`` accepts; reasons are texts, and always the same."""
     for case in _cases():
         reason = _declines(estimator, case.problem)
         if reason != _declines(estimator, case.problem):
@@ -119,7 +119,7 @@ def _supports(estimator: Any, budget: float) -> None:
 
 
 def _recovery(estimator: Any, budget: float) -> None:
-    """Two players, everything seen, no noise: the true weights are found."""
+    """It finds the true weights of two players without noise."""
     cases = [_case("random", view, 0.0, 2, seed) for view in VIEWS for seed in (0, 1)]
     for case in [c for c in cases if not _declines(estimator, c.problem)][:2]:
         error = cosine_error(case.weights, _weights(estimator, case, budget))

@@ -1,9 +1,9 @@
-"""What a check of a plugin may find."""
+"""Findings of checks."""
 
 
 class NonConformance(Exception):  # noqa: N818 (it is a finding, not an error of ours)
-    """What a plugin does that it must not."""
+    """A plugin breaks a rule."""
 
 
 class Weakness(Exception):  # noqa: N818
-    """What a plugin does less well than a good one; no fault."""
+    """A plugin keeps the rules, but a good one does better."""

@@ -1,4 +1,4 @@
-"""``olne-bench gate``: is a run good enough?"""
+"""``olne-bench gate``: does a run keep the limits of its suite?"""
 
 import math
 import sys
@@ -23,11 +23,13 @@ from olne_bench.errors import UserError
 
 @click.command()
 @click.argument("folder", type=PATH)
-@click.option("--suite", help="Take the limits of this suite, not those the run was started with.")
+@click.option(
+    "--suite", help="Use the limits of this suite, a name or a TOML file, instead of the run's own."
+)
 def gate(folder: Path, suite: str | None) -> None:
-    """Check the run in FOLDER against the [gate] table of its suite.
+    """Check the run in FOLDER against the limits in the [gate] table of its suite.
 
-    Exit code 0 if every limit is kept, 1 if one is not or the run is not finished, 2 on bad input.
+    Exit code 0 if all limits hold, 1 if one fails or the run is not finished, 2 on bad input.
     """
     with read_store(folder) as store:
         trials, runs = store.frame(), store.runs()
@@ -46,7 +48,7 @@ def gate(folder: Path, suite: str | None) -> None:
         click.echo(f"FAILS  {line}")
     failed = sum(not outcome.passed for outcome in outcomes)
     click.echo(
-        f"{len(outcomes) - failed} of {len(outcomes)} limits are kept"
+        f"{len(outcomes) - failed} of {len(outcomes)} limits hold"
         + (", but the run is not finished" if unfinished else "")
         + _parts(runs)
     )
@@ -74,4 +76,4 @@ def _parts(runs: Sequence[Provenance]) -> str:
     selections = [str(run.selection) for run in runs]
     if "" in selections:
         return ""
-    return f" by the parts that were run: {'; '.join(dict.fromkeys(selections))}"
+    return f"; only a part of the suite was run: {'; '.join(dict.fromkeys(selections))}"

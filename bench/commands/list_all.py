@@ -1,4 +1,4 @@
-"""``olne-bench list``: everything that there is to run, and to run with."""
+"""``olne-bench list``: suites and plugins, built in and installed."""
 
 import ast
 import tomllib
@@ -14,9 +14,9 @@ _SUITES = Path(__file__).parents[1] / "plan" / "suites"
 
 @click.command(name="list")
 def list_all() -> None:
-    """List every suite, estimator, scenario, sensor and metric.
+    """List all suites, estimators, scenarios, sensors and metrics.
 
-    Those of installed packages, too, with the module that holds them; none is imported.
+    Plugins of installed packages are listed with their module. None of them is imported.
     """
     click.echo("suites")
     for path in sorted(_SUITES.glob("*.toml")):

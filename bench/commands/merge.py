@@ -1,4 +1,4 @@
-"""``olne-bench merge``: one run out of two."""
+"""``olne-bench merge``: make one run of two."""
 
 from pathlib import Path
 
@@ -15,13 +15,15 @@ from olne_bench.errors import UserError
 @click.command()
 @click.argument("first", type=PATH)
 @click.argument("second", type=PATH)
-@click.option("--out", type=PATH, help="New run folder; FIRST gains the rows if absent.")
+@click.option(
+    "--out", type=PATH, help="New run folder for the result. Without it, FIRST gets the rows."
+)
 def merge(first: Path, second: Path, out: Path | None) -> None:
     """Add the trials of the run in SECOND to those of the run in FIRST.
 
-    Both have to be of the same suite, and of the same code and parameters where they share an
-    estimator and a scenario; the suite of SECOND may have more in it. Of a trial that both have,
-    the row of FIRST stays. SECOND is left as it is.
+    Both must be runs of the same suite; that of SECOND may have more estimators and scenarios.
+    What they share must have the same code and parameters. If both have a trial, the row of FIRST
+    is kept. SECOND does not change.
     """
     if first.resolve() == second.resolve():
         raise UserError(f"cannot merge {first} with itself")
@@ -44,7 +46,7 @@ def _runs(folder: Path) -> list[Provenance]:
 def _add(target: Path, sources: list[Path]) -> None:
     with open_store(target) as store:
         for source in sources:
-            with open_store(source):  # nobody writes to it meanwhile
+            with open_store(source):  # no other process writes to it meanwhile
                 new, known = store.merge(source / FILE_NAME)
-            kept = f", {known} were there already" if known else ""
+            kept = f", {known} were there before" if known else ""
             click.echo(f"{target}: {new} rows of {source} added{kept}")

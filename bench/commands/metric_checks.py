@@ -1,4 +1,4 @@
-"""What every metric has to keep to."""
+"""Rules of metrics, as checks."""
 
 import math
 from collections.abc import Callable

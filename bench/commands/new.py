@@ -1,4 +1,4 @@
-"""``olne-bench new``: the folder of a plugin that works, to start from."""
+"""``olne-bench new``: create a working plugin to start from."""
 
 import keyword
 import re
@@ -29,7 +29,7 @@ _LIBRARIES = ("casadi", "numpy", "scipy")
 @click.argument("kind", type=click.Choice([kind.name for kind in KINDS]))
 @click.argument("name")
 def new(kind: str, name: str) -> None:
-    """Write a folder NAME with a plugin of a KIND: its pyproject.toml, the plugin and a test."""
+    """Create a folder NAME with a working plugin of this KIND, its pyproject.toml and a test."""
     chosen = next(one for one in KINDS if one.name == kind)
     _check(chosen, name)
     folder = Path(name)

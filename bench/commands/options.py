@@ -15,7 +15,7 @@ _NAME_SIZE = 200
 
 
 class FiniteRange(click.FloatRange):
-    """A range of numbers without nan and infinity, which a plain one takes."""
+    """A range of finite numbers; a plain range accepts nan and infinity."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -32,7 +32,7 @@ class FiniteRange(click.FloatRange):
 
 
 class CleanPath(click.Path):
-    """A path of a file or folder as they are named by people."""
+    """A path without control characters and names that are too long."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -67,7 +67,7 @@ class PluginReference(click.ParamType):
 
 
 def path_problem(text: str) -> str:
-    """What is wrong with the name of a file or folder; empty where nothing is."""
+    """What is wrong with the name of a file or folder; empty if nothing is."""
     if not text.strip():
         return f"{shown(text)} names no file or folder."
     if not text.isprintable():
@@ -79,9 +79,9 @@ def path_problem(text: str) -> str:
 
 PATH = CleanPath()
 PLUGIN = PluginReference()
-#: A time that an estimator is told it has.
+#: Time limit of an estimate [s].
 BUDGET = FiniteRange(min=0, min_open=True)
-#: A process needs the least of these to import everything; no machine has the most.
+#: From what a process needs to import everything, to more than any machine has.
 MEMORY = FiniteRange(min=0.5, max=2**20)
 
 

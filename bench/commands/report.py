@@ -1,4 +1,4 @@
-"""``olne-bench report``: tables, page and figures of a run, once more."""
+"""``olne-bench report``: write the tables, page and figures of a run again."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -22,24 +22,22 @@ Place = tuple[float, int]
 
 @click.command()
 @click.argument("folder", type=PATH)
-@click.option(
-    "--figures/--no-figures", default=True, show_default=True, help="Draw the figures as well."
-)
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures.")
 @click.option(
     "--formats",
     default=",".join(USUAL_FORMATS),
     show_default=True,
-    help=f"Formats of the figures, out of {', '.join(FORMATS)}.",
+    help=f"Formats of the figures: {', '.join(FORMATS)}.",
 )
 @click.option(
     "--play",
     "playable",
     multiple=True,
     metavar="SIGMA:SEED",
-    help="Let the page play the trials of this noise level and seed, too (repeatable).",
+    help="Noise level and seed of trials that the page can play, besides others (repeatable).",
 )
 def report(folder: Path, figures: bool, formats: str, playable: tuple[str, ...]) -> None:
-    """Write tables, page and figures of the run in FOLDER once more."""
+    """Write the tables, page and figures of the run in FOLDER again."""
     places = tuple(_place(text) for text in playable)
     show_report(folder, read_formats(formats) if figures else (), places)
 
@@ -55,8 +53,8 @@ def _place(text: str) -> Place:
 def show_report(folder: Path, formats: Sequence[str], playable: Sequence[Place] = ()) -> None:
     """Write a run's report, with figures in these formats, and print its leaderboard.
 
-    A report plays the scenarios once more. Where foreign code is among them, a process of its own
-    makes it, as this one imports no plugin.
+    A report plays the scenarios again. If one of them is foreign code, a process of its own makes
+    the report, as this one imports no plugin.
 
     Raises:
         UserError: where there is no run to report on, or that process dies.
@@ -70,7 +68,7 @@ def show_report(folder: Path, formats: Sequence[str], playable: Sequence[Place] 
         text = child.call(_report_text, *given, kind=str, seconds=_LONGEST)
     except (ChildError, RaisedError) as error:
         raise UserError(
-            f"the report of {folder} cannot be made: {error}; all that was run is stored"
+            f"the report of {folder} cannot be made: {error}; the trials are stored"
         ) from error
     finally:
         child.stop()

@@ -1,4 +1,4 @@
-"""``olne-bench run``: run a suite, or go on with it."""
+"""``olne-bench run``: run a suite, or continue an interrupted run."""
 
 import os
 import signal
@@ -32,11 +32,11 @@ from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store, open_store
 
-#: More processes than any machine that this was tried on is good for.
+#: More processes than any machine has been tried with.
 MOST_JOBS = 1024
 #: What estimators print, in the run folder.
 LOG = "workers.log"
-#: So many faults of the harness are shown at the end.
+#: Number of harness errors shown at the end.
 _SHOWN_FAULTS = 5
 
 
@@ -77,19 +77,19 @@ class RunOptions:
     "--out",
     type=PATH,
     required=True,
-    help="Run folder; an interrupted run goes on.",
+    help="Run folder. An interrupted run continues.",
 )
 @click.option(
     "--jobs",
     type=click.IntRange(1, MOST_JOBS),
     default=2,
     show_default=True,
-    help="Trials at a time.",
+    help="Number of trials to run at the same time.",
 )
 @click.option(
     "--dask",
     metavar="ADDRESS",
-    help="Run on a Dask cluster, tcp://host:8786, or local:N to try it with N workers.",
+    help="Dask cluster to run on: tcp://host:8786, or local:N for N workers on this machine.",
 )
 @click.option(
     "--memory",
@@ -97,23 +97,25 @@ class RunOptions:
     default=4.0,
     show_default=True,
     metavar="GIB",
-    help="Memory that a worker process may use.",
+    help="Memory limit of each worker process.",
 )
 @click.option(
     "--retry",
     type=click.Choice(RETRIES),
     multiple=True,
-    help="Run finished trials again that failed, or failed in this way (repeatable).",
+    help="Run trials again that failed, or failed in this way (repeatable).",
 )
 @click.option("--scenario", multiple=True, help="Only this scenario (repeatable).")
 @click.option("--sensor", multiple=True, help="Only this sensor (repeatable).")
 @click.option("--estimator", multiple=True, help="Only this estimator (repeatable).")
 @click.option("--sigma", type=float, multiple=True, help="Only this noise level (repeatable).")
-@click.option("--seeds", type=click.IntRange(1, 10**8), help="Only the first so many noise draws.")
+@click.option(
+    "--seeds", type=click.IntRange(1, 10**8), help="Number of noise draws, from the first on."
+)
 @click.option(
     "--salt",
     metavar="TEXT",
-    help="Seed noise and draws with this, or with 'fresh' for a secret drawn now.",
+    help="Text that seeds noise and draws; 'fresh' draws a secret one.",
 )
 @click.option(
     "--plugin",
@@ -123,19 +125,19 @@ class RunOptions:
     help="Add an estimator, scenario, sensor or metric from a file (repeatable).",
 )
 @click.option(
-    "--figures/--no-figures", default=True, show_default=True, help="Draw the figures at the end."
+    "--figures/--no-figures", default=True, show_default=True, help="Draw figures at the end."
 )
 @click.option(
     "--formats",
     default="png",
     show_default=True,
-    help=f"Formats of the figures, out of {', '.join(FORMATS)}.",
+    help=f"Formats of the figures: {', '.join(FORMATS)}.",
 )
 def run(suite: str, **options: Any) -> None:
-    """Run SUITE, a name or a TOML file, or the part of it that the options select.
+    """Run SUITE, a name or a TOML file. Options select a part of it.
 
-    Trials that the run folder holds already, with the present code of scenario, estimator and
-    scoring, are not run again.
+    Trials that are in the run folder are not run again, unless the code of their scenario,
+    estimator or scoring has changed.
     """
     chosen = RunOptions(**options)
     drawn = read_formats(chosen.formats) if chosen.figures else ()
@@ -215,7 +217,7 @@ def _run_all(
     if stop.signal is not None and stored < number:
         click.echo(
             f"interrupted: {stored} trials of this run are stored in {options.out}, "
-            f"{number - stored} are to do; run the same command again to go on",
+            f"{number - stored} remain; run the same command again to go on",
             err=True,
         )
         return stop.signal
@@ -223,12 +225,12 @@ def _run_all(
 
 
 def _show_faults(faults: Counter[str]) -> None:
-    """Say what the harness could not do: no estimator is to blame."""
+    """Say which trials the harness could not judge."""
     if not faults:
         return
     click.echo(
-        f"{faults.total()} trials could not be judged (harness_error); no estimator is to blame, "
-        "and they count as no attempt:",
+        f"{faults.total()} trials could not be judged (harness_error). They do not count against "
+        "any estimator:",
         err=True,
     )
     for message, times in faults.most_common(_SHOWN_FAULTS):

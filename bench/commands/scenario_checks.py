@@ -1,4 +1,4 @@
-"""What every scenario has to keep to."""
+"""Rules of scenarios, as checks."""
 
 from collections.abc import Callable
 from typing import Any

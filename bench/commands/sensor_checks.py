@@ -1,4 +1,4 @@
-"""What every sensor has to keep to."""
+"""Rules of sensors, as checks."""
 
 from collections.abc import Callable
 from functools import cache

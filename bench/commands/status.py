@@ -1,4 +1,4 @@
-"""``olne-bench status``: what of a run is done, failed, stale or still to do."""
+"""``olne-bench status``: which trials of a run are done, failed, stale or missing."""
 
 from collections import Counter
 from pathlib import Path
@@ -19,11 +19,12 @@ from olne_bench.plugins import PluginError
 @click.command()
 @click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
-    """Show what the run in FOLDER has done.
+    """Show how far the run in FOLDER is.
 
-    done: with a valid result, or declined by the estimator. failed: without. harness_error: not
-    judged, and no estimator is to blame. stale: run with other parameters, or other code than the
-    present one, of scenario, sensor, estimator or scoring. missing: not run.
+    done: the result is valid, or the estimator declined the trial. failed: there is no valid
+    result. harness_error: the trial could not be judged, which does not count against the
+    estimator. stale: parameters or code of scenario, sensor, estimator or scoring have changed
+    since. missing: not run yet.
     """
     with read_store(folder) as store:
         runs = store.runs()
@@ -39,7 +40,7 @@ def status(folder: Path) -> None:
 
 
 def _table(suite: Suite, stored: Stored) -> tuple[pd.DataFrame, list[str]]:
-    """One row per scenario and estimator, and what is to be said about those without one."""
+    """One row per scenario and estimator, and a note for each without one."""
     rows, notes = [], []
     for scenario, estimator in suite.pairs():
         part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
@@ -69,11 +70,13 @@ def _heading(folder: Path, runs: list[Provenance]) -> str:
 def _hints(table: pd.DataFrame, last: Provenance) -> list[str]:
     hints = []
     if table["missing"].any() or table["stale"].any():
-        hints.append("'olne-bench run' with this --out runs what is missing or stale")
+        hints.append("'olne-bench run' with this --out runs missing and stale trials")
     if table["failed"].any():
-        hints.append("'olne-bench run --retry failed' runs what has failed once more")
+        hints.append("'olne-bench run --retry failed' runs failed trials again")
     if table["harness_error"].any():
-        hints.append("'olne-bench run --retry harness_error' runs once more what was not judged")
+        hints.append(
+            "'olne-bench run --retry harness_error' runs trials again that were not judged"
+        )
     if str(last.selection):
-        hints.append(f"the last run was asked for a part only: {last.selection}")
+        hints.append(f"the last run was of a part of the suite: {last.selection}")
     return hints

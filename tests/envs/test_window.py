@@ -14,11 +14,11 @@ from pettingzoo.test import parallel_api_test, render_test
 
 from olne_bench.envs import highway_v0, olne_v0
 from olne_bench.envs.highway_roads import ROAD_NAMES, make_road
-from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios import get_scenario, scenario_names
 from olne_bench.envs.window import Window
 
 SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
-NAMES = ("two_player", "highway_overtaking", "random", *ROAD_NAMES)
+NAMES = tuple(scenario_names())
 
 
 @pytest.fixture(autouse=True)

@@ -56,8 +56,10 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     grid = _grid(scene)
     costs = [position_cost(scene, weights[player], step, player, *grid) for _, weights in panels]
     matter = _weights_that_matter(scene, step, player)
+    between = ", " if scene.is_wide else "\n"
     names = [
-        f"{name}\n{_told(scene, weights[player], matter)}".rstrip() for name, weights in panels
+        between.join(filter(None, [name, _told(scene, weights[player], matter)]))
+        for name, weights in panels
     ]
     figure = _heat_maps(scene, grid, names, costs, step, player)
     time = step * scene.recording.scenario.game.dt

@@ -6,6 +6,7 @@ from dataclasses import replace
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
@@ -49,17 +50,16 @@ def draw_level_panels(
     for axes in panels[-1]:
         axes.set_xlabel(_ABSCISSA)
     for row, metric in zip(panels, metrics, strict=True):
-        for axes, sensor in zip(row, sensors, strict=True):
-            own = [s for s in drawn if s.sensor == sensor]
-            slots.frame(axes)
-            if metric.is_share:
-                share_scale(axes)
-                for s in own:
-                    draw_shares(axes, s, slots, metric)
-            else:
-                _level_panel(axes, own, drawn, floor, slots, metric)
-            axes.tick_params(labelleft=axes is row[0])
         row[0].set_ylabel(style.printable(metric.title))
+        limits = None if metric.is_share else _limits(series, metric)
+        for axes, sensor in zip(row, sensors, strict=True):
+            slots.frame(axes)
+            axes.tick_params(labelleft=axes is row[0])
+            own = [s for s in drawn if s.sensor == sensor]
+            if limits is None:
+                _share_panel(axes, own, slots, metric)
+            else:
+                _error_panel(axes, own, floor, slots, metric, limits)
     return figure, _level_entries(drawn, floor, metrics)
 
 
@@ -68,24 +68,36 @@ def _in_own_colour(series: Series) -> Series:
     return replace(series, colour=style.estimator_colours(series.estimator)[0], line_style="-")
 
 
-def _level_panel(
+def _limits(series: Sequence[Series], metric: MetricDeclaration) -> tuple[float, float]:
+    """Of the ordinate, the same for all sensors."""
+    bottom = lower_limit(series, metric)
+    some_failed = any(failed_rows(s, metric).any() for s in series if not s.is_floor)
+    reserved = _COUNTS_HEIGHT if some_failed else 0.03
+    return bottom, upper_limit(series, metric, bottom, reserved)
+
+
+def _share_panel(
+    axes: Axes, own: Sequence[Series], slots: Slots, metric: MetricDeclaration
+) -> None:
+    share_scale(axes)
+    for s in own:
+        draw_shares(axes, s, slots, metric)
+
+
+def _error_panel(
     axes: Axes,
     own: Sequence[Series],
-    all_series: Sequence[Series],
     floor: Series | None,
     slots: Slots,
     metric: MetricDeclaration,
+    limits: tuple[float, float],
 ) -> None:
-    """One sensor's panel, on the scale of all sensors."""
-    scaled = [*all_series, *([floor] if floor else [])]
-    bottom = lower_limit(scaled, metric)
-    some_failed = any(failed_rows(s, metric).any() for s in all_series)
-    top = upper_limit(scaled, metric, bottom, reserved=_COUNTS_HEIGHT if some_failed else 0.03)
-    style.log_axis(axes, bottom, top)
+    style.log_axis(axes, *limits)
+    axes.yaxis.set_minor_locator(NullLocator())  # panels are small, and ticks slow
     if floor is not None:
-        draw_floor(axes, floor, metric, bottom)
+        draw_floor(axes, floor, metric, limits[0])
     for s in own:
-        draw_levels(axes, s, slots, metric, failed_rows(s, metric), bottom, top)
+        draw_levels(axes, s, slots, metric, failed_rows(s, metric), *limits)
 
 
 def _level_entries(

@@ -158,7 +158,10 @@ class Scene:
             )
             axes.add_patch(shape)
         else:
-            axes.plot(x, y, color=colour, marker="o", markersize=4 + 3 * bool(label))
+            size, alpha = (7, 1.0) if label else (2.5, 0.5)
+            axes.plot(
+                x, y, color=colour, marker="o", markersize=size, markeredgewidth=0, alpha=alpha
+            )
         if label:
             text = axes.text(x, y, label, color="white", ha="center", va="center_baseline")
             text.set(fontsize=5.5, fontweight="bold", zorder=4, clip_on=True)

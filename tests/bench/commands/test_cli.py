@@ -158,5 +158,5 @@ def test_an_estimator_that_runs_on_some_scenarios_only(tmp_path, capsys):
             main(command)
         assert caught.value.code == 0
     printed = capsys.readouterr().out
-    assert "1 of 1 limits are kept" in printed
+    assert "1 of 1 limits hold" in printed
     assert "0 worse" in printed

@@ -59,7 +59,7 @@ def test_limits_that_are_kept(run, capsys):
     assert call("gate", run) == 0
     said = capsys.readouterr().out
     assert said.count("holds") == 3
-    assert "3 of 3 limits are kept" in said
+    assert "3 of 3 limits hold" in said
 
 
 def test_a_limit_that_is_not_kept(run, tmp_path, capsys):
@@ -177,7 +177,7 @@ def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
     command = ["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"]
     main([*command, "--seeds", "1"])
     assert call("gate", out) == 0
-    assert "by the parts that were run: --seeds 1" in capsys.readouterr().out
+    assert "; only a part of the suite was run: --seeds 1" in capsys.readouterr().out
     with open_store(out) as store:  # as if that had been all that a whole run got done
         (source,) = store.runs()
         store.begin_run(replace(source, selection=Selection(), seeds=2), [])
@@ -201,7 +201,7 @@ def test_limits_of_scenarios_and_estimators_are_not_missed(tmp_path, capsys):
     out = tmp_path / "run"
     main(["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"])
     assert call("gate", out) == 0
-    assert "3 of 3 limits are kept\n" in capsys.readouterr().out
+    assert "3 of 3 limits hold\n" in capsys.readouterr().out
 
 
 def lose(folder, condition):
@@ -228,7 +228,7 @@ def test_a_selection_has_to_be_done_as_well(tmp_path, capsys):
     assert call("gate", tmp_path / "whole") == 1
     said = capsys.readouterr().out
     assert lacking in said
-    assert "by the parts that were run: --sensor full; --sensor partial" in said
+    assert "; only a part of the suite was run: --sensor full; --sensor partial" in said
 
 
 def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):
@@ -238,5 +238,5 @@ def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):
     capsys.readouterr()
     assert call("compare", run, tmp_path / "b") == 0
     said = capsys.readouterr().err
-    assert "is a run of suite small" in said and "of other; compared are the trials" in said
+    assert "is a run of suite small" in said and "of other; only trials" in said
     assert "36 of 48 trials in" in said

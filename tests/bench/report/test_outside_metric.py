@@ -114,10 +114,11 @@ def test_the_page_has_its_columns_charts_and_comparisons(trials):
 def test_the_figure_of_errors_has_its_panels(trials):
     with style.applied():
         figure = errors.draw(trials, STUDY)
-    labels = [axes.get_ylabel() for axes in figure.axes]
+    labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
     assert labels == ["Position error [m]", "Cosine error", "Jerk error [m/s^3]", "On the road"]
-    shares = figure.axes[-1].lines
-    assert len(shares) == 6 and all(line.get_ydata()[0] <= 0.8 for line in shares)
+    medians = [line for line in figure.axes[-1].lines if line.get_marker() != "None"]
+    assert medians
+    assert all(line.get_ydata()[0] <= 0.8 for line in medians)
 
 
 def test_a_gate_may_limit_it_where_it_says_so(trials):

@@ -1,0 +1,156 @@
+"""Write the tables of README and documentation anew from ``results/``.
+
+    python scripts/docs_tables.py
+
+A table stands between the comments ``<!-- table: NAME -->`` and ``<!-- end -->``. What is between
+them is replaced. ``TABLES`` has the names.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+from paper_claims import claims_of
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "results"
+PAPER = ["two_player", "highway_overtaking"]
+PAGES = ("README.md", "docs/estimators.md", "docs/study.md")
+_TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def filled(page: str) -> str:
+    """A page with its tables as ``results/`` has them.
+
+    Raises:
+        KeyError: on the name of a table that does not exist.
+    """
+    return _TABLE.sub(lambda found: f"{found[1]}\n{TABLES[found[2]]()}\n\n{found[3]}", page)
+
+
+def paper() -> str:
+    """The paper's two scenarios: one row per estimator, best first."""
+    board = _leaderboard("paper").sort_values(
+        ["scenario", "sensor", "position_error_median"], ascending=[False, True, True]
+    )
+    rows = [
+        [
+            row["scenario"],
+            row["sensor"],
+            row["estimator"],
+            _number(row["position_error_median"]),
+            _number(row["cosine_error_median"]),
+            _number(row["limit_ratio"]),
+            f"{row['failures']} of {row['trials']}",
+            _number(1e3 * row["solve_seconds_median"]),
+        ]
+        for row in board.to_dict("records")
+    ]
+    heads = (
+        "Scenario, Sensor, Estimator, Position error [m], Cosine error, Error / bound, Failures, ms"
+    )
+    return _markdown(heads.split(", "), rows, left=3)
+
+
+def field() -> str:
+    """Median position error [m] of every estimator in every scenario, all seen."""
+    board = _leaderboard("field")
+    wide = board[board["sensor"] == "full"].pivot_table(
+        "position_error_median", "estimator", "scenario"
+    )
+    rows = [[name, *map(_number, values)] for name, *values in wide.itertuples()]
+    return _markdown(["Estimator", *wide.columns], rows, left=1)
+
+
+def times() -> str:
+    """Median time [ms] of one estimate: the paper's scenarios, and the median of the roads."""
+    board = _leaderboard("field")
+    board["where"] = board["scenario"].where(board["scenario"].isin(PAPER), "roads")
+    board["ms"] = 1e3 * board["solve_seconds_median"]
+    wide = board.pivot_table("ms", "estimator", "where", "median")[[*PAPER, "roads"]]
+    rows = [[name, *map(_number, values)] for name, *values in wide.itertuples()]
+    return _markdown(["Estimator", *wide.columns], rows, left=1)
+
+
+def coverage() -> str:
+    """Share of 95 % ellipsoids that hold the truth, by noise level."""
+    trials = pd.read_parquet(RESULTS / "paper" / "trials.parquet")
+    trials = trials[trials["sigma"].isin([0.001, 0.005, 0.01, 0.02, 0.05, 0.1])]
+    by = ["scenario", "sensor", "estimator"]
+    wide = trials.dropna(subset="covers_truth").pivot_table("covers_truth", by, "sigma")
+    rows = [[*keys, *(f"{share:.0%}" for share in row)] for keys, *row in wide.itertuples()]
+    heads = ["Scenario", "Sensor", "Estimator", *(f"{sigma:g} m" for sigma in wide.columns)]
+    return _markdown(heads, rows, left=3)
+
+
+def exponents() -> str:
+    """How errors fall with the number of trajectories: exponents with 95 % intervals."""
+    table = pd.read_csv(RESULTS / "several_trajectories" / "exponents.csv")
+    table = table.rename(columns={"view": "sensor"})
+    bounds = table[["exponent", "exponent_low", "exponent_high"]].itertuples(index=False)
+    table["shown"] = [f"{a:.2f} [{low:.2f}, {high:.2f}]" for a, low, high in bounds]
+    by = ["sensor", "sigma"]
+    wide = table.pivot_table("shown", by, "estimator", aggfunc="first")
+    limit = table.groupby(by)["limit_exponent"].first()
+    rows = [
+        [sensor, f"{sigma:g}", *cells, f"{limit[sensor, sigma]:.2f}"]
+        for (sensor, sigma), *cells in wide.itertuples()
+    ]
+    return _markdown(["Sensor", "Noise [m]", *wide.columns, "Cramér-Rao limit"], rows, left=1)
+
+
+def claims() -> str:
+    """What ``scripts/paper_claims.py`` measures."""
+    rows = [
+        [
+            "holds" if claim.holds else "**fails**",
+            claim.text,
+            f"{claim.value:.4g}",
+            f"{claim.low:g} to {claim.high:g}".replace("-inf to", "at most"),
+        ]
+        for claim in claims_of(RESULTS / "paper")
+    ]
+    return _markdown(["", "Claim", "Measured", "Allowed"], rows, left=2)
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    table.__name__: table for table in (paper, field, times, coverage, exponents, claims)
+}
+
+
+def _leaderboard(name: str) -> pd.DataFrame:
+    table = pd.read_csv(RESULTS / name / "leaderboard.csv")
+    return table.rename(columns={"view": "sensor"})  # as tables before version 0.1 call it
+
+
+def _number(value: float) -> str:
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞"
+    if abs(value) < 1e-9:
+        return "0"
+    return f"{value:.0f}" if abs(value) >= 99.5 else f"{float(f'{value:.2g}'):g}"
+
+
+def _markdown(heads: list[str], rows: list[list[str]], left: int) -> str:
+    rule = ["---" if k < left else "---:" for k in range(len(heads))]
+    cells = [[cell.replace("_", r"\_") for cell in row] for row in (heads, *rows)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (cells[0], rule, *cells[1:]))
+
+
+def main() -> None:
+    """Rewrite the pages whose tables have changed."""
+    for name in PAGES:
+        path = ROOT / name
+        before = path.read_text(encoding="utf-8")
+        after = filled(before)
+        if after != before:
+            path.write_text(after, encoding="utf-8")
+            print(f"{name}: tables written anew")
+
+
+if __name__ == "__main__":
+    main()
