@@ -42,7 +42,7 @@ function chartLegend() {
 
 function setUpChartSaves() {
   for (const chart of charts) {
-    const title = () => `${scenario().name}: ${chart.metric.title} over the error of the observed positions [m]`;
+    const title = () => `${scenario().name}: ${chart.metric.title} over ${byId("chart-axis").textContent.replace(/^[A-Z]/, (c) => c.toLowerCase())}`;
     chart.canvas.closest("figure").querySelector("figcaption").append(saveButtons(
       () => vectorFigure(chart.canvas, () => chart.draw(), title(), chartLegend()),
       () => fileName(chart.metric.name, scenario().name)));

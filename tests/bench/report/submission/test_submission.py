@@ -12,8 +12,9 @@ import pytest
 
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.report.submission.manifest import MANIFEST, ROWS, digest
+from olne_bench.bench.report.submission.manifest import MANIFEST, ROWS, digest, read_submission
 from olne_bench.bench.report.submission.pack import _plugin_places
+from olne_bench.bench.report.submission.verify import _away_from_rows
 from olne_bench.errors import UserError
 
 SUITE = """
@@ -151,11 +152,18 @@ def test_rows_that_nobody_can_repeat_are_held_against_a_fresh_salt(
     assert "TOO GOOD  Drawn: median position_error 1e-09 submitted" in said
 
 
+def test_a_plugin_does_not_find_its_rows_beside_itself(packed: Path) -> None:
+    with _away_from_rows(read_submission(packed)) as home:
+        found = {p.relative_to(home).as_posix() for p in home.rglob("*") if p.is_file()}
+        assert found == {"plugins/drawn/beside.py", "plugins/drawn/drawn.py"}
+        assert not home.is_relative_to(packed)
+    assert not home.exists()
+
+
 def leaderboard_of(folder: Path) -> str:
     """The table that the rows make."""
     from olne_bench.bench.report.statistics.attempts import weighed
     from olne_bench.bench.report.study import study_of
-    from olne_bench.bench.report.submission.manifest import read_submission
     from olne_bench.bench.report.submission.rows import read_rows
     from olne_bench.bench.report.tables import tabulate
 
