@@ -52,7 +52,7 @@ def test_sort_and_filter_come_back_with_the_address(browser: Browser, place: Pat
     tab.select_option("#board-sensor", "partial")
     shown = tab.locator("#board tbody tr:not([hidden])").all_inner_texts()
     assert len(shown) == 3  # the filter looks at names of submissions, too
-    again, more = open_page(browser, tab.url)
+    again, more = open_page(browser, tab.evaluate("location.href"))
     assert again.locator("#board tbody tr:not([hidden])").all_inner_texts() == shown
     assert again.locator("[aria-sort=ascending]").inner_text() == "Cosine error"
     again.evaluate("location.hash = ''")
