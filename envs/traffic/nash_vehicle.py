@@ -24,7 +24,7 @@ class NashVehicle(PlanningVehicle):
         if self.crashed:
             return
         if self.is_due():
-            plan_together(self)
+            plan_together(self.road)
         if self.plan is None:
             super().act()
             return
