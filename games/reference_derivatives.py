@@ -176,7 +176,7 @@ class CarDerivatives:
 
 
 def _sensitivities(motion: np.ndarray) -> np.ndarray:
-    """X (N, S, 4, 2S) of (D1) from Jacobians (N, S, 4, 6)."""
+    """Sensitivities X (N, S, 4, 2S) of (D1) from Jacobians (N, S, 4, 6)."""
     count, steps = motion.shape[:2]
     found = np.zeros((count, steps, NX, NU * steps))
     for t in range(steps):
@@ -188,7 +188,7 @@ def _sensitivities(motion: np.ndarray) -> np.ndarray:
 
 
 def _costates(first: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """p (N, S, 4) of (D2), of the state after each step."""
+    """Costates p (N, S, 4) of (D2), of the state after each step."""
     found = first[..., :NX].copy()
     for t in range(found.shape[1] - 2, -1, -1):
         found[:, t] += (found[:, t + 1, None] @ motion[:, t + 1, :, :NX])[:, 0]
@@ -196,7 +196,7 @@ def _costates(first: np.ndarray, motion: np.ndarray) -> np.ndarray:
 
 
 def _own_hessians(second: np.ndarray, bend: np.ndarray, sensitivities: np.ndarray) -> np.ndarray:
-    """(D3), gathered by the state after each step, which the next step begins with."""
+    """Hessians (N, 2S, 2S) of (D3); a step's curvature is gathered with the cost before it."""
     count, steps = second.shape[:2]
     size = NU * steps
     along = second[..., :NX, :NX].copy()

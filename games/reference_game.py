@@ -1,10 +1,10 @@
 """A small, fast open-loop game of cars that follow reference points, for receding horizons.
 
 Everything that changes from one plan to the next (references, weights, who else is about) is a
-parameter, so the same functions serve every solve, and many games are solved at once. The states are eliminated: the unknowns
-are the controls, and Newton's method runs on the players' stacked gradients dJ^i/du^i = 0, which
-are the first-order conditions of the OLNE (Peters et al. 2021, eqn. forward_kkt_conditions)
-after elimination of states and costates.
+parameter, so the same functions serve every solve, and many games are solved at once. The states
+are eliminated: the unknowns are the controls, and Newton's method runs on the players' stacked
+gradients dJ^i/du^i = 0, which are the first-order conditions of the OLNE (Peters et al. 2021,
+eqn. forward_kkt_conditions) after elimination of states and costates.
 """
 
 from collections.abc import Sequence
@@ -72,10 +72,10 @@ class Plan:
     Attributes:
         states: (T, N, 4).
         controls: (T-1, N, 2).
-        residual: largest entry of the players' gradients.
+        residual: largest entry of the players' gradients, where they were last evaluated.
         iterations: Newton steps taken.
-        converged: whether the residual is below the tolerance and every player's own Hessian is
-            positive definite, hence its plan a strict local best response.
+        converged: whether the residual or the last step is small enough and every player's own
+            Hessian is positive definite, hence its plan a strict local best response.
     """
 
     states: np.ndarray
@@ -118,6 +118,7 @@ class ReferenceGame:
         controls: np.ndarray,
         *,
         tolerance: float = 1e-4,
+        small_change: tuple[float, float] = (0.0, 0.0),
         max_iterations: int = 12,
         max_change: tuple[float, float] = (0.2, 3.0),
     ) -> Plan:
@@ -127,6 +128,8 @@ class ReferenceGame:
             situation: the parameters.
             controls: (T-1, N, 2) start, such as the previous plan shifted by one step.
             tolerance: on the residual.
+            small_change: of steering [rad] and acceleration [m/s^2]. A Newton step within it is
+                the last: what it leaves is of the order of its square.
             max_iterations: Newton steps at most.
             max_change: largest change of steering [rad] and acceleration [m/s^2] in one step.
         """
@@ -134,6 +137,7 @@ class ReferenceGame:
             [situation],
             [controls],
             tolerance=tolerance,
+            small_change=small_change,
             max_iterations=max_iterations,
             max_change=max_change,
         )[0]
@@ -144,6 +148,7 @@ class ReferenceGame:
         controls: Sequence[np.ndarray],
         *,
         tolerance: float = 1e-4,
+        small_change: tuple[float, float] = (0.0, 0.0),
         max_iterations: int = 12,
         max_change: tuple[float, float] = (0.2, 3.0),
     ) -> list[Plan]:
@@ -154,51 +159,14 @@ class ReferenceGame:
         games = _Games.of(situations, self.max_players)
         unknowns = np.concatenate([start.swapaxes(0, 1) for start in controls]).astype(float)
         with np.errstate(invalid="ignore", over="ignore"):  # failures are told by the residuals
-            current = self._evaluate(games, unknowns)
-            open_games, iterations = ~(games.largest(current) < tolerance), np.zeros(len(games))
+            search = _Search(self, games, unknowns, tolerance, np.array(small_change))
             for _ in range(max_iterations):
-                if not open_games.any():
+                if not search.open.any():
                     break
-                moved = self._improve(games, unknowns, current, open_games, np.array(max_change))
-                iterations += moved
-                open_games = moved & ~(games.largest(current) < tolerance)
-        return games.plans(current, unknowns, iterations, tolerance)
+                search.advance(np.array(max_change))
+        return search.plans()
 
-    def _improve(
-        self,
-        games: "_Games",
-        unknowns: np.ndarray,
-        current: Linearisation,
-        which: np.ndarray,
-        max_change: np.ndarray,
-    ) -> np.ndarray:
-        """Take one Newton step in the games of a mask (G,), in place.
-
-        Returns:
-            Mask (G,) of the games that have moved.
-        """
-        part, players = games.subset(which)
-        at = current.take(players)
-        change = self._newton_step(part, at)
-        scale = np.abs(change / max_change).max(axis=(1, 2))
-        change /= part.spread(np.fmax(1.0, np.maximum.reduceat(scale, part.offsets)))
-        length, before = np.ones(len(part)), part.norms(at)
-        trial = self._evaluate(part, unknowns[players] + change)
-        while (worse := ~(part.norms(trial) < before) & (length > 0.1)).any():
-            length[worse] /= 2
-            few, rows = part.subset(worse)
-            shorter = unknowns[players[rows]] + (part.spread(length) * change)[rows]
-            trial.put(rows, self._evaluate(few, shorter))
-        # The last, short step is taken even uphill: a local rise is better than a standstill.
-        moved = np.isfinite(part.norms(trial))
-        rows = np.flatnonzero(moved[part.game])
-        current.put(players[rows], trial.take(rows))
-        unknowns[players[rows]] += (part.spread(length) * change)[rows]
-        result = np.zeros(len(games), dtype=bool)
-        result[np.flatnonzero(which)[moved]] = True
-        return result
-
-    def _newton_step(self, games: "_Games", at: Linearisation) -> np.ndarray:
+    def newton_step(self, games: "_Games", at: Linearisation) -> np.ndarray:
         """Changes (N, T-1, 2) of the controls; NaN in games whose system is singular."""
         size = NU * self.steps
         own = _convexified(at.own_hessians)
@@ -224,7 +192,8 @@ class ReferenceGame:
             change[mine] = step.reshape(count, size)
         return change.reshape(-1, self.steps, NU)
 
-    def _evaluate(self, games: "_Games", unknowns: np.ndarray) -> Linearisation:
+    def evaluate(self, games: "_Games", unknowns: np.ndarray) -> Linearisation:
+        """Motion and derivatives at controls (N, T-1, 2)."""
         derivatives = self._derivatives
         states = derivatives.states(games.initial_state, unknowns)
         nowhere = np.full((1, self.steps, NU), FAR_AWAY)
@@ -238,6 +207,10 @@ class ReferenceGame:
             positions[games.partners],
             games.others,
         )
+
+    def states(self, initial_state: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """States (N, T-1, 4) after each step of controls (N, T-1, 2)."""
+        return self._derivatives.states(initial_state, controls)
 
     @cached_property
     def _derivatives(self) -> CarDerivatives:
@@ -337,25 +310,101 @@ class _Games:
             renumbered[self.partners[players]],
         ), players
 
-    def plans(
-        self, at: Linearisation, unknowns: np.ndarray, iterations: np.ndarray, tolerance: float
-    ) -> list[Plan]:
+
+class _Search:
+    """Newton's method on games side by side.
+
+    Attributes:
+        open: mask (G,) of the games that are still searched.
+    """
+
+    def __init__(
+        self,
+        game: ReferenceGame,
+        games: _Games,
+        unknowns: np.ndarray,
+        tolerance: float,
+        small_change: np.ndarray,
+    ) -> None:
+        self._game, self._games, self._unknowns = game, games, unknowns
+        self._tolerance, self._small_change = tolerance, small_change
+        self._at = game.evaluate(games, unknowns)
+        self._iterations = np.zeros(len(games), dtype=int)
+        self._solved = games.largest(self._at) < tolerance
+        self.open = ~self._solved
+
+    def advance(self, max_change: np.ndarray) -> None:
+        """Take one Newton step in every open game."""
+        indices = np.flatnonzero(self.open)
+        games, players = self._games.subset(self.open)
+        at = self._at.take(players)
+        change = self._game.newton_step(games, at)
+        size = np.abs(change).max(axis=1)
+        small = np.logical_and.reduceat((size <= self._small_change).all(axis=1), games.offsets)
+        scale = np.maximum.reduceat((size / max_change).max(axis=1), games.offsets)
+        change /= games.spread(np.fmax(1.0, scale))
+        self._finish(indices[small], players, change, small[games.game])
+        rest, rows = games.subset(~small)
+        if len(rest):
+            self._descend(rest, players[rows], at.take(rows), change[rows], indices[~small])
+
+    def _finish(
+        self, indices: np.ndarray, players: np.ndarray, change: np.ndarray, rows: np.ndarray
+    ) -> None:
+        """Take the last step of games, in the rows of players that a mask tells."""
+        which = players[rows]
+        self._unknowns[which] += change[rows]
+        if len(which):
+            states = self._game.states(self._games.initial_state[which], self._unknowns[which])
+            self._at.states[which] = states
+        self._iterations[indices] += 1
+        self._solved[indices] = True
+        self.open[indices] = False
+
+    def _descend(
+        self,
+        games: _Games,
+        players: np.ndarray,
+        at: Linearisation,
+        change: np.ndarray,
+        indices: np.ndarray,
+    ) -> None:
+        """Take steps that are shortened until the gradients shrink."""
+        start, before = self._unknowns[players], games.norms(at)
+        length = np.ones(len(games))
+        trial = self._game.evaluate(games, start + change)
+        while (worse := ~(games.norms(trial) < before) & (length > 0.1)).any():
+            length[worse] /= 2
+            few, rows = games.subset(worse)
+            shorter = start[rows] + (games.spread(length) * change)[rows]
+            trial.put(rows, self._game.evaluate(few, shorter))
+        # The last, short step is taken even uphill: a local rise is better than a standstill.
+        moved = np.isfinite(games.norms(trial))
+        rows = np.flatnonzero(moved[games.game])
+        self._at.put(players[rows], trial.take(rows))
+        self._unknowns[players[rows]] += (games.spread(length) * change)[rows]
+        self._iterations[indices[moved]] += 1
+        solved = moved & (games.largest(trial) < self._tolerance)
+        self._solved[indices] = solved
+        self.open[indices] = moved & ~solved
+
+    def plans(self) -> list[Plan]:
         """The plan of each game."""
-        states = np.concatenate([self.initial_state[:, None], at.states], axis=1).swapaxes(0, 1)
-        residuals, convex = self.largest(at), _are_convex(at.own_hessians)
-        plans = []
-        for index, (first, count) in enumerate(zip(self.offsets, self.counts, strict=True)):
-            mine = slice(first, first + count)
-            plans.append(
-                Plan(
-                    states=states[:, mine],
-                    controls=unknowns[mine].swapaxes(0, 1),
-                    residual=float(residuals[index]),
-                    iterations=int(iterations[index]),
-                    converged=bool(residuals[index] < tolerance and convex[mine].all()),
-                )
+        games = self._games
+        states = np.concatenate([games.initial_state[:, None], self._at.states], axis=1)
+        states, controls = states.swapaxes(0, 1), self._unknowns.swapaxes(0, 1)
+        residuals, convex = games.largest(self._at), _are_convex(self._at.own_hessians)
+        ends = games.offsets + games.counts
+        return [
+            Plan(
+                states=states[:, first:end],
+                controls=controls[:, first:end],
+                residual=float(residuals[index]),
+                iterations=int(self._iterations[index]),
+                converged=bool(self._solved[index] and convex[first:end].all()),
             )
-        return plans
+            for index, (first, end) in enumerate(zip(games.offsets, ends, strict=True))
+        ]
 
 
 def _are_convex(hessians: np.ndarray) -> np.ndarray:

@@ -24,7 +24,8 @@ from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
 from olne_bench.games.reference_game import Plan, ReferenceGame, Situation
 
 MAX_SHIFTS = 3  # plan steps for which an old plan may serve
-TOLERANCE = 1e-3  # on the games' gradients, in units of a driver's cost
+#: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
+SMALL_CHANGE = (2e-3, 0.1)
 
 Group = list[PlanningVehicle]
 Starts = list[VehiclePlan | None]
@@ -69,7 +70,7 @@ def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
     ]
     # BLAS on several threads is a hundred times slower on matrices this small.
     with _blas().limit(limits=1, user_api="blas"):
-        solutions = _game().solve_all(situations, warm, tolerance=TOLERANCE)
+        solutions = _game().solve_all(situations, warm, small_change=SMALL_CHANGE)
         again = [
             index
             for index, (solution, start) in enumerate(zip(solutions, starts, strict=True))
@@ -78,7 +79,7 @@ def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
         if again:
             failed = [situations[index] for index in again]
             cold = [_pursuits(situation) for situation in failed]
-            second = _game().solve_all(failed, cold, tolerance=TOLERANCE)
+            second = _game().solve_all(failed, cold, small_change=SMALL_CHANGE)
             for index, solution in zip(again, second, strict=True):
                 solutions[index] = solution
     return solutions

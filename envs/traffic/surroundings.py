@@ -65,7 +65,7 @@ def predicted_positions(other: RoadObject) -> np.ndarray:
     """The positions (T-1, 2) of a vehicle or obstacle at the next plan steps."""
     if isinstance(other, PlanningVehicle) and not other.crashed and other.plan is not None:
         passed = int(other.plan_age / PLAN_STEP + 0.5)
-        plan = other.plan.shifted() if passed else other.plan
+        plan = other.plan.rest if passed else other.plan
         return plan.states[1:, :2]
     times = PLAN_STEP * np.arange(1, STEPS + 1)
     if not isinstance(other, Vehicle) or other.crashed or other.lane is None:

@@ -40,13 +40,13 @@ def test_newton_matrix_is_the_derivative_of_the_gradients(game):
     unknowns = 0.01 * rng.standard_normal((3, STEPS, 2))
     direction = rng.standard_normal(unknowns.shape)
     ahead, behind = (
-        game._evaluate(here, unknowns + step * direction).gradients for step in (1e-6, -1e-6)
+        game.evaluate(here, unknowns + step * direction).gradients for step in (1e-6, -1e-6)
     )
     change = (ahead - behind) / 2e-6
-    at = game._evaluate(here, unknowns)
+    at = game.evaluate(here, unknowns)
     assert np.linalg.eigvalsh(at.own_hessians).min() > 0  # else the matrix is regularised
     np.testing.assert_allclose(
-        game._newton_step(here, replace(at, gradients=change)), -direction, rtol=1e-4, atol=1e-5
+        game.newton_step(here, replace(at, gradients=change)), -direction, rtol=1e-4, atol=1e-5
     )
 
 
@@ -63,7 +63,7 @@ def test_no_player_gains_by_a_small_deviation(game):
         start = plan.controls.swapaxes(0, 1)
         change = (
             sum(
-                w / 2 * game._evaluate(games, start + (x + 1) / 2 * offset).gradients[player]
+                w / 2 * game.evaluate(games, start + (x + 1) / 2 * offset).gradients[player]
                 for x, w in zip(nodes, weights, strict=True)
             )
             @ offset[player].ravel()
@@ -109,7 +109,7 @@ def test_gradients_and_own_hessians_are_derivatives_of_the_cost(game):
     rng = np.random.default_rng(3)
     start = 0.05 * rng.standard_normal((2, STEPS, 2))
     games = _Games.of([here], game.max_players)
-    at = game._evaluate(games, start)
+    at = game.evaluate(games, start)
     u = ca.SX.sym("u", 2 * STEPS)
     state, cost = ca.SX(here.initial_state[0]), 0.0
     far = ca.SX([FAR_AWAY, FAR_AWAY])
@@ -122,3 +122,15 @@ def test_gradients_and_own_hessians_are_derivatives_of_the_cost(game):
     values = ca.Function("f", [u], [gradient, hessian])(start[0].ravel())
     np.testing.assert_allclose(at.gradients[0], values[0].full()[:, 0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(at.own_hessians[0], values[1].full(), rtol=1e-9, atol=1e-9)
+
+
+def test_the_last_step_may_be_a_small_one(game):
+    """What it leaves is far smaller than itself."""
+    start = np.full((STEPS, 3, 2), 0.003)
+    exact = game.solve(situation(3), start, tolerance=1e-9)
+    early = game.solve(situation(3), start, tolerance=1e-9, small_change=(2e-3, 0.1))
+    assert early.converged and early.iterations < exact.iterations
+    np.testing.assert_allclose(early.controls[..., 0], exact.controls[..., 0], atol=2e-4)
+    np.testing.assert_allclose(early.controls[..., 1], exact.controls[..., 1], atol=1e-2)
+    played = rollout(game.dynamics, early.states[0], early.controls, game.dt)
+    np.testing.assert_allclose(early.states, played, atol=1e-12)
