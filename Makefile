@@ -9,13 +9,14 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick field sensors gate perf test check results clean
+.PHONY: help setup bench bench-quick field sensors rl gate perf test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
 	@echo "make field        every estimator on every scenario, and several trajectories"
 	@echo "make sensors      the paper's scenarios through five sensors, and the statistical limit"
+	@echo "make rl           train PPO among Nash traffic, into $(OUT)/rl"
 	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
 	@echo "make test         linter, type checker and tests"
@@ -27,6 +28,11 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv $(VENV)
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	touch $@
+
+# Some 5 GB, most of it PyTorch: only what trains or tests training waits for it.
+$(VENV)/.learners: $(VENV)/.installed
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[rl]"
 	touch $@
 
 setup: $(VENV)/.installed
@@ -48,6 +54,9 @@ sensors: setup
 	$(BIN)/olne-bench run sensors --out $(OUT)/sensors --jobs $(JOBS)
 	$(BIN)/python scripts/sensors_claims.py --draws 200
 
+rl: $(VENV)/.learners
+	$(BIN)/python scripts/train_ppo.py --out $(OUT)/rl
+
 gate: setup
 	$(BIN)/olne-bench gate $(OUT)/paper
 
@@ -59,7 +68,7 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-test: check
+test: check $(VENV)/.learners
 	$(BIN)/python -m pytest --numprocesses $(JOBS)
 
 # What the repository keeps of a study: tables, some figures, and the page where it has fewer bytes.

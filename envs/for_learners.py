@@ -16,6 +16,7 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from olne_bench.envs.highway_v0 import HighwayWorld
 from olne_bench.envs.layout import player_index
+from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.features import StateDeviation
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import Lane, LaneKeeping
@@ -54,24 +55,28 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
 
     Args:
         env: a world of ``highway_v0``. With ``reveal_truth=False`` its infos hold no truth.
-        draws: number of draws among which resets choose; drawing anew takes seconds. None leaves
-            the choice to the world, which draws from 2^31.
+        draws: number of draws among which resets choose, each kept once it is made. None leaves
+            the choice to the world, which draws a new one of 2^31 at every reset.
         crash_reward: added to the reward of the step in which a player crashes.
 
     Raises:
-        ValueError: if the world is none of ``highway_v0``, or ``draws`` is below 1.
+        ValueError: if the world is none of ``highway_v0`` or is wrapped already, or ``draws`` is
+            below 1.
     """
 
     def __init__(
         self, env: HighwayWorld, draws: int | None = None, crash_reward: float = -50.0
     ) -> None:
-        if not isinstance(env.unwrapped, HighwayWorld):
-            raise ValueError(f"ForLearners takes a world of highway_v0, got {env}")
+        if not isinstance(env, HighwayWorld):  # it reads states, past all sensors
+            raise ValueError(
+                f"ForLearners goes right around a world of highway_v0, got {type(env).__name__}"
+            )
         if draws is not None and draws < 1:
             raise ValueError(f"draws must be at least 1, got {draws}")
         super().__init__(env)
         self._draws, self._crash_reward = draws, crash_reward
-        self._choice = np.random.default_rng()
+        self._choice: np.random.Generator | None = None  # copies made before a reset go apart
+        self._drawn: dict[int, Scenario] = {}  # by seed
         self._spaces: dict[int, Box] = {}
         self._actions = Box(-1.0, 1.0, (2,), dtype=np.float32)
 
@@ -88,10 +93,14 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
         if self._draws is not None:
-            if seed is not None:
+            if seed is not None or self._choice is None:
                 self._choice = np.random.default_rng(seed)
             seed = int(self._choice.integers(self._draws))
+            if not options and seed in self._drawn:
+                options = {"scenario": self._drawn[seed]}
         _, infos = self.env.reset(seed=seed, options=options)
+        if self._draws is not None and not options:
+            self._drawn[int(seed)] = self._world.scenario
         self.agents = list(self.env.possible_agents)
         return self._observations(self.agents), self._infos(self.agents, infos)
 

@@ -37,8 +37,8 @@ def main() -> None:
     """Train, evaluate, write, draw, and print one line per driver."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--id", default="olne/NashMerge-v0")
-    parser.add_argument("--steps", type=int, default=1536, help="of each agent")
-    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--steps", type=int, default=1024, help="of each agent")
+    parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--evaluations", type=int, default=20, help="episodes per driver")
     parser.add_argument("--out", type=Path, default=Path("runs/rl"))
     given = parser.parse_args()

@@ -24,6 +24,7 @@ from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
 from olne_bench.games.reference_game import Plan, ReferenceGame, Situation
 
 MAX_SHIFTS = 3  # plan steps for which an old plan may serve
+BETWEEN = 3  # places between two plan steps at which contact is looked for
 #: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
 SMALL_CHANGE = (2e-3, 0.1)
 
@@ -126,8 +127,18 @@ def _run_into_something(states: np.ndarray, others: np.ndarray) -> np.ndarray:
     cos, sin = np.cos(own[:, None, :, 2]), np.sin(own[:, None, :, 2])
     ahead = offsets[..., 0] * cos + offsets[..., 1] * sin  # a player is not ahead of itself
     beside = offsets[..., 1] * cos - offsets[..., 0] * sin
+    # A car passes its own length in less than a step: look between the steps as well.
+    ahead, beside = _with_steps_between(ahead), _with_steps_between(beside)
     contact = (ahead > 0) & (ahead < Vehicle.LENGTH) & (np.abs(beside) < 0.9 * Vehicle.WIDTH)
     return np.asarray(contact.any(axis=(1, 2)))
+
+
+def _with_steps_between(values: np.ndarray) -> np.ndarray:
+    """Values (..., S) at steps, and BETWEEN more after each but the last, as they change evenly."""
+    parts = np.linspace(0.0, 1.0, BETWEEN + 1, endpoint=False)
+    change = np.diff(values)[..., None] * parts
+    between = values[..., :-1, None] + change
+    return np.concatenate([between.reshape(*values.shape[:-1], -1), values[..., -1:]], axis=-1)
 
 
 def _situations(road: Road, groups: list[Group], starts: Sequence[Starts]) -> list[Situation]:
