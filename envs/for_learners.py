@@ -92,15 +92,10 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
-        if self._draws is not None:
-            if seed is not None or self._choice is None:
-                self._choice = np.random.default_rng(seed)
-            seed = int(self._choice.integers(self._draws))
-            if not options and seed in self._drawn:
-                options = {"scenario": self._drawn[seed]}
-        _, infos = self.env.reset(seed=seed, options=options)
-        if self._draws is not None and not options:
-            self._drawn[int(seed)] = self._world.scenario
+        if self._draws is None or options:
+            _, infos = self.env.reset(seed=seed, options=options)
+        else:
+            infos = self._reset_to(self._draw(seed, self._draws))
         self.agents = list(self.env.possible_agents)
         return self._observations(self.agents), self._infos(self.agents, infos)
 
@@ -127,6 +122,17 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
             dict.fromkeys(players, over and cut),
             self._infos(players, infos),
         )
+
+    def _draw(self, seed: int | None, draws: int) -> int:
+        if seed is not None or self._choice is None:
+            self._choice = np.random.default_rng(seed)
+        return int(self._choice.integers(draws))
+
+    def _reset_to(self, draw: int) -> dict[str, dict[str, Any]]:
+        known = {"scenario": self._drawn[draw]} if draw in self._drawn else None
+        _, infos = self.env.reset(seed=draw, options=known)
+        self._drawn[draw] = self._world.scenario
+        return infos
 
     @property
     def _world(self) -> HighwayWorld:
