@@ -2,9 +2,10 @@
 
 Usage: python scripts/train_ppo.py [--id ID] [--steps N] [--seeds N] [--out DIR]
 
-Trains one agent per seed, then drives all of them, an idle driver and a random one through
-episodes that no agent was trained on. Writes into DIR: ``episodes.csv`` (every training episode),
-``evaluation.csv`` (every episode driven afterwards), ``learning_curve.png`` and ``ppo_SEED.zip``.
+Trains one agent per seed, then drives all of them, an idle driver, one that always asks for the
+slowest speed and a random one through episodes that no agent was trained on. Writes into DIR:
+``episodes.csv`` (every training episode), ``evaluation.csv`` (every episode driven afterwards),
+``learning_curve.png`` and ``ppo_SEED.zip``.
 """
 
 import argparse
@@ -30,7 +31,7 @@ import olne_bench.envs  # noqa: F401  registers the ids
 
 HELD_OUT = 10_000  # first seed of the episodes that nobody trains on
 BINS = 10  # points of the learning curve
-IDLE = 1
+IDLE, SLOWER = 1, 4
 
 
 def main() -> None:
@@ -59,7 +60,9 @@ def main() -> None:
     print(f"training and driving: {time.process_time() - begin:.0f} s of processor time")
     actions = make().action_space
     actions.seed(0)
-    driven.append(_drive(make, lambda _: IDLE, given.evaluations).assign(driver="idle"))
+    for driver, action in (("idle", IDLE), ("always slower", SLOWER)):
+        rows = _drive(make, _always(action), given.evaluations)
+        driven.append(rows.assign(driver=driver))
     random = _drive(make, lambda _: actions.sample(), given.evaluations)
     driven.append(random.assign(driver="random"))
     episodes, evaluation = pd.concat(training), pd.concat(driven)
@@ -71,6 +74,10 @@ def main() -> None:
             f"{driver}: mean return {rows['return'].mean():.2f} "
             f"({_standard_error(rows['return']):.2f}), {rows['crashed'].mean():.0%} crashed"
         )
+
+
+def _always(action: int) -> Callable[[np.ndarray], int]:
+    return lambda _: action
 
 
 def _greedy(model: PPO) -> Callable[[np.ndarray], int]:
@@ -147,7 +154,7 @@ def _draw(episodes: pd.DataFrame, evaluation: pd.DataFrame, given: argparse.Name
     axes.plot(x, curves, color="tab:blue", alpha=0.35, linewidth=0.8)
     axes.plot(x, mean, color="tab:blue", marker="o", label=f"PPO while it learns, {count} seeds")
     axes.fill_between(x, mean - half, mean + half, color="tab:blue", alpha=0.15, linewidth=0)
-    for driver, style in (("idle", "--"), ("random", ":")):
+    for driver, style in (("always slower", "-."), ("idle", "--"), ("random", ":")):
         level = evaluation.loc[evaluation["driver"] == driver, "return"].mean()
         axes.axhline(level, color="black", linestyle=style, linewidth=1, label=f"{driver} driver")
     axes.set(
