@@ -156,13 +156,13 @@ def _draw(episodes: pd.DataFrame, evaluation: pd.DataFrame, given: argparse.Name
     axes.fill_between(x, mean - half, mean + half, color="tab:blue", alpha=0.15, linewidth=0)
     for driver, style in (("always slower", "-."), ("idle", "--"), ("random", ":")):
         level = evaluation.loc[evaluation["driver"] == driver, "return"].mean()
-        axes.axhline(level, color="black", linestyle=style, linewidth=1, label=f"{driver} driver")
+        axes.axhline(level, color="black", linestyle=style, linewidth=1, label=driver)
     axes.set(
         xlabel="environment steps of one agent",
         ylabel="return of an episode",
         title=given.id,
     )
-    axes.legend(frameon=False)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
     figure.savefig(given.out / "learning_curve.png", dpi=110)
     plt.close(figure)
 
