@@ -32,7 +32,7 @@ def parts(observation):
     return own, observation[len(OWN) :].reshape(-1, len(OTHER))
 
 
-@ROADS
+@pytest.mark.parametrize("road", ["highway", "two_way"])  # the others take seconds to draw
 def test_pettingzoo_conformance(road):
     parallel_api_test(make(road, draws=1), num_cycles=21)
 
