@@ -9,14 +9,18 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick field sensors submissions gate perf docs test check results clean
+.PHONY: help setup bench bench-quick field sensors submissions learners rl gate perf docs test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
 	@echo "make field        every estimator on every scenario, and several trajectories"
 	@echo "make sensors      the paper's scenarios through five sensors, and the statistical limit"
+<<<<<<< HEAD
 	@echo "make submissions  check what was submitted, and write its page"
+=======
+	@echo "make rl           train PPO among Nash traffic, into $(OUT)/rl"
+>>>>>>> main
 	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
 	@echo "make docs         the documentation site, into site/; runs its tutorials"
@@ -31,7 +35,14 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
 	touch $@
 
+# Some 5 GB, most of it PyTorch: only what trains or tests training waits for it.
+$(VENV)/.learners: $(VENV)/.installed
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[rl]"
+	touch $@
+
 setup: $(VENV)/.installed
+
+learners: $(VENV)/.learners
 
 bench: setup
 	$(BIN)/olne-bench run paper --out $(OUT)/paper --jobs $(JOBS)
@@ -50,9 +61,14 @@ sensors: setup
 	$(BIN)/olne-bench run sensors --out $(OUT)/sensors --jobs $(JOBS)
 	$(BIN)/python scripts/sensors_claims.py --draws 200
 
+<<<<<<< HEAD
 submissions: setup
 	rm -f results/submissions/index.html
 	$(BIN)/olne-bench verify results/submissions/*/ --jobs $(JOBS) --page results/submissions/index.html
+=======
+rl: $(VENV)/.learners
+	$(BIN)/python scripts/train_ppo.py --out $(OUT)/rl
+>>>>>>> main
 
 gate: setup
 	$(BIN)/olne-bench gate $(OUT)/paper

@@ -2,6 +2,7 @@
 
     python scripts/mutants.py --out runs/mutants
     python scripts/mutants.py --out runs/mutants --count 60 --only bench/plan --list
+    python scripts/mutants.py --out runs/mutants --count 60 --seed 7
 
 A mutant is the code with one operator, comparison, number, truth value, ``and``, ``or``, ``not``
 or sign replaced by cosmic-ray's operators. Places are drawn with a fixed seed, each with the same
@@ -19,14 +20,18 @@ import importlib
 import json
 import os
 import random
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import time
 import types
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from multiprocessing import get_context
 from pathlib import Path
 
 import psutil
@@ -46,8 +51,10 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("games", "envs", "estimators", "bench")
 EXPLAINED = ROOT / "docs/mutants.md"
 SEED = 2026
-#: Seconds that the tests of a mutant may take; a module's own tests take a fraction of it.
-LIMIT = 240.0
+#: Seconds that the tests of a mutant may take on the processor, in one process, and in all by the
+#: clock; a module's own tests take a fraction of it. By the clock alone, whatever else the machine
+#: does would notice mutants.
+PROCESSOR_LIMIT, LIMIT = 60, 900.0
 
 #: What most tests import; not what pytest looks for in order to rewrite it.
 LIBRARIES = ("casadi", "distributed", "highway_env", "matplotlib.pyplot", "msgspec")
@@ -97,22 +104,16 @@ ELSEWHERE = {
     "bench/process/family.py": "tests/bench/process/test_child.py",
     "bench/process/inside.py": "tests/bench/process/test_child.py",
     "bench/report/figures/__init__.py": "tests/bench/report/figures/test_draw_figures.py",
-    "bench/report/figures/failures.py": "tests/bench/report/figures/test_draw_figures.py",
-    "bench/report/figures/panels.py": "tests/bench/report/figures/test_draw_figures.py",
-    "bench/report/figures/scene.py": "tests/bench/report/figures/test_draw_figures.py",
+    "bench/report/figures/panels.py": "tests/bench/report/figures/test_scene.py",
     "bench/report/figures/style.py": "tests/bench/report/figures/test_draw_figures.py",
-    "bench/report/figures/trajectories.py": "tests/bench/report/figures/test_draw_figures.py",
     "bench/report/gate.py": "tests/bench/report/test_gate_and_compare.py",
     "bench/report/page/data.py": "tests/bench/report/page/test_render.py",
     "bench/report/page/numbers.py": "tests/bench/report/page/test_render.py",
-    "bench/report/page/scenes.py": "tests/bench/report/page/test_render.py",
     "bench/report/statistics/run_comparison.py": "tests/bench/report/test_gate_and_compare.py",
     "bench/report/study.py": "tests/bench/report/test_leaderboard.py",
     "bench/report/tables.py": "tests/bench/report/page/test_render.py",
-    "bench/report/write.py": "tests/bench/report/test_leaderboard.py",
     "bench/run/player.py": "tests/bench/run/test_executor.py",
     "bench/run/player_process.py": "tests/bench/run/test_executor.py",
-    "bench/run/provenance.py": "tests/bench/run/test_store.py",
     "bench/run/referee.py": "tests/bench/run/test_executor.py",
     "bench/run/referee_process.py": "tests/bench/run/test_executor.py",
     "envs/equilibrium.py": "tests/envs/test_recording.py",
@@ -261,8 +262,10 @@ class Place:
     order: str
 
 
-def places(module: str, source: str, all_operators: dict[str, list[Operator]]) -> Iterator[Place]:
-    """Yield the places of a module that may be mutated."""
+def places(
+    module: str, source: str, all_operators: dict[str, list[Operator]], seed: int
+) -> Iterator[Place]:
+    """Yield the places of a module that may be mutated, with their order in the draw of a seed."""
     ranges = skipped(source)
     counts: Counter[Operator] = Counter()
     found: dict[Position, list[tuple[Operator, int]]] = {}
@@ -277,7 +280,7 @@ def places(module: str, source: str, all_operators: dict[str, list[Operator]]) -
     before: Counter[str] = Counter()
     for start in sorted(found):
         # The name does not change where lines are added above it: draws stay what they were.
-        text = f"{SEED}|{module}|{lines[start[0] - 1].strip()}|"
+        text = f"{seed}|{module}|{lines[start[0] - 1].strip()}|"
         text += str(start[1] - len(lines[start[0] - 1]) + len(lines[start[0] - 1].lstrip()))
         before[text] += 1
         if not any(first <= start < last for first, last in ranges):
@@ -321,8 +324,11 @@ def _differs(source: str, changed: str) -> bool:
         return False
 
 
-def draw(count: int, only: str) -> list[Mutant]:
-    """Return the first ``count`` mutants of the modules whose path begins with ``only``."""
+def draw(count: int, only: str, seed: int) -> list[Mutant]:
+    """Return the first ``count`` mutants of the modules whose path begins with ``only``.
+
+    They come in the order of the draw: those tried before an interruption are a fair sample.
+    """
     sources, found = {}, []
     all_operators = operators()
     for package in PACKAGES:
@@ -330,7 +336,7 @@ def draw(count: int, only: str) -> list[Mutant]:
             module = str(path.relative_to(ROOT))
             if "templates" not in path.parts and module.startswith(only):
                 sources[module] = path.read_text()
-                found += places(module, sources[module], all_operators)
+                found += places(module, sources[module], all_operators, seed)
     mutants: list[Mutant] = []
     for place in sorted(found, key=lambda place: place.order):
         if len(mutants) == count:
@@ -338,10 +344,11 @@ def draw(count: int, only: str) -> list[Mutant]:
         mutant = mutate(place, sources[place.module])
         mutants += [mutant] if mutant else []
     print(f"{len(mutants)} mutants of {len(found)} places in {len(sources)} modules")
-    return sorted(mutants, key=_in_order)
+    return mutants
 
 
-def _in_order(mutant: Mutant) -> tuple[int, str, int]:
+def in_order(mutant: Mutant) -> tuple[int, str, int]:
+    """Return where a mutant comes in what is printed."""
     return PACKAGES.index(Path(mutant.module).parts[0]), mutant.module, mutant.line
 
 
@@ -361,23 +368,21 @@ class Result:
     by: str = ""
 
 
-class Laboratory:
-    """A copy of the tree in which mutants are tried, and what is known of them already.
+#: Folder of the trees within ``--out``.
+TREES = "trees"
 
-    Attributes:
-        sound: test files that pass where nothing is to be noticed.
-    """
+
+class Laboratory:
+    """A copy of the tree in which mutants are tried, and what was known of them before."""
 
     def __init__(self, out: Path) -> None:
-        out.mkdir(parents=True, exist_ok=True)
         self._known_file = out / "results.jsonl"
         self._known: dict[str, Result] = {}
-        self.sound: set[str] = set()
         if self._known_file.is_file():
             for line in self._known_file.read_text().splitlines():
                 entry = json.loads(line)
                 self._known[entry["key"]] = Result(entry["outcome"], entry["seconds"], entry["by"])
-        self._tree = out.absolute() / "tree"
+        self._tree = out.absolute() / TREES / str(os.getpid()) / "tree"
         _copy_tree(self._tree)
 
     def try_mutant(self, mutant: Mutant) -> Result:
@@ -385,20 +390,11 @@ class Laboratory:
         tests = mirror(mutant.module, self._tree)
         if tests is None:
             return Result("no tests", 0.0)
-        result = self._run(tests, mutant.module, mutant.source)
-        if result.outcome == "passed":
-            self.sound.add(tests)
-        return result
+        return self._run(tests, mutant.module, mutant.source)
 
-    def check(self, tests: str) -> None:
-        """Run tests on the code as it is, unless some mutant has passed them.
-
-        Raises:
-            SystemExit: where they fail, hence would notice nothing.
-        """
-        if tests not in self.sound and self._run(tests).outcome != "passed":
-            sys.exit(f"{tests} does not pass without a mutant")
-        self.sound.add(tests)
+    def try_tests(self, tests: str) -> Result:
+        """Run tests on the code as it is."""
+        return self._run(tests)
 
     def _run(self, tests: str, module: str = "", source: str = "") -> Result:
         """Run tests, with a module's text replaced, unless it is known how that ends."""
@@ -426,17 +422,17 @@ def _copy_tree(tree: Path) -> None:
     """Copy what git does not ignore, and compile it so that a changed text is always seen."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout
-    shutil.rmtree(tree, ignore_errors=True)
     for name in filter(None, listed.split("\0")):
         if (ROOT / name).exists() and not name.startswith("results/"):
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tree / name, follow_symlinks=False)
     command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash"]
-    subprocess.run([*command, "src"], cwd=tree, check=True)
+    # It does not follow the links from src to the packages.
+    subprocess.run([*command, "src", *PACKAGES], cwd=tree, check=True)
 
 
 def _pytest(tree: Path, tests: str) -> Result:
-    """Run a test file in a tree and end it, with its descendants, after ``LIMIT`` seconds.
+    """Run a test file in a tree and end it, with its descendants, at ``LIMIT`` seconds.
 
     The process is a copy of this one, which has imported what the packages import, but not them.
 
@@ -457,6 +453,7 @@ def _pytest(tree: Path, tests: str) -> Result:
         if code == pytest.ExitCode.NO_TESTS_COLLECTED:
             sys.exit(f"{tests} has no tests")
         outcome = "failed" if code else "passed"
+        outcome = "too long" if code == -signal.SIGXCPU else outcome
     except psutil.TimeoutExpired:
         outcome = "too long"
         for descendant in [*process.children(recursive=True), process]:
@@ -473,8 +470,10 @@ def _run_here(tree: Path, tests: str) -> int:
         for stream in range(3):
             os.dup2(output.fileno(), stream)
     os.chdir(tree)
+    resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_LIMIT, resource.RLIM_INFINITY))
     source = str(tree / "src")
-    sys.path[:] = [source, *(path for path in sys.path if not path.startswith(str(ROOT) + os.sep))]
+    others = [path for path in sys.path if not path.startswith(str(ROOT) + os.sep)]
+    sys.path[:] = [str(tree), source, *others]  # as with python -m pytest
     os.environ["PYTHONPATH"] = source
     # Processes that tests start would import the file of the main module.
     sys.modules["__main__"] = types.ModuleType("__main__")
@@ -501,7 +500,7 @@ def report(results: list[tuple[Mutant, Result]]) -> None:
         share = f"{noticed / len(outcomes):6.1%}" if outcomes else "     –"
         print(f"{package or 'all':12} {len(outcomes):7}  {noticed:7}  {share}")
     print("\nsurvivors")
-    for mutant, result in results:
+    for mutant, result in sorted(results, key=lambda pair: in_order(pair[0])):
         if result.outcome in ("passed", "no tests"):
             why = "no test file" if result.outcome == "no tests" else mirror(mutant.module)
             named = ", explained" if f"`{mutant.after}`" in explained else ""
@@ -514,29 +513,61 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for results")
     parser.add_argument("--count", type=int, default=200, help="mutants drawn")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the draw")
     parser.add_argument("--only", default="", help="beginning of the modules' paths")
+    parser.add_argument("--jobs", type=int, default=1, help="mutants tried at a time")
     parser.add_argument("--check", action="store_true", help="also run all tests without mutants")
     parser.add_argument("--list", action="store_true", help="only list the mutants")
     arguments = parser.parse_args()
-    mutants = draw(arguments.count, arguments.only)
+    mutants = draw(arguments.count, arguments.only, arguments.seed)
     if arguments.list:
-        for mutant in mutants:
+        for mutant in sorted(mutants, key=in_order):
             print(f"{mutant.module}:{mutant.line} ({mirror(mutant.module)})")
             print(f"    - {mutant.before}\n    + {mutant.after}")
         return
     _import_libraries()
-    laboratory = Laboratory(arguments.out)
-    used = {tests for mutant in mutants if (tests := mirror(mutant.module))}
-    results = []
-    for number, mutant in enumerate(mutants, 1):
-        results.append((mutant, laboratory.try_mutant(mutant)))
-        outcome = results[-1][1]
-        said = f"{outcome.outcome} ({outcome.seconds:.0f} s) {outcome.by}"
-        print(f"{number}/{len(mutants)} {mutant.module}:{mutant.line} {said}", flush=True)
-    for tests in sorted(used) if arguments.check else ():
-        laboratory.check(tests)
-    report(results)
-    print(f"\n{len(laboratory.sound)} of {len(used)} test files were seen to pass")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(arguments.out / TREES, ignore_errors=True)
+    with ProcessPoolExecutor(
+        arguments.jobs, get_context("fork"), _open_laboratory, (arguments.out,)
+    ) as pool:
+        results = []
+        for mutant, outcome in zip(mutants, pool.map(_try_mutant, mutants), strict=True):
+            results.append((mutant, outcome))
+            said = f"{outcome.outcome} ({outcome.seconds:.0f} s) {outcome.by}"
+            print(f"{len(results)}/{len(mutants)} {mutant.module}:{mutant.line} {said}", flush=True)
+        report(results)
+        passed = (mirror(mutant.module) for mutant, result in results if result.outcome == "passed")
+        sound = set(passed)
+        used = {tests for mutant in mutants if (tests := mirror(mutant.module))}
+        if arguments.check:
+            sound |= set(pool.map(_sound, sorted(used - sound)))
+    print(f"\n{len(sound)} of {len(used)} test files were seen to pass")
+    shutil.rmtree(arguments.out / TREES)
+
+
+_laboratory: Laboratory  # of a process of the pool
+
+
+def _open_laboratory(out: Path) -> None:
+    global _laboratory
+    _laboratory = Laboratory(out)
+
+
+def _try_mutant(mutant: Mutant) -> Result:
+    return _laboratory.try_mutant(mutant)
+
+
+def _sound(tests: str) -> str:
+    """Return the name of a test file that passes where nothing is to be noticed.
+
+    Raises:
+        SystemExit: where it fails, hence would notice nothing.
+    """
+    result = _laboratory.try_tests(tests)
+    if result.outcome != "passed":
+        sys.exit(f"{tests} does not pass without a mutant: {result.by}")
+    return tests
 
 
 if __name__ == "__main__":

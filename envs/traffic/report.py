@@ -16,7 +16,7 @@ class TrafficReport:
         shifted: times a vehicle went on with its previous plan.
         braked: times a vehicle fell back on the Intelligent Driver Model, for want of a plan or
             of one that keeps clear of the others.
-        seconds: the latest solving times [s], by number of players.
+        seconds: the latest solving times [s], by number of vehicles that planned at once.
     """
 
     solved: int = 0

@@ -3,12 +3,15 @@
 import casadi as ca
 import numpy as np
 import pytest
+from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road.lane import PolyLaneFixedWidth
 
 from olne_bench.envs.highway_roads import (
     CAR,
     DT,
     ROAD_NAMES,
+    SIMULATION_FREQUENCY,
+    SUB_STEPS,
     make_road,
     replay,
     road_network,
@@ -43,6 +46,14 @@ def test_lanes_have_the_simulators_coordinates(name):
             assert np.sin((heading - lanes.heading_at(expected[0])) / 2) == pytest.approx(
                 0, abs=1e-12
             )
+
+
+def test_the_simulator_runs_at_its_usual_pace():
+    assert AbstractEnv.default_config()["simulation_frequency"] == SIMULATION_FREQUENCY
+    for name in ROAD_NAMES:
+        config = make_road(name).unwrapped.config
+        assert config["simulation_frequency"] / config["policy_frequency"] == SUB_STEPS
+        assert 1 / config["policy_frequency"] == pytest.approx(DT)
 
 
 def test_other_lanes_and_roads_are_refused():

@@ -66,16 +66,51 @@ def test_view_widens_for_players_who_leave():
     assert shows(last, 1) > 30
 
 
-def test_models_without_a_heading_point_along_their_velocity():
+def drift() -> Scenario:
+    """One player, with a velocity and nowhere to go."""
     player = Player((StateDeviation("vx"), ControlEffort("ax")))
-    scenario = Scenario(
+    return Scenario(
         name="drift",
         game=Game((player,), DOUBLE_INTEGRATOR, horizon=3, dt=1.0),
         weights=np.ones((1, 2)),
         initial_state=np.array([[0.0, 0.0, 0.0, 1.0]]),
         limits=Limits(controls=(1.0, 1.0), states=(10.0, 10.0, 10.0, 10.0)),
     )
-    world = olne_v0.parallel_env(scenario, render_mode="rgb_array", reveal_truth=False)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "extent"),
+    [((1, 0), (1, 0.48)), ((0, -2), (0.48, 1)), ((1, 1), (1.48 / 2**0.5, 1.48 / 2**0.5))],
+)
+def test_a_car_is_a_box_along_its_heading_about_its_position(velocity, extent):
+    expected = np.array([[[-10.0, -10, 0, 0]], [[10, 10, 0, 0]]])
+    renderer = rendering.Renderer(drift(), expected, None)
+    shown = view.View(expected[:, 0, :2])
+    scene = renderer.draw([np.array([[4, 3, *velocity]])], 0.0)[view.HEADER :]
+    rows, columns = np.nonzero(scene.min(axis=-1) < 100)  # the ground is bright
+    corners = np.array([[columns.min(), rows.min()], [columns.max(), rows.max()]])
+    length = rendering.CAR_LENGTH * min(view.MAX_HEIGHT, view.MAX_WIDTH)  # of a square view
+    np.testing.assert_allclose(np.ptp(corners, axis=0), length * np.array(extent), atol=2.5)
+    place = np.array(shown.pixels([4, 3])) / view.SHARPNESS - [0, view.HEADER]
+    np.testing.assert_allclose(corners.mean(axis=0), place, atol=1.5)
+
+
+def test_trails_fade_and_lead_to_the_car():
+    expected = np.array([[[-10.0, -10, 0, 0]], [[10, 10, 0, 0]]])
+    renderer = rendering.Renderer(drift(), expected, None)
+    history = [np.array([[x, 0.0, 1, 0]]) for x in np.arange(-8.0, 9.0)]
+    frame = renderer.draw(history, 0.0)
+    shown = view.View(expected[:, 0, :2])
+    middles = [shown.pixels([x, 0.0]) for x in np.arange(-7.5, 7.0)]
+    columns, rows = (np.array(middles) // view.SHARPNESS).astype(int).T
+    red = frame[rows, columns, 0].astype(int)  # the car's blue has none, the ground most
+    assert (np.diff(red) <= 0).all()
+    assert red[-1] < red[0] - 60
+    assert red[0] < rendering.BACKGROUND[0] - 30  # the oldest part is seen all the same
+
+
+def test_models_without_a_heading_point_along_their_velocity():
+    world = olne_v0.parallel_env(drift(), render_mode="rgb_array", reveal_truth=False)
     world.reset()
     world.step({"player_0": np.zeros(2)})
     assert shows(world.render(), 0) > 30

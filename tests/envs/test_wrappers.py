@@ -179,6 +179,13 @@ def test_noise_is_scaled_but_not_redrawn_for_another_sigma():
     assert np.allclose(noise_of(AWGN(world(), 0.2)), 2 * noise_of(AWGN(world(), 0.1)))
 
 
+@pytest.mark.parametrize("sigma", [0.03, 2.0])
+def test_a_sensors_noise_is_scaled_by_the_scenario_to_the_last_bit(sigma):
+    scale = np.array([1.0, 0.7, 0.1, 3.3])
+    wrapped = wrap(world(), (VIEWS["full"],), sigma, scale)
+    np.testing.assert_array_equal(noise_of(wrapped), noise_of(AWGN(world(), sigma * scale)))
+
+
 def test_views_share_the_draw_of_the_noise_below_them():
     full = blocks(env := AWGN(world(), 0.1), episode(env)[0])
     partial = blocks(env := PartialObservation(AWGN(world(), 0.1), PARTIAL), episode(env)[0])

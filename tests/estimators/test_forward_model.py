@@ -17,6 +17,7 @@ from olne_bench.estimators.forward_model import (
     uniform_weights,
 )
 from olne_bench.estimators.protocol import Observation
+from olne_bench.games.observation import ComponentView
 from olne_bench.games.olne import RESIDUAL_TOLERANCE
 
 
@@ -85,6 +86,24 @@ def test_speeds_that_are_not_seen_come_from_a_quarter_of_the_way(seen) -> None:
     _, noisy = initial_state_prior(problem, observation, 0.1)
     one_step = np.sqrt(2) * 0.1 / problem.game.dt / np.sqrt(3)
     np.testing.assert_allclose(noisy[:, 3], deviation[:, 3] + one_step, rtol=1e-6)
+
+
+def test_headings_that_are_not_seen_are_known_by_the_way_and_never_worse_than_sideways(
+    seen,
+) -> None:
+    problem, (observation,), _ = seen()
+    view = ComponentView("positions", ("px", "py"))
+    hidden, positions = (
+        replace(problem, view=view, noise_scale=()),
+        Observation(observation.y[..., :2]),
+    )
+    exact, noisy, lost = (
+        initial_state_prior(hidden, positions, sigma)[1][:, 2] for sigma in (0.0, 0.001, 100.0)
+    )
+    assert (exact > 0).all()
+    assert (exact < noisy).all()
+    assert (noisy < 1).all()
+    np.testing.assert_allclose(lost, np.pi / 2)
 
 
 def test_games_are_played_from_one_that_is_known(seen) -> None:

@@ -1,13 +1,14 @@
 """The structured interior-point method against IPOPT, and what it does with bad input."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.interior_point import solve_joint
-from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
+from olne_bench.estimators.joint_ipopt import _outcome, solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, Status
 from olne_bench.estimators.trajectory_fit import guess_states
 from olne_bench.games.dynamics import DOUBLE_INTEGRATOR
@@ -61,6 +62,34 @@ def test_both_back_ends_reach_the_same_optimum(
     # IPOPT relaxes bounds by 1e-8, which lowers its objective by as much.
     assert ours.objective == pytest.approx(reference.objective, rel=1e-5, abs=1e-9)
     np.testing.assert_allclose(ours.point.weights, reference.point.weights, atol=1e-4)
+
+
+def test_both_back_ends_tie_weights_to_uniform_ones_alike() -> None:
+    view = VIEWS["full"]
+    game, y, start = sequence("two_player", view, 0.05, seed=4)
+    free = solve_joint(game, view, y, start)
+    for tie in (0.01, 10.0):
+        settings = JointSettings(tie=tie)
+        ours = solve_joint(game, view, y, start, settings)
+        reference = solve_joint_ipopt(game, view, [y], [start], settings)
+        assert ours.converged and reference.converged
+        assert ours.objective == pytest.approx(reference.objective, rel=1e-5)
+        np.testing.assert_allclose(ours.point.weights, reference.point.weights, atol=1e-4)
+        uniform = 1 / game.num_weights
+        away = [np.linalg.norm(one.point.weights - uniform) for one in (free, ours)]
+        assert away[1] < away[0]
+    assert away[1] < 0.01
+
+
+def test_what_ipopt_says_is_kept_where_it_is_no_code() -> None:
+    def told(success: bool, status: str) -> tuple[Status, str]:
+        stats = {"success": success, "return_status": status}
+        return _outcome(SimpleNamespace(stats=lambda: stats))
+
+    assert told(True, "Solve_Succeeded") == (Status.CONVERGED, "")
+    assert told(False, "Maximum_Iterations_Exceeded") == (Status.NO_ITERATIONS, "")
+    restored = "Restoration_Failed"
+    assert told(False, restored) == (Status.IPOPT_FAILED, restored)
 
 
 def test_a_run_stops_where_it_comes_close_to_a_known_optimum() -> None:

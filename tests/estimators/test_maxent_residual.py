@@ -129,6 +129,12 @@ def test_noise_free_weights_are_recovered(seen, seed):
     np.testing.assert_allclose(result.weights, weights, atol=1e-4)
 
 
+def test_the_motion_that_it_believes_in_is_the_filtered_one(seen):
+    problem, observations, _ = seen(count=2)
+    result = estimate(problem, observations)  # without noise, the first that was observed
+    np.testing.assert_allclose(result.states, observations[0].y, atol=1e-5)
+
+
 def test_without_speeds_one_more_sample_is_needed():
     """Otherwise the last control shows in the last speed only, which nobody sees."""
     recording = record(get_scenario("random", 1, num_players=2))

@@ -16,6 +16,7 @@ from olne_bench.estimators.forward_model import (
 )
 from olne_bench.estimators.particle import (
     Particle,
+    _largest_share,
     effective_sample_size,
     filter_particles,
     systematic_resample,
@@ -160,6 +161,17 @@ def test_effective_sample_size():
     assert effective_sample_size(np.full(7, -1e4)) == pytest.approx(7)
     assert effective_sample_size(np.array([0.0, -np.inf, 0.0])) == pytest.approx(2)
     assert effective_sample_size(np.array([0.0, -800.0])) == pytest.approx(1)
+
+
+def test_as_much_of_a_measurement_is_taken_as_leaves_enough_particles():
+    rng = np.random.default_rng(0)
+    log_shares, half = np.zeros(100), 20 * rng.uniform(size=100)
+    share = _largest_share(log_shares, half, 1.0, 50.0)
+    assert 0 < share < 1
+    assert effective_sample_size(log_shares - share * half) == pytest.approx(50, rel=1e-4)
+    assert _largest_share(log_shares, half, share / 2, 50.0) == share / 2  # no more is left
+    few = np.array([0.0, -50.0])  # one particle only, which a gain for the other does not change
+    assert _largest_share(few, np.array([0.0, 50.0]), 1.0, 1.5) == 0.0
 
 
 def test_no_game_at_all_is_the_end():

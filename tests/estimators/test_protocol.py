@@ -59,6 +59,19 @@ def test_a_floor_out_of_range_is_refused(floor):
         Problem(GAME, VIEWS["full"], weight_floor=floor)
 
 
+def test_a_covariance_has_the_noise_scale_on_its_diagonal():
+    covariance = np.diag([1.0, 4.0, 0.25, 9.0])
+    covariance[0, 1] = covariance[1, 0] = 0.5
+    told = Problem(GAME, VIEWS["full"], noise_covariance=covariance)
+    assert told.noise_scale == (1.0, 2.0, 0.5, 3.0)
+    again = Problem(GAME, VIEWS["full"], noise_covariance=covariance, noise_scale=told.noise_scale)
+    assert again == told
+    with pytest.raises(ValueError, match="is not the root of the diagonal of noise_covariance"):
+        Problem(GAME, VIEWS["full"], noise_covariance=covariance, noise_scale=(1, 4, 0.25, 9))
+    with pytest.raises(ValueError, match="noise_covariance must have 4 rows"):
+        Problem(GAME, VIEWS["full"], noise_covariance=np.eye(3))
+
+
 @pytest.mark.parametrize("scale", [(1.0, 1.0), (1, 1, 0, 1), (1, 1, np.nan, 1), (1, 1, -0.1, 1)])
 def test_a_noise_scale_out_of_range_is_refused(scale):
     with pytest.raises(ValueError, match="noise_scale must hold 4 positive numbers for the view"):

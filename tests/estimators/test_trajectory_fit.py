@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators.trajectory_fit import guess_controls, smoothed
+from olne_bench.estimators.trajectory_fit import (
+    fit_trajectory,
+    guess_controls,
+    guess_states,
+    observation_parameters,
+    smoothed,
+)
 from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, UNICYCLE, Dynamics, bicycle, rollout
 from olne_bench.games.features import ControlEffort
 from olne_bench.games.game import Game, Player
+from olne_bench.games.observation import VIEWS, observe
 
 
 @pytest.mark.parametrize("dynamics", [UNICYCLE, DOUBLE_INTEGRATOR], ids=lambda d: d.name)
@@ -43,3 +50,70 @@ def test_smoothing_keeps_straight_lines_and_the_input() -> None:
     )
     np.testing.assert_array_equal(noisy, before)
     np.testing.assert_array_equal(smoothed(noisy[:2], 8), noisy[:2])
+
+
+def straight(
+    speeds: np.ndarray, headings: np.ndarray, horizon: int = 12
+) -> tuple[Game, np.ndarray]:
+    """A game, and states (T, N, 4) of unicycles that drive straight on."""
+    count = len(speeds)
+    game = Game((Player((ControlEffort("yaw_rate"),)),) * count, UNICYCLE, horizon, dt=0.5)
+    start = np.column_stack([np.arange(count), -np.arange(count), headings, speeds])
+    return game, rollout(UNICYCLE, start, np.zeros(game.control_shape), game.dt)
+
+
+def test_hidden_speeds_are_read_off_the_way_even_in_reverse() -> None:
+    game, states = straight(np.array([2.0, -1.0]), np.array([0.5, 2.0]))
+    y = observe(VIEWS["partial"], game.dynamics, states)
+    np.testing.assert_allclose(guess_states(game, VIEWS["partial"], y), states, atol=1e-9)
+
+
+def test_gaps_are_filled_along_the_line_also_at_the_ends() -> None:
+    game, states = straight(np.array([2.0, 1.0, 1.5]), np.array([0.5, -2.0, 0.0]))
+    y = states.copy()
+    y[[0, 1, 4, 5, 10, 11], 0] = np.nan
+    y[:10, 1] = np.nan  # two samples are a line
+    np.testing.assert_allclose(guess_states(game, VIEWS["full"], y), states, atol=1e-9)
+    y[:11, 1] = np.nan  # and one stays where it is
+    y[:, 2] = np.nan
+    filled = guess_states(game, VIEWS["full"], y)
+    np.testing.assert_allclose(filled[:, 1], np.tile(states[11, 1], (12, 1)))
+    assert (filled[:, 2] == 0).all()
+
+
+@pytest.mark.parametrize("view", ["full", "partial"])
+def test_a_feasible_trajectory_explains_itself(view: str) -> None:
+    game, states = straight(np.array([2.0, 1.0, 1.5]), np.array([0.5, -2.0, 0.0]))
+    rng = np.random.default_rng(0)
+    controls = 0.2 * rng.standard_normal(game.control_shape)
+    states = rollout(game.dynamics, states[0], controls, game.dt)
+    y = observe(VIEWS[view], game.dynamics, states)
+    y[3, 1, 2] = np.nan  # the motion tells it
+    fit = fit_trajectory(game, VIEWS[view], y)
+    assert fit.converged, fit.message
+    np.testing.assert_allclose(fit.states[:-1], states[:-1], atol=1e-5)
+    np.testing.assert_allclose(fit.controls[:-1], controls[:-1], atol=1e-4)
+
+
+def test_noise_is_explained_by_motion_at_least_as_well_as_by_the_truth() -> None:
+    game, states = straight(np.array([2.0, 1.0]), np.array([0.5, -2.0]))
+    scale = (1.0, 0.1, 0.5, 1.0)
+    y = states + np.array(scale) * 0.1 * np.random.default_rng(1).standard_normal(states.shape)
+    fit = fit_trajectory(game, VIEWS["full"], y, scale)
+    played = rollout(game.dynamics, fit.states[0], fit.controls, game.dt)
+    np.testing.assert_allclose(fit.states, played, atol=1e-6)
+    own, truth = (np.sum(((y - x) / scale) ** 2) for x in (fit.states, states))
+    assert own < truth
+    rng = np.random.default_rng(2)
+    for _ in range(5):  # and no other motion nearby does better
+        near = fit.controls + 1e-3 * rng.standard_normal(fit.controls.shape)
+        other = rollout(game.dynamics, fit.states[0], near, game.dt)
+        assert np.sum(((y - other) / scale) ** 2) > own
+
+
+def test_missing_samples_have_no_precision_and_others_one_over_their_scale() -> None:
+    y = np.array([[[1.0, np.nan]], [[3.0, 4.0]]])
+    samples, precision = np.split(observation_parameters(y, (0.5, 2.0)), 2)
+    assert samples.tolist() == [1, 0, 3, 4]
+    assert precision.tolist() == [2, 0, 2, 0.5]
+    assert observation_parameters(y)[4:].tolist() == [1, 0, 1, 1]

@@ -1,11 +1,13 @@
 """The unscented Kalman filter: a linear problem, lost sigma points, small games."""
 
+import time
+
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
+from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from olne_bench.estimators.belief import Gaussian, LostError
-from olne_bench.estimators.ukf import Ukf, filter_samples
+from olne_bench.estimators.ukf import _MOST_AT_ONCE, Ukf, _largest_share, filter_samples
 
 RNG = np.random.default_rng(0)
 
@@ -37,6 +39,26 @@ def test_it_equals_a_linear_kalman_filter_on_a_linear_problem(alpha):
             kalman.update(sample[known][:, None], R=noise, H=matrix[known])
         np.testing.assert_allclose(belief.mean, kalman.x[:, 0], atol=1e-8)
         np.testing.assert_allclose(belief.covariance, kalman.P, atol=1e-8)
+
+
+def shares_of(function, sigma):
+    """The share of a measurement of a standard normal state of two components."""
+    points = MerweScaledSigmaPoints(2, alpha=1.0, beta=2.0, kappa=0.0)
+    kalman = UnscentedKalmanFilter(2, 2, dt=1.0, hx=None, fx=None, points=points)
+    return _largest_share(kalman, function(points.sigma_points(np.zeros(2), np.eye(2))), sigma)
+
+
+def test_a_measurement_is_taken_in_by_shares_the_more_precise_it_is():
+    """As much at once as keeps its noise in a given ratio to the variance that it removes."""
+    scale = np.array([3.0, 1.0])
+    share = shares_of(lambda points: scale * points, 0.1)
+    np.testing.assert_allclose(share, _MOST_AT_ONCE * 0.1**2 / 3.0**2)
+    np.testing.assert_allclose(shares_of(lambda points: scale * points, 0.2), 4 * share)
+    np.testing.assert_allclose(shares_of(lambda points: scale * points + 5, 0.1), share)
+    # What is even in the state is noise to it: a little of it lets more in, much of it all.
+    bent = shares_of(lambda points: scale * points + 0.02 * points**2, 0.1)
+    assert share < bent < 1.5 * share
+    assert shares_of(lambda points: scale * points + 9 * points**2, 0.1) == np.inf
 
 
 def test_sigma_points_without_a_measurement_draw_the_set_closer():
@@ -74,6 +96,21 @@ def test_the_covariance_leaves_the_sums_of_weights_alone(seen):
     result = Ukf().estimate(problem, observation, rng=RNG, budget=60)
     assert result.covariance.shape == (8, 8)
     np.testing.assert_allclose(result.covariance @ np.repeat(np.eye(2), 4, axis=1).T, 0, atol=1e-12)
+
+
+def test_half_of_the_time_is_for_games(seen, monkeypatch):
+    problem, (observation,), _ = seen(1, sigma=0.05)
+    left = []
+
+    def stop(_problem, _start, deadline):
+        left.append(deadline - time.monotonic())
+        raise LostError("enough")
+
+    monkeypatch.setattr("olne_bench.estimators.ukf.FollowedGames", stop)
+    begin = time.monotonic()
+    result = Ukf().estimate(problem, observation, rng=RNG, budget=1000.0)
+    assert (result.converged, result.message) == (False, "enough")
+    assert 500 - (time.monotonic() - begin) - 1 <= left[0] <= 500
 
 
 def test_time_is_kept(seen):

@@ -11,6 +11,7 @@ from olne_bench.games.lanes import ArcLane, LaneKeeping, StraightLane
 EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 20.0)
 # Goes on where EAST ends, a quarter turn towards +y about (20, 10).
 TURN = ArcLane((20.0, 10.0), 10.0, -np.pi / 2, 0.0)
+LAST = StraightLane((30.0, 10.0), (30.0, 11.0), 20.0)
 
 
 def cost_function(feature: LaneKeeping) -> ca.Function:
@@ -52,6 +53,24 @@ def test_far_beyond_the_joint_only_the_later_lane_counts():
     cost = cost_function(LaneKeeping((EAST, TURN), blend=0.5))
     assert float(cost([27.0711, 2.9289, np.pi / 4, 8])) < 1e-3
     assert np.isfinite(float(cost([1e6, 0, 0, 8])))
+
+
+def test_beside_a_route_each_lane_costs_what_it_costs_alone():
+    """But near a joint, where the two are mixed."""
+    route = cost_function(LaneKeeping((EAST, TURN, LAST), width=2.0, blend=0.5))
+    for lane, state in (
+        (EAST, [5, 1.5, 0.3, 8]),
+        (TURN, [27, 2, 0.5, 8]),
+        (LAST, [31, 25, 1.2, 8]),
+    ):
+        alone = float(cost_function(LaneKeeping((lane,), width=2.0))(state))
+        assert float(route(state)) == pytest.approx(alone, abs=1e-3)
+        assert alone > 0.1
+    at_the_joint = [20, 1.0, 0.2, 8]
+    first, second = (
+        float(cost_function(LaneKeeping((lane,), width=2.0))(at_the_joint)) for lane in (EAST, TURN)
+    )
+    assert float(route(at_the_joint)) == pytest.approx((first + second) / 2, abs=1e-3)
 
 
 def test_a_route_needs_lanes():

@@ -1,14 +1,19 @@
 """End-to-end runs of the command line."""
 
+import os
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass, field
+from importlib import import_module
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
 from olne_bench.bench.commands.cli import main
+from olne_bench.bench.plan.outcome import Outcome
 
 PART = ["run", "quick", "--scenario", "two_player", "--sensor", "full", "--no-figures"]
 
@@ -57,6 +62,14 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, e
 
 def test_report_without_a_run(tmp_path, capsys):
     assert "no run in" in fails(capsys, "report", tmp_path)
+
+
+def test_a_run_is_not_merged_with_itself(tmp_path, capsys):
+    again = tmp_path / "x" / ".."
+    (tmp_path / "x").mkdir()
+    assert "with itself" in fails(capsys, "merge", tmp_path, again)
+    for one, other in (("a", "b"), ("b", "a")):
+        assert "no run in" in fails(capsys, "merge", tmp_path / one, tmp_path / other)
 
 
 def test_a_foreign_store_is_not_overwritten(tmp_path, capsys):
@@ -119,6 +132,59 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
         for folder in (killed, whole)
     ]
     pd.testing.assert_frame_equal(*tables, check_exact=True)
+
+
+@dataclass
+class Kept:
+    """A store that keeps statuses only."""
+
+    statuses: list[str] = field(default_factory=list)
+
+    def add(self, _trial, outcome):
+        self.statuses.append(outcome.status)
+
+
+def run_all(monkeypatch, statuses, stop_after=None):
+    """What is stored of trials that end so, and which signal is reported."""
+    module = import_module("olne_bench.bench.commands.run")
+
+    def start(todo, _options, stop):
+        for number, status in enumerate(todo):
+            if stop():
+                return
+            yield None, Outcome(status, "a fault")
+            if number + 1 == stop_after:
+                os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(module, "_start", start)
+    kept = Kept()
+    told = module._run_all(statuses, len(statuses), kept, SimpleNamespace(out="runs/a"))
+    return kept.statuses, told
+
+
+def test_a_run_that_is_stopped_tells_what_is_left(monkeypatch, capsys):
+    kept, told = run_all(monkeypatch, ["ok"] * 5, stop_after=2)
+    assert (kept, told) == (["ok"] * 2, signal.SIGINT)
+    said = capsys.readouterr().err
+    assert "interrupted: 2 trials of this run are stored in runs/a, 3 are to do" in said
+
+
+@pytest.mark.parametrize("stop_after", [None, 3])
+def test_a_run_that_got_all_done_was_not_stopped(monkeypatch, capsys, stop_after):
+    kept, told = run_all(monkeypatch, ["ok", "crash", "ok"], stop_after)
+    assert (kept, told) == (["ok", "crash", "ok"], None)
+    said = capsys.readouterr().err
+    assert "interrupted" not in said
+    assert "could not be judged" not in said
+    assert "crash=1" in said
+
+
+def test_faults_of_the_harness_are_told_at_the_end(monkeypatch, capsys):
+    run_all(monkeypatch, ["ok", "harness_error", "harness_error"])
+    said = capsys.readouterr().err
+    assert "2 trials could not be judged (harness_error); no estimator is to blame" in said
+    assert "2 times: a fault" in said
+    assert "other messages" not in said
 
 
 LIMITED = """

@@ -51,6 +51,13 @@ def test_record_writes_every_draw(tmp_path, capsys):
         np.testing.assert_array_equal(states[0], scenario.initial_state)
 
 
+def test_a_draw_takes_several_options(tmp_path):
+    out = tmp_path / "car.parquet"
+    options = ("--option", "num_players=3", "--option", "num_players=2")
+    run("record", "random", *options, "--out", out)  # the last one counts
+    assert read_recording(out).metadata.options == {"num_players": 2}
+
+
 def test_a_fixed_scenario_is_recorded_once(tmp_path, capsys):
     run("record", "two_player", "--seeds", 5, "--out", tmp_path / "two.parquet")
     captured = capsys.readouterr()
@@ -97,6 +104,7 @@ def test_videos_show_moving_cars(tmp_path):
         run("record", "two_player", "--out", tmp_path / f"{number}.parquet", "--video", video)
     with Image.open(gif) as images:
         frames = [np.array(image.convert("RGB")) for image in ImageSequence.Iterator(images)]
+        assert images.info["duration"] == 1000 * get_scenario("two_player").game.dt  # real time
     height, width = (size // 2 * 2 for size in frames[0].shape[:2])
     decoded = decode(mp4).reshape(-1, height, width, 3)
     assert len(frames) == len(decoded) == 25

@@ -15,6 +15,7 @@ from olne_bench.bench.judge.truth import (
 )
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import NoEquilibriumError, Recording
+from olne_bench.games.dynamics import rollout
 from olne_bench.games.nearest_root import Prediction
 from olne_bench.games.newton import Root, newton_root
 from olne_bench.games.observation import FullView
@@ -44,6 +45,9 @@ def test_neighbours_are_certified_equilibria_from_other_starts():
         root = newton_root(game, one.states, one.controls, one.costates, weights)
         assert root.residual < 1e-9
         np.testing.assert_allclose(one.states, root.states, atol=1e-9)
+        # The one observation beyond the horizon is of a step without control.
+        coasted = rollout(game.dynamics, one.states[-1], np.zeros((1, 2, 2)), game.dt)[-1]
+        np.testing.assert_array_equal(one.extra_state, coasted)
         # Players pass each other as in the scenario itself.
         assert position_error(one.states, recording.states) < 0.2
 

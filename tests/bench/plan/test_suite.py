@@ -6,7 +6,7 @@ from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.load import load_suite, suite_names
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import read_suite_json
-from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.plan.trial import expand, number_of_trials
 from olne_bench.envs.highway_roads import ROAD_NAMES
 from olne_bench.errors import UserError
 
@@ -134,6 +134,15 @@ def test_a_family_has_a_trial_per_seed_even_without_noise(tmp_path):
     path = write(tmp_path, GOOD.replace('"two_player"', '"random"'))
     noise_free = [trial for trial in expand(load_suite(path)) if trial.sigma == 0]
     assert [trial.count for trial in noise_free] == [1, 1, 1]
+
+
+@pytest.mark.parametrize("seeds", [None, 1, 2, 9])
+def test_trials_are_as_many_as_they_are_said_to_be(tmp_path, seeds):
+    scenarios = '["two_player", "random", {name = "merge", sigmas = [0.0, 1.0, 2.0], seeds = 2}]'
+    estimators = '["uniform", {name = "kkt_residual", scenarios = ["random"], seeds = 1}]'
+    text = GOOD.replace('["two_player"]', scenarios).replace('["uniform"]', estimators)
+    suite = load_suite(write(tmp_path, text.replace('"full"', '"full", "partial"')))
+    assert number_of_trials(suite, seeds) == len(list(expand(suite, seeds)))
 
 
 def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):

@@ -25,6 +25,7 @@ from olne_bench.bench.process.child import (
     OutOfMemoryError,
     RaisedError,
     TimedOutError,
+    _cause,
 )
 from olne_bench.bench.process.messages import Ready, Stage, encode
 from olne_bench.errors import UserError
@@ -327,3 +328,18 @@ def test_a_restricted_child_has_a_folder_of_its_own(child):
     assert folder != str(Path.cwd())
     child.stop()
     assert not Path(folder).exists()
+
+
+def test_the_cause_of_a_death_is_named():
+    assert _cause(3) == "died with exit code 3"
+    assert _cause(-signal.SIGKILL) == "was killed by SIGKILL (signal 9)"
+    assert _cause(-99) == "was killed by signal 99"
+
+
+def test_only_who_has_asked_adopts_orphans():
+    script = "from olne_bench.bench.process.family import *; print(adopts_orphans()); "
+    script += "adopt_orphans(); print(adopts_orphans())"
+    said = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert said.stdout.split() == ["False", str(sys.platform == "linux")]

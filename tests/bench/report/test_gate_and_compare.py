@@ -4,16 +4,19 @@ import json
 import re
 import sqlite3
 from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from olne_bench.bench.commands.cli import main
+from olne_bench.bench.commands.compare import _names as compared_names
 from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.plan.suite import GateLimits
 from olne_bench.bench.report.gate import check_limits
 from olne_bench.bench.report.statistics.run_comparison import compare_runs
 from olne_bench.bench.run.store import open_store
+from olne_bench.errors import UserError
 
 SUITE = """
 name = "small"
@@ -143,7 +146,12 @@ def test_times_without_an_end_do_not_pass(own, reference, ratio):
 def test_a_run_is_the_same_as_itself(run, tmp_path, capsys):
     out = tmp_path / "changes.csv"
     assert call("compare", run, run, "--out", out) == 0
-    assert "0 better, 12 same, 0 worse" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "0 better, 12 same, 0 worse" in printed
+    lines = {row.split()[1]: row for row in printed.splitlines() if "two_player" in row}
+    assert "0 of 12 -> 0 of 12" in lines["failures"]
+    median = pd.read_csv(out).set_index("error")["before"]["cosine_error"].iloc[-1]
+    assert f"{median:.3g} -> {median:.3g}" in lines["cosine_error"]
     assert (pd.read_csv(out)["p_holm"] == 1).all()
 
 
@@ -159,6 +167,16 @@ def test_bad_comparisons_are_one_line(run, tmp_path, capsys):
     assert "no run in" in capsys.readouterr().err
     assert call("compare", run, run, "--estimator", "uniform=x") == 2
     assert "has no 'x'; it has: kkt_residual, uniform" in capsys.readouterr().err
+
+
+def test_an_estimator_is_looked_for_in_its_own_run():
+    old, new = (pd.DataFrame({"estimator": [name, "both"]}) for name in ("old", "new"))
+    places = Path("before"), Path("after")
+    assert compared_names((), old, new, *places) == {"both": "both"}
+    assert compared_names(("old=new", "both"), old, new, *places) == {"old": "new", "both": "both"}
+    for text, said in (("new", "before has no 'new'"), ("old", "after has no 'old'")):
+        with pytest.raises(UserError, match=said):
+            compared_names((text,), old, new, *places)
 
 
 def test_a_new_failure_is_worse():

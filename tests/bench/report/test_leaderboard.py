@@ -69,6 +69,64 @@ def test_limit_ratio_is_taken_at_small_noise_only():
     assert row["limit_ratio"] == pytest.approx(2.0)
 
 
+def test_limit_ratio_counts_a_failure_as_the_largest_error():
+    lost = trial(status="crash", cosine_error=np.nan, cosine_limit=0.05)
+    wide = trial(cosine_error=7.0, cosine_limit=0.05)  # an angle's error ends at 1
+    assert only_row(trial(), lost)["limit_ratio"] == pytest.approx((2 + 20) / 2)
+    assert only_row(trial(), wide)["limit_ratio"] == pytest.approx((2 + 20) / 2)
+
+
+def test_limit_ratio_weighs_rows_by_their_count_and_leaves_out_unknown_limits():
+    known = [trial(count=3), trial(cosine_limit=0.02)]
+    unknown = [trial(cosine_limit=limit) for limit in (0.0, np.inf, np.nan)]
+    for rows in (known, known + unknown):
+        assert only_row(*rows)["limit_ratio"] == pytest.approx((3 * 2 + 5) / 4)
+    assert np.isnan(only_row(*unknown)["limit_ratio"])
+    assert np.isnan(only_row(trial(sigma=0.0))["limit_ratio"])
+
+
+def test_any_status_but_ok_is_a_failure():
+    statuses = ("timeout", "crash", "failed_forward", "not_converged")
+    failed = [trial(status=status, count=2) for status in statuses]
+    row = only_row(trial(count=3), *failed)
+    assert (row["trials"], row["failures"]) == (11, 8)
+
+
+def test_published_failures_are_those_of_the_one_solve_too():
+    row = only_row(trial(), trial(published_forward=0, count=2), trial(status="timeout"))
+    assert (row["failures"], row["published_failures"]) == (1, 3)
+
+
+def test_faults_of_the_harness_are_counted_apart():
+    spoilt = trial(status="harness_error", cosine_error=np.nan, position_error=np.nan)
+    row = only_row(trial(), spoilt, spoilt)
+    assert (row["trials"], row["failures"], row["harness_errors"]) == (1, 0, 2)
+    assert row["position_error_median"] == 1.0
+
+
+def test_means_have_failures_at_the_largest_error_there_is():
+    lost = trial(status="crash", cosine_error=np.nan, position_error=np.nan)
+    row = only_row(trial(count=3), lost)
+    assert row["cosine_error_mean"] == pytest.approx((3 * 0.1 + 1) / 4)
+    assert row["position_error_mean"] == np.inf
+    many = [trial(seed=k, cosine_error=0.9 + 0.01 * (k % 3)) for k in range(6)]
+    row = only_row(*many, *[lost | {"seed": k} for k in range(6)])
+    assert 0 < row["cosine_error_mean_low"] < row["cosine_error_mean"] < 1
+    assert row["cosine_error_mean"] < row["cosine_error_mean_high"] <= 1
+
+
+def test_the_best_median_comes_first_within_a_scenario_and_sensor():
+    errors = {"worst": 3.0, "best": 1.0, "middle": 2.0}
+    rows = [
+        trial(scenario=scenario, estimator=name, position_error=error, cosine_error=-error)
+        for scenario in ("t", "s")
+        for name, error in errors.items()
+    ]
+    table = leaderboard(pd.DataFrame(rows))
+    assert list(table["scenario"]) == ["s"] * 3 + ["t"] * 3
+    assert list(table["estimator"]) == ["best", "middle", "worst"] * 2
+
+
 def test_limit_ratio_of_a_study_of_much_noise_is_taken_at_the_least():
     row = only_row(trial(sigma=0.1), trial(sigma=0.5, cosine_limit=0.01))
     assert row["limit_ratio"] == pytest.approx(2.0)

@@ -47,6 +47,7 @@ def test_markdown(table: pd.DataFrame) -> None:
     lines = text.splitlines()
     assert len(lines) == 2 + 3
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {COLUMNS + 1}
+    assert lines[1].split() == ["|", *["---", "|"] * 3, *["---:", "|"] * (COLUMNS - 3)]  # numbers
     assert "| good | 1 | **0.00" in lines[2]
     assert r"50%\_of \<b\>\|\&$x\\y" in lines[3]
     assert "| 0.002 |" in lines[2]  # held out

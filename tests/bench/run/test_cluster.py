@@ -91,6 +91,38 @@ def test_a_scheduler_that_says_nothing_is_given_up(monkeypatch):
             list(cluster.run_on_dask([], cluster=address))
 
 
+class Ended:
+    """A task of which one trial was run, in a quarter of an hour."""
+
+    status = "finished"
+
+    def __init__(self, trials):
+        self.trials = trials
+
+    def result(self):
+        return ["outcome"], 900.0
+
+    def add_done_callback(self, put):
+        put(self)
+
+
+class Slow:
+    """A client whose tasks end at once, as if each had taken long."""
+
+    status = "running"
+
+    def nthreads(self):
+        return {"worker": 1}
+
+    def submit(self, _function, trials, *_places, **_options):
+        return Ended(trials)
+
+
+def test_trials_that_take_long_are_all_run():
+    run = cluster._Run(Slow(), cluster._Places(None, None, None), lambda: False)
+    assert list(run.run(iter(range(12)))) == [(trial, "outcome") for trial in range(12)]
+
+
 class Frozen:
     """A client whose scheduler does not answer."""
 

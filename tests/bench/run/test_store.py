@@ -243,6 +243,28 @@ def test_reading_leaves_a_folder_as_it_is(tmp_path, trials, monkeypatch, writabl
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_a_reader_sees_what_is_added_while_it_reads(tmp_path, trials):
+    with open_store(tmp_path) as store:
+        store.add(trials[0], Outcome("ok"))
+    with read_store(tmp_path) as reader:
+        assert len(reader.frame()) == 1
+        with open_store(tmp_path) as store:
+            store.add(trials[1], Outcome("ok"))
+        assert len(reader.frame()) == 2
+
+
+def test_a_folder_that_cannot_be_written_is_read_without_a_note_beside_it(
+    tmp_path, trials, monkeypatch
+):
+    with open_store(tmp_path) as store:
+        store.add(trials[0], Outcome("ok"))
+    before = {path.name for path in tmp_path.iterdir()}
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with read_store(tmp_path) as reader:
+        assert len(reader.frame()) == 1
+        assert {path.name for path in tmp_path.iterdir()} == before
+
+
 def test_there_is_no_run_in_a_file_or_an_empty_store(tmp_path):
     (tmp_path / FILE_NAME).touch()
     with pytest.raises(UserError, match=r"its trials\.sqlite is empty"):

@@ -5,6 +5,8 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.report.figures.scene import Scene, scene_of
+from olne_bench.bench.report.study import Study
 
 Trials = Callable[..., pd.DataFrame]
 
@@ -64,3 +66,9 @@ def make_trials(prediction_error, usual) -> Trials:
         return frame
 
     return make
+
+
+@pytest.fixture(scope="session")
+def scene(make_trials: Trials, usual: Study) -> Scene:
+    """That of the two players."""
+    return scene_of(make_trials(), usual)

@@ -106,6 +106,8 @@ def test_the_lower_edge_is_a_power_of_ten_below_the_errors_under_noise(make_tria
     bottom, top = position.get_ylim()
     np.testing.assert_allclose(bottom, 0.01)
     assert top > 0.03
+    trials["position_error"] = np.where(noisy, 0.03, 1e-4)  # those without noise have no say
+    np.testing.assert_allclose(draw(trials).axes[0].get_ylim()[0], 0.01)
     trials.loc[noisy, "position_error"] = 1e-12  # a solver's rounding
     bottom, _ = draw(trials).axes[0].get_ylim()
     np.testing.assert_allclose(bottom, 1e-5)

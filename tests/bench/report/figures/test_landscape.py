@@ -1,16 +1,11 @@
 import numpy as np
 import pytest
+from matplotlib.collections import QuadMesh
 
-from olne_bench.bench.report.figures import landscape, trajectories
+from olne_bench.bench.report.figures import landscape
 from olne_bench.bench.report.figures.scene import scene_of
 from olne_bench.bench.report.figures.series import split
-from olne_bench.bench.report.figures.telling import telling_trial
 from olne_bench.bench.report.not_drawn import NotDrawnError
-
-
-@pytest.fixture(scope="module")
-def scene(make_trials, usual):
-    return scene_of(make_trials(), usual)
 
 
 def test_cost_of_a_position_is_that_of_the_paper(scene):
@@ -72,33 +67,29 @@ def titles(figure):
     return [axes.get_title() for axes in figure.axes]
 
 
-def test_bundles_say_how_many_failed(usual, make_trials):
-    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.01, 0.1), seeds=3)
-    last = trials.index[-1]
-    trials.loc[last, "status"] = "failed_forward"
-    figure = trajectories.draw(trials, usual)
-    assert titles(figure) == [
-        "Truth and 3 observed sequences",
-        "a\nfull, 1 of 3 failed",
-    ]
-    # Truth and start per player, and the two predictions of each with their ends.
-    assert len(figure.axes[1].lines) == 2 * 2 + 2 * 2 * 2
-
-
-def test_prediction_at_the_true_weights_is_the_truth(usual, make_trials, scene):
-    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=1)
-    trials["weights"] = [scene.recording.scenario.weights.tolist()]
-    predicted = trajectories.draw(trials, usual).axes[1].lines[0].get_xydata()
-    np.testing.assert_allclose(predicted, scene.recording.states[:, 0, :2], atol=1e-6)
-
-
-def test_a_family_shows_one_draw(usual, make_trials):
-    scene = scene_of(make_trials("random", ("a",), ("full",), (0.1,), seeds=4), usual)
-    assert scene.trials["seed"].tolist() == [telling_trial(scene.trials)[1]]
-
-
-def test_a_long_road_lies_along_the_page(usual, make_trials, scene):
-    road = scene_of(make_trials("highway_overtaking", ("a",), ("full",), (0.1,), 1), usual)
-    assert road.is_wide
-    assert road.axes_order == (1, 0)
-    assert not scene.is_wide
+@pytest.mark.parametrize("name", ["two_player", "highway_overtaking"])
+def test_costs_lie_where_they_are_and_a_star_marks_whose_they_are(usual, make_trials, name):
+    trials = make_trials(name, ("a",), ("full",), (0.1,), 1)
+    scene = scene_of(trials, usual)
+    figure = landscape.draw(trials, usual)
+    step, player = landscape.closest_pass(scene.recording.states)
+    position = scene.recording.states[step, player]
+    panels = [axes for axes in figure.axes if axes.get_title()]
+    assert len(panels) == 2  # the truth's and the estimate's
+    for axes in panels:
+        (star,) = [line for line in axes.lines if line.get_marker() == "*"]
+        np.testing.assert_allclose(star.get_xydata(), [scene.plane(position)])
+        (mesh,) = [one for one in axes.collections if isinstance(one, QuadMesh)]
+        places = mesh.get_coordinates()
+        for axis, (low, high) in enumerate(scene.limits):
+            cell = (high - low) / (places.shape[1 - axis] - 2)
+            assert places[..., axis].min() == pytest.approx(low - cell / 2, abs=1e-9)
+            assert places[..., axis].max() == pytest.approx(high + cell / 2, abs=1e-9)
+    true = panels[0].collections[0]
+    assert isinstance(true, QuadMesh)
+    middles = (true.get_coordinates()[:-1, :-1] + true.get_coordinates()[1:, 1:]) / 2
+    right, up = np.moveaxis(middles, -1, 0)
+    px, py = (right, up) if scene.axes_order == (0, 1) else (up, right)
+    weights = scene.recording.scenario.weights[player]
+    expected = landscape.position_cost(scene, weights, step, player, px, py)
+    np.testing.assert_allclose(true.get_array().reshape(px.shape), expected, atol=1e-6)

@@ -5,7 +5,7 @@ import pytest
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.declaration import declare
 from olne_bench.bench.judge.metrics.position_error import PositionError
-from olne_bench.bench.report.figures import failures, series, style
+from olne_bench.bench.report.figures import series, style
 
 COSINE_ERROR, POSITION_ERROR = declare(CosineError), declare(PositionError)
 
@@ -54,18 +54,6 @@ def test_sensors_differ_in_line_style_and_repeated_colours_in_marker(make_trials
     looks = {(s.colour, str(s.line_style), s.marker) for s in many}
     assert len(looks) == len(many) == 12
     assert len({str(s.line_style) for s in many}) == 2
-
-
-def test_shares_of_failures_with_intervals(make_trials):
-    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.0, 0.1), seeds=10)
-    trials.loc[trials.index[1:5], "status"] = "timeout"  # 4 of the 10 with noise
-    shares = failures.failure_shares(only(trials)).set_index("sigma")
-    assert shares.loc[0.0].tolist() == [0, 0, 0]  # 40 equal sequences: nothing random
-    # Wilson's formula: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n)
-    p, n, z = 0.4, 10, 1.959964
-    middle, spread = p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    interval = [(middle - spread) / (1 + z**2 / n), (middle + spread) / (1 + z**2 / n)]
-    assert shares.loc[0.1].tolist() == pytest.approx([p, *interval], abs=1e-6)
 
 
 def test_names_are_made_printable():

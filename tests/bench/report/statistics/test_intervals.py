@@ -15,6 +15,16 @@ STUDIES_OF_MEANS = 300  # a bootstrap each
 LEVELS = np.array([0.01, 0.02, 0.05, 0.1])
 
 
+@pytest.mark.parametrize("units", [np.arange(40), np.repeat(np.arange(10), 4)])
+def test_both_ends_of_a_shares_interval_are_as_unlikely(units) -> None:
+    """Wilson's ends p solve (share - p)^2 = z^2 p (1 - p) / n with one n, the effective one."""
+    found = share_interval((np.arange(40) % 3 == 0).astype(float), units)
+    ends = np.array([found.low, found.high])
+    below, above = 1.96**2 * ends * (1 - ends) / (found.estimate - ends) ** 2
+    assert below == pytest.approx(above)
+    assert len(np.unique(units)) - 1e-3 <= below <= 40.01
+
+
 @pytest.mark.parametrize("spread", [0.3, 1.0])
 @pytest.mark.parametrize("seeds", [LEAST_SEEDS_OF_MEANS, 12, 40])
 @pytest.mark.parametrize("shared", [0.0, 1.0, np.inf])
