@@ -16,11 +16,8 @@ help:
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
 	@echo "make field        every estimator on every scenario, and several trajectories"
 	@echo "make sensors      the paper's scenarios through five sensors, and the statistical limit"
-<<<<<<< HEAD
 	@echo "make submissions  check what was submitted, and write its page"
-=======
 	@echo "make rl           train PPO among Nash traffic, into $(OUT)/rl"
->>>>>>> main
 	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
 	@echo "make docs         the documentation site, into site/; runs its tutorials"
@@ -61,14 +58,12 @@ sensors: setup
 	$(BIN)/olne-bench run sensors --out $(OUT)/sensors --jobs $(JOBS)
 	$(BIN)/python scripts/sensors_claims.py --draws 200
 
-<<<<<<< HEAD
 submissions: setup
 	rm -f results/submissions/index.html
 	$(BIN)/olne-bench verify results/submissions/*/ --jobs $(JOBS) --page results/submissions/index.html
-=======
+
 rl: $(VENV)/.learners
 	$(BIN)/python scripts/train_ppo.py --out $(OUT)/rl
->>>>>>> main
 
 gate: setup
 	$(BIN)/olne-bench gate $(OUT)/paper
