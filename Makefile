@@ -9,13 +9,14 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick field sensors learners rl gate perf docs test check results clean
+.PHONY: help setup bench bench-quick field sensors submissions learners rl gate perf docs test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
 	@echo "make field        every estimator on every scenario, and several trajectories"
 	@echo "make sensors      the paper's scenarios through five sensors, and the statistical limit"
+	@echo "make submissions  check what was submitted, and write its page"
 	@echo "make rl           train PPO among Nash traffic, into $(OUT)/rl"
 	@echo "make gate         whether the paper's study keeps its limits"
 	@echo "make perf         speed of the solvers against others"
@@ -56,6 +57,10 @@ field: setup
 sensors: setup
 	$(BIN)/olne-bench run sensors --out $(OUT)/sensors --jobs $(JOBS)
 	$(BIN)/python scripts/sensors_claims.py --draws 200
+
+submissions: setup
+	rm -f results/submissions/index.html
+	$(BIN)/olne-bench verify results/submissions/*/ --jobs $(JOBS) --page results/submissions/index.html
 
 rl: $(VENV)/.learners
 	$(BIN)/python scripts/train_ppo.py --out $(OUT)/rl

@@ -32,6 +32,12 @@ Sigma points and equations are filterpy's. Where a sigma point has no equilibriu
 followed from the mean's, all of them are drawn closer to the mean (a smaller alpha): that is as
 valid an unscented transform of the same Gaussian. Where an update takes the mean to a game without
 one, a smaller share is taken in; if that does not help the filter has lost its way, and says so.
+
+Paper: LUCIDGames, Le Cleac'h et al. 2021; unscented transform of Wan and van der Merwe 2000.
+Assumes: a Gaussian belief in log-ratios of weights, and a known noise level.
+Cost: 0.15 s for two players, 0.8 s for five, 2 s on roads, at times several times as much.
+Trust: at high noise, where its prior keeps it from extreme weights, and online. Its error does not
+    vanish with the noise; through range and bearing it fails now and then.
 """
 
 import time
