@@ -145,7 +145,7 @@ def _best(results: list[_Result]) -> _Result:
 
 
 def _agree(results: list[_Result]) -> bool:
-    """Whether the last start led to the lowest optimum, and not as the first to do so."""
+    """Whether the last start found the lowest optimum again."""
     values = [result.objective for result in results if result.converged]
     lowest = min(values, default=0.0) * (1 + _SAME_OPTIMUM) + 1e-12
     return results[-1].converged and sum(value <= lowest for value in values) > 1

@@ -8,7 +8,7 @@ games predicted them.
 Where this departs from the paper, and why:
 
 - The paper re-plans a game at every step from a state that it knows. Here one open-loop
-  equilibrium is observed from an initial state that nobody knows, so that a particle is a point
+  equilibrium is observed from an unknown initial state, so that a particle is a point
   s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``
   (``estimators.belief``): around a first game that all observations were used to find.
 - Nothing moves s between measurements, so the particles that resampling repeats would never part

@@ -7,7 +7,7 @@ and the weights are at hand after each of them.
 Where this departs from the paper, and why:
 
 - The paper re-plans a game at every step from a state that it knows. Here one open-loop
-  equilibrium is observed from an initial state that nobody knows, so the filter's state is
+  equilibrium is observed from an unknown initial state, so the filter's state is
   augmented by x_1 and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole
   horizon.
 - Weights live on a simplex, so the filter sees their log-ratios phi (``estimators.simplex``), with
@@ -252,7 +252,7 @@ def _transformed(
     The filter is left with those sigma points.
 
     Raises:
-        LostError: where there is none at the mean.
+        LostError: if the mean has no equilibrium.
     """
     for points in sets:
         rows = expected(points.sigma_points(kalman.x, kalman.P))

@@ -15,7 +15,7 @@ from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.errors import UserError
 from olne_bench.games.sensor import SensorModel
 
-#: What goes wrong where a label is of another version, or its truth is not to be had.
+#: Errors where a label is of another version, or its truth cannot be computed.
 UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)
 
 

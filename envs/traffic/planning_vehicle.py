@@ -1,4 +1,4 @@
-"""A vehicle of HighwayEnv that keeps a plan, whoever makes it."""
+"""A vehicle of HighwayEnv that follows a plan made elsewhere."""
 
 from typing import Any, ClassVar
 

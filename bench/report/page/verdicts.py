@@ -65,7 +65,7 @@ def verdicts(table: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
 
 
 def _line(rows: pd.DataFrame, beaten: set[tuple[Any, ...]], metric: MetricDeclaration) -> Line:
-    """The floor is first, or next, where there is nobody else.
+    """The floor is first, or next, only if there is no other estimator.
 
     Args:
         rows: of one scenario and sensor.
