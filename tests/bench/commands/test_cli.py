@@ -166,7 +166,7 @@ def test_a_run_that_is_stopped_tells_what_is_left(monkeypatch, capsys):
     kept, told = run_all(monkeypatch, ["ok"] * 5, stop_after=2)
     assert (kept, told) == (["ok"] * 2, signal.SIGINT)
     said = capsys.readouterr().err
-    assert "interrupted: 2 trials of this run are stored in runs/a, 3 are to do" in said
+    assert "interrupted: 2 trials of this run are stored in runs/a, 3 remain" in said
 
 
 @pytest.mark.parametrize("stop_after", [None, 3])
@@ -182,7 +182,7 @@ def test_a_run_that_got_all_done_was_not_stopped(monkeypatch, capsys, stop_after
 def test_faults_of_the_harness_are_told_at_the_end(monkeypatch, capsys):
     run_all(monkeypatch, ["ok", "harness_error", "harness_error"])
     said = capsys.readouterr().err
-    assert "2 trials could not be judged (harness_error); no estimator is to blame" in said
+    assert "2 trials could not be judged (harness_error). They do not count" in said
     assert "2 times: a fault" in said
     assert "other messages" not in said
 
