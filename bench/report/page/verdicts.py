@@ -103,7 +103,8 @@ def _against(
     if theirs < error:  # medians and most trials can disagree
         return f"{name}: {size}, but worse in most trials"
     factor = theirs / error if error > 0 else math.inf
-    return f"{name}: {size}" + (f", {human(factor)} times as much" if factor < math.inf else "")
+    times = f"{factor:.2f}" if factor < 1.095 else human(factor)
+    return f"{name}: {size}" + (f", {times} times as much" if factor < math.inf else "")
 
 
 def _with_unit(value: float, metric: MetricDeclaration) -> str:
