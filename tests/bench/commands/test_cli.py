@@ -1,6 +1,7 @@
 """End-to-end runs of the command line."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,7 +13,8 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from olne_bench.bench.commands.cli import main
+from olne_bench.bench.commands import COMMANDS
+from olne_bench.bench.commands.cli import _summary, main
 from olne_bench.bench.plan.outcome import Outcome
 
 PART = ["run", "quick", "--scenario", "two_player", "--sensor", "full", "--no-figures"]
@@ -226,3 +228,23 @@ def test_an_estimator_that_runs_on_some_scenarios_only(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "1 of 1 limits hold" in printed
     assert "0 worse" in printed
+
+
+def test_help_and_list_import_nothing_slow():
+    for arguments in (["--help"], ["list"]):
+        code = (
+            "import sys; from olne_bench.bench.commands.cli import main\n"
+            f"try: main({arguments})\n"
+            "except SystemExit: pass\n"
+            "print(sorted({'numpy', 'pandas', 'casadi', 'scipy'} & set(sys.modules)))"
+        )
+        said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert said.stdout.splitlines()[-1] == "[]", arguments
+
+
+def test_help_has_a_sentence_on_every_command(capsys):
+    main(["--help"])
+    said = capsys.readouterr().out
+    for name, module in COMMANDS.items():
+        assert re.search(rf"^  {name} +[A-Z].*", said, re.MULTILINE), name
+        assert _summary(module).endswith(".")
