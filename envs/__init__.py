@@ -6,3 +6,7 @@ import os
 # that it makes of the signal: the process could only be killed.
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it greets on import otherwise
+
+from olne_bench.envs.gym_ids import register_ids
+
+register_ids()

@@ -10,6 +10,7 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from olne_bench.envs.episode import Episode
 from olne_bench.envs.highway_roads import ROAD_NAMES, PlayersOnly, make_road
+from olne_bench.envs.layout import player_name
 from olne_bench.envs.olne_v0 import AecWorld, OlneWorld
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.olne import Equilibrium
@@ -51,6 +52,15 @@ class HighwayWorld(OlneWorld):
         _check_has_road(scenario)
         self._roads: dict[str, PlayersOnly] = {}
         super().__init__(scenario, **arguments)
+
+    @property
+    def crashed(self) -> frozenset[str]:
+        """Players who are out of this episode, after a collision.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        return frozenset(player_name(index) for index in self._latest_episode().left)
 
     def render(self) -> np.ndarray | None:
         """Draw the present state, as a (height, width, 3) uint8 array or into a window.

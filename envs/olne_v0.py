@@ -83,7 +83,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     The last step of the game also takes off the final cost at x_T. Nothing is discounted.
 
     **Info** of a player: ``olne_action`` (m,) is its next control in the OLNE. It is open loop: it
-    does not react to what anybody did. It is absent once the game is over. ``weights`` (K,) are the
+    does not react to what players did. It is absent once the game is over. ``weights`` (K,) are the
     player's true weights in the order of ``scenario.game.weight_names``. With
     ``reveal_truth=False`` both are absent and no equilibrium is solved.
 

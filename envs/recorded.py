@@ -11,7 +11,7 @@ from olne_bench.envs.recording import Recording
 
 
 class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
-    """All players of a recording go through it once more, whatever anybody does.
+    """A recording, played again; actions have no effect.
 
     There is one agent, ``player_0``, who observes: it sees what it saw in the world that was
     recorded, all players in the order of their indices. The episode has one step more than the

@@ -2,13 +2,13 @@
 
 What ``ukf`` and ``particle`` share: the belief before the first measurement, and the games that
 points of the belief's support play. One open-loop equilibrium over the whole horizon is observed
-from an initial state that nobody knows, so points stand for both and are constant in time.
+from an unknown initial state, so a point stands for both and is constant in time.
 
 Games are followed from a first one. That is found with all observations in hand, and with weights
 tied to uniform; the belief about the weights starts around it. A filter that is told less, uniform
 weights and the first measurement of x_1, does not get to the equilibria of five players: those
 near uniform weights end at folds on the way there. So the weights that a filter has after early
-measurements owe something to later ones: where it starts, not how far it goes.
+measurements depend on later ones, which decide where it starts, not how far it goes.
 """
 
 import time

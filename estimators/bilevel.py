@@ -16,6 +16,12 @@ derivative-free search; the paper mentions it for games only in its derivative-f
 
 The optimum is that of ``kkt_constrained``, approached along equilibria rather than through points
 that are none.
+
+Paper: Mombaur et al. 2010 and Albrecht et al. 2011, for one player and without derivatives.
+Assumes: an equilibrium of the known game, and independent Gaussian noise of known relative size.
+Cost: 0.06 s for two players, 0.3 s for five, 0.4 s on roads, at times ten times as much.
+Trust: as `kkt_constrained`, whose optimum it shares. It fails where no game is found near the
+    observations, and where the optimum lies next to weights without an equilibrium.
 """
 
 import time
@@ -139,7 +145,7 @@ def _best(results: list[_Result]) -> _Result:
 
 
 def _agree(results: list[_Result]) -> bool:
-    """Whether the last start led to the lowest optimum, and not as the first to do so."""
+    """Whether the last start found the lowest optimum again."""
     values = [result.objective for result in results if result.converged]
     lowest = min(values, default=0.0) * (1 + _SAME_OPTIMUM) + 1e-12
     return results[-1].converged and sum(value <= lowest for value in values) > 1

@@ -162,7 +162,7 @@ def _roots(
 def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
     """x_1 (N, n) whose unobserved components are means over the first quarter of a guess.
 
-    A speed that is read off two noisy positions can be far beyond what anybody drives.
+    A speed that is read off two noisy positions can be far beyond any real speed.
     """
     start, hidden = guess[0].copy(), _hidden_components(problem)
     start[:, hidden] = guess[: _quarter(guess)][..., hidden].mean(axis=0)
@@ -222,7 +222,7 @@ def _read_off_noise(problem: Problem, y: np.ndarray) -> np.ndarray:
 
 
 def _first_seen(y: np.ndarray) -> np.ndarray:
-    """(N,) step of each player's first complete sample; zero where there is none."""
+    """(N,) step of each player's first complete sample; zero if it has none."""
     return np.isfinite(y).all(axis=2).argmax(axis=0)
 
 

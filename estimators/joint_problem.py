@@ -143,5 +143,5 @@ class JointSolution:
 
     @property
     def message(self) -> str:
-        """Why it is none, in one line; empty where it is one."""
+        """Why this is not a solution, in one line; empty if it is one."""
         return ": ".join(filter(None, [_MESSAGES[self.status], self.detail]))

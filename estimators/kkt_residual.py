@@ -9,6 +9,12 @@ residual along it (eqn. kkt_residual_baseline):
 Given the trajectory, G is linear in (theta, lambda) and the players separate:
 G^i = A^i theta^i + B^i lambda^i. The costates are free, so a QR factorisation of B^i removes
 them and a non-negative least-squares problem with K columns is left.
+
+Paper: Rothfuss et al. 2017; Awasthi and Lamperski 2020.
+Assumes: that the filtered trajectory is the one that the players played.
+Cost: 7 ms for two players, 10 ms for five, 17 ms on roads, nearly all of it the pre-filter.
+Trust: at very little noise and with full states. It takes errors of the trajectory for preferences,
+    so it is biased by noise and by partial views.
 """
 
 from collections.abc import Sequence

@@ -37,6 +37,11 @@ H is the Hessian at an optimum only without noise. Where it is not positive defi
 weights tried as starts, every player's cost is given the further term mu |u - u~|^2 / 2 per unit of
 weight, which leaves g as it is (Levine and Koltun's dummy feature), with the least mu that helps;
 ``extras["regularisation"]`` has it. It vanishes where the method is at home.
+
+Paper: Inga, Bischoff, Koepf, Hohmann 2019, after Levine and Koltun 2012.
+Assumes: that the filtered trajectory was played, and that its deviations are the players' choice.
+Cost: 0.2 s, whatever the scenario.
+Trust: at very little noise and with full states; biased by noise, as `kkt_residual` is.
 """
 
 from collections.abc import Sequence

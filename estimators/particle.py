@@ -8,7 +8,7 @@ games predicted them.
 Where this departs from the paper, and why:
 
 - The paper re-plans a game at every step from a state that it knows. Here one open-loop
-  equilibrium is observed from an initial state that nobody knows, so that a particle is a point
+  equilibrium is observed from an unknown initial state, so that a particle is a point
   s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``
   (``estimators.belief``): around a first game that all observations were used to find.
 - Nothing moves s between measurements, so the particles that resampling repeats would never part
@@ -38,6 +38,12 @@ over moves and in the metric of C, as far as independent draws would have, or ar
 A point whose game has no equilibrium that can be followed from the mean's has a density of zero.
 The least effective sample size that each measurement led to, before resampling, is reported.
 After a trajectory of several, the belief about the weights goes on as a Gaussian.
+
+Paper: Peters 2020; moves after Chopin 2002 and Cotter et al. 2013.
+Assumes: a known noise level, and weights near those of a first game that explains the observations.
+Cost: 1.4 s for two players, 10 s for five, 30 s on roads: by far the most games.
+Trust: where the posterior is bent and there is time; the least effective sample size says how well
+    it went.
 """
 
 import time

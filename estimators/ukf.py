@@ -7,7 +7,7 @@ and the weights are at hand after each of them.
 Where this departs from the paper, and why:
 
 - The paper re-plans a game at every step from a state that it knows. Here one open-loop
-  equilibrium is observed from an initial state that nobody knows, so the filter's state is
+  equilibrium is observed from an unknown initial state, so the filter's state is
   augmented by x_1 and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole
   horizon.
 - Weights live on a simplex, so the filter sees their log-ratios phi (``estimators.simplex``), with
@@ -32,6 +32,12 @@ Sigma points and equations are filterpy's. Where a sigma point has no equilibriu
 followed from the mean's, all of them are drawn closer to the mean (a smaller alpha): that is as
 valid an unscented transform of the same Gaussian. Where an update takes the mean to a game without
 one, a smaller share is taken in; if that does not help the filter has lost its way, and says so.
+
+Paper: LUCIDGames, Le Cleac'h et al. 2021; unscented transform of Wan and van der Merwe 2000.
+Assumes: a Gaussian belief in log-ratios of weights, and a known noise level.
+Cost: 0.15 s for two players, 0.8 s for five, 2 s on roads, at times several times as much.
+Trust: at high noise, where its prior keeps it from extreme weights, and online. Its error does not
+    vanish with the noise; through range and bearing it fails now and then.
 """
 
 import time
@@ -246,7 +252,7 @@ def _transformed(
     The filter is left with those sigma points.
 
     Raises:
-        LostError: where there is none at the mean.
+        LostError: if the mean has no equilibrium.
     """
     for points in sets:
         rows = expected(points.sigma_points(kalman.x, kalman.P))

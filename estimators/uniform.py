@@ -1,4 +1,9 @@
-"""The floor: equal weights, whatever is observed. Every estimator must beat it."""
+"""The floor: equal weights, whatever is observed. Every estimator must beat it.
+
+Assumes: nothing.
+Cost: none.
+Trust: as a reference only; in `two_player` it happens to be the truth.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
 """Compiles C source into libraries, and keeps them in a folder that only their owner can write.
 
 A library is named by a digest of its source, the flags and the compiler, and one of its bytes.
-Nothing is loaded that does not fit its name, belongs to somebody else or is writable by others: it
-is compiled anew. The least recently used libraries go where all together take more than
-``SIZE_LIMIT``.
+A library that does not fit its name, belongs to another user or is writable by others is not
+loaded; it is compiled again. The least recently used libraries are deleted when all together take
+more than ``SIZE_LIMIT``.
 
 Code is compiled for the plain architecture, not for the processor at hand (no ``-march=native``),
 so that the same source and the same compiler give the same machine code on every machine of an
@@ -42,7 +42,7 @@ _FLAGS = (
 )
 _LONGEST_COMPILATION = 300.0  # [s]
 _SCRATCH = "compiling-"
-_ABANDONED = 3600.0  # [s] after which a compilation's scratch folder belongs to nobody
+_ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as abandoned
 _ANNOUNCED = "OLNE_BENCH_FALLBACK_ANNOUNCED"
 #: Names a folder of libraries that a process may load from but not write to.
 _SHARED = "OLNE_BENCH_SHARED_CACHE"
@@ -54,7 +54,7 @@ class NoCompilerError(Exception):
 
 
 def backend() -> str:
-    """What computes here: the compiler of native code, or ``numpy`` where there is none.
+    """What computes here: the compiler of native code, or ``numpy`` without a compiler.
 
     Results may differ in the last digits between two values of this, and a hard problem may turn
     out differently; rows of one value are comparable. The probe is compiled, kept and loaded just

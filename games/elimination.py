@@ -90,7 +90,7 @@ class Elimination:
         residual[:-1, self._costate] = x[1:] - values[:, self._costate]
         residual[-1, self._x] = _map(self.stages.final_value, x[-1:], theta)[0]
         residual[1:, self._x] += costate
-        residual[0, self._x] = 0.0  # nobody chooses x_1
+        residual[0, self._x] = 0.0  # x_1 is given, not chosen
         return residual
 
     def observation_loss(self, z: np.ndarray) -> tuple[float, np.ndarray]:

@@ -98,22 +98,22 @@ class Game:
 
     @property
     def num_players(self) -> int:
-        """N."""
+        """Number of players, N."""
         return len(self.players)
 
     @property
     def num_weights(self) -> int:
-        """K, weights per player."""
+        """Number of weights per player, K."""
         return len(self.weight_names)
 
     @property
     def state_shape(self) -> tuple[int, int, int]:
-        """(T, N, n)."""
+        """Shape of states, (T, N, n)."""
         return (self.horizon, self.num_players, self.dynamics.state_size)
 
     @property
     def control_shape(self) -> tuple[int, int, int]:
-        """(T-1, N, m)."""
+        """Shape of controls, (T-1, N, m)."""
         return (self.horizon - 1, self.num_players, self.dynamics.control_size)
 
     def check_weights(self, weights: np.ndarray) -> np.ndarray:

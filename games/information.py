@@ -192,7 +192,7 @@ def identifiability(
     observed = _on_tangent(tangent, sensitivities)
     free, count = tangent.shape[1], game.num_weights
     # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
-    # their information once no x_1 is known.
+    # their information if x_1 is unknown.
     nuisance_first = np.hstack([observed[:, free:], observed[:, :free]])
     _, triangle = np.linalg.qr(nuisance_first)
     root = triangle[-free:, -free:] / sigma

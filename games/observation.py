@@ -30,7 +30,7 @@ class Components(Hashable, Protocol):
 
     @property
     def state_size(self) -> int:
-        """N."""
+        """Number of players, N."""
 
 
 class View(ABC):
@@ -312,7 +312,7 @@ def whitening(covariance: np.ndarray | Sequence[Sequence[float]]) -> np.ndarray:
 
 
 def stacked(views: Sequence[View]) -> View:
-    """Views on top of each other as one; all that is there where there is none."""
+    """One view for several on top of each other; the full view if there are none."""
     seeing = [view for view in views if not isinstance(view, FullView)]
     if not seeing:
         return FullView()

@@ -120,7 +120,7 @@ def certify(
     *,
     tolerance: float = CERTIFICATE_TOLERANCE,
 ) -> Certificate:
-    """Check by one best-response pass per player that nobody can improve alone.
+    """Check by one best response per player that no player gains by deviating alone.
 
     Args:
         game: the game.
@@ -189,9 +189,9 @@ def iterated_best_response(
         initial_state: (N, n).
         controls: (T-1, N, m) first plans.
         max_rounds: rounds through all players.
-        max_iterations: of the players' optimisers, all told; no round begins beyond.
+        max_iterations: total iterations of the players' optimisers; no round starts beyond.
         damping: share of the way that a player moves towards its response.
-        tolerance: stop once no control changes by more in one round.
+        tolerance: stop when no control changes by more than this in one round.
 
     Returns:
         The last plans; the residual is left at infinity, as IBR does not evaluate G.

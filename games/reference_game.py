@@ -1,21 +1,22 @@
 """A small, fast open-loop game of cars that follow reference points, for receding horizons.
 
 Everything that changes from one plan to the next (references, weights, who else is about) is a
-parameter, so one compiled function serves every solve. The states are eliminated: the unknowns
-are the controls, and Newton's method runs on the players' stacked gradients dJ^i/du^i = 0, which
-are the first-order conditions of the OLNE (Peters et al. 2021, eqn. forward_kkt_conditions)
-after elimination of states and costates.
+parameter, so the same functions serve every solve, and many games are solved at once. The states
+are eliminated: the unknowns are the controls, and Newton's method runs on the players' stacked
+gradients dJ^i/du^i = 0, which are the first-order conditions of the OLNE (Peters et al. 2021,
+eqn. forward_kkt_conditions) after elimination of states and costates.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
 
-from olne_bench.games.buffered import BufferedFunction
 from olne_bench.games.dynamics import Dynamics, bicycle
 from olne_bench.games.features import CarProximity, ControlEffort, Stage
+from olne_bench.games.reference_derivatives import NU, CarDerivatives, Linearisation
 
 #: Columns of ``weights``.
 WEIGHT_NAMES = ("proximity", "speed", "acceleration", "turning", "lane")
@@ -71,10 +72,10 @@ class Plan:
     Attributes:
         states: (T, N, 4).
         controls: (T-1, N, 2).
-        residual: largest entry of the players' gradients.
+        residual: largest entry of the players' gradients, where they were last evaluated.
         iterations: Newton steps taken.
-        converged: whether the residual is below the tolerance and every player's own Hessian is
-            positive definite, hence its plan a strict local best response.
+        converged: whether the residual or the last step is small enough and every player's own
+            Hessian is positive definite, hence its plan a strict local best response.
     """
 
     states: np.ndarray
@@ -117,6 +118,7 @@ class ReferenceGame:
         controls: np.ndarray,
         *,
         tolerance: float = 1e-4,
+        small_change: tuple[float, float] = (0.0, 0.0),
         max_iterations: int = 12,
         max_change: tuple[float, float] = (0.2, 3.0),
     ) -> Plan:
@@ -126,100 +128,101 @@ class ReferenceGame:
             situation: the parameters.
             controls: (T-1, N, 2) start, such as the previous plan shifted by one step.
             tolerance: on the residual.
+            small_change: of steering [rad] and acceleration [m/s^2]. A Newton step within it is
+                the last: what it leaves is of the order of its square.
             max_iterations: Newton steps at most.
             max_change: largest change of steering [rad] and acceleration [m/s^2] in one step.
         """
-        unknowns = np.ascontiguousarray(controls.swapaxes(0, 1), dtype=float)  # (N, T-1, 2)
-        limit = np.array(max_change)
-        current = self._evaluate(situation, unknowns)
-        iterations = 0
-        while iterations < max_iterations and not current.residual < tolerance:
+        return self.solve_all(
+            [situation],
+            [controls],
+            tolerance=tolerance,
+            small_change=small_change,
+            max_iterations=max_iterations,
+            max_change=max_change,
+        )[0]
+
+    def solve_all(
+        self,
+        situations: Sequence[Situation],
+        controls: Sequence[np.ndarray],
+        *,
+        tolerance: float = 1e-4,
+        small_change: tuple[float, float] = (0.0, 0.0),
+        max_iterations: int = 12,
+        max_change: tuple[float, float] = (0.2, 3.0),
+    ) -> list[Plan]:
+        """Solve independent games at once, much faster than one after the other.
+
+        The arguments are those of ``solve``, with one situation and one start for each game.
+        """
+        games = _Games.of(situations, self.max_players)
+        unknowns = np.concatenate([start.swapaxes(0, 1) for start in controls]).astype(float)
+        with np.errstate(invalid="ignore", over="ignore"):  # failures are told by the residuals
+            search = _Search(self, games, unknowns, tolerance, np.array(small_change))
+            for _ in range(max_iterations):
+                if not search.open.any():
+                    break
+                search.advance(np.array(max_change))
+        return search.plans()
+
+    def newton_step(self, games: "_Games", at: Linearisation) -> np.ndarray:
+        """Changes (N, T-1, 2) of the controls; NaN in games whose system is singular."""
+        size = NU * self.steps
+        own = _convexified(at.own_hessians)
+        # (N, S, 2S, 2P): how a player's gradient reacts to the positions of its partners.
+        towards = at.sensitivities.swapaxes(2, 3) @ at.cross
+        towards = towards.reshape(len(own), self.steps, size, -1, NU).transpose(0, 3, 2, 1, 4)
+        player, slot = np.nonzero(games.partners < len(own))
+        partner = games.partners[player, slot]
+        positions = at.sensitivities[:, :, :NU].reshape(len(own), -1, size)
+        blocks = towards[player, slot].reshape(-1, size, size) @ positions[partner]
+        places = (len(games), self.max_players, size, self.max_players, size)
+        systems = np.zeros(places)
+        systems[games.game, games.place, :, games.place] = own
+        systems[games.game[player], games.place[player], :, games.place[partner]] = blocks
+        change = np.empty((len(own), size))
+        for index, (first, count) in enumerate(zip(games.offsets, games.counts, strict=True)):
+            mine, rows = slice(first, first + count), count * size
+            system = systems[index, :count, :, :count].reshape(rows, rows)
             try:
-                change = self._newton_step(current).reshape(unknowns.shape)
+                step = np.linalg.solve(system, -at.gradients[mine].ravel())
             except np.linalg.LinAlgError:  # singular, or an undefined point
-                break
-            change *= min(1.0, 1 / np.abs(change / limit).max())
-            length = 1.0
-            trial = self._evaluate(situation, unknowns + change)
-            while not trial.norm < current.norm and length > 0.1:
-                length /= 2
-                trial = self._evaluate(situation, unknowns + length * change)
-            if not np.isfinite(trial.norm):
-                break
-            # The last, short step is taken even uphill: a local rise is better than a standstill.
-            unknowns, current = unknowns + length * change, trial
-            iterations += 1
-        states = np.concatenate([situation.initial_state[:, None], current.states], axis=1)
-        converged = bool(current.residual < tolerance) and _is_convex(current.own_hessians)
-        return Plan(
-            states=states.swapaxes(0, 1),
-            controls=unknowns.swapaxes(0, 1),
-            residual=current.residual,
-            iterations=iterations,
-            converged=converged,
+                step = np.full(rows, np.nan)
+            change[mine] = step.reshape(count, size)
+        return change.reshape(-1, self.steps, NU)
+
+    def evaluate(self, games: "_Games", unknowns: np.ndarray) -> Linearisation:
+        """Motion and derivatives at controls (N, T-1, 2)."""
+        derivatives = self._derivatives
+        states = derivatives.states(games.initial_state, unknowns)
+        nowhere = np.full((1, self.steps, NU), FAR_AWAY)
+        positions = np.concatenate([states[..., :NU], nowhere])
+        return derivatives.linearise(
+            games.initial_state,
+            unknowns,
+            states,
+            games.weights,
+            games.references,
+            positions[games.partners],
+            games.others,
         )
 
-    def _newton_step(self, at: "_Linearisation") -> np.ndarray:
-        count, size = at.gradients.shape
-        own = at.own_hessians
-        if not _is_convex(own):
-            values, vectors = np.linalg.eigh(own)
-            values = np.maximum(np.abs(values), 1e-3)
-            own = (vectors * values[:, None, :]) @ vectors.swapaxes(1, 2)
-        # cross (N, N, T-1, 4, 2): how player i's gradient in x_i reacts to positions of player j.
-        sensitivity = at.sensitivities.reshape(count, self.steps, 4, size)
-        towards = np.matmul(sensitivity.swapaxes(2, 3)[:, None], at.cross)  # (N, N, T-1, 2S, 2)
-        towards = towards.swapaxes(2, 3).reshape(count, count, size, 2 * self.steps)
-        positions = sensitivity[:, :, :2].reshape(count, 2 * self.steps, size)
-        system = np.matmul(towards, positions[None])
-        system[np.arange(count), np.arange(count)] += own
-        system = system.transpose(0, 2, 1, 3).reshape(count * size, count * size)
-        return np.linalg.solve(system, -at.gradients.ravel())
-
-    def _evaluate(self, situation: Situation, unknowns: np.ndarray) -> "_Linearisation":
-        count = len(unknowns)
-        flat = unknowns.reshape(count, -1)
-        moved = self._motion[count - 1](situation.initial_state, flat)
-        states = moved[:, : 4 * self.steps].reshape(count, self.steps, 4)
-        positions = states[..., :2]
-        avoid = np.full((count, self.max_players - 1, self.steps, 2), FAR_AWAY)
-        for i in range(count):
-            avoid[i, : count - 1] = np.delete(positions, i, axis=0)
-        derivatives = self._costs[count - 1](
-            situation.initial_state,
-            flat,
-            situation.weights,
-            situation.references.reshape(count, -1),
-            avoid.reshape(count, -1),
-            situation.others.reshape(count, -1),
-        )
-        # CasADi stores the columns of a matrix one after the other.
-        size = flat.shape[1]
-        gradients, hessians, cross = np.split(derivatives, [size, size + size**2], axis=1)
-        slots = cross.reshape(count, self.max_players - 1, self.steps, 2, 4).swapaxes(3, 4)
-        pairs = np.zeros((count, count, self.steps, 4, 2))
-        for i in range(count):
-            pairs[i, [j for j in range(count) if j != i]] = slots[i, : count - 1]
-        return _Linearisation(
-            states=states,
-            sensitivities=moved[:, 4 * self.steps :].reshape(count, size, -1).swapaxes(1, 2),
-            gradients=gradients,
-            own_hessians=hessians.reshape(count, size, size),
-            cross=pairs,
-        )
+    def states(self, initial_state: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """States (N, T-1, 4) after each step of controls (N, T-1, 2)."""
+        return self._derivatives.states(initial_state, controls)
 
     @cached_property
-    def _motion(self) -> list[BufferedFunction]:
-        """Motion of 1, 2, ... players."""
-        return self._over_players(_motion(self))
-
-    @cached_property
-    def _costs(self) -> list[BufferedFunction]:
-        """Derivatives of the costs of 1, 2, ... players."""
-        return self._over_players(_cost_derivatives(self))
-
-    def _over_players(self, function: ca.Function) -> list[BufferedFunction]:
-        return [BufferedFunction(function.map(n)) for n in range(1, self.max_players + 1)]
+    def _derivatives(self) -> CarDerivatives:
+        return CarDerivatives(
+            self.dynamics,
+            partial(_step_cost, self),
+            num_weights=len(WEIGHT_NAMES),
+            dt=self.dt,
+            steps=self.steps,
+            num_partners=self.max_players - 1,
+            num_others=self.num_others,
+        )
 
 
 #: Coordinate [m] of spare entries; as far as a car gets, and no cost depends on it.
@@ -227,92 +230,205 @@ FAR_AWAY = 1e7
 
 
 @dataclass(frozen=True)
-class _Linearisation:
-    """A point of the iteration; S = T-1 steps.
+class _Games:
+    """Games side by side: N players in all, those of one game next to each other.
 
     Attributes:
-        states: (N, S, 4).
-        sensitivities: (N, 4S, 2S) of a player's states to its controls.
-        gradients: (N, 2S) of its cost in its controls.
-        own_hessians: (N, 2S, 2S) of its cost in its controls.
-        cross: (N, N, S, 4, 2), entry [i, j] the second derivative of the cost of player i in its
-            own state and the position of player j; zero for j = i.
+        initial_state, weights, references, others: of all players, as in ``Situation``.
+        counts: (G,) players of each game.
+        partners: (N, P) the other players of a player's game; N where there is none.
     """
 
-    states: np.ndarray
-    sensitivities: np.ndarray
-    gradients: np.ndarray
-    own_hessians: np.ndarray
-    cross: np.ndarray
+    initial_state: np.ndarray
+    weights: np.ndarray
+    references: np.ndarray
+    others: np.ndarray
+    counts: np.ndarray
+    partners: np.ndarray
 
-    @property
-    def residual(self) -> float:
-        return float(np.abs(self.gradients).max())
+    @classmethod
+    def of(cls, situations: Sequence[Situation], max_players: int) -> "_Games":
+        counts = np.array([len(situation.initial_state) for situation in situations])
+        total = int(counts.sum())
+        partners = np.full((total, max_players - 1), total)
+        for first, count in zip(np.cumsum(counts) - counts, counts, strict=True):
+            for place in range(count):
+                others = [first + k for k in range(count) if k != place]
+                partners[first + place, : count - 1] = others
+        return cls(
+            np.concatenate([situation.initial_state for situation in situations]),
+            np.concatenate([situation.weights for situation in situations]),
+            np.concatenate([situation.references for situation in situations]),
+            np.concatenate([situation.others for situation in situations]),
+            counts,
+            partners,
+        )
 
-    @property
-    def norm(self) -> float:
-        return float(np.linalg.norm(self.gradients))
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    @cached_property
+    def offsets(self) -> np.ndarray:
+        """(G,) first player of each game."""
+        return np.asarray(np.cumsum(self.counts) - self.counts)
+
+    @cached_property
+    def game(self) -> np.ndarray:
+        """(N,) the game of each player."""
+        return np.repeat(np.arange(len(self)), self.counts)
+
+    @cached_property
+    def place(self) -> np.ndarray:
+        """(N,) the place of each player in its game."""
+        return np.arange(len(self.game)) - self.offsets[self.game]
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values (G,) of games as those of their players, (N, 1, 1)."""
+        return values[self.game][:, None, None]
+
+    def largest(self, at: Linearisation) -> np.ndarray:
+        """(G,) the largest entry of each game's gradients."""
+        return np.maximum.reduceat(np.abs(at.gradients).max(axis=1), self.offsets)
+
+    def norms(self, at: Linearisation) -> np.ndarray:
+        """(G,) the norm of each game's gradients."""
+        return np.sqrt(np.add.reduceat((at.gradients**2).sum(axis=1), self.offsets))
+
+    def subset(self, which: np.ndarray) -> tuple["_Games", np.ndarray]:
+        """The games of a mask (G,), and the indices of their players."""
+        if which.all():
+            return self, np.arange(len(self.game))
+        players = np.flatnonzero(which[self.game])
+        renumbered = np.full(len(self.game) + 1, len(players))
+        renumbered[players] = np.arange(len(players))
+        return _Games(
+            self.initial_state[players],
+            self.weights[players],
+            self.references[players],
+            self.others[players],
+            self.counts[which],
+            renumbered[self.partners[players]],
+        ), players
 
 
-def _is_convex(hessians: np.ndarray) -> bool:
+class _Search:
+    """Newton's method on games side by side.
+
+    Attributes:
+        open: mask (G,) of the games that are still searched.
+    """
+
+    def __init__(
+        self,
+        game: ReferenceGame,
+        games: _Games,
+        unknowns: np.ndarray,
+        tolerance: float,
+        small_change: np.ndarray,
+    ) -> None:
+        self._game, self._games, self._unknowns = game, games, unknowns
+        self._tolerance, self._small_change = tolerance, small_change
+        self._at = game.evaluate(games, unknowns)
+        self._iterations = np.zeros(len(games), dtype=int)
+        self._solved = games.largest(self._at) < tolerance
+        self.open = ~self._solved
+
+    def advance(self, max_change: np.ndarray) -> None:
+        """Take one Newton step in every open game."""
+        indices = np.flatnonzero(self.open)
+        games, players = self._games.subset(self.open)
+        at = self._at.take(players)
+        change = self._game.newton_step(games, at)
+        size = np.abs(change).max(axis=1)
+        small = np.logical_and.reduceat((size <= self._small_change).all(axis=1), games.offsets)
+        scale = np.maximum.reduceat((size / max_change).max(axis=1), games.offsets)
+        change /= games.spread(np.fmax(1.0, scale))
+        self._finish(indices[small], players, change, small[games.game])
+        rest, rows = games.subset(~small)
+        if len(rest):
+            self._descend(rest, players[rows], at.take(rows), change[rows], indices[~small])
+
+    def _finish(
+        self, indices: np.ndarray, players: np.ndarray, change: np.ndarray, rows: np.ndarray
+    ) -> None:
+        """Take the last step of games, in the rows of players that a mask tells."""
+        which = players[rows]
+        self._unknowns[which] += change[rows]
+        if len(which):
+            states = self._game.states(self._games.initial_state[which], self._unknowns[which])
+            self._at.states[which] = states
+        self._iterations[indices] += 1
+        self._solved[indices] = True
+        self.open[indices] = False
+
+    def _descend(
+        self,
+        games: _Games,
+        players: np.ndarray,
+        at: Linearisation,
+        change: np.ndarray,
+        indices: np.ndarray,
+    ) -> None:
+        """Take steps that are shortened until the gradients shrink."""
+        start, before = self._unknowns[players], games.norms(at)
+        length = np.ones(len(games))
+        trial = self._game.evaluate(games, start + change)
+        while (worse := ~(games.norms(trial) < before) & (length > 0.1)).any():
+            length[worse] /= 2
+            few, rows = games.subset(worse)
+            shorter = start[rows] + (games.spread(length) * change)[rows]
+            trial.put(rows, self._game.evaluate(few, shorter))
+        # The last, short step is taken even uphill: a local rise is better than a standstill.
+        moved = np.isfinite(games.norms(trial))
+        rows = np.flatnonzero(moved[games.game])
+        self._at.put(players[rows], trial.take(rows))
+        self._unknowns[players[rows]] += (games.spread(length) * change)[rows]
+        self._iterations[indices[moved]] += 1
+        solved = moved & (games.largest(trial) < self._tolerance)
+        self._solved[indices] = solved
+        self.open[indices] = moved & ~solved
+
+    def plans(self) -> list[Plan]:
+        """The plan of each game."""
+        games = self._games
+        states = np.concatenate([games.initial_state[:, None], self._at.states], axis=1)
+        states, controls = states.swapaxes(0, 1), self._unknowns.swapaxes(0, 1)
+        residuals, convex = games.largest(self._at), _are_convex(self._at.own_hessians)
+        ends = games.offsets + games.counts
+        return [
+            Plan(
+                states=states[:, first:end],
+                controls=controls[:, first:end],
+                residual=float(residuals[index]),
+                iterations=int(self._iterations[index]),
+                converged=bool(self._solved[index] and convex[first:end].all()),
+            )
+            for index, (first, end) in enumerate(zip(games.offsets, ends, strict=True))
+        ]
+
+
+def _are_convex(hessians: np.ndarray) -> np.ndarray:
+    """Mask (N,) of the positive definite ones among Hessians (N, n, n)."""
     try:
         np.linalg.cholesky(hessians)
     except np.linalg.LinAlgError:
-        return False
-    return True
+        finite = np.isfinite(hessians).all(axis=(1, 2))
+        mask = np.zeros(len(hessians), dtype=bool)
+        mask[finite] = np.linalg.eigvalsh(hessians[finite])[:, 0] > 0
+        return mask
+    return np.ones(len(hessians), dtype=bool)
 
 
-def _rollout(game: ReferenceGame, initial: ca.SX, controls: ca.SX) -> list[ca.SX]:
-    rows = []
-    state = initial
-    for control in ca.vertsplit(controls, 2):
-        state = game.dynamics.step(state, control, game.dt)
-        rows.append(state)
-    return rows
-
-
-def _motion(game: ReferenceGame) -> ca.Function:
-    """One player: (x_1, u) -> states (4S,) and their sensitivities to u, in one column."""
-    initial, controls = ca.SX.sym("x_1", 4), ca.SX.sym("u", 2 * game.steps)
-    states = ca.vertcat(*_rollout(game, initial, controls))
-    sensitivities = ca.vec(ca.densify(ca.jacobian(states, controls)))
-    result = ca.vertcat(states, sensitivities)
-    return ca.Function("motion", [initial, controls], [result], {"cse": True})
-
-
-def _cost_derivatives(game: ReferenceGame) -> ca.Function:
-    """One player: gradient, own Hessian and cross derivatives of its cost, in one column."""
-    steps, slots = game.steps, game.max_players - 1
-    initial, controls = ca.SX.sym("x_1", 4), ca.SX.sym("u", 2 * steps)
-    weights = ca.SX.sym("theta", len(WEIGHT_NAMES))
-    references = ca.SX.sym("reference", 4 * steps)
-    players = ca.SX.sym("players", slots * steps * 2)
-    others = ca.SX.sym("others", game.num_others * steps * 2)
-
-    points = ca.vertsplit(players, 2) + ca.vertsplit(others, 2)
-    rows = _rollout(game, initial, controls)
-    cost = ca.SX(0)
-    cross: list[list[ca.SX]] = [[ca.SX()] * steps for _ in range(slots)]
-    for t, (row, control, reference) in enumerate(
-        zip(rows, ca.vertsplit(controls, 2), ca.vertsplit(references, 4), strict=True)
-    ):
-        near = points[t::steps]
-        # A step's cost is written in a fresh state so that it can be differentiated by it.
-        state = ca.SX.sym("x", 4)
-        step_cost = _step_cost(game, state, control, near, reference, weights)
-        for slot in range(slots):
-            mixed = ca.jacobian(ca.gradient(step_cost, state), near[slot])
-            cross[slot][t] = ca.vec(ca.substitute(ca.densify(mixed), state, row))
-        cost += ca.substitute(step_cost, state, row)
-    gradient = ca.densify(ca.gradient(cost, controls))
-    hessian = ca.densify(ca.jacobian(gradient, controls))
-    blocks = [block for slot_blocks in cross for block in slot_blocks]
-    return ca.Function(
-        "cost_derivatives",
-        [initial, controls, weights, references, players, others],
-        [ca.vertcat(gradient, ca.vec(hessian), *blocks)],
-        {"cse": True},
-    )
+def _convexified(hessians: np.ndarray) -> np.ndarray:
+    """Hessians (N, n, n) with the signs of negative eigenvalues changed."""
+    rows = np.flatnonzero(~_are_convex(hessians) & np.isfinite(hessians).all(axis=(1, 2)))
+    if len(rows) == 0:
+        return hessians
+    values, vectors = np.linalg.eigh(hessians[rows])
+    values = np.maximum(np.abs(values), 1e-3)
+    result = hessians.copy()
+    result[rows] = (vectors * values[:, None, :]) @ vectors.swapaxes(1, 2)
+    return result
 
 
 def _step_cost(

@@ -142,7 +142,7 @@ class Stack:
         """Sort layers.
 
         Raises:
-            ValueError: on two noise layers, or on what is no layer.
+            ValueError: on two noise layers, or on an object that is not a layer.
         """
         for layer in layers:
             if not isinstance(layer, View | NoiseLayer | GapsLayer):
@@ -181,7 +181,7 @@ class SensorModel:
         """The model of a stack of layers.
 
         Args:
-            layers: of the sensor, in any order but for the views.
+            layers: of the sensor; only the order of views matters.
             dynamics: names the components of a state.
             noise_scale: (n,) of the scenario, standard deviations over sigma.
 

@@ -1,64 +1,83 @@
 """HighwayEnv with Nash traffic next to the same environments with IDM traffic.
 
-Prints environment steps per second (processor time, an idle ego) and the median time of a re-plan
-by number of players. Usage: python scripts/traffic_speed.py [STEPS]
+Usage: python scripts/traffic_speed.py [--steps N] [--rounds R] [--case NAME] [--against SRC]
+
+Prints environment steps per second (processor time, an idle ego), the median over rounds in which
+the kinds of traffic take turns. ``--against`` names the folder ``src`` of another version of this
+project, whose Nash traffic takes a turn as well.
 """
 
+import argparse
+import os
+import subprocess
 import sys
 import time
+from pathlib import Path
+from statistics import median
 
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
-import numpy as np
-
-from olne_bench.envs.traffic import traffic_report
 
 CASES: dict[str, tuple[str, dict]] = {
-    "highway-v0": ("highway-v0", {}),
-    "highway-v0, 20 vehicles, dense": (
-        "highway-v0",
-        {"vehicles_count": 20, "vehicles_density": 2},
-    ),
-    "highway-fast-v0": ("highway-fast-v0", {}),
-    "merge-v1": ("merge-v1", {}),
-    "roundabout-v1": ("roundabout-v1", {}),
-    "intersection-v2": ("intersection-v2", {}),
+    "highway-fast": ("highway-fast-v0", {}),
+    "highway-fast-50": ("highway-fast-v0", {"vehicles_count": 50}),
+    "highway": ("highway-v0", {}),
+    "highway-dense": ("highway-v0", {"vehicles_count": 20, "vehicles_density": 2}),
+    "merge": ("merge-v1", {}),
+    "roundabout": ("roundabout-v1", {}),
+    "intersection": ("intersection-v2", {}),
 }
 IDM, NASH = "highway_env.vehicle.behavior.IDMVehicle", "olne_bench.envs.traffic.NashVehicle"
+SOURCES = Path(__file__).parents[1] / "src"
 IDLE = 1
 
 
-def main(steps: int) -> None:
-    """Print one line per environment, then the re-planning times of all."""
-    times: dict[int, list[float]] = {}
-    for case in CASES:
-        rates = {kind: _steps_per_second(case, kind, steps, times) for kind in (IDM, NASH)}
-        print(
-            f"{case}: {rates[NASH]:.1f} steps/s with Nash traffic, {rates[IDM]:.1f} with IDM",
-            flush=True,
-        )
-    for players, seconds in sorted(times.items()):
-        print(
-            f"re-plan of {players} players: median {1e3 * np.median(seconds):.1f} ms, "
-            f"90% below {1e3 * np.quantile(seconds, 0.9):.1f} ms ({len(seconds)} plans)"
-        )
+def main() -> None:
+    """Print one line per case."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", type=int, default=60)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--case", choices=CASES, action="append")
+    parser.add_argument("--against", type=Path)
+    parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.one:
+        print(_steps_per_second(*given.one, given.steps))
+        return
+    kinds = {"IDM": (IDM, SOURCES), "Nash": (NASH, SOURCES)}
+    if given.against:
+        kinds["Nash of the other version"] = (NASH, given.against)
+    for case in given.case or CASES:
+        rates: dict[str, list[float]] = {label: [] for label in kinds}
+        for _ in range(given.rounds):
+            for label, (kind, sources) in kinds.items():
+                rates[label].append(_in_a_process(case, kind, sources, given.steps))
+        text = ", ".join(f"{median(rates[label]):.1f} with {label}" for label in kinds)
+        print(f"{case}: steps/s: {text}", flush=True)
 
 
-def _steps_per_second(case: str, kind: str, steps: int, times: dict[int, list[float]]) -> float:
+def _in_a_process(case: str, kind: str, sources: Path, steps: int) -> float:
+    """The rate of a version of the project, in a fresh process and on one thread."""
+    environment = os.environ | {"PYTHONPATH": str(sources.resolve()), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, __file__, "--steps", str(steps), "--one", case, kind]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+def _steps_per_second(case: str, kind: str, steps: int) -> float:
     version, config = CASES[case]
     world = gymnasium.make(version, config={"other_vehicles_type": kind, **config})
     world.reset(seed=0)
+    world.step(IDLE)  # the first one builds the solvers
     spent = 0.0
     for step in range(steps):
         begin = time.process_time()
         _, _, terminated, truncated, _ = world.step(IDLE)
         spent += time.process_time() - begin
-        if terminated or truncated or step == steps - 1:
-            for players, seconds in traffic_report(world.unwrapped.road).seconds.items():
-                times.setdefault(players, []).extend(seconds)
+        if terminated or truncated:
             world.reset(seed=step)
     return steps / spent
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
+    main()

@@ -24,8 +24,9 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 #: Pages whose blocks run in ``test_a_page_runs``.
 RUN_HERE = ("README.md", "docs/plugins.md", "docs/study_commands.md", "docs/highway.md")
-#: Pages that have a test of their own, below or in ``test_recordings_guide.py``.
-RUN_ELSEWHERE = ("docs/environments.md", "docs/recordings.md")
+#: Pages that have a test of their own: below, or in ``test_recordings_guide.py`` and
+#: ``test_learning_guide.py``.
+RUN_ELSEWHERE = ("docs/environments.md", "docs/recordings.md", "docs/learning.md")
 #: A block of code, with the comment above it that says why nothing runs it.
 BLOCK = re.compile(r"(?:<!-- not run: ([^\n]+) -->\n+)?```(\w*)\n(.*?)```", re.DOTALL)
 FILE_NAME = re.compile(r"# ([\w.]+\.(?:py|toml))\n")

@@ -15,4 +15,6 @@ COMMANDS = {
     "report": "report",
     "run": "run",
     "status": "status",
+    "submit": "submit",
+    "verify": "verify",
 }

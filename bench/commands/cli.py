@@ -1,8 +1,10 @@
 """The command line ``olne-bench`` (also ``python -m olne_bench``)."""
 
+import ast
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.resources import files
 
 import click
 
@@ -22,6 +24,20 @@ class _Commands(click.Group):
         module = COMMANDS[name]
         command: click.Command = getattr(import_module(f"{__package__}.{module}"), module)
         return command
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, _summary(module)) for name, module in COMMANDS.items()])
+
+
+def _summary(module: str) -> str:
+    """First sentence of a command's help, read from its source: nothing is imported."""
+    tree = ast.parse(files(__package__).joinpath(f"{module}.py").read_text(encoding="utf-8"))
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and node.name == module:
+            text = " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
+            return text.split(". ")[0].rstrip(".") + "."
+    return ""
 
 
 @click.group(

@@ -1,19 +1,23 @@
 """``olne-bench compare``: what got better or worse from one run to another."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import pandas as pd
 
 from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.measures import FAILURES
 from olne_bench.bench.report.statistics.run_comparison import compare_runs
 from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
+from olne_bench.files import check_new_file, whole_file
 
 
 @click.command()
@@ -27,7 +31,10 @@ from olne_bench.errors import UserError
     help="Compare only this estimator, which is called OTHER in AFTER (repeatable).",
 )
 @click.option("--out", type=PATH, help="CSV file to write the table to as well.")
-def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | None) -> None:
+@click.option("--page", type=PATH, help="New .html file for a page that shows both runs.")
+def compare(
+    before: Path, after: Path, estimators: tuple[str, ...], out: Path | None, page: Path | None
+) -> None:
     """Compare two runs trial by trial, on the same noise.
 
     It compares the errors that rank estimators, and which trials fail. BEFORE and AFTER may be the
@@ -36,8 +43,11 @@ def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | 
     Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if
     something did, 2 on bad input.
     """
-    (old, one), (new, other) = (_trials(folder) for folder in (before, after))
-    study = _common(one, other)
+    if page is not None:
+        check_new_file("--page", page, (".html",))
+    first, second = (_read(folder) for folder in (before, after))
+    old, new = first.trials, second.trials
+    study = _common(first.study, second.study)
     names = _names(estimators, old, new, before, after)
     table = compare_runs(old, new, names, study)
     if table.empty:
@@ -47,20 +57,54 @@ def compare(before: Path, after: Path, estimators: tuple[str, ...], out: Path | 
             csv_safe(table).to_csv(out, index=False)
         except OSError as error:
             raise UserError(f"cannot write to {out}: {error.strerror or error}") from error
+    if page is not None:
+        _write_page(page, first, second, names, table, study)
     click.echo(_format(table))
-    for note in _notes(old, new, names, before, after):
+    for note in _other_noise(first, second) + _notes(old, new, names, before, after):
         click.echo(f"note: {note}", err=True)
     counts = table["verdict"].value_counts()
     click.echo(", ".join(f"{counts.get(v, 0)} {v}" for v in ("better", "same", "worse")))
     sys.exit(1 if counts.get("worse", 0) else 0)
 
 
-def _trials(folder: Path) -> tuple[pd.DataFrame, Study]:
+@dataclass(frozen=True)
+class _Run:
+    """What is compared of a run."""
+
+    folder: Path
+    trials: pd.DataFrame
+    study: Study
+    sources: list[Provenance]
+
+
+def _read(folder: Path) -> _Run:
     with read_store(folder) as store:
         trials, runs = store.frame(), store.runs()
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    return trials, study_of(read_suite_json(run.suite) for run in runs)
+    return _Run(folder, trials, study_of(read_suite_json(run.suite) for run in runs), runs)
+
+
+def _write_page(
+    place: Path,
+    first: _Run,
+    second: _Run,
+    names: dict[str, str],
+    changes: pd.DataFrame,
+    study: Study,
+) -> None:
+    from olne_bench.bench.report.page.two_runs import two_runs_page  # drawing is slow to import
+
+    html = two_runs_page(
+        (str(first.folder), first.trials, first.sources),
+        (str(second.folder), second.trials, second.sources),
+        names,
+        changes,
+        study,
+    )
+    with whole_file(place) as path:
+        path.write_text(html, encoding="utf-8")
+    click.echo(f"{place}: both runs on one page")
 
 
 def _common(one: Study, other: Study) -> Study:
@@ -70,7 +114,19 @@ def _common(one: Study, other: Study) -> Study:
         tuple(metric for metric in other.metrics if metric.name in names),
         {**one.scenarios, **other.scenarios},
         {**one.sensors, **other.sensors},
+        one.salt,
+        {**one.estimators, **other.estimators},
     )
+
+
+def _other_noise(first: _Run, second: _Run) -> list[str]:
+    one, other = first.study.salt, second.study.salt
+    if one == other:
+        return []
+    return [
+        f"{first.folder} has the salt {salt_id(one)}, {second.folder} {salt_id(other)}: pairs "
+        "of trials share their noise level, not their noise"
+    ]
 
 
 def _notes(

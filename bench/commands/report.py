@@ -16,6 +16,8 @@ from olne_bench.errors import UserError
 
 #: A report that takes longer will not end [s].
 _LONGEST = 86_400.0
+#: Noise level and seed.
+Place = tuple[float, int]
 
 
 @click.command()
@@ -27,12 +29,28 @@ _LONGEST = 86_400.0
     show_default=True,
     help=f"Formats of the figures: {', '.join(FORMATS)}.",
 )
-def report(folder: Path, figures: bool, formats: str) -> None:
+@click.option(
+    "--play",
+    "playable",
+    multiple=True,
+    metavar="SIGMA:SEED",
+    help="Noise level and seed of trials that the page can play, besides others (repeatable).",
+)
+def report(folder: Path, figures: bool, formats: str, playable: tuple[str, ...]) -> None:
     """Write the tables, page and figures of the run in FOLDER again."""
-    show_report(folder, read_formats(formats) if figures else ())
+    places = tuple(_place(text) for text in playable)
+    show_report(folder, read_formats(formats) if figures else (), places)
 
 
-def show_report(folder: Path, formats: Sequence[str]) -> None:
+def _place(text: str) -> Place:
+    sigma, _, seed = text.partition(":")
+    try:
+        return float(sigma), int(seed)
+    except ValueError:
+        raise UserError(f"--play {text!r}: expected SIGMA:SEED, such as 0.05:3") from None
+
+
+def show_report(folder: Path, formats: Sequence[str], playable: Sequence[Place] = ()) -> None:
     """Write a run's report, with figures in these formats, and print its leaderboard.
 
     A report plays the scenarios again. If one of them is foreign code, a process of its own makes
@@ -42,11 +60,12 @@ def show_report(folder: Path, formats: Sequence[str]) -> None:
         UserError: where there is no run to report on, or that process dies.
     """
     if not _has_foreign_worlds(folder):
-        click.echo(_report_text(folder, tuple(formats)))
+        click.echo(_report_text(folder, tuple(formats), tuple(playable)))
         return
     child = Child()
     try:
-        text = child.call(_report_text, folder, tuple(formats), kind=str, seconds=_LONGEST)
+        given = (folder, tuple(formats), tuple(playable))
+        text = child.call(_report_text, *given, kind=str, seconds=_LONGEST)
     except (ChildError, RaisedError) as error:
         raise UserError(
             f"the report of {folder} cannot be made: {error}; the trials are stored"
@@ -63,11 +82,11 @@ def _has_foreign_worlds(folder: Path) -> bool:
     return any(foreign_worlds(scenario, sensor) for scenario, sensor in pairs)
 
 
-def _report_text(folder: Path, formats: tuple[str, ...]) -> str:
+def _report_text(folder: Path, formats: tuple[str, ...], playable: tuple[Place, ...]) -> str:
     from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
     from olne_bench.bench.report.write import write_report
 
-    report = write_report(folder, formats)
+    report = write_report(folder, formats, playable)
     said = format_notes(report.tables, report.notes)
     files = "index.html, leaderboard.csv, trials.csv, trials.parquet and other tables"
     parts = [

@@ -1,4 +1,4 @@
-"""From a recording to what an estimator is allowed to see: it is played once more, to sensors.
+"""From a recording to what an estimator may see: the recording is played again, through sensors.
 
 The world that plays a recording (``envs.recorded``) wears the wrappers of ``envs.wrappers``, so an
 observation is what the wrapped world showed, bit for bit.
@@ -38,7 +38,7 @@ def observe(
     Args:
         recordings: what happened.
         layers: of the sensor.
-        sigma: noise level; its draw is the same at every level, but for its size.
+        sigma: noise level; it only scales the draw of the noise.
         seed: of noise and gaps, at least 0. The first recording has it as it is; every other has
             one of its own, drawn from it.
 

@@ -88,7 +88,7 @@ class PlayerFault(Exception):  # noqa: N818 (whose fault it is, not an error of 
 
     Attributes:
         status: of the trial.
-        seconds: as of ``Answer``, where an estimate came that is none.
+        seconds: as of ``Answer``, if an invalid estimate was returned.
     """
 
     def __init__(self, status: str, message: str, seconds: float | None = None) -> None:
@@ -129,7 +129,7 @@ class Case:
         recordings: what happened, one for each trajectory.
         problem: what an estimator is told.
         observations: what it is shown.
-        outcome: what is known of the trial before anybody estimates.
+        outcome: what is known of the trial before the estimate.
     """
 
     draw: Draw
@@ -140,7 +140,7 @@ class Case:
 
 
 def silent(stage: str, seconds: float) -> None:
-    """An ``Announce`` that tells nobody."""
+    """An ``Announce`` that does nothing."""
 
 
 def judge(
@@ -302,7 +302,7 @@ def _with_scores(
             try:
                 found = foreign.score(entry, judged, trial.home_plugins, trial.time_limit)
                 scores[entry.column] = found
-            except MetricError as error:  # its own fault, and nobody else's
+            except MetricError as error:  # concerns this metric only
                 notes.append(clip(str(error)))
     return replace(outcome, scores=scores, message=clip("; ".join(notes)))
 

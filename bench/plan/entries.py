@@ -1,7 +1,7 @@
 """What a suite lists: scenarios, sensors, estimators and metrics, each with its parameters.
 
-A suite file says little of them. The rest is learnt from the plugins themselves when the suite is
-loaded (``bench.plan.learn``) and stored with it, so whoever reads a stored suite needs no plugin.
+A suite file says little about them. The rest is learnt from the plugins when the suite is loaded
+(``bench.plan.learn``) and stored with it, so a stored suite can be read without its plugins.
 """
 
 from typing import Any

@@ -27,6 +27,17 @@ def fingerprint(modules: Mapping[str, Path], roots: Mapping[str, Path], own: Pat
         roots: packages of which imports count: dotted name and the folder above its first part.
         own: a folder whose modules count under any other top-level name.
     """
+    found = modules_used(modules, roots, own)
+    digest = hashlib.sha256()
+    for name in sorted(found):
+        digest.update(f"{name} {_content(found[name])}\n".encode())
+    return digest.hexdigest()[:LENGTH]
+
+
+def modules_used(
+    modules: Mapping[str, Path], roots: Mapping[str, Path], own: Path | None
+) -> dict[str, Path]:
+    """Names and files of modules and of all that they import, as ``fingerprint`` counts them."""
     found: dict[str, Path] = {}
     pending = list(modules.items())
     while pending:
@@ -39,10 +50,15 @@ def fingerprint(modules: Mapping[str, Path], roots: Mapping[str, Path], own: Pat
             located = folder and _locate(folder, imported)
             if located:
                 pending.append((imported, located))
-    digest = hashlib.sha256()
-    for name in sorted(found):
-        digest.update(f"{name} {_content(found[name])}\n".encode())
-    return digest.hexdigest()[:LENGTH]
+    return found
+
+
+def data_beside(path: Path) -> list[Path]:
+    """Files of a module's own name beside it, such as its data: they count as part of it."""
+    if path.name == "__init__.py":
+        return []
+    beside = sorted(path.parent.glob(f"{path.stem}.*"))
+    return [f for f in beside if f != path and f.is_file() and f.suffix not in _COMPILED]
 
 
 def _folder(name: str, roots: Mapping[str, Path], own: Path | None) -> Path | None:
@@ -107,8 +123,6 @@ def _content(path: Path) -> str:
     digest = hashlib.sha256()
     tree = _tree(path)
     digest.update(path.read_bytes() if tree is None else ast.unparse(tree).encode())
-    if path.name != "__init__.py":
-        for sibling in sorted(path.parent.glob(f"{path.stem}.*")):
-            if sibling != path and sibling.is_file() and sibling.suffix not in _COMPILED:
-                digest.update(f"{sibling.name}\n".encode() + sibling.read_bytes())
+    for sibling in data_beside(path):
+        digest.update(f"{sibling.name}\n".encode() + sibling.read_bytes())
     return digest.hexdigest()

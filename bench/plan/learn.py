@@ -90,8 +90,8 @@ def _add(suite: Suite, plugin: str, said: Description) -> Suite:
     return suite.model_copy(update={"estimators": (*suite.estimators, estimator)})
 
 
-# Whoever goes on with a run, or works on it elsewhere, may be in another folder: references are
-# absolute. Entries are made anew, so that what a plugin says is checked as what a file says is.
+# A run may be continued from another folder, so references are absolute. Entries are built again,
+# so that what a plugin declares is checked like the contents of a file.
 
 
 def _scenario(entry: ScenarioEntry, said: Description) -> ScenarioEntry:

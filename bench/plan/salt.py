@@ -1,7 +1,7 @@
 """The salt of a suite: what the streams of noise and draws are seeded with.
 
-Who knows the salt can draw the noise again and subtract it. That of a published suite is its name,
-so that anybody repeats its rows; a fresh one is known to nobody before its run.
+A reader of the salt can draw the noise again and subtract it. The salt of a published suite is its
+name, so that its rows can be repeated. A fresh salt is unknown before its run.
 """
 
 import hashlib
@@ -11,7 +11,7 @@ from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.values import LABEL_LENGTH, shown
 from olne_bench.errors import UserError
 
-#: What asks for a salt that nobody knows.
+#: Asks for a secret salt.
 FRESH = "fresh"
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import olne_bench
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
-from olne_bench.bench.plan.fingerprint import LENGTH, fingerprint
+from olne_bench.bench.plan.fingerprint import LENGTH, data_beside, fingerprint, modules_used
 from olne_bench.games.native import backend
 from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
 
@@ -87,6 +87,22 @@ def versions(
         scoring=_scoring(named),
         environment=_digest(f"{name} {value}" for name, value in environment().items()),
     )
+
+
+def files_of(kind: Kind, reference: str) -> list[Path]:
+    """Files below a plugin's own folder that its version counts; its own file comes first.
+
+    Args:
+        kind: of the plugin.
+        reference: names a file.
+
+    Raises:
+        UserError: where there is no such file.
+    """
+    path = source(kind, reference)[1]
+    found = modules_used({path.stem: path}, _COMMON[kind], own=path.parent).values()
+    own = [path, *sorted(f for f in found if f != path and f.is_relative_to(path.parent))]
+    return [f for module in own for f in (module, *data_beside(module))]
 
 
 @lru_cache(maxsize=1)

@@ -1,6 +1,6 @@
 """A child process seen from its parent: started, given work, watched, killed, replaced.
 
-Process pools of libraries were tried first. What is needed here and was not to be had together: a
+Process pools of libraries were tried first. None has all that is needed here: a time
 limit for every piece of work on a monotonic clock, answers that execute nothing, an exit with code
 0 that is noticed, and descendants that die with their process. Each child has a socket and a
 session of its own, so there is nothing that two of them share.
@@ -44,7 +44,7 @@ from olne_bench.games.compiler import reader_environment
 START_LIMIT = 300.0
 #: How long a process may still be there after its connection is closed [s].
 _DEATH_SECONDS = 5.0
-#: Whoever waits looks after a process this often [s].
+#: How often a waiting caller checks its process [s].
 TICK = 0.2
 #: How long a process may take to read its next work [s].
 _SEND_SECONDS = 10.0

@@ -66,10 +66,10 @@ def kill_family(pid: int) -> None:
 
 
 def kill_descendants(pid: int, keep: frozenset[int] = frozenset()) -> None:
-    """Kill what lives below a process, but for some children and what is below those.
+    """Kill the descendants of a process, except some children and their descendants.
 
-    A process that forks and ends while it is looked for hides its child from that look, but not
-    from the next ones.
+    A process that forks and ends during a search hides its child from this search, but not from
+    the next ones.
     """
     deadline = time.monotonic() + _KILL_SECONDS
     quiet = 0

@@ -73,7 +73,7 @@ def decode_message(frame: bytes) -> Message:
     """A message out of a frame.
 
     Raises:
-        ValueError: where it is none.
+        ValueError: if the frame holds no message.
     """
     try:
         return _DECODER.decode(frame)

@@ -118,7 +118,7 @@ def published_failures(attempts: pd.DataFrame) -> np.ndarray:
     """Which rows the published study would count as failed.
 
     Either the estimator fails, or the study's one solve for the forward game does not converge,
-    be there a root or not.
+    whether or not a root exists.
     """
     failed = attempts["status"].ne("ok") | attempts["published_forward"].eq(0)
     return failed.to_numpy(bool)

@@ -9,31 +9,33 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declar
 from olne_bench.bench.judge.observe import sensor_model
 from olne_bench.bench.judge.referee import layers_of
 from olne_bench.bench.judge.truth import Draw, noise_seed, true_recording
-from olne_bench.bench.plan.entries import ScenarioEntry, SensorEntry
+from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.errors import UserError
 from olne_bench.games.sensor import SensorModel
 
-#: What goes wrong where a label is of another version, or its truth is not to be had.
+#: Errors where a label is of another version, or its truth cannot be computed.
 UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)
 
 
 @dataclass(frozen=True)
 class Study:
-    """Scenarios, sensors and metrics of a run.
+    """Scenarios, sensors, estimators and metrics of a run.
 
     Attributes:
         metrics: what its metrics declare, those of this package first.
         scenarios: entries by label.
         sensors: entries by label.
         salt: that draws and noise were seeded with.
+        estimators: entries by label.
     """
 
     metrics: tuple[MetricDeclaration, ...] = BUILT_IN
     scenarios: Mapping[str, ScenarioEntry] = field(default_factory=dict)
     sensors: Mapping[str, SensorEntry] = field(default_factory=dict)
     salt: str = ""
+    estimators: Mapping[str, EstimatorEntry] = field(default_factory=dict)
 
     def scenario(self, label: str) -> ScenarioEntry:
         """The scenario with a label; nothing says that it still exists.
@@ -97,14 +99,16 @@ def study_of(suites: Iterable[Suite]) -> Study:
     metrics: dict[str, MetricDeclaration] = {}
     scenarios: dict[str, ScenarioEntry] = {}
     sensors: dict[str, SensorEntry] = {}
+    estimators: dict[str, EstimatorEntry] = {}
     salt = ""
     for suite in suites:
         scenarios |= {entry.label: entry for entry in suite.scenarios}
         sensors |= {entry.label: entry for entry in suite.sensors}
+        estimators |= {entry.label: entry for entry in suite.estimators}
         salt = suite.salt
         declared = [_declaration(entry) for entry in suite.metrics]
         metrics |= {one.name: one for one in declared}
-    return Study(_ordered(metrics) or BUILT_IN, scenarios, sensors, salt)
+    return Study(_ordered(metrics) or BUILT_IN, scenarios, sensors, salt, estimators)
 
 
 def _declaration(entry: Any) -> MetricDeclaration:

@@ -11,11 +11,10 @@ from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.escapes import csv_safe, csv_safe_arrow
 from olne_bench.bench.report.figures import draw_figures
 from olne_bench.bench.report.leaderboard_text import latex, markdown
-from olne_bench.bench.report.page.render import render_page
+from olne_bench.bench.report.page.render import Extras, render_page
 from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.tables import RunTables, tabulate
-from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import parse_weights, read_store, to_frame
 from olne_bench.errors import UserError
 from olne_bench.files import whole_file
@@ -36,7 +35,9 @@ class Report:
     notes: list[str]
 
 
-def write_report(folder: Path, formats: Sequence[str]) -> Report:
+def write_report(
+    folder: Path, formats: Sequence[str], playable: Sequence[tuple[float, int]] = ()
+) -> Report:
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
@@ -46,6 +47,7 @@ def write_report(folder: Path, formats: Sequence[str]) -> Report:
     Args:
         folder: a run folder.
         formats: of the figures; none are drawn where it is empty.
+        playable: noise levels and seeds of trials that the page is to play, whatever else it does.
 
     Raises:
         UserError: if the folder holds no run, or cannot be written.
@@ -55,6 +57,7 @@ def write_report(folder: Path, formats: Sequence[str]) -> Report:
     if not rows.num_rows:
         raise UserError(f"the run in {folder} has no finished trial yet")
     study = study_of(read_suite_json(run.suite) for run in runs)
+    _refuse_unknown(rows, playable)
     try:
         trials = weighed(_write_trials(rows, folder))
         tables = tabulate(trials, study)
@@ -62,10 +65,24 @@ def write_report(folder: Path, formats: Sequence[str]) -> Report:
         notes = list(tables.notes)
         if formats:
             notes += draw_figures(trials, folder / "figures", formats, study).notes
-        notes += _write_page(trials, tables, runs, study, notes, folder / "index.html")
+        page = render_page(trials, tables, runs, study, notes, Extras(playable=tuple(playable)))
+        with whole_file(folder / "index.html") as path:
+            path.write_text(page.html, encoding="utf-8")
+        notes += page.notes
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
     return Report(tables, study, list(dict.fromkeys(notes)))
+
+
+def _refuse_unknown(rows: Table, places: Sequence[tuple[float, int]]) -> None:
+    known = set(zip(rows.column("sigma").to_pylist(), rows.column("seed").to_pylist(), strict=True))
+    for sigma, seed in places:
+        if (sigma, seed) not in known:
+            levels = ", ".join(f"{level:g}" for level in sorted({level for level, _ in known}))
+            raise UserError(
+                f"--play {sigma:g}:{seed}: the run has no such trial; it has the noise levels "
+                f"{levels} and seeds up to {max(seed for _, seed in known)}"
+            )
 
 
 def _write_trials(rows: Table, folder: Path) -> pd.DataFrame:
@@ -87,18 +104,3 @@ def _write_tables(tables: RunTables, study: Study, folder: Path) -> None:
     ):
         with whole_file(folder / name) as path:
             path.write_text(text, encoding="utf-8")
-
-
-def _write_page(
-    trials: pd.DataFrame,
-    tables: RunTables,
-    runs: Sequence[Provenance],
-    study: Study,
-    notes: Sequence[str],
-    place: Path,
-) -> list[str]:
-    """Write the page, and return what it could not show."""
-    page = render_page(trials, tables, runs, study, notes)
-    with whole_file(place) as path:
-        path.write_text(page.html, encoding="utf-8")
-    return page.notes

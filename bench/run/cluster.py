@@ -46,7 +46,7 @@ _CONNECT_SECONDS = 20.0
 _GREETING_SECONDS = 60.0
 #: How often a cluster of one's own is started, at most.
 _STARTS = 4
-#: What Dask gets to close in when somebody waits for it [s].
+#: How long Dask may take to close while a user waits [s].
 _STOP_SECONDS = 1.5
 
 _idle: SimpleQueue[RefereeProcess] = SimpleQueue()
@@ -193,7 +193,7 @@ class _Run:
         return list(zip(chunk.trials[:done], outcomes, strict=True))
 
     def _lose(self, future: Any, chunk: "_Chunk") -> None:
-        """Run a chunk once more whose worker has died; its trials are not to blame."""
+        """Run a chunk again if its worker has died; its trials did not fail."""
         from distributed import KilledWorker
 
         self._check_connection()

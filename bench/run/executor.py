@@ -16,7 +16,7 @@ from olne_bench.bench.run.referee_process import RefereeProcess
 
 
 def never() -> bool:
-    """Says that nobody wants a run to stop."""
+    """Never asks a run to stop."""
     return False
 
 

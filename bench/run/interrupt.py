@@ -7,10 +7,10 @@ from types import FrameType
 
 
 class StopRequest:
-    """Whether somebody wants the run to end; a callable that says so.
+    """A callable that says whether the run was asked to end.
 
     Attributes:
-        signal: which one came first, None so far.
+        signal: the first one that came; None before.
     """
 
     def __init__(self) -> None:

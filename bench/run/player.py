@@ -21,7 +21,7 @@ class Prepared(msgspec.Struct):
 
 
 class Answered(msgspec.Struct):
-    """An estimate, or why what was returned is none."""
+    """An estimate, or the reason why the returned value is not one."""
 
     estimate: RawEstimate | None
     malformed: str = ""

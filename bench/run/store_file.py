@@ -21,7 +21,7 @@ _HEADER = 100  # bytes; sqlite.org/fileformat.html
 
 @contextmanager
 def writing(folder: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to a run folder's store that nobody else writes to meanwhile.
+    """A connection to a run folder's store, with exclusive writing.
 
     Makes folder and file where they are missing.
 

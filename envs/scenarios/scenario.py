@@ -37,7 +37,7 @@ class Scenario:
         game: the game without its truth.
         weights: (N, K) true weights, rows sum to one.
         initial_state: (N, n) true x_1.
-        limits: sizes of a world's spaces; whoever plays the scenario needs them.
+        limits: sizes of a world's spaces; needed to play the scenario.
         world: module of ``envs`` whose ``parallel_env`` plays the scenario.
         noise_scale: (n,) standard deviation of a sensor's noise on each component of the state,
             relative to that on a position [m]; ones where absent, as in the paper.

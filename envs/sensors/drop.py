@@ -14,7 +14,7 @@ class Drop:
         p: probability, 0 to 1.
 
     Raises:
-        ValueError: if it is none.
+        ValueError: if p is not a probability.
     """
 
     name: ClassVar[str] = "drop"

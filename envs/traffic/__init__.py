@@ -5,14 +5,15 @@ Use it from a stock configuration::
     gym.make("highway-v0", config={"other_vehicles_type": "olne_bench.envs.traffic.NashVehicle"})
 
 Every ``PLAN_STEP`` seconds, the Nash vehicles near each other solve one open-loop game over the
-next ``STEPS`` plan steps. The solver starts from their previous plans, and each vehicle drives the
-first step of the solution. HighwayEnv still decides which lane a vehicle takes (MOBIL and the
-planned route). The game decides how the vehicle gets there among others who plan as well.
+next ``STEPS`` plan steps. The games of a road are solved at once. The solver starts from previous
+plans, and each vehicle drives the first step of the solution. HighwayEnv still decides which lane
+a vehicle takes (MOBIL and the planned route). The game decides how the vehicle gets there among
+others who plan as well.
 
 The ego vehicle, and every other vehicle that does not plan, is predicted to keep its lane and
 speed. It is not a player: its cost is unknown, and a driver who counted on the ego's cooperation
 would drive into an ego that does not cooperate. Nash vehicles of another group are predicted to
-follow their latest plans.
+go on with their previous plans.
 
 A vehicle without a new plan goes on with the rest of its previous one. It drives by the
 Intelligent Driver Model until the next try where that rest is used up, and where its equilibrium

@@ -1,4 +1,4 @@
-"""One game for the Nash vehicles that are near each other, and a plan for each of them."""
+"""Games for all vehicles of a road whose plans are due, solved at once, and a plan for each."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -6,6 +6,7 @@ from functools import lru_cache
 from time import perf_counter
 
 import numpy as np
+from highway_env.road.road import Road
 from highway_env.vehicle.kinematics import Vehicle
 from threadpoolctl import ThreadpoolController
 
@@ -17,49 +18,84 @@ from olne_bench.envs.traffic.surroundings import (
     MAX_PLAYERS,
     NUM_OTHERS,
     nearest_predictions,
-    planning_group,
-    predictions_around,
+    planning_groups,
 )
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
 from olne_bench.games.reference_game import Plan, ReferenceGame, Situation
 
 MAX_SHIFTS = 3  # plan steps for which an old plan may serve
+BETWEEN = 3  # places between two plan steps at which contact is looked for
+#: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
+SMALL_CHANGE = (2e-3, 0.1)
+
+Group = list[PlanningVehicle]
+Starts = list[VehiclePlan | None]
 
 
-def plan_together(vehicle: PlanningVehicle) -> None:
-    """Give a plan to the vehicle, and to those near it whose plans are due as well."""
-    group = planning_group(vehicle)
-    for member in group:
-        member.choose_lane()
-    starts = [member.remaining_plan() for member in group]
-    situation = _situation(group, starts)
-    report = traffic_report(vehicle.road)
+def plan_together(road: Road) -> None:
+    """Give a plan to every vehicle whose plan is due, in games of those near each other."""
+    groups = planning_groups(road)
+    for group in groups:
+        for member in group:
+            member.choose_lane()
+    starts = [[member.remaining_plan() for member in group] for group in groups]
+    situations = _situations(road, groups, starts)
     begin = perf_counter()
-    solution = _solve(situation, starts)
-    times = report.seconds.setdefault(len(group), deque(maxlen=10_000))
+    solutions = _solve(situations, starts)
+    report = traffic_report(road)
+    planning = sum(len(group) for group in groups)
+    times = report.seconds.setdefault(planning, deque(maxlen=10_000))
     times.append(perf_counter() - begin)
-    for index, (member, start) in enumerate(zip(group, starts, strict=True)):
-        member.adopt(_next_plan(solution, situation.others[index], index, start, report))
+    for group, start, situation, solution in zip(
+        groups, starts, situations, solutions, strict=True
+    ):
+        collides = _run_into_something(solution.states, situation.others)
+        for index, member in enumerate(group):
+            plan = _next_plan(solution, index, bool(collides[index]), start[index], report)
+            member.adopt(plan)
 
 
-def _solve(situation: Situation, starts: Sequence[VehiclePlan | None]) -> Plan:
-    pursuit = [
-        pursuit_controls(*pair)
-        for pair in zip(situation.initial_state, situation.references, strict=True)
+def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
+    """Start from previous plans; games that fail start once more, from a pursuit of the lanes."""
+    warm = [
+        np.stack(
+            [
+                pursuit_controls(*pair) if plan is None else plan.controls
+                for plan, *pair in zip(
+                    start, situation.initial_state, situation.references, strict=True
+                )
+            ],
+            axis=1,
+        )
+        for situation, start in zip(situations, starts, strict=True)
     ]
-    warm = [p if s is None else s.controls for s, p in zip(starts, pursuit, strict=True)]
     # BLAS on several threads is a hundred times slower on matrices this small.
     with _blas().limit(limits=1, user_api="blas"):
-        solution = _game().solve(situation, np.stack(warm, axis=1))
-        if not solution.converged and any(start is not None for start in starts):
-            solution = _game().solve(situation, np.stack(pursuit, axis=1))
-    return solution
+        solutions = _game().solve_all(situations, warm, small_change=SMALL_CHANGE)
+        again = [
+            index
+            for index, (solution, start) in enumerate(zip(solutions, starts, strict=True))
+            if not solution.converged and any(plan is not None for plan in start)
+        ]
+        if again:
+            failed = [situations[index] for index in again]
+            cold = [_pursuits(situation) for situation in failed]
+            second = _game().solve_all(failed, cold, small_change=SMALL_CHANGE)
+            for index, solution in zip(again, second, strict=True):
+                solutions[index] = solution
+    return solutions
+
+
+def _pursuits(situation: Situation) -> np.ndarray:
+    """Controls (T-1, N, 2) with which everybody pursues its lane."""
+    pairs = zip(situation.initial_state, situation.references, strict=True)
+    return np.stack([pursuit_controls(*pair) for pair in pairs], axis=1)
 
 
 def _next_plan(
     solution: Plan,
-    others: np.ndarray,
     index: int,
+    collides: bool,
     start: VehiclePlan | None,
     report: TrafficReport,
 ) -> VehiclePlan | None:
@@ -68,7 +104,7 @@ def _next_plan(
     The case is counted in the report.
     """
     if solution.converged:
-        if not _runs_into_something(solution.states, others, index):
+        if not collides:
             report.solved += 1
             return VehiclePlan(solution.states[:, index], solution.controls[:, index])
     elif start is not None and start.shifts <= MAX_SHIFTS:
@@ -78,51 +114,76 @@ def _next_plan(
     return None
 
 
-def _runs_into_something(states: np.ndarray, others: np.ndarray, index: int) -> bool:
-    """Whether planned states (T, N, 4) bring that player into contact ahead of it.
+def _run_into_something(states: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Which players' plans bring them into contact ahead of them: a mask (N,).
 
     Args:
-        states: of all players.
-        others: (M, T-1, 2) predicted positions of what else the player avoids.
-        index: of the player.
+        states: (T, N, 4) of all players.
+        others: (N, M, T-1, 2) predicted positions of what else each player avoids.
     """
-    own = states[1:, index]
-    players = np.delete(states[1:, :, :2], index, axis=1).swapaxes(0, 1)
-    offsets = np.concatenate([players, others]) - own[:, :2]  # (N-1+M, T-1, 2)
-    cos, sin = np.cos(own[:, 2]), np.sin(own[:, 2])
-    ahead = offsets[..., 0] * cos + offsets[..., 1] * sin
+    own = states[1:].swapaxes(0, 1)  # (N, T-1, 4)
+    players = np.broadcast_to(own[..., :2], (len(own), *own[..., :2].shape))
+    offsets = np.concatenate([players, others], axis=1) - own[:, None, :, :2]
+    cos, sin = np.cos(own[:, None, :, 2]), np.sin(own[:, None, :, 2])
+    ahead = offsets[..., 0] * cos + offsets[..., 1] * sin  # a player is not ahead of itself
     beside = offsets[..., 1] * cos - offsets[..., 0] * sin
+    # A car passes its own length in less than a step: look between the steps as well.
+    ahead, beside = _with_steps_between(ahead), _with_steps_between(beside)
     contact = (ahead > 0) & (ahead < Vehicle.LENGTH) & (np.abs(beside) < 0.9 * Vehicle.WIDTH)
-    return bool(contact.any())
+    return np.asarray(contact.any(axis=(1, 2)))
 
 
-def _situation(group: list[PlanningVehicle], starts: Sequence[VehiclePlan | None]) -> Situation:
-    predicted = predictions_around(group)
-    return Situation(
-        initial_state=np.stack([member.state() for member in group]),
-        weights=np.stack([member.temperament.weights for member in group]),
-        references=np.stack(
-            [_references(member, start) for member, start in zip(group, starts, strict=True)]
-        ),
-        others=np.stack([nearest_predictions(member, predicted) for member in group]),
+def _with_steps_between(values: np.ndarray) -> np.ndarray:
+    """Values (..., S) at steps, and BETWEEN more after each but the last, as they change evenly."""
+    parts = np.linspace(0.0, 1.0, BETWEEN + 1, endpoint=False)
+    change = np.diff(values)[..., None] * parts
+    between = values[..., :-1, None] + change
+    return np.concatenate([between.reshape(*values.shape[:-1], -1), values[..., -1:]], axis=-1)
+
+
+def _situations(road: Road, groups: list[Group], starts: Sequence[Starts]) -> list[Situation]:
+    members = [member for group in groups for member in group]
+    references = _references(members, [plan for start in starts for plan in start])
+    others = nearest_predictions(road, groups)
+    ends = np.cumsum([len(group) for group in groups])[:-1]
+    return [
+        Situation(
+            initial_state=np.stack([member.state() for member in group]),
+            weights=np.stack([member.temperament.weights for member in group]),
+            references=those_references,
+            others=those_others,
+        )
+        for group, those_references, those_others in zip(
+            groups, np.split(references, ends), np.split(others, ends), strict=True
+        )
+    ]
+
+
+def _references(vehicles: list[PlanningVehicle], starts: Starts) -> np.ndarray:
+    """Points and speeds (N, T-1, 4) of the target lanes, and what follows, where vehicles pass."""
+    speeds = np.stack(
+        [
+            np.full(STEPS, vehicle.speed) if start is None else start.states[:-1, 3]
+            for vehicle, start in zip(vehicles, starts, strict=True)
+        ]
     )
-
-
-def _references(vehicle: PlanningVehicle, start: VehiclePlan | None) -> np.ndarray:
-    """Points and speeds (T-1, 4) of the target lane and its successors where a vehicle passes."""
-    speeds = np.full(STEPS, vehicle.speed) if start is None else start.states[:-1, 3]
-    distances = PLAN_STEP * np.cumsum(np.maximum(speeds, 0.0))
-    points, limits = points_along_lanes(
-        vehicle.road.network,
-        vehicle.target_lane_index,
-        vehicle.route,
-        vehicle.position,
-        distances,
-        lateral=0.0,
-    )
-    target = np.minimum(vehicle.target_speed * vehicle.temperament.haste, limits)
+    distances = PLAN_STEP * np.cumsum(np.maximum(speeds, 0.0), axis=1)
+    found = [
+        points_along_lanes(
+            vehicle.road.network,
+            vehicle.target_lane_index,
+            vehicle.route,
+            vehicle.position,
+            ahead,
+            lateral=0.0,
+        )
+        for vehicle, ahead in zip(vehicles, distances, strict=True)
+    ]
+    points = np.stack([points for points, _ in found])
+    wanted = np.array([vehicle.target_speed * vehicle.temperament.haste for vehicle in vehicles])
+    target = np.minimum(wanted[:, None], np.stack([limits for _, limits in found]))
     target = np.minimum(target, curve_speeds(points))
-    return np.column_stack([points, target])
+    return np.concatenate([points, target[..., None]], axis=2)
 
 
 @lru_cache(maxsize=1)

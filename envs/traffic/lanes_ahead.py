@@ -1,6 +1,7 @@
 """The lanes ahead of a vehicle: where it will pass, and how fast it may."""
 
 import numpy as np
+from highway_env.road.lane import AbstractLane, SineLane, StraightLane
 from highway_env.road.road import LaneIndex, RoadNetwork
 
 CURVE_ACCELERATION = 5.0  # [m/s^2] across, for which drivers slow down in curves
@@ -22,33 +23,53 @@ def points_along_lanes(
     Returns:
         Points (S, 3) px, py, direction, and the speed limit (S,) [m/s] at each.
     """
+    points, limits = np.empty((len(distances), 3)), np.empty(len(distances))
     lane = network.get_lane(index)
     before, _ = lane.local_coordinates(position)
-    points, limits = [], []
     ahead = list(route) if route else None
-    for distance in distances:
-        while before + distance > lane.length:
+    done = 0
+    while done < len(distances):
+        places = before + distances[done:]
+        beyond = places > lane.length
+        count = int(beyond.argmax()) if beyond.any() else len(places)
+        following = index
+        if count < len(places):
             end = lane.position(lane.length, 0)
             if ahead and index[:2] != ahead[0][:2] and index[1] != ahead[0][0]:
                 ahead = None  # the vehicle has left its route
             following = network.next_lane(index, ahead, end)
-            if following == index:
-                break
+        if following == index:
+            count = len(places)
+        here = slice(done, done + count)
+        points[here] = _points_on(lane, places[:count], lateral)
+        limits[here] = np.inf if lane.speed_limit is None else lane.speed_limit
+        done += count
+        if following != index:
             # Lanes need not touch, hence the place of the old one's end on the new one.
             passed = lane.length - before
             index, lane = following, network.get_lane(following)
             before = lane.local_coordinates(end)[0] - passed
-        place = before + distance
-        points.append([*lane.position(place, lateral), lane.heading_at(place)])
-        limits.append(np.inf if lane.speed_limit is None else lane.speed_limit)
-    return np.array(points), np.array(limits)
+    return points, limits
+
+
+def _points_on(lane: AbstractLane, places: np.ndarray, lateral: float) -> np.ndarray:
+    """Points (S, 3) px, py, direction at places (S,) [m] along a lane."""
+    points = np.empty((len(places), 3))
+    if type(lane) in (StraightLane, SineLane):  # HighwayEnv's other lanes take one place at a time
+        points[:, :2] = lane.position(places[:, None], lateral)
+        points[:, 2] = lane.heading_at(places)
+        return points
+    for point, place in zip(points, places, strict=True):
+        point[:2], point[2] = lane.position(place, lateral), lane.heading_at(place)
+    return points
 
 
 def curve_speeds(points: np.ndarray) -> np.ndarray:
-    """Speeds (T-1,) [m/s] at which the curve through points (T-1, 3) is comfortable."""
-    step = np.hypot(*np.diff(points[:, :2], axis=0).T)
-    turn = np.abs(np.diff(np.unwrap(points[:, 2])))
+    """Speeds (N, S) [m/s] at which the curves through points (N, S, 3) are comfortable."""
+    offsets = np.diff(points[..., :2], axis=1)
+    step = np.hypot(offsets[..., 0], offsets[..., 1])
+    turn = np.abs(np.diff(np.unwrap(points[..., 2])))
     # A vehicle that hardly moves sees no curve; lanes that do not touch make none either.
     curvature = np.clip(turn / np.maximum(step, 1.0), 1e-6, MAX_CURVATURE)
     speeds = np.sqrt(CURVE_ACCELERATION / curvature)
-    return np.append(speeds, speeds[-1])
+    return np.concatenate([speeds, speeds[:, -1:]], axis=1)

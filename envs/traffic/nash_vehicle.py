@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.traffic.joint_planning import plan_together
@@ -24,19 +23,19 @@ class NashVehicle(PlanningVehicle):
         if self.crashed:
             return
         if self.is_due():
-            plan_together(self)
+            plan_together(self.road)
         if self.plan is None:
             super().act()
             return
-        steering, acceleration = self.plan.controls[0]
+        steering, acceleration = self.plan.controls[0].tolist()
         # Plans may end in reverse where that is the only way out; cars on these roads stop.
         acceleration = max(acceleration, -max(self.speed, 0.0) / PLAN_STEP)
         limit = self.MAX_STEERING_ANGLE
         Vehicle.act(
             self,
             {
-                "steering": float(np.clip(steering, -limit, limit)),
-                "acceleration": float(np.clip(acceleration, -self.ACC_MAX, self.ACC_MAX)),
+                "steering": min(max(steering, -limit), limit),
+                "acceleration": min(max(acceleration, -self.ACC_MAX), self.ACC_MAX),
             },
         )
 

@@ -1,9 +1,10 @@
-"""A vehicle of HighwayEnv that keeps a plan, whoever makes it."""
+"""A vehicle of HighwayEnv that follows a plan made elsewhere."""
 
 from typing import Any, ClassVar
 
 import numpy as np
 from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.objects import RoadObject
 
 from olne_bench.envs.traffic.temperaments import Temperament, temperament
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, VehiclePlan
@@ -41,6 +42,14 @@ class PlanningVehicle(IDMVehicle):
         self.plan_age += dt
         super().step(dt)
 
+    def handle_collisions(self, other: RoadObject, dt: float = 0) -> None:
+        """Collide as HighwayEnv has it; what is far away is told sooner."""
+        if not (self.check_collisions or other.check_collisions):
+            return
+        reach = (self.diagonal + other.diagonal) / 2 + self.speed * dt
+        if abs(other.position[0] - self.position[0]) <= reach:
+            super().handle_collisions(other, dt)
+
     def is_due(self) -> bool:
         """Whether it is time for a new plan."""
         return self.plan_age > PLAN_STEP - 1e-6
@@ -61,4 +70,4 @@ class PlanningVehicle(IDMVehicle):
 
     def remaining_plan(self) -> VehiclePlan | None:
         """The plan as it goes on from now."""
-        return self.plan.shifted() if self.plan else None
+        return self.plan.rest if self.plan else None

@@ -14,9 +14,9 @@ class TrafficReport:
     Attributes:
         solved: vehicle plans that are equilibria.
         shifted: times a vehicle went on with its previous plan.
-        braked: times a vehicle fell back on the Intelligent Driver Model, for want of a plan or
-            of one that keeps clear of the others.
-        seconds: the latest solving times [s], by number of players.
+        braked: times a vehicle fell back on the Intelligent Driver Model, as it had no plan,
+            or none that keeps clear of the others.
+        seconds: the latest solving times [s], by number of vehicles that planned at once.
     """
 
     solved: int = 0

@@ -1,6 +1,7 @@
-"""Who plans together with a vehicle, and what everybody else is predicted to do."""
+"""Who plans together with whom, and what everybody else is predicted to do."""
 
 import numpy as np
+from highway_env.road.road import Road
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 
@@ -15,46 +16,56 @@ NUM_OTHERS = 3  # predicted vehicles and obstacles that each player avoids besid
 SIGHT = 80.0  # [m] up to which these are looked for
 
 
-def planning_group(vehicle: PlanningVehicle) -> list[PlanningVehicle]:
-    """The vehicle and the nearest others that plan now, MAX_PLAYERS at most."""
-    near = [
-        (float(np.hypot(*(other.position - vehicle.position))), index, other)
-        for index, other in enumerate(vehicle.road.vehicles)
-        if isinstance(other, PlanningVehicle)
-        and other is not vehicle
-        and not other.crashed
-        and other.is_due()
+def planning_groups(road: Road) -> list[list[PlanningVehicle]]:
+    """All vehicles that plan now, in groups of neighbours, MAX_PLAYERS in each at most.
+
+    The first vehicle on the road that is in no group takes the nearest that are in none.
+    """
+    due = [
+        vehicle
+        for vehicle in road.vehicles
+        if isinstance(vehicle, PlanningVehicle) and not vehicle.crashed and vehicle.is_due()
     ]
-    nearest = sorted(entry for entry in near if entry[0] < NEIGHBOURHOOD)[: MAX_PLAYERS - 1]
-    return [vehicle, *(other for _, _, other in nearest)]
+    positions = np.array([vehicle.position for vehicle in due])
+    groups, free = [], np.ones(len(due), dtype=bool)
+    for first in range(len(due)):
+        if free[first]:
+            distances = np.hypot(*(positions - positions[first]).T)
+            distances[~free] = np.inf
+            distances[first] = 0.0
+            nearest = np.argsort(distances, kind="stable")[:MAX_PLAYERS]
+            group = nearest[distances[nearest] < NEIGHBOURHOOD]
+            free[group] = False
+            groups.append([due[index] for index in group])
+    return groups
 
 
-def predictions_around(group: list[PlanningVehicle]) -> list[np.ndarray]:
-    """The positions (T-1, 2) at the next plan steps of everybody near a group but its members."""
-    first = group[0]
-    return [
-        predicted_positions(other)
-        for other in [*first.road.vehicles, *first.road.objects]
-        if not any(other is member for member in group) and not isinstance(other, Landmark)
-        if np.hypot(*(other.position - first.position)) < SIGHT + NEIGHBOURHOOD
-    ]
+def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.ndarray:
+    """What each of the N members of groups avoids besides its group: (N, M, T-1, 2) positions.
 
-
-def nearest_predictions(vehicle: PlanningVehicle, predicted: list[np.ndarray]) -> np.ndarray:
-    """The predictions (M, T-1, 2) that begin nearest to the vehicle."""
-    nearest = np.full((NUM_OTHERS, STEPS, 2), FAR_AWAY)
-    distances = [float(np.hypot(*(path[0] - vehicle.position))) for path in predicted]
-    for slot, index in enumerate(np.argsort(distances)[:NUM_OTHERS]):
-        if distances[index] < SIGHT:
-            nearest[slot] = predicted[index]
-    return nearest
+    These are the predictions that begin nearest to it.
+    """
+    around = [entry for entry in (*road.vehicles, *road.objects) if not isinstance(entry, Landmark)]
+    paths = np.stack([predicted_positions(other) for other in around])
+    group_of = {id(member): index for index, group in enumerate(groups) for member in group}
+    theirs = np.array([group_of.get(id(other), -1) for other in around])
+    members = [member for group in groups for member in group]
+    own = np.array([group_of[id(member)] for member in members])
+    offsets = paths[:, 0] - np.array([member.position for member in members])[:, None]
+    distances = np.hypot(offsets[..., 0], offsets[..., 1])  # (N, others)
+    distances[own[:, None] == theirs] = np.inf
+    nearest = np.argsort(distances, axis=1, kind="stable")[:, :NUM_OTHERS]
+    found = np.full((len(members), NUM_OTHERS, STEPS, 2), FAR_AWAY)
+    row, slot = np.nonzero(np.take_along_axis(distances, nearest, axis=1) < SIGHT)
+    found[row, slot] = paths[nearest[row, slot]]
+    return found
 
 
 def predicted_positions(other: RoadObject) -> np.ndarray:
     """The positions (T-1, 2) of a vehicle or obstacle at the next plan steps."""
     if isinstance(other, PlanningVehicle) and not other.crashed and other.plan is not None:
         passed = int(other.plan_age / PLAN_STEP + 0.5)
-        plan = other.plan.shifted() if passed else other.plan
+        plan = other.plan.rest if passed else other.plan
         return plan.states[1:, :2]
     times = PLAN_STEP * np.arange(1, STEPS + 1)
     if not isinstance(other, Vehicle) or other.crashed or other.lane is None:

@@ -1,6 +1,8 @@
 """What one Nash vehicle means to do."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import cos, sin
 
 import numpy as np
 
@@ -22,12 +24,12 @@ class VehiclePlan:
     controls: np.ndarray
     shifts: int = 0
 
-    def shifted(self) -> "VehiclePlan":
+    @cached_property
+    def rest(self) -> "VehiclePlan":
         """The plan without its first step, with one of coasting at the end."""
-        last = self.states[-1].copy()
-        last[:2] += PLAN_STEP * last[3] * np.array([np.cos(last[2]), np.sin(last[2])])
-        return VehiclePlan(
-            np.vstack([self.states[1:], last]),
-            np.vstack([self.controls[1:], np.zeros((1, 2))]),
-            self.shifts + 1,
-        )
+        states, controls = np.empty_like(self.states), np.zeros_like(self.controls)
+        states[:-1], controls[:-1] = self.states[1:], self.controls[1:]
+        px, py, heading, speed = self.states[-1].tolist()
+        ahead = PLAN_STEP * speed
+        states[-1] = px + ahead * cos(heading), py + ahead * sin(heading), heading, speed
+        return VehiclePlan(states, controls, self.shifts + 1)

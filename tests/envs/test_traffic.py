@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from highway_env.road.road import Road, RoadNetwork
+from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
+from olne_bench.envs.highway_roads import road_network
 from olne_bench.envs.traffic import (
     NashVehicle,
     Temperament,
@@ -15,7 +17,15 @@ from olne_bench.envs.traffic import (
     temperament,
     traffic_report,
 )
-from olne_bench.games.reference_game import ReferenceGame
+from olne_bench.envs.traffic.lanes_ahead import points_along_lanes
+from olne_bench.envs.traffic.surroundings import (
+    MAX_PLAYERS,
+    NEIGHBOURHOOD,
+    nearest_predictions,
+    planning_groups,
+    predicted_positions,
+)
+from olne_bench.games.reference_game import FAR_AWAY, ReferenceGame
 
 SIZES = {
     "highway-v0": {"vehicles_count": 8},
@@ -23,6 +33,13 @@ SIZES = {
     "roundabout-v1": {},
     "intersection-v2": {"initial_vehicle_count": 5},
 }
+
+
+@pytest.fixture(autouse=True)
+def own_parameters(monkeypatch):
+    """HighwayEnv's intersection changes parameters of the class; no test may lean on that."""
+    for name in ("DISTANCE_WANTED", "COMFORT_ACC_MAX", "COMFORT_ACC_MIN"):
+        monkeypatch.setattr(NashVehicle, name, getattr(IDMVehicle, name))
 
 
 def make(version: str, kind: str = "NashVehicle", **config):
@@ -103,6 +120,16 @@ def test_vehicles_do_not_run_into_an_ego_that_stands():
     assert not (ego.crashed or coming.crashed)
 
 
+def test_no_plan_jumps_over_somebody():
+    """At 25 m/s a plan step is twice the length of a car."""
+    states = np.zeros((11, 1, 4))
+    states[:, 0, 0], states[:, 0, 3] = 10.0 * np.arange(11), 25.0
+    for place in np.linspace(20, 90, 29):
+        for beside, expected in ((0.5, True), (2.5, False)):
+            other = np.broadcast_to((place, beside), (1, 1, 10, 2))
+            assert joint_planning._run_into_something(states, other).tolist() == [expected]
+
+
 @pytest.mark.parametrize("may", [True, False])
 def test_only_who_may_change_lanes_does(may):
     road = straight_road()
@@ -145,9 +172,9 @@ def test_failed_plans_fall_back_and_are_counted(monkeypatch):
     road.vehicles = [NashVehicle(road, [50, 0], speed=22), NashVehicle(road, [80, 0], speed=22)]
     drive(road, 1)
     before = traffic_report(road).solved
-    solve = ReferenceGame.solve
+    solve = ReferenceGame.solve_all
     monkeypatch.setattr(
-        ReferenceGame, "solve", lambda *args: solve(*args, max_iterations=0, tolerance=0.0)
+        ReferenceGame, "solve_all", lambda *args, **_: solve(*args, max_iterations=0, tolerance=0.0)
     )
     drive(road, 4)
     report = traffic_report(road)
@@ -161,8 +188,87 @@ def test_singular_systems_fall_back(monkeypatch):
     def fail(*_):
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(ReferenceGame, "_newton_step", fail)
+    monkeypatch.setattr(np.linalg, "solve", fail)
     road = straight_road()
     road.vehicles = [NashVehicle(road, [50, 0], speed=22, target_speed=28)]
     drive(road, 2)
     assert traffic_report(road).braked > 0
+
+
+@pytest.mark.parametrize(
+    ("road", "index", "along"),
+    [
+        ("highway", ("0", "1", 2), 40.0),
+        ("merge", ("j", "k", 0), 100.0),  # a straight lane, then a sine, then a straight one
+        ("roundabout", ("ser", "ses", 0), 100.0),  # a straight lane, a sine, arcs
+        ("intersection", ("o0", "ir0", 0), 80.0),
+    ],
+)
+def test_points_along_lanes_are_those_of_one_distance_at_a_time(road, index, along):
+    network = road_network(road)
+    position = network.get_lane(index).position(along, 0.5)
+    distances = np.linspace(0.0, 60.0, 13)
+    points, limits = points_along_lanes(network, index, None, position, distances, 0.3)
+    for distance, point, limit in zip(distances, points, limits, strict=True):
+        one = points_along_lanes(network, index, None, position, np.array([distance]), 0.3)
+        np.testing.assert_allclose(one[0][0], point, atol=1e-12)
+        assert one[1][0] == limit
+    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    assert (np.abs(steps - 5.0) < 1.5).all()  # lanes need not touch
+
+
+def crowd(count: int) -> Road:
+    road = straight_road()
+    rng = np.random.default_rng(1)
+    places = zip(np.cumsum(rng.uniform(8, 30, count)), rng.integers(2, size=count), strict=True)
+    road.vehicles = [NashVehicle(road, [x, 4.0 * lane], speed=22) for x, lane in places]
+    road.vehicles.insert(3, IDMVehicle(road, [5.0, 0.0], speed=22))
+    return road
+
+
+def test_everybody_who_plans_is_in_one_group_of_neighbours():
+    road = crowd(23)
+    road.vehicles[0].plan_age = 0.0  # not due
+    groups = planning_groups(road)
+    planning = [vehicle for group in groups for vehicle in group]
+    assert len(planning) == len({id(vehicle) for vehicle in planning}) == 22
+    assert road.vehicles[0] not in planning
+    assert 3 < max(len(group) for group in groups) <= MAX_PLAYERS
+    for first, *others in groups:
+        for other in others:
+            assert np.hypot(*(other.position - first.position)) < NEIGHBOURHOOD
+
+
+def test_what_is_avoided_is_near_and_not_in_the_group():
+    road = crowd(9)
+    groups = planning_groups(road)
+    found = nearest_predictions(road, groups)
+    row = 0
+    for group in groups:
+        foreign = [predicted_positions(v) for v in road.vehicles if v not in group]
+        for member in group:
+            foreign.sort(key=lambda path: np.hypot(*(path[0] - member.position)))
+            for path, expected in zip(found[row], foreign, strict=False):
+                if path[0, 0] != FAR_AWAY:
+                    np.testing.assert_array_equal(path, expected)
+            row += 1
+    assert row == len(found)
+
+
+def test_collisions_are_highway_envs():
+    """Nash vehicles tell sooner what is far; what is near collides as IDM vehicles do."""
+    rng = np.random.default_rng(0)
+    seen = set()
+    for _ in range(300):
+        states = rng.uniform((0, 0, -3, -5), (9, 4, 3, 30), (2, 4))
+        outcomes = []
+        for kind in (NashVehicle, IDMVehicle):
+            road = straight_road()
+            pair = [kind(road, state[:2], *state[2:]) for state in states]
+            pair[0].handle_collisions(pair[1], 0.2)
+            outcomes.append(
+                [(v.crashed, None if v.impact is None else v.impact.tolist()) for v in pair]
+            )
+        assert outcomes[0] == outcomes[1]
+        seen.add(outcomes[0][0][0])
+    assert seen == {True, False}

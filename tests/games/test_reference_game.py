@@ -14,6 +14,7 @@ from olne_bench.games.reference_game import (
     ReferenceGame,
     Situation,
     Units,
+    _Games,
 )
 
 STEPS = 6
@@ -43,18 +44,18 @@ def test_solution_is_stationary_and_convex(game, count):
 
 def test_newton_matrix_is_the_derivative_of_the_gradients(game):
     """Central differences, away from the solution, other players' influence included."""
-    here = situation(3)
+    here = _Games.of([situation(3)], game.max_players)
     rng = np.random.default_rng(0)
     unknowns = 0.01 * rng.standard_normal((3, STEPS, 2))
     direction = rng.standard_normal(unknowns.shape)
     ahead, behind = (
-        game._evaluate(here, unknowns + step * direction).gradients for step in (1e-6, -1e-6)
+        game.evaluate(here, unknowns + step * direction).gradients for step in (1e-6, -1e-6)
     )
     change = (ahead - behind) / 2e-6
-    at = game._evaluate(here, unknowns)
+    at = game.evaluate(here, unknowns)
     assert np.linalg.eigvalsh(at.own_hessians).min() > 0  # else the matrix is regularised
     np.testing.assert_allclose(
-        game._newton_step(replace(at, gradients=change)), -direction.ravel(), rtol=1e-4, atol=1e-5
+        game.newton_step(here, replace(at, gradients=change)), -direction, rtol=1e-4, atol=1e-5
     )
 
 
@@ -63,6 +64,7 @@ def test_no_player_gains_by_a_small_deviation(game):
     here = situation(3)
     plan = game.solve(here, np.zeros((STEPS, 3, 2)), tolerance=1e-10)
     rng = np.random.default_rng(1)
+    games = _Games.of([here], game.max_players)
     for player in range(3):
         offset = np.zeros((3, STEPS, 2))
         offset[player] = 1e-3 * rng.standard_normal((STEPS, 2))
@@ -70,7 +72,7 @@ def test_no_player_gains_by_a_small_deviation(game):
         start = plan.controls.swapaxes(0, 1)
         change = (
             sum(
-                w / 2 * game._evaluate(here, start + (x + 1) / 2 * offset).gradients[player]
+                w / 2 * game.evaluate(games, start + (x + 1) / 2 * offset).gradients[player]
                 for x, w in zip(nodes, weights, strict=True)
             )
             @ offset[player].ravel()
@@ -172,3 +174,54 @@ def test_steps_of_the_search_are_limited(game):
     again = game.solve(here, done.controls)
     assert again.iterations == 0
     np.testing.assert_array_equal(again.controls, done.controls)
+
+
+def test_games_at_once_are_those_one_by_one(game):
+    """Games of every size, one of which cannot be solved: nobody disturbs another game."""
+    broken = replace(situation(2), initial_state=np.full((2, 4), np.nan))
+    here = [situation(3), situation(1), broken, situation(2), situation(3)]
+    starts = [np.zeros((STEPS, len(one.weights), 2)) for one in here]
+    starts[4] += 0.01
+    together = game.solve_all(here, starts, tolerance=1e-9)
+    assert [plan.converged for plan in together] == [True, True, False, True, True]
+    for plan, one, start in zip(together, here, starts, strict=True):
+        alone = game.solve(one, start, tolerance=1e-9)
+        assert plan.iterations == alone.iterations
+        np.testing.assert_allclose(plan.controls, alone.controls, atol=1e-10)
+
+
+def test_gradients_and_own_hessians_are_derivatives_of_the_cost(game):
+    """Against CasADi's own derivatives of the cost, written down as one expression."""
+    import casadi as ca
+
+    from olne_bench.games.reference_game import _step_cost
+
+    here = situation(2)
+    rng = np.random.default_rng(3)
+    start = 0.05 * rng.standard_normal((2, STEPS, 2))
+    games = _Games.of([here], game.max_players)
+    at = game.evaluate(games, start)
+    u = ca.SX.sym("u", 2 * STEPS)
+    state, cost = ca.SX(here.initial_state[0]), 0.0
+    far = ca.SX([FAR_AWAY, FAR_AWAY])
+    for t, control in enumerate(ca.vertsplit(u, 2)):
+        state = game.dynamics.step(state, control, game.dt)
+        near = [ca.SX(at.states[1, t, :2]), far, far]
+        reference, weights = ca.SX(here.references[0, t]), ca.SX(here.weights[0])
+        cost += _step_cost(game, state, control, near, reference, weights)
+    hessian, gradient = ca.hessian(cost, u)
+    values = ca.Function("f", [u], [gradient, hessian])(start[0].ravel())
+    np.testing.assert_allclose(at.gradients[0], values[0].full()[:, 0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(at.own_hessians[0], values[1].full(), rtol=1e-9, atol=1e-9)
+
+
+def test_the_last_step_may_be_a_small_one(game):
+    """What it leaves is far smaller than itself."""
+    start = np.full((STEPS, 3, 2), 0.003)
+    exact = game.solve(situation(3), start, tolerance=1e-9)
+    early = game.solve(situation(3), start, tolerance=1e-9, small_change=(2e-3, 0.1))
+    assert early.converged and early.iterations < exact.iterations
+    np.testing.assert_allclose(early.controls[..., 0], exact.controls[..., 0], atol=2e-4)
+    np.testing.assert_allclose(early.controls[..., 1], exact.controls[..., 1], atol=1e-2)
+    played = rollout(game.dynamics, early.states[0], early.controls, game.dt)
+    np.testing.assert_allclose(early.states, played, atol=1e-12)

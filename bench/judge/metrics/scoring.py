@@ -19,7 +19,7 @@ class MetricError(Exception):
 def score_all(metrics: Iterable[Any], case: Judged) -> dict[str, float | None]:
     """Every metric's value, by the metric's name.
 
-    A metric that needs a prediction is not asked where there is none.
+    A metric that needs a prediction is skipped if there is none.
 
     Args:
         metrics: objects with ``name`` and ``score``.

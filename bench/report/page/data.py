@@ -17,7 +17,7 @@ from olne_bench.bench.report.figures.series import Series, split
 from olne_bench.bench.report.measures import in_table, primary
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.page.numbers import rounded
-from olne_bench.bench.report.page.scenes import scene_data
+from olne_bench.bench.report.page.scenes import Place, scene_data
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.envs.scene import PLAYER_COLOURS
 
@@ -40,12 +40,15 @@ class ChartData:
     notes: list[str]
 
 
-def chart_data(trials: pd.DataFrame, study: Study = USUAL) -> ChartData:
+def chart_data(
+    trials: pd.DataFrame, study: Study = USUAL, wanted: Sequence[Place] = ()
+) -> ChartData:
     """Everything that the page's script draws.
 
     Args:
         trials: of a run.
         study: of the run.
+        wanted: noise levels and seeds of sequences that are to be playable.
     """
     names = sorted(trials["scenario"].unique())
     plain = trials.drop(columns="weights")
@@ -57,7 +60,7 @@ def chart_data(trials: pd.DataFrame, study: Study = USUAL) -> ChartData:
         try:
             parts[name] = split(plain[plain["scenario"] == name], study)
             own = trials[trials["scenario"] == name]
-            scenes[name] = scene_data(own, number=len(names), study=study)
+            scenes[name] = scene_data(own, number=len(names), study=study, wanted=wanted)
         except NotDrawnError as error:
             notes.append(f"trajectories of {name} on the page: {error}")
     drawn = sum(not s.is_floor for series in parts.values() for s in series)

@@ -4,19 +4,17 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
-from markupsafe import Markup
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.measures import in_leaderboard, primary
+from olne_bench.bench.report.measures import FAILURES, in_leaderboard, primary
+from olne_bench.bench.report.page.cards import FIELDS, cards, measured_cost
 from olne_bench.bench.report.page.data import chart_data
-from olne_bench.bench.report.page.numbers import human
+from olne_bench.bench.report.page.template import script, template
 from olne_bench.bench.report.page.verdicts import verdicts
 from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE, leaders
@@ -26,7 +24,11 @@ from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.report.tables import RunTables
 from olne_bench.bench.run.provenance import Provenance
 
-_FOLDER = Path(__file__).parent
+#: Parts of the page's script, in the order in which they need each other.
+SCRIPTS = (
+    *("look", "vector", "save", "gif", "choice", "links", "board", "charts", "scenes", "player"),
+    "main",
+)
 _SMALLEST_SHOWN = 1e-6  # of errors on bars
 
 
@@ -37,6 +39,24 @@ class Bar:
     low: float
     mid: float | None
     high: float
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What a page shows beyond what every run's does.
+
+    Attributes:
+        title: instead of the suite's name.
+        playable: noise levels and seeds of sequences that can be played, whatever else can.
+        changes: from ``bench.report.statistics.run_comparison``, on a page of two runs.
+    """
+
+    title: str = ""
+    playable: tuple[tuple[float, int], ...] = ()
+    changes: pd.DataFrame | None = None
+
+
+PLAIN = Extras()
 
 
 @dataclass(frozen=True)
@@ -58,6 +78,7 @@ def render_page(
     runs: Sequence[Provenance],
     study: Study = USUAL,
     notes: Sequence[str] = (),
+    extras: Extras = PLAIN,
 ) -> Page:
     """The page as HTML.
 
@@ -67,54 +88,43 @@ def render_page(
         runs: where the rows come from, the last one last.
         study: of the run.
         notes: what else could not be shown, which the page says as well.
+        extras: what else it is to show.
     """
     table = tables.leaderboard
-    charts = chart_data(trials, study)
+    charts = chart_data(trials, study, extras.playable)
     metrics = in_leaderboard(study.metrics, table)
     first = primary(metrics)
-    html = _template().render(
-        title=str(trials["suite"].iloc[0]),
+    labels = style.estimator_order(table["estimator"].tolist())
+    html = template("template.html").render(
+        title=extras.title or str(trials["suite"].iloc[0]),
         description=_description(runs),
-        css=_own("page.css"),
-        script=_own("page.js"),
-        data=charts.content,
-        colours={n: style.estimator_colours(n) for n in table["estimator"].unique()},
+        script=script(SCRIPTS),
+        data=charts.content | {"tables": _texts(tables)},
+        colours={n: style.estimator_colours(n) for n in labels},
         verdicts=verdicts(table, tables.comparisons, study),
         rows=_board(table, metrics, first),
         metrics=metrics,
         primary=first,
+        changes=None if extras.changes is None else _rows(extras.changes),
         comparisons=_rows(tables.comparisons),
         weights=_weights(tables),
+        cards=[(card, measured_cost(table, card.label)) for card in cards(study, labels)],
+        fields=FIELDS,
         trial_count=int(table["trials"].sum()),
         harness_errors=in_words(tables.harness_errors),
         notes=list(dict.fromkeys([*notes, *charts.notes])),
         runs=list(runs),
-        written=datetime.now(UTC).isoformat(sep=" ", timespec="minutes"),
         sigma=REFERENCE_SIGMA,
         significance=SIGNIFICANCE,
         floor=FLOOR,
+        failures=FAILURES.name,
     )
     return Page(html, charts.notes)
 
 
-def _template() -> Template:
-    environment = Environment(
-        loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined
-    )
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    environment.filters |= {
-        "human": human,
-        "percent": _percent,
-        "chance": _chance,
-        "key": _sort_key,
-        "moment": _moment,
-    }
-    return environment.get_template("template.html")
-
-
-def _own(name: str) -> Markup:
-    """A file of ours, which goes into the page as it is."""
-    return Markup((_FOLDER / name).read_text(encoding="utf-8"))
+def _texts(tables: RunTables) -> dict[str, str]:
+    """The tables as the run folder has them, to be saved from the page."""
+    return {name: csv_safe(table).to_csv(index=False) for name, table in tables.by_name().items()}
 
 
 def _description(runs: Sequence[Provenance]) -> str:
@@ -175,23 +185,3 @@ def _weights(tables: RunTables) -> list[dict[str, Any]]:
         row | {"ratios": ratios.get(tuple(row[k] for k in key), {})}
         for row in _rows(tables.identifiability)
     ]
-
-
-def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100 * share:.3g} %"
-
-
-def _chance(p: float) -> str:
-    """A p-value for people."""
-    return "< 0.001" if p < 0.001 else f"{p:.2g}"
-
-
-def _moment(text: str) -> str:
-    """A time as stored, for people."""
-    return f"{datetime.fromisoformat(text).astimezone(UTC):%Y-%m-%d %H:%M} UTC"
-
-
-def _sort_key(value: float) -> str:
-    """A number as the script's sorting reads it; empty where there is none."""
-    value = float(value)
-    return "" if math.isnan(value) else repr(value).replace("inf", "Infinity")

@@ -1,5 +1,6 @@
 """Trajectories for the page: truth, observations, and what the estimates predict."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,33 +10,40 @@ from olne_bench.bench.report.figures.scene import Scene, scene_of
 from olne_bench.bench.report.figures.telling import telling_level
 from olne_bench.bench.report.measures import in_table
 from olne_bench.bench.report.page.numbers import decimals, rounded
+from olne_bench.bench.report.predicted_motion import estimated_weights
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import USUAL, Study
 
 if TYPE_CHECKING:
     from olne_bench.envs.road_shapes import LaneShape
 
-#: Coordinates drawn and predictions made, about, for the whole page; most sequences of a bundle.
-_MOST_COORDINATES = 140_000
-_MOST_PREDICTIONS = 240
-_MOST_SEQUENCES = 12
-_FEWEST_SEQUENCES = 4
-_OTHER_LEVELS = 3  # noise levels besides the bundle's that can be played
-_OTHER_SEEDS = 1
+#: Coordinates drawn and predictions made, about, for the whole page.
+_MOST_COORDINATES = 160_000
+_MOST_PREDICTIONS = 360
+#: Sequences of a scenario that can be played, and those of one noise level that are a bundle.
+_FEWEST_SEQUENCES, _MOST_SEQUENCES = 6, 60
+_MOST_IN_BUNDLE = 10
+_MOST_DRAWS = 4  # of a family: each has a truth, and a road, of its own
 _PLACES = 3  # millimetres, milliradians
 _LANE_PLACES = 2
 
+#: Noise level and seed of a sequence.
+Place = tuple[float, int]
 
-def scene_data(trials: pd.DataFrame, *, number: int, study: Study = USUAL) -> dict[str, Any]:
-    """Truth and sample trials of one scenario.
 
-    A bundle of sequences at the noise level at which methods differ most, and a few at other
-    levels. Predictions are made again (``bench.report.predicted_motion``).
+def scene_data(
+    trials: pd.DataFrame, *, number: int, study: Study = USUAL, wanted: Sequence[Place] = ()
+) -> dict[str, Any]:
+    """Truth and the sequences of one scenario that can be played.
+
+    They are a bundle at the noise level at which methods differ most, and others of as many levels
+    as there is room for. Predictions are made again (``bench.report.predicted_motion``).
 
     Args:
         trials: of one scenario.
         number: of scenarios that share the page.
         study: of the run.
+        wanted: sequences that are to be among them, if the scenario has them.
 
     Raises:
         NotDrawnError: where it cannot be played here.
@@ -46,31 +54,62 @@ def scene_data(trials: pd.DataFrame, *, number: int, study: Study = USUAL) -> di
     paths = 1 + attempts.groupby(["estimator", "sensor"]).ngroups
     most = min(_MOST_COORDINATES // (2 * steps * players), _MOST_PREDICTIONS) // (number * paths)
     bundle = telling_level(scene.trials)
-    chosen = _chosen(scene, bundle, int(np.clip(most, _FEWEST_SEQUENCES, _MOST_SEQUENCES)))
-    names = scene.recording.scenario.game.dynamics.state_names
+    chosen = _chosen(attempts, scene, bundle, most, wanted)
+    draws = {_draw_of(scene, seed): scene for _, seed in chosen[:1]}
+    for _, seed in chosen:
+        if _draw_of(scene, seed) not in draws:
+            draws[seed] = scene_of(attempts[attempts["seed"] == seed], study)
+    game = scene.recording.scenario.game
     return {
-        "axes": [names[axis] for axis in scene.axes_order],
-        "limits": scene.limits,
         "down": scene.on_road,
-        "lanes": [_lane(shape) for shape in scene.lanes],
-        "dt": scene.recording.scenario.game.dt,
-        "truth": _paths(scene, scene.recording.states),
+        "dt": game.dt,
+        "weights": list(game.weight_names),
+        "draws": {str(key): _draw(one) for key, one in draws.items()},
         "bundle": bundle,
-        "samples": [_sample(scene, *one, study) for one in chosen],
+        "samples": [
+            _sample(draws[_draw_of(scene, seed)], sigma, seed, study) for sigma, seed in chosen
+        ],
     }
 
 
-def _chosen(scene: Scene, bundle: float, sequences: int) -> list[tuple[float, int]]:
-    """Noise levels and seeds to show, those of the bundle first."""
-    trials = scene.trials
-    levels = np.sort(trials.loc[trials["sigma"] != bundle, "sigma"].unique())
-    picked = np.linspace(0, len(levels) - 1, min(_OTHER_LEVELS, len(levels))).round().astype(int)
-    wanted = [(bundle, sequences), *((level, _OTHER_SEEDS) for level in levels[picked][::-1])]
-    return [
-        (float(sigma), int(seed))
-        for sigma, most in wanted
-        for seed in sorted(trials.loc[trials["sigma"] == sigma, "seed"].unique())[:most]
-    ]
+def _draw_of(scene: Scene, seed: int) -> int:
+    """What tells apart the draw of a seed; a fixed scenario has one."""
+    return seed if scene.study.is_family(scene.name) else 0
+
+
+def _draw(scene: Scene) -> dict[str, Any]:
+    truth = scene.recording.scenario
+    names = truth.game.dynamics.state_names
+    weights = truth.weights / truth.weights.sum(axis=1, keepdims=True)
+    return {
+        "axes": [names[axis] for axis in scene.axes_order],
+        "limits": scene.limits,
+        "lanes": [_lane(shape) for shape in scene.lanes],
+        "truth": _paths(scene, scene.recording.states),
+        "weights": decimals(weights, _PLACES),
+    }
+
+
+def _chosen(
+    attempts: pd.DataFrame, scene: Scene, bundle: float, most: int, wanted: Sequence[Place]
+) -> list[Place]:
+    """Sequences to show: the bundle's first, those asked for, then one seed of each level, ..."""
+    most = int(np.clip(most, _FEWEST_SEQUENCES, _MOST_SEQUENCES))
+    places = attempts[["sigma", "seed"]].drop_duplicates().astype({"sigma": float, "seed": int})
+    own = set(scene.trials["seed"])
+    # Seeds of the scene come first: in a family it is one draw, whose truth is at hand.
+    order = places.assign(other=~places["seed"].isin(own)).sort_values(["other", "seed"])
+    order["turn"] = order.groupby("sigma").cumcount()
+    order = order.sort_values(["turn", "sigma"], ascending=[True, False])
+    known = list(order[["sigma", "seed"]].itertuples(index=False, name=None))
+    first = [place for place in known if place[0] == bundle and place[1] in own]
+    few = first[: max(1, min(_MOST_IN_BUNDLE, most // 2))]
+    asked = [place for place in wanted if place in known]
+    ranked = dict.fromkeys([*few, *asked, *known])
+    drawn = dict.fromkeys(_draw_of(scene, seed) for _, seed in [*few, *asked, *known])
+    kept = {*list(drawn)[:_MOST_DRAWS], *(_draw_of(scene, seed) for _, seed in asked)}
+    playable = [place for place in ranked if _draw_of(scene, place[1]) in kept]
+    return playable[: max(most, len(few) + len(asked))]
 
 
 def _sample(scene: Scene, sigma: float, seed: int, study: Study) -> dict[str, Any]:
@@ -81,6 +120,7 @@ def _sample(scene: Scene, sigma: float, seed: int, study: Study) -> dict[str, An
     return {
         "sigma": sigma,
         "seed": seed,
+        "draw": str(_draw_of(scene, seed)),
         "observed": _paths(scene, scene.observed(sigma, seed)),
         "predictions": [
             {
@@ -92,6 +132,7 @@ def _sample(scene: Scene, sigma: float, seed: int, study: Study) -> dict[str, An
                     for metric in metrics
                 },
                 "paths": _predicted(scene, trial),
+                "weights": _estimated(scene, trial),
             }
             for trial in rows.to_dict("records")
         ],
@@ -101,6 +142,11 @@ def _sample(scene: Scene, sigma: float, seed: int, study: Study) -> dict[str, An
 def _predicted(scene: Scene, trial: dict[Any, Any]) -> list[list[list[float]]] | None:
     states = scene.predicted(trial)
     return None if states is None else _paths(scene, states)
+
+
+def _estimated(scene: Scene, trial: dict[Any, Any]) -> list[list[float]] | None:
+    weights = estimated_weights(trial["weights"], scene.recording.scenario.game)
+    return None if weights is None else decimals(weights, _PLACES)
 
 
 def _lane(shape: "LaneShape") -> dict[str, Any]:

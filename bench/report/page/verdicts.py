@@ -65,7 +65,7 @@ def verdicts(table: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
 
 
 def _line(rows: pd.DataFrame, beaten: set[tuple[Any, ...]], metric: MetricDeclaration) -> Line:
-    """The floor is first, or next, where there is nobody else.
+    """The floor is first, or next, only if there is no other estimator.
 
     Args:
         rows: of one scenario and sensor.
@@ -103,7 +103,8 @@ def _against(
     if theirs < error:  # medians and most trials can disagree
         return f"{name}: {size}, but worse in most trials"
     factor = theirs / error if error > 0 else math.inf
-    return f"{name}: {size}" + (f", {human(factor)} times as much" if factor < math.inf else "")
+    times = f"{factor:.2f}" if factor < 1.095 else human(factor)
+    return f"{name}: {size}" + (f", {times} times as much" if factor < math.inf else "")
 
 
 def _with_unit(value: float, metric: MetricDeclaration) -> str:

@@ -47,12 +47,11 @@ def noisy(attempts: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 
 
 def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USUAL) -> pd.Series:
-    """Which rows a metric is about: a failure is one, an estimate it says nothing of is none.
+    """Rows that a metric measures: failures, and estimates for which it has a value.
 
-    A metric that needs a prediction and says nothing of one has lost it, which is a failure; but
-    where it says nothing of anybody's estimate of a draw, there was nothing to be had, as where no
-    equilibrium is near enough to be predicted. Nor is one that needs none about an estimator that
-    it never says anything of.
+    If a metric needs a prediction and has no value, the prediction failed, and the row counts. The
+    exception is a draw for which no estimate has a value, as where no equilibrium is near enough.
+    A metric that needs no prediction does not measure an estimator for which it never has a value.
     """
     if metric == FAILURES:
         return pd.Series(True, trials.index)

@@ -176,7 +176,7 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
 def leaders(table: pd.DataFrame, error: str) -> pd.Series:
     """Which rows of a leaderboard to show as the best ones by an error.
 
-    Those of rank 1 that have a median, the floor aside, where anybody is significantly worse.
+    Those of rank 1 with a median, except the floor, if some estimator is significantly worse.
     """
     ranked = table[f"{error}_rank"]
     told = ranked.gt(1).fillna(False).groupby([table[name] for name in _GROUP]).transform("any")

@@ -169,7 +169,7 @@ def _rows_of(trials: pd.DataFrame, labels: dict[str, str], study: Study) -> pd.D
 
 
 def _weights_are_there(rows: pd.DataFrame) -> np.ndarray:
-    """Which rows have an estimate, be there a prediction or not."""
+    """Which rows have an estimate, with or without a prediction."""
     valid = rows["status"].isin(["ok", "failed_forward"])
     return (valid & rows["weights"].notna()).to_numpy(bool)
 

@@ -1,6 +1,7 @@
 """End-to-end runs of the command line."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,7 +13,8 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from olne_bench.bench.commands.cli import main
+from olne_bench.bench.commands import COMMANDS
+from olne_bench.bench.commands.cli import _summary, main
 from olne_bench.bench.plan.outcome import Outcome
 
 PART = ["run", "quick", "--scenario", "two_player", "--sensor", "full", "--no-figures"]
@@ -166,7 +168,7 @@ def test_a_run_that_is_stopped_tells_what_is_left(monkeypatch, capsys):
     kept, told = run_all(monkeypatch, ["ok"] * 5, stop_after=2)
     assert (kept, told) == (["ok"] * 2, signal.SIGINT)
     said = capsys.readouterr().err
-    assert "interrupted: 2 trials of this run are stored in runs/a, 3 are to do" in said
+    assert "interrupted: 2 trials of this run are stored in runs/a, 3 remain" in said
 
 
 @pytest.mark.parametrize("stop_after", [None, 3])
@@ -182,7 +184,7 @@ def test_a_run_that_got_all_done_was_not_stopped(monkeypatch, capsys, stop_after
 def test_faults_of_the_harness_are_told_at_the_end(monkeypatch, capsys):
     run_all(monkeypatch, ["ok", "harness_error", "harness_error"])
     said = capsys.readouterr().err
-    assert "2 trials could not be judged (harness_error); no estimator is to blame" in said
+    assert "2 trials could not be judged (harness_error). They do not count" in said
     assert "2 times: a fault" in said
     assert "other messages" not in said
 
@@ -226,3 +228,23 @@ def test_an_estimator_that_runs_on_some_scenarios_only(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "1 of 1 limits hold" in printed
     assert "0 worse" in printed
+
+
+def test_help_and_list_import_nothing_slow():
+    for arguments in (["--help"], ["list"]):
+        code = (
+            "import sys; from olne_bench.bench.commands.cli import main\n"
+            f"try: main({arguments})\n"
+            "except SystemExit: pass\n"
+            "print(sorted({'numpy', 'pandas', 'casadi', 'scipy'} & set(sys.modules)))"
+        )
+        said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert said.stdout.splitlines()[-1] == "[]", arguments
+
+
+def test_help_has_a_sentence_on_every_command(capsys):
+    main(["--help"])
+    said = capsys.readouterr().out
+    for name, module in COMMANDS.items():
+        assert re.search(rf"^  {name} +[A-Z].*", said, re.MULTILINE), name
+        assert _summary(module).endswith(".")

@@ -8,7 +8,7 @@ import pytest
 
 from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.entries import PluginEntry, ScenarioEntry, SensorEntry
+from olne_bench.bench.plan.entries import EstimatorEntry, PluginEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.report.study import Study
 from olne_bench.envs import highway_v0
 from olne_bench.games.root_following import follow_root
@@ -28,6 +28,7 @@ def usual() -> Study:
         scenarios={entry.label: entry for entry in scenarios},
         sensors={entry.label: entry for entry in sensors},
         salt="test",
+        estimators={n: EstimatorEntry(name=n, label=n) for n in ("kkt_constrained", "uniform")},
     )
 
 

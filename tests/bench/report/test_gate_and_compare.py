@@ -1,5 +1,7 @@
 """Acceptance limits and comparisons of runs, as a project's CI would call them."""
 
+import json
+import re
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -57,6 +59,31 @@ def test_every_report_comes_with_the_page_and_tables(run):
     assert len(pd.read_csv(run / "identifiability.csv")) == 2 * 8
     board = pd.read_csv(run / "leaderboard.csv")
     assert set(board["position_error_rank"]) == {1}  # the floor takes nobody's rank
+
+
+def test_the_page_plays_what_is_asked_for(run, capsys):
+    main(["report", str(run), "--no-figures", "--play", "0.05:9", "--play", "0.05:11"])
+    html = (run / "index.html").read_text()
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    samples = json.loads(found[1])["scenarios"][0]["scene"]["samples"]
+    assert {9, 11} <= {sample["seed"] for sample in samples}
+    capsys.readouterr()
+    assert call("report", run, "--no-figures", "--play", "0.3:1") == 2
+    said = capsys.readouterr().err
+    assert "--play 0.3:1: the run has no such trial; it has the noise levels 0.05 and seeds" in said
+    assert call("report", run, "--play", "high") == 2
+    assert "expected SIGMA:SEED, such as 0.05:3" in capsys.readouterr().err
+
+
+def test_two_runs_on_one_page(run, tmp_path, capsys):
+    page = tmp_path / "both.html"
+    words = ("compare", run, run, "--estimator", "uniform=kkt_residual", "--page", page)
+    assert call(*words) == 1  # equal weights are the truth of two_player
+    assert f"{page}: both runs on one page" in capsys.readouterr().out
+    assert "What got better or worse" in page.read_text()
+    assert "uniform → kkt_<wbr>residual" in page.read_text()
+    assert call(*words) == 2
+    assert "exists already" in capsys.readouterr().err
 
 
 def test_limits_that_are_kept(run, capsys):
@@ -290,3 +317,4 @@ def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):
     said = capsys.readouterr().err
     assert "is a run of suite small" in said and "of other; only trials" in said
     assert "36 of 48 trials in" in said
+    assert "pairs of trials share their noise level, not their noise" in said

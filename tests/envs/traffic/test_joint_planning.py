@@ -29,7 +29,10 @@ def chosen(
 ) -> tuple[VehiclePlan | None, tuple[int, int, int]]:
     """What that player drives, and the counts of the report."""
     report = TrafficReport()
-    following = joint_planning._next_plan(plan, others, index, start, report)
+    everybodys = np.repeat(others[None], plan.states.shape[1], axis=0)
+    collides = joint_planning._run_into_something(plan.states, everybodys)
+    assert collides.shape == (plan.states.shape[1],)
+    following = joint_planning._next_plan(plan, index, bool(collides[index]), start, report)
     return following, (report.solved, report.shifted, report.braked)
 
 
@@ -83,9 +86,9 @@ def test_nobody_drives_into_what_is_ahead(
     expected = (0, 0, 1) if contact else (1, 0, 0)
     both = solution((x, y, heading, 10.0), own)
     assert chosen(both, index=1)[1] == expected
-    # The same of a vehicle that is predicted, at any one step.
+    # The same of a vehicle that is predicted.
     others = NOBODY.copy()
-    others[1, 4] = both.states[5, 0, :2]
+    others[1] = both.states[1:, 0, :2]
     assert chosen(solution(own), others=others)[1] == expected
 
 
@@ -102,16 +105,25 @@ def road_with(*starts: tuple[float, float, float], **options: object) -> Road:
     return road
 
 
-def test_those_who_are_near_get_a_plan_of_one_game() -> None:
+def test_nobody_jumps_over_somebody_between_two_steps() -> None:
+    """Contact between two steps counts as well."""
+    own = (0.0, 0.0, 0.0, 6 / PLAN_STEP)  # six metres a step
+    others = NOBODY.copy()
+    others[0] = [11.99, 0.0]  # a hair behind where the second step ends
+    assert chosen(solution(own), others=others)[1] == (0, 0, 1)
+    others[0] = [11.99, 2.0]
+    assert chosen(solution(own), others=others)[1] == (1, 0, 0)
+
+
+def test_everybody_whose_plan_is_due_gets_one() -> None:
     road = road_with((100.0, 0.0, 20.0), (110.0, 4.0, 20.0), (900.0, 0.0, 20.0))
-    plan_together(road.vehicles[0])
-    planned = [vehicle.plan is not None for vehicle in road.vehicles]
-    assert planned == [True, True, False]
+    plan_together(road)
+    assert all(vehicle.plan is not None for vehicle in road.vehicles)
     report = traffic_report(road)
-    assert (report.solved, report.shifted, report.braked) == (2, 0, 0)
-    assert [(size, len(times)) for size, times in report.seconds.items()] == [(2, 1)]
-    assert 0 < report.seconds[2][0] < 60
-    for vehicle in road.vehicles[:2]:
+    assert (report.solved, report.shifted, report.braked) == (3, 0, 0)
+    assert [(size, len(times)) for size, times in report.seconds.items()] == [(3, 1)]
+    assert 0 < report.seconds[3][0] < 60
+    for vehicle in road.vehicles:
         states = vehicle.plan.states
         assert states.shape == (STEPS + 1, 4)
         np.testing.assert_allclose(states[0], vehicle.state())
@@ -124,7 +136,7 @@ def test_the_haste_of_a_driver_is_a_factor_on_its_speed() -> None:
     for haste in (0.8, 1.0, 1.2):
         road = road_with((100.0, 0.0, 25.0))
         road.vehicles[0].temperament = Temperament(haste=haste)
-        references = joint_planning._references(road.vehicles[0], None)
+        references = joint_planning._references(road.vehicles, [None])[0]
         assert references.shape == (STEPS, 4)
         np.testing.assert_allclose(references[:, 3], 25 * haste)
         np.testing.assert_allclose(references[:, 1:3], 0, atol=1e-9)
@@ -137,5 +149,5 @@ def test_the_haste_of_a_driver_is_a_factor_on_its_speed() -> None:
 
 def test_a_vehicle_in_reverse_looks_at_where_it_is() -> None:
     road = road_with((100.0, 0.0, -5.0))
-    references = joint_planning._references(road.vehicles[0], None)
+    references = joint_planning._references(road.vehicles, [None])[0]
     np.testing.assert_allclose(references[:, 0], 100.0)

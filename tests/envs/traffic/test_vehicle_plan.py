@@ -10,7 +10,7 @@ def test_a_shifted_plan_is_the_rest_and_a_step_of_coasting() -> None:
     rng = np.random.default_rng(0)
     states, controls = rng.uniform(-1, 1, (5, 4)), rng.uniform(-1, 1, (4, 2))
     plan = VehiclePlan(states.copy(), controls.copy())
-    once, twice = plan.shifted(), plan.shifted().shifted()
+    once, twice = plan.rest, plan.rest.rest
     assert (plan.shifts, once.shifts, twice.shifts) == (0, 1, 2)
     np.testing.assert_array_equal(once.states[:-1], states[1:])
     np.testing.assert_array_equal(once.controls, [*controls[1:], [0, 0]])

@@ -1,12 +1,13 @@
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from playwright.sync_api import Browser, Error, sync_playwright
+from playwright.sync_api import Page as Tab
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.plan.select import Selection
@@ -18,8 +19,6 @@ from olne_bench.envs.scenarios import get_scenario
 
 #: A name that a plugin's author could think of.
 HOSTILE = "<img src=x onerror=\"document.title='broken'\"></script><b>&"
-
-Page = Callable[..., str]
 
 
 def provenance() -> Provenance:
@@ -99,3 +98,19 @@ def browser() -> Iterator[Browser]:
             pytest.skip(f"Chromium does not start: {error}")
         yield browser
         browser.close()
+
+
+@pytest.fixture
+def tab(browser: Browser, page: Path) -> Iterator[Tab]:
+    """The page, opened from disk; at its end there must have been no complaint."""
+    complaints: list[str] = []
+    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    tab = context.new_page()
+    tab.on("console", lambda message: complaints.append(message.text))
+    tab.on("pageerror", lambda error: complaints.append(str(error)))
+    tab.on("request", lambda r: complaints.append(r.url) if r.url.startswith("http") else None)
+    tab.goto(page.as_uri())
+    yield tab
+    assert tab.title() == "small <study> · OLNE Bench"  # a hostile name would have changed it
+    context.close()
+    assert complaints == []

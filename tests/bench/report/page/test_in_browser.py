@@ -2,7 +2,6 @@
 
 import io
 import re
-from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 
@@ -12,22 +11,6 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 HOSTILE = "<img src=x onerror=\"document.title='broken'\"></script><b>&"
-
-
-@pytest.fixture
-def tab(browser: Browser, page: Path) -> Iterator[Page]:
-    """The page, opened from disk; at its end there must have been no complaint."""
-    complaints: list[str] = []
-    context = browser.new_context(viewport={"width": 1200, "height": 900})
-    tab = context.new_page()
-    tab.on("console", lambda message: complaints.append(message.text))
-    tab.on("pageerror", lambda error: complaints.append(str(error)))
-    tab.on("request", lambda r: complaints.append(r.url) if r.url.startswith("http") else None)
-    tab.goto(page.as_uri())
-    yield tab
-    assert tab.title() == "small <study> · OLNE Bench"  # a hostile name would have changed it
-    context.close()
-    assert complaints == []
 
 
 def column(tab: Page, number: int) -> list[str]:
@@ -161,4 +144,28 @@ def test_looks(browser: Browser, page: Path, width: int, scheme: str) -> None:
         shown = pixels(tab, selector)
         colours = np.unique(shown.reshape(-1, 3), axis=0)
         assert len(colours) > 50, f"{selector} is blank"
+    context.close()
+
+
+def test_paper_is_white_whatever_the_theme(browser: Browser, page: Path) -> None:
+    context = browser.new_context(viewport={"width": 1200, "height": 844}, color_scheme="dark")
+    tab = context.new_page()
+    tab.goto(page.as_uri())
+    on_screen = pixels(tab, "#player").mean()
+    tab.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert pixels(tab, "header").mean() > 200
+    assert pixels(tab, "#player").mean() > 200 > on_screen
+    tab.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert pixels(tab, "#player").mean() < 90
+    context.close()
+
+
+def test_print_shows_all_that_a_card_says(browser: Browser, page: Path) -> None:
+    context = browser.new_context(viewport={"width": 1054, "height": 726})
+    tab = context.new_page()
+    tab.goto(page.as_uri())
+    tab.emulate_media(media="print")
+    cut = "(e) => e.scrollWidth > e.clientWidth"
+    assert not tab.evaluate(f"[...document.querySelectorAll('pre, .scroll')].some({cut})")
+    assert tab.locator("button:visible").count() == tab.locator("#board th button").count()
     context.close()

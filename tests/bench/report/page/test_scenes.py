@@ -12,27 +12,43 @@ from olne_bench.bench.report.page.scenes import _chosen, scene_data
 LEVELS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 
 
-def chosen(levels, bundle, sequences, seeds=3):
-    trials = pd.DataFrame([(sigma, seed) for sigma in levels for seed in range(seeds)])
-    scene = SimpleNamespace(trials=trials.set_axis(["sigma", "seed"], axis=1))
-    return _chosen(scene, bundle, sequences)
+def chosen(levels, bundle, *, most, seeds=3, family=False, wanted=()):
+    attempts = pd.DataFrame([(sigma, seed) for sigma in levels for seed in range(seeds)])
+    attempts = attempts.set_axis(["sigma", "seed"], axis=1)
+    scene = SimpleNamespace(
+        trials=attempts[attempts["seed"] == 0] if family else attempts,
+        study=SimpleNamespace(is_family=lambda _: family),
+        name="any",
+    )
+    return _chosen(attempts, scene, bundle, most, wanted)
 
 
-def test_the_bundle_comes_first_and_then_a_few_levels_from_the_largest_on() -> None:
-    found = chosen(LEVELS, 0.2, sequences=2)
-    assert found[:2] == [(0.2, 0), (0.2, 1)]
-    rest = [sigma for sigma, seed in found[2:]]
-    assert rest == sorted(rest, reverse=True)
-    assert len(rest) == 3
-    assert (rest[0], rest[-1]) == (0.5, 0.0)  # the largest and the least are among them
-    assert {seed for _, seed in found[2:]} == {0}
+def test_the_bundle_comes_first_and_then_a_seed_of_each_level_from_the_largest_on() -> None:
+    found = chosen(LEVELS, 0.2, most=8)
+    assert found[:3] == [(0.2, 0), (0.2, 1), (0.2, 2)]
+    assert found[3:] == [(0.5, 0), (0.1, 0), (0.05, 0), (0.02, 0), (0.01, 0)]
 
 
-@pytest.mark.parametrize("levels", [LEVELS[:1], LEVELS[:2], LEVELS[:4]])
-def test_of_few_levels_all_are_shown(levels) -> None:
-    found = chosen(levels, levels[-1], sequences=9)
-    assert {sigma for sigma, _ in found} == set(levels)
-    assert sum(sigma == levels[-1] for sigma, _ in found) == 3
+def test_a_bundle_takes_at_most_half_of_the_room() -> None:
+    assert [sigma for sigma, _ in chosen(LEVELS, 0.2, most=10, seeds=9)].count(0.2) == 5
+
+
+def test_there_are_at_least_six_if_there_are_so_many() -> None:
+    assert len(chosen(LEVELS, 0.2, most=1)) == 6
+    assert len(chosen(LEVELS[:1], 0.0, most=1)) == 3
+
+
+def test_what_is_asked_for_is_among_them_if_it_exists() -> None:
+    found = chosen(LEVELS, 0.2, most=6, wanted=[(0.0, 2), (0.0, 99)])
+    assert (0.0, 2) in found
+    assert (0.0, 99) not in found
+
+
+def test_a_family_shows_at_most_four_draws_unless_asked_for_more() -> None:
+    found = chosen(LEVELS, 0.2, most=60, seeds=9, family=True)
+    assert {seed for _, seed in found} == {0, 1, 2, 3}
+    asked = chosen(LEVELS, 0.2, most=60, seeds=9, family=True, wanted=[(0.0, 8)])
+    assert (0.0, 8) in asked
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +72,14 @@ def trials(usual, prediction_error) -> pd.DataFrame:
 def test_truth_and_predictions_are_paths_in_millimetres(usual, trials) -> None:
     data = scene_data(trials, number=1, study=usual)
     truth = true_recording(usual.draw("two_player", 0))
-    assert data["axes"] == ["px", "py"]
+    (draw,) = data["draws"].values()
+    assert draw["axes"] == ["px", "py"]
     assert data["dt"] == truth.scenario.game.dt
     expected = truth.states[..., :2].swapaxes(0, 1)
-    np.testing.assert_allclose(data["truth"], expected, atol=5e-4 + 1e-9)
+    np.testing.assert_allclose(draw["truth"], expected, atol=5e-4 + 1e-9)
     assert data["bundle"] == 0.1
     samples = {(sample["sigma"], sample["seed"]): sample for sample in data["samples"]}
-    assert list(samples) == [(0.1, 0), (0.1, 1), (0.01, 0)]
+    assert list(samples) == [(0.1, 0), (0.1, 1), (0.01, 0), (0.01, 1)]
     for (sigma, _), sample in samples.items():
         assert np.abs(np.array(sample["observed"]) - expected).mean() == pytest.approx(
             0.8 * sigma, rel=0.3
@@ -79,9 +96,6 @@ def test_truth_and_predictions_are_paths_in_millimetres(usual, trials) -> None:
 
 def test_pages_of_many_scenarios_have_fewer_sequences_of_each(usual, trials) -> None:
     many = pd.concat([trials.assign(seed=trials["seed"] + 2 * k) for k in range(8)])
-    counts = [
-        sum(sample["sigma"] == 0.1 for sample in scene_data(many, number=n, study=usual)["samples"])
-        for n in (1, 10, 1000)
-    ]
-    assert counts[0] == 12
-    assert counts[0] > counts[1] >= counts[2] == 4
+    counts = [len(scene_data(many, number=n, study=usual)["samples"]) for n in (1, 10, 1000)]
+    assert counts[0] == 32  # all of them
+    assert counts[0] > counts[1] >= counts[2] == 6

@@ -41,6 +41,7 @@ def line(
     [
         ([("a", 2.0), ("b", 0.5)], [("b", "a")], "b", "a: 2 m, 4 times as much"),
         ([("a", 0.5), ("b", 2.0)], [("a", "b")], "a", "b: 2 m, 4 times as much"),
+        ([("a", 1.0), ("b", 1.02)], [("a", "b")], "a", "b: 1 m, 1.02 times as much"),
         ([("a", 0.6), ("b", 0.5)], [], "b", "a: 0.6 m, no significant difference"),
         ([("a", 0.6), ("b", 0.5)], [("a", "b")], "a", "b: 0.5 m, but worse in most trials"),
         ([("a", INF), ("b", 0.5)], [("b", "a")], "b", "a: half of its attempts fail"),

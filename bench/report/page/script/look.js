@@ -1,0 +1,81 @@
+/* Colours, numbers, tips, canvases. */
+const data = JSON.parse(document.getElementById("data").textContent);
+const byId = (id) => document.getElementById(id);
+const all = (selector, root = document) => [...root.querySelectorAll(selector)];
+const tip = byId("tip");
+
+const systemDark = matchMedia("(prefers-color-scheme: dark)");
+const themes = ["auto", "light", "dark"];
+let theme = "auto", printing = false;
+
+function applyTheme() {
+  const dark = !printing && (theme === "dark" || (theme === "auto" && systemDark.matches));
+  document.documentElement.dataset.theme = dark ? "dark" : "light";
+  byId("theme").textContent = `Theme: ${theme}`;
+}
+
+/* Let the theme follow its button, the system and the printer, which is given paper's colours. */
+function setUpTheme(redraw) {
+  const changed = () => { applyTheme(); redraw(); };
+  byId("theme").addEventListener("click", () => {
+    theme = themes[(themes.indexOf(theme) + 1) % themes.length];
+    changed();
+  });
+  systemDark.addEventListener("change", changed);
+  addEventListener("beforeprint", () => { printing = true; changed(); });
+  addEventListener("afterprint", () => { printing = false; changed(); });
+  applyTheme();
+}
+const isDark = () => document.documentElement.dataset.theme === "dark";
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+/* A colour as it shows up on the present background. */
+function shade(hex) {
+  if (!isDark()) return hex;
+  const mixed = [1, 3, 5].map((k) => Math.round(parseInt(hex.slice(k, k + 2), 16) * 0.72 + 255 * 0.28));
+  return `rgb(${mixed.join(",")})`;
+}
+
+const superscript = (text) => String(text).replace(/[-0-9]/g, (d) => (d === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[d]));
+const number = (value) => {
+  if (value === null || value === undefined) return "∞";
+  if (value === 0) return "0";
+  if (Math.abs(value) < 1e-9) return "≈ 0"; // a solver's rounding
+  if (Math.abs(value) >= 1e-4) return String(Number(value.toPrecision(3)));
+  const [mantissa, exponent] = value.toExponential(1).split("e");
+  return `${mantissa}·10${superscript(exponent)}`;
+};
+
+function showTip(lines, x, y) {
+  tip.textContent = lines.join("\n");
+  tip.hidden = false;
+  const box = tip.getBoundingClientRect();
+  tip.style.left = `${Math.max(4, Math.min(x + 14, innerWidth - box.width - 6))}px`;
+  tip.style.top = `${y + 18 + box.height > innerHeight ? y - box.height - 12 : y + 18}px`;
+}
+const hideTip = () => { tip.hidden = true; };
+
+let replacement = null, forcedRatio = 0;
+
+/* Draw on a context of one's own in place of a canvas's; returns the context. */
+function instead(make, draw) {
+  const context = make();
+  replacement = context;
+  try { draw(); } finally { replacement = null; }
+  return context;
+}
+
+/* A canvas of the size at which it is shown, cleared. */
+function prepare(canvas, height) {
+  const width = canvas.clientWidth;
+  if (height) canvas.style.height = `${height}px`;
+  if (replacement) return { context: replacement, width, height: canvas.clientHeight };
+  const ratio = forcedRatio || devicePixelRatio || 1;
+  canvas.width = Math.round(width * ratio);
+  canvas.height = Math.round(canvas.clientHeight * ratio);
+  const context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.lineJoin = context.lineCap = "round";
+  context.font = "12px system-ui, sans-serif";
+  return { context, width, height: canvas.clientHeight };
+}

@@ -1,0 +1,78 @@
+"""What pages share: style, script, filters, links."""
+
+import math
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, metadata
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
+
+from olne_bench.bench.report.page.numbers import human
+
+_FOLDER = Path(__file__).parent
+_DISTRIBUTION = "olne-bench"
+
+
+def template(name: str) -> Template:
+    """A template of this folder, with what all of them use."""
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined
+    )
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    environment.filters |= {
+        "human": human,
+        "percent": _percent,
+        "chance": _chance,
+        "key": _sort_key,
+        "moment": _moment,
+    }
+    environment.globals |= {"css": _own("page.css"), "links": project_links(), "now": _now}
+    return environment.get_template(name)
+
+
+def script(names: Iterable[str]) -> Markup:
+    """Files of ``script/``, one after the other, in a scope of their own."""
+    parts = Markup("\n").join(_own(f"script/{name}.js") for name in names)
+    return Markup('"use strict";\n(() => {\n') + parts + Markup("})();")
+
+
+def project_links() -> dict[str, str]:
+    """Where the installed package says that its documentation and source are; none if nowhere."""
+    try:
+        stated = metadata(_DISTRIBUTION).get_all("Project-URL") or []
+    except PackageNotFoundError:  # run from a folder that was never installed
+        return {}
+    pairs = (line.partition(",") for line in stated)
+    found = {label.strip(): url.strip() for label, _, url in pairs}
+    return {label: url for label, url in found.items() if url.startswith("https://")}
+
+
+def _own(name: str) -> Markup:
+    """A file of ours, which goes into the page as it is."""
+    return Markup((_FOLDER / name).read_text(encoding="utf-8"))
+
+
+def _now() -> str:
+    return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def _percent(share: float) -> str:
+    return "–" if math.isnan(share) else f"{100 * share:.3g} %"
+
+
+def _chance(p: float) -> str:
+    """A p-value for people."""
+    return "< 0.001" if p < 0.001 else f"{p:.2g}"
+
+
+def _moment(text: str) -> str:
+    """A time as stored, for people."""
+    return f"{datetime.fromisoformat(text).astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def _sort_key(value: float) -> str:
+    """A number as the script's sorting reads it; empty where there is none."""
+    value = float(value)
+    return "" if math.isnan(value) else repr(value).replace("inf", "Infinity")

@@ -1,0 +1,26 @@
+"""Registers the Gymnasium environments of ``envs.nash_gym`` without loading them."""
+
+from gymnasium.envs.registration import register, registry
+
+#: Ids, and the classes in ``envs.nash_gym``.
+GYM_IDS = {
+    "olne/NashHighway-v0": "NashHighwayEnv",
+    "olne/NashMerge-v0": "NashMergeEnv",
+    "olne/NashRoundabout-v0": "NashRoundaboutEnv",
+    "olne/NashIntersection-v0": "NashIntersectionEnv",
+    "olne/NashTwoWay-v0": "NashTwoWayEnv",
+}
+
+#: Where HighwayEnv limits the episodes of an environment itself, nothing is said here.
+_MAX_STEPS = {"olne/NashTwoWay-v0": 15}
+
+
+def register_ids() -> None:
+    """Make ``gymnasium.make`` know the ids; does nothing where it does already."""
+    for name, class_name in GYM_IDS.items():
+        if name not in registry:
+            register(
+                id=name,
+                entry_point=f"olne_bench.envs.nash_gym:{class_name}",
+                max_episode_steps=_MAX_STEPS.get(name),
+            )

@@ -1,0 +1,66 @@
+"""Gymnasium environments: HighwayEnv's ego among traffic that plays a Nash equilibrium.
+
+The road, the ego, its observations, actions and rewards are HighwayEnv's own, and so is the
+``config`` that ``gymnasium.make`` takes. Only the other vehicles differ: they are ``NashVehicle``
+unless ``config["other_vehicles_type"]`` names another class, such as those of
+``olne_bench.envs.traffic``.
+
+``import olne_bench.envs`` registers the ids ``olne/NashHighway-v0``, ``olne/NashMerge-v0``,
+``olne/NashRoundabout-v0``, ``olne/NashIntersection-v0`` and ``olne/NashTwoWay-v0``. This module
+is loaded when one of them is made.
+"""
+
+from typing import Any
+
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.envs.highway_env import HighwayEnvFast
+from highway_env.envs.intersection_env import ConnectedLaneIntersectionEnv
+from highway_env.envs.merge_env import ConnectedLaneMergeEnv
+from highway_env.envs.roundabout_env import ConnectedLaneRoundaboutEnv
+from highway_env.envs.two_way_env import TwoWayEnv
+
+from olne_bench.envs.traffic import NashVehicle
+
+
+class IntersectionNashVehicle(NashVehicle):
+    """A Nash vehicle for intersections.
+
+    HighwayEnv's intersection changes parameters of the class of its vehicles. They would stay
+    changed on every other road of the process if the class were shared.
+    """
+
+
+class _NashTraffic(AbstractEnv):
+    """A mixin that makes the other vehicles of one of HighwayEnv's environments Nash vehicles."""
+
+    VEHICLE: type[NashVehicle] = NashVehicle
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        vehicle = f"{cls.VEHICLE.__module__}.{cls.VEHICLE.__qualname__}"
+        return super().default_config() | {"other_vehicles_type": vehicle}
+
+
+class NashHighwayEnv(_NashTraffic, HighwayEnvFast):
+    """HighwayEnv's ``highway-fast-v0`` among Nash traffic.
+
+    Vehicles of the traffic have no collisions with each other, as there.
+    """
+
+
+class NashMergeEnv(_NashTraffic, ConnectedLaneMergeEnv):
+    """HighwayEnv's ``merge-v1`` among Nash traffic."""
+
+
+class NashRoundaboutEnv(_NashTraffic, ConnectedLaneRoundaboutEnv):
+    """HighwayEnv's ``roundabout-v1`` among Nash traffic."""
+
+
+class NashIntersectionEnv(_NashTraffic, ConnectedLaneIntersectionEnv):
+    """HighwayEnv's ``intersection-v2`` among Nash traffic."""
+
+    VEHICLE = IntersectionNashVehicle
+
+
+class NashTwoWayEnv(_NashTraffic, TwoWayEnv):
+    """HighwayEnv's ``two-way-v0`` among Nash traffic; an episode has at most 15 steps, as there."""
