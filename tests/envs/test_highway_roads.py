@@ -9,6 +9,8 @@ from highway_env.road.lane import PolyLaneFixedWidth
 from olne_bench.envs.highway_roads import (
     CAR,
     DT,
+    MAX_ACCELERATION,
+    MAX_STEERING,
     ROAD_NAMES,
     SIMULATION_FREQUENCY,
     SUB_STEPS,
@@ -86,3 +88,66 @@ def test_plans_that_the_simulator_would_interfere_with_are_seen():
     np.testing.assert_allclose(free[-1, :, 1], [0, 2.3], atol=1e-12)
     cushioned = replay("highway", initial, controls, margin=0.25)
     assert np.abs(cushioned - free).max() > 0.1
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_a_road_has_its_players_and_nobody_else(name):
+    road = make_road(name)
+    states = np.array([[100, 0.5, 0.1, 20.0], [130, 4, 0, 15.0], [20, 0, 1.0, 0.0]])
+    road.place(states)
+    np.testing.assert_array_equal(road.states(), states)
+    assert road.road.vehicles == road.controlled_vehicles
+    colours = [tuple(vehicle.color) for vehicle in road.controlled_vehicles]
+    assert len(set(colours)) == 3
+    assert all(0 <= part <= 255 for colour in colours for part in colour)
+    assert not road.crashed().any()
+    # Controls come as they are, however large, and nothing ends an episode.
+    before = road.states()
+    control = np.array([[MAX_STEERING, -MAX_ACCELERATION], [0, 0], [0, MAX_ACCELERATION]])
+    road.apply(control)
+    expected = rollout(CAR, before, control[None], DT)[-1]
+    np.testing.assert_allclose(road.states(), expected, atol=1e-9)
+    assert not (road._is_terminated() or road._is_truncated())
+    assert road._reward(None) == 0
+    assert road.config["spawn_probability"] == 0
+    assert road.config["centering_position"] == [0.5, 0.5]
+    road.place(states[:1])
+    assert len(road.controlled_vehicles) == 1
+    np.testing.assert_array_equal(road.states(), states[:1])
+
+
+def test_cars_that_touch_have_crashed():
+    road = make_road("highway")
+    for gap, crashed in ((4.9, True), (5.1, False)):
+        road.place(np.array([[100, 4, 0, 10.0], [100 + gap, 4, 0, 10.0]]))
+        road.apply(np.zeros((2, 2)))
+        assert road.crashed().tolist() == [crashed] * 2
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.8])
+@pytest.mark.parametrize(
+    ("gap", "margin", "crashed"),
+    [(0.3, 0.0, False), (0.3, 0.1, False), (0.3, 0.2, True), (1.9, 0.9, False), (1.9, 1.0, True)],
+)
+def test_a_margin_widens_a_car_on_every_side(heading, gap, margin, crashed):
+    """Two cars in line, so far apart, at the same speed."""
+    along = (5 + gap) * np.array([np.cos(heading), np.sin(heading)])
+    states = np.array([[100, 4, heading, 10.0], [100, 4, heading, 10.0]])
+    states[1, :2] += along
+    road = make_road("highway")
+    road.place(states, margin)
+    road.apply(np.zeros((2, 2)))
+    assert road.crashed().tolist() == [crashed] * 2
+
+
+def test_pictures_show_the_cars_in_the_middle():
+    for name in ("highway", "roundabout"):
+        road = make_road(name, "rgb_array")
+        road.place(np.array([[100.0, 4, 0, 10], [120, 8, 0, 10]]))
+        picture = road.render()
+        assert picture.dtype == np.uint8 and picture.std() > 5
+        middle = road.viewer.observer_vehicle.position
+        np.testing.assert_array_equal(middle, [110, 6] if name == "highway" else [0, 0])
+        assert picture.shape[1] == (1200 if name == "highway" else 600)
+        road.close()
+        assert road.viewer is None

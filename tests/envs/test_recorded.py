@@ -46,3 +46,12 @@ def test_blocks_are_players_in_the_order_of_their_indices(recording) -> None:
     np.testing.assert_array_equal(
         layout.by_index(shown["player_0"], "player_0"), recording.states[0]
     )
+
+
+def test_a_world_that_was_never_reset_stands_at_the_first_step(recording) -> None:
+    world = RecordedWorld(recording)
+    np.testing.assert_array_equal(world.state(), [*recording.states[0].ravel(), 0.0])
+    assert world.agents == []
+    idle = world.action_space("player_0")
+    assert idle.shape == (2,)
+    assert idle.is_bounded() and idle.contains(np.zeros(2))

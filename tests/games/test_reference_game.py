@@ -2,11 +2,20 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
+from olne_bench.games import reference_game as module
 from olne_bench.games.dynamics import rollout
-from olne_bench.games.reference_game import FAR_AWAY, ReferenceGame, Situation, _Games
+from olne_bench.games.reference_game import (
+    FAR_AWAY,
+    WEIGHT_NAMES,
+    ReferenceGame,
+    Situation,
+    Units,
+    _Games,
+)
 
 STEPS = 6
 
@@ -83,6 +92,88 @@ def test_predicted_others_are_avoided(game):
 def test_unsolvable_situations_are_reported(game):
     broken = replace(situation(2), initial_state=np.full((2, 4), np.nan))
     assert not game.solve(broken, np.zeros((STEPS, 2, 2))).converged
+
+
+def turned(here: Situation, angle: float, shift: np.ndarray) -> Situation:
+    """The same situation elsewhere, seen from another side."""
+    rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+
+    def moved(rows: np.ndarray) -> np.ndarray:
+        rows = rows.copy()
+        rows[..., :2] = rows[..., :2] @ rotation + shift
+        if rows.shape[-1] > 2:
+            rows[..., 2] += angle
+        return rows
+
+    initial, references, others = map(moved, (here.initial_state, here.references, here.others))
+    return replace(here, initial_state=initial, references=references, others=others)
+
+
+@pytest.mark.parametrize("angle", [0.9, -2.0])
+def test_it_does_not_matter_where_the_road_lies_and_leads(game, angle):
+    here = replace(situation(3), others=np.full((3, 1, STEPS, 2), [40.0, 2.0]))
+    start = np.zeros((STEPS, 3, 2))
+    plan = game.solve(here, start, tolerance=1e-9)
+    there = game.solve(turned(here, angle, np.array([300.0, -20.0])), start, tolerance=1e-9)
+    assert plan.converged and there.converged
+    np.testing.assert_allclose(there.controls, plan.controls, atol=1e-7)
+
+
+def step_cost(game: ReferenceGame, state, control=(0.0, 0.0), other=(1e3, 1e3)) -> np.ndarray:
+    """The five terms of one step, each by a weight of its own; the reference leads along 0.3."""
+    reference = ca.SX(ca.DM([10.0, 5.0, 0.3, 20.0]))
+    row, played, near = (ca.SX(ca.DM(values)) for values in (state, control, other))
+    units = np.eye(len(WEIGHT_NAMES))
+    terms = [
+        module._step_cost(game, row, played, [near], reference, ca.SX(ca.DM(one))) for one in units
+    ]
+    return np.array([float(ca.evalf(term)) for term in terms])
+
+
+def at(beside: float = 0.0, off: float = 0.0, speed: float = 20.0) -> tuple[float, ...]:
+    """Two metres on from the reference, so far beside and off its heading."""
+    cos, sin = np.cos(0.3), np.sin(0.3)
+    return 10 + 2 * cos - beside * sin, 5 + 2 * sin + beside * cos, 0.3 + off, speed
+
+
+def test_a_unit_of_each_preference_costs_one(game):
+    units = Units()
+    _, *others = step_cost(game, at())
+    assert others == pytest.approx([0, 0, 0, 0], abs=1e-9)
+    for sign in (-1, 1):
+        assert step_cost(game, at(speed=20 + sign * units.speed))[1] == pytest.approx(1)
+        acceleration = step_cost(game, at(), (0.0, sign * units.acceleration))
+        assert acceleration[2] == pytest.approx(1)
+        assert step_cost(game, at(beside=sign * units.lane))[4] == pytest.approx(1)
+        assert step_cost(game, at(off=sign * units.heading))[4] == pytest.approx(1, rel=0.01)
+        # Across: speed times yaw rate, and the steering angle by itself.
+        steering = sign * 0.02
+        yaw_rate = 20 * np.sin(np.arctan(np.tan(steering) / 2)) / game.rear_axle
+        effort = (20 * yaw_rate / units.turning) ** 2 + (steering / units.steering) ** 2
+        assert step_cost(game, at(), (steering, 0.0))[3] == pytest.approx(effort)
+        at_rest = step_cost(game, at(speed=0.0), (sign * units.steering, 0.0))
+        assert at_rest[3] == pytest.approx(1)
+    x, y, heading, _ = at()
+    along = np.array([np.cos(heading), np.sin(heading)])
+    ahead = np.array([x, y]) + units.length * along
+    aside = np.array([x, y]) + units.width * np.array([-along[1], along[0]])
+    assert step_cost(game, at(), other=ahead)[0] == pytest.approx(-np.log(1.1))
+    assert step_cost(game, at(), other=aside)[0] == pytest.approx(-np.log(1.1))
+
+
+def test_steps_of_the_search_are_limited(game):
+    here, start = situation(2), np.zeros((STEPS, 2, 2))
+    hasty = replace(here, references=here.references + np.array([0, 3.0, 0, 30.0]))
+    for limit in ((0.02, 0.3), (0.2, 3.0)):
+        once = game.solve(hasty, start, max_iterations=1, max_change=limit)
+        assert once.iterations == 1 and not once.converged
+        assert (np.abs(once.controls) / limit).max() <= 1 + 1e-12
+    assert game.solve(hasty, start, max_iterations=0).iterations == 0
+    done = game.solve(here, start)
+    assert done.residual < 1e-4
+    again = game.solve(here, done.controls)
+    assert again.iterations == 0
+    np.testing.assert_array_equal(again.controls, done.controls)
 
 
 def test_games_at_once_are_those_one_by_one(game):

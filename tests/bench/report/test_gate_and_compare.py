@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from olne_bench.bench.commands import compare
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.commands.compare import _names as compared_names
 from olne_bench.bench.plan.select import Selection
@@ -167,6 +168,37 @@ def test_bad_comparisons_are_one_line(run, tmp_path, capsys):
     assert "no run in" in capsys.readouterr().err
     assert call("compare", run, run, "--estimator", "uniform=x") == 2
     assert "has no 'x'; it has: kkt_residual, uniform" in capsys.readouterr().err
+
+
+def test_a_comparison_is_a_line_of_words_and_numbers():
+    row = {"verdict": "same", "error": "position_error", "scenario": "s", "sensor": "v"}
+    row |= {"estimator": "a", "other": "a", "pairs": 8, "before": 0.5, "after": 0.25}
+    row |= {"better": 0.75, "better_low": 0.4, "better_high": 0.9, "p_holm": 0.123}
+    few = row | {"error": "failures", "other": "b", "before": 0.125, "better_low": NAN}
+    text = compare._format(pd.DataFrame([row, few]))
+    _, first, second = (" ".join(line.split()) for line in text.splitlines())
+    assert first == "same position_error s v a 0.5 -> 0.25 75.0 % [40.0, 90.0] 0.12 8"
+    assert second == "same failures s v a -> b 1 of 8 -> 2 of 8 75.0 % 0.12 8"
+
+
+def test_estimators_that_are_gone_are_named():
+    def trials(*names, seeds=1, suite="x"):
+        rows = [(suite, "s", "v", 0.1, seed, name) for name in names for seed in range(seeds)]
+        columns = ["suite", "scenario", "sensor", "sigma", "seed", "estimator"]
+        return pd.DataFrame(rows, columns=columns)
+
+    def notes(old, new, names):
+        same = {name: name for name in names}
+        return compare._notes(old, new, same, Path("one"), Path("two"))
+
+    old = trials("a", "b", "c", seeds=2)
+    assert notes(old, old, "abc") == []
+    assert notes(old, trials("a", "b", seeds=2), "ab") == ["two has no c"]
+    assert notes(old, trials("a", "b", "c", seeds=2), "ab") == []  # it was not asked for
+    assert notes(old, trials("a", seeds=2), "a") == []  # one alone was chosen
+    assert notes(old, trials("a", "b", "c"), "ab") == ["2 of 4 trials in one are not in two"]
+    (note,) = notes(old, trials("a", "b", seeds=2, suite="y"), "a")
+    assert note == "one is a run of suite x, two of y; only trials that both have are compared"
 
 
 def test_an_estimator_is_looked_for_in_its_own_run():

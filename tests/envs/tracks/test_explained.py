@@ -221,3 +221,15 @@ def test_slips_in_the_road_file_are_told(
             explain("two_player", None, known, 0)
     else:
         assert explain("two_player", None, known, 0).warnings == (words,)
+
+
+def test_tracks_too_short_to_tell_their_noise_are_taken_for_exact(tmp_path: Path) -> None:
+    """Three samples have no third difference; what is allowed for noise is then nothing."""
+    scenario = get_scenario("two_player")
+    start = scenario.initial_state.copy()
+    for count, off, matched in ((3, 0.0, True), (3, 0.4, False), (4, 0.0, True)):
+        states = cruising(start, 0.25)[:count].copy()
+        states[..., 0] += off
+        explained = explain("two_player", None, as_tracks(states, 0.25, tmp_path), 0)
+        assert np.isnan(explained.noise) == (count == 3)
+        assert ({one.source for one in explained.assumptions} == {"draw"}) == matched

@@ -1,10 +1,9 @@
-"""Lanes as lines of points, lines of points as curves, and where a car is on them."""
+"""Lanes as lines of points, and where a car is on them."""
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from olne_bench.envs.tracks.curve_fit import TOLERANCE, curves_through
 from olne_bench.envs.tracks.matching import shortened
 from olne_bench.envs.tracks.road import Road, RoadLane, curve_points, locate
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
@@ -52,37 +51,3 @@ def test_positions_are_located_on_a_line() -> None:
 def test_lanes_far_from_everybody_are_left_out() -> None:
     road = Road({"here": RoadLane((STRAIGHT,)), "there": RoadLane((ARC,))})
     assert list(road.near(np.array([[2.0, 3.0]]), 3.0).lanes) == ["here"]
-
-
-def test_a_straight_line_of_many_points_is_one_curve() -> None:
-    points = np.column_stack([np.linspace(0, 300, 50), np.linspace(5, 65, 50)])
-    (curve,) = curves_through(points)
-    assert isinstance(curve, StraightLane)
-    assert curve.length == pytest.approx(np.hypot(300, 60))
-
-
-def test_an_arc_of_many_points_is_one_curve() -> None:
-    phase = np.linspace(2.0, -0.5, 60)
-    points = np.array([3.0, 1.0]) + 20 * np.column_stack([np.cos(phase), np.sin(phase)])
-    (curve,) = curves_through(points)
-    assert isinstance(curve, ArcLane)
-    np.testing.assert_allclose([*curve.centre, curve.radius], [3, 1, 20], atol=1e-6)
-    np.testing.assert_allclose([curve.start_phase, curve.end_phase], [2.0, -0.5], atol=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_any_line_is_followed_within_the_tolerance(seed: int) -> None:
-    turn = np.cumsum(np.random.default_rng(seed).normal(0, 0.03, 120))
-    points = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]), axis=0)
-    curves = curves_through(points)
-    assert len(curves) < 40
-    line = RoadLane(curves).line
-    assert locate(line, points).distance.max() < TOLERANCE + 0.02
-    np.testing.assert_allclose(line[[0, -1]], points[[0, -1]], atol=1e-6)
-
-
-def test_a_lane_needs_two_points() -> None:
-    with pytest.raises(ValueError, match="at least two different points"):
-        curves_through([[1.0, 1.0], [1.0, 1.0]])
-    with pytest.raises(ValueError, match="pairs of finite numbers"):
-        curves_through([[1.0, 1.0], [1.0, np.nan]])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
@@ -93,3 +95,107 @@ def test_costs_lie_where_they_are_and_a_star_marks_whose_they_are(usual, make_tr
     weights = scene.recording.scenario.weights[player]
     expected = landscape.position_cost(scene, weights, step, player, px, py)
     np.testing.assert_allclose(true.get_array().reshape(px.shape), expected, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def figure(usual, make_trials):
+    """Of the truth, two estimators and the floor, which is left out."""
+    trials = make_trials(estimators=("a", "b", "uniform"), sigmas=(0.01, 0.1), seeds=2)
+    return landscape.draw(trials, usual)
+
+
+def test_panels_stand_in_rows_of_three_with_one_bar_of_colours(figure):
+    *panels, bar = figure.axes
+    assert [axes.get_title().split("\n")[0] for axes in panels] == ["truth", "a", "b"]
+    assert panels[0].get_gridspec().get_geometry() == (1, 3)
+    assert bar.get_ylabel() == "Cost above the least [-]"
+    assert "σ = 0.1" in figure.get_suptitle() and "(full, " in figure.get_suptitle()
+
+
+def test_the_time_and_the_player_of_the_closest_pass_are_told(figure, scene):
+    step, player = landscape.closest_pass(scene.recording.states)
+    time = step * scene.recording.scenario.game.dt
+    assert f"for player {player + 1} at t = {time:g} s" in figure.get_suptitle()
+
+
+def test_all_panels_have_one_scale_from_nothing_to_the_largest_cost(figure):
+    meshes = [one for axes in figure.axes for one in axes.collections if isinstance(one, QuadMesh)][
+        :3
+    ]
+    largest = max(mesh.get_array().max() for mesh in meshes)
+    assert all(mesh.get_clim() == (0, pytest.approx(largest)) for mesh in meshes)
+    assert all(mesh.get_array().min() == 0 for mesh in meshes)
+    rows, columns = np.array(meshes[0].get_array()).shape
+    assert max(rows, columns) == 160
+
+
+def test_contours_are_level_between_the_ends_of_the_scale(figure):
+    axes = figure.axes[0]
+    contours = next(one for one in axes.collections if hasattr(one, "levels"))
+    mesh = next(one for one in axes.collections if isinstance(one, QuadMesh))
+    largest = mesh.get_clim()[1]
+    np.testing.assert_allclose(contours.levels, np.linspace(0, largest, 11)[1:-1])
+
+
+def test_a_star_is_larger_than_a_dot_and_paths_are_thin(figure):
+    axes = figure.axes[0]
+    marked = {line.get_marker(): line for line in axes.lines if len(line.get_xdata()) == 1}
+    assert set(marked) == {"*", "o"}
+    assert marked["*"].get_markersize() > 1.5 * marked["o"].get_markersize()
+    assert {line.get_markeredgecolor() for line in marked.values()} == {"white"}
+    paths = [line for line in axes.lines if len(line.get_xdata()) > 1]
+    assert len(paths) == 2
+    assert all(0.5 < line.get_linewidth() < 1 and line.get_color() == "white" for line in paths)
+
+
+def test_the_legend_says_whose_cost_it_is(figure):
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "player 1 (whose cost)",
+        "player 2",
+    ]
+    assert [line.get_marker() for line in legend.get_lines()] == ["*", "o"]
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_cells_are_square_and_a_narrow_slice_has_some_all_the_same(scene, wide):
+    height = 0.05 if wide else 3.0
+    px, py = landscape._grid(replace(scene, limits=((-3.0, 3.0), (-height / 2, height / 2))))
+    assert px.shape == py.shape == ((12, 160) if wide else (80, 160))
+    np.testing.assert_allclose([px.min(), px.max()], [-3, 3])
+    np.testing.assert_allclose([py.min(), py.max()], [-height / 2, height / 2])
+    turned = replace(scene, limits=((-3.0, 3.0), (-1.5, 1.5)), axes_order=(1, 0))
+    px, py = landscape._grid(turned)
+    np.testing.assert_allclose([py.min(), py.max(), px.min(), px.max()], [-3, 3, -1.5, 1.5])
+
+
+def test_colours_of_a_road_end_at_the_largest_cost_near_the_player(scene):
+    right, up = np.meshgrid(np.linspace(-10, 10, 41), np.linspace(-10, 10, 41))
+    x, y = scene.recording.states[5, 1, :2]
+    distance = np.hypot(right - x, up - y)
+    costs = [distance, 2 * distance]
+    assert landscape._largest(scene, costs, right, up, 5, 1) == 2 * distance.max()
+    scenario = replace(scene.recording.scenario, world="highway_v0")
+    road = replace(scene, recording=replace(scene.recording, scenario=scenario))
+    found = landscape._largest(road, costs, right, up, 5, 1)
+    assert found == 2 * distance[distance < 3.5].max()
+
+
+def test_the_largest_level_at_which_all_left_weights_is_taken(make_trials, scene):
+    trials = make_trials(estimators=("a", "b"), sensors=("full",), sigmas=(0.01, 0.05, 0.1))
+    assert landscape._common_sigma(split(trials), scene) == 0.1
+    trials["weights"] = trials["weights"].where(
+        (trials["estimator"] == "a") | (trials["sigma"] < 0.1), None
+    )
+    assert landscape._common_sigma(split(trials), scene) == 0.05
+    trials["weights"] = trials["weights"].where(trials["estimator"] == "a", None)
+    assert landscape._common_sigma(split(trials), scene) == 0.1
+
+
+def test_weights_that_matter_at_the_end_are_others(scene):
+    names = scene.recording.scenario.game.weight_names
+    last = len(scene.recording.states) - 1
+    for step in (10, last):
+        assert [names[k] for k in landscape._weights_that_matter(scene, step, 0)] == ["proximity"]
+    told = landscape._told(scene, np.array([0.456, 0.1, 0.1, 0.1]), [0, 2])
+    assert told == "proximity 0.46, acceleration 0.1"

@@ -1,5 +1,7 @@
 """The truth behind trials and the plane in which it is drawn."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -8,6 +10,7 @@ from olne_bench.bench.report.figures.panels import scene_panels
 from olne_bench.bench.report.figures.scene import scene_of
 from olne_bench.bench.report.figures.telling import telling_trial
 from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.envs.road_shapes import LaneShape
 from olne_bench.envs.scene import PLAYER_COLOURS, player_colour
 
 
@@ -81,3 +84,97 @@ def test_panels_share_their_labels_and_have_the_scenes_shape(scene):
     width, height = figure.get_size_inches() - one.get_size_inches()  # of a panel and its gap
     assert (width - 0.25) / (height - 0.45) == pytest.approx(scene.extents[0] / scene.extents[1])
     np.testing.assert_allclose(one.get_size_inches() - [width, height], [0.5, 1.0])
+
+
+@pytest.fixture
+def road(scene):
+    """The two players taken for cars, 60 m by 20 m of a road with two lanes."""
+    scenario = replace(scene.recording.scenario, world="highway_v0")
+    x = np.linspace(-30.0, 30.0, 5)
+    edges = [np.column_stack([x, np.full(5, y)]) for y in (-4.0, 0.0, 4.0)]
+    lanes = (
+        LaneShape((edges[0], edges[1]), ("solid", "dashed")),
+        LaneShape((edges[1], edges[2]), ("none", "solid")),
+    )
+    return replace(
+        scene,
+        recording=replace(scene.recording, scenario=scenario),
+        axes_order=(0, 1),
+        limits=((-30.0, 30.0), (-10.0, 10.0)),
+        lanes=lanes,
+    )
+
+
+def test_a_road_has_asphalt_marks_and_an_ordinate_that_points_down(road):
+    axes = Figure().add_subplot()
+    road.frame(axes)
+    assert axes.get_xlim() == road.limits[0]
+    assert axes.get_ylim() == road.limits[1][::-1]
+    asphalt, solid, dashed = axes.collections
+    boxes = [path.get_extents().get_points().tolist() for path in asphalt.get_paths()]
+    assert boxes == [[[-30, -4], [30, 0]], [[-30, 0], [30, 4]]]
+    for path, lane in zip(asphalt.get_paths(), road.lanes, strict=True):
+        middle = sum(edge.mean(axis=0) for edge in lane.edges) / 2
+        assert path.contains_point(middle)  # not a bow tie
+    assert [[line[0, 1] for line in marks.get_segments()] for marks in (solid, dashed)] == [
+        [-4, 4],
+        [0],
+    ]
+    assert solid.get_linestyle() != dashed.get_linestyle()
+    assert asphalt.get_zorder() < solid.get_zorder() < 1  # under what drives there
+    bare = Figure().add_subplot()
+    road.frame(bare, lanes=False)
+    assert not bare.collections
+    assert bare.get_ylim() == axes.get_ylim()
+
+
+@pytest.mark.parametrize(
+    ("height", "stretch"), [(20.0, 1.0), (10.0, 1.0), (6.0, 1.5), (5.0, 2.0), (1.0, 3.0)]
+)
+def test_a_long_road_is_stretched_across(road, scene, height, stretch):
+    limits = ((-30.0, 30.0), (-height / 2, height / 2))
+    long = replace(road, limits=limits)
+    assert long.stretch == stretch
+    assert long.stretch_note == ("" if stretch == 1 else f" (py stretched × {stretch:g})")
+    axes = Figure().add_subplot()
+    long.frame(axes)
+    assert axes.get_aspect() == stretch
+    assert replace(scene, limits=limits).stretch == 1
+    assert long.is_wide == (2 * height < 60)
+
+
+def test_a_scene_is_cut_around_a_position(road):
+    cut = road.around(np.array([25.0, -3.0]), 8.0)
+    assert cut.limits == ((17.0, 30.0), (-10.0, 5.0))
+    turned = replace(road, axes_order=(1, 0)).around(np.array([-3.0, 25.0]), 8.0)
+    assert turned.limits == cut.limits
+    inside, beside, above = (np.array([x, y, 0.0, 0.0]) for x, y in ((17, 5), (16.9, 0), (20, 5.1)))
+    assert [cut.shows(state) for state in (inside, beside, above)] == [True, False, False]
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.6, 3.0])
+def test_cars_have_their_size_and_others_are_dots(road, scene, heading):
+    axes = Figure().add_subplot()
+    state = np.array([3.0, -1.0, heading, 9.0])
+    road.draw_car(axes, state, "red", label="7")
+    road.draw_car(axes, state, "red", filled=False)
+    full, empty = axes.patches
+    corners = full.get_xy()[:4]
+    np.testing.assert_allclose(corners.mean(axis=0), state[:2])
+    np.testing.assert_allclose(
+        corners[1] - corners[0], 5 * np.array([np.cos(heading), np.sin(heading)])
+    )
+    assert (full.get_facecolor()[3], full.get_edgecolor()[:3]) == (1.0, (1.0, 0.0, 0.0))
+    assert 0 < empty.get_facecolor()[3] < 0.3
+    (text,) = axes.texts
+    assert (text.get_text(), text.get_position()) == ("7", (3.0, -1.0))
+    assert text.get_zorder() > full.get_zorder()
+    assert not axes.lines
+    dots = Figure().add_subplot()
+    scene.draw_car(dots, state, "red", label="7")
+    scene.draw_car(dots, state, "red")
+    first, second = dots.lines
+    np.testing.assert_allclose(first.get_xydata(), [[3.0, -1.0]])
+    assert first.get_markersize() > second.get_markersize()
+    assert first.get_alpha() > second.get_alpha()
+    assert len(dots.texts) == 1 and not dots.patches

@@ -60,3 +60,20 @@ def test_names_are_made_printable():
     assert style.printable("a\nb\x00c") == "a b c"
     assert style.printable("\ud800") == "(no name)"
     assert len(style.printable("x" * 99)) <= 32
+
+
+def test_the_floor_is_no_contender_unless_it_is_alone(make_trials):
+    part = {"sensors": ("full",), "sigmas": (0.1,), "seeds": 1}
+    both = series.split(make_trials(estimators=("a", "uniform"), **part))
+    assert [s.estimator for s in series.contenders(both)] == ["a"]
+    alone = series.split(make_trials(estimators=("uniform",), **part))
+    assert series.contenders(alone) == alone
+    assert series.contenders([]) == []
+
+
+def test_noise_that_was_measured_is_taken_as_it_is(make_trials):
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=2)
+    trials["observation_error"] = [0.3, np.nan]
+    assert only(trials).observation_error.tolist() == [0.3, pytest.approx(0.0798, rel=1e-3)]
+    assert only(trials.assign(count=[3, 1])).count.tolist() == [3, 1]
+    assert only(trials).name == "a, full"

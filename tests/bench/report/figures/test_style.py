@@ -118,3 +118,55 @@ def test_settings_hold_only_where_they_are_applied(tmp_path) -> None:
     assert dict(matplotlib.rcParams) == before
     assert [path.name for path in paths] == ["a.png", "a.svg"]
     assert all(path.stat().st_size > 1000 for path in paths)
+
+
+def test_text_is_small_but_readable_and_lines_are_thin() -> None:
+    with style.applied():
+        sizes = {name: matplotlib.rcParams[name] for name in matplotlib.rcParams if "size" in name}
+        labels = [sizes[f"{axis}tick.labelsize"] for axis in "xy"]
+        texts = [*labels, sizes["legend.fontsize"], sizes["axes.labelsize"], sizes["font.size"]]
+        assert texts == sorted(texts)
+        assert 7 < texts[0] <= texts[-1] < 11
+        assert sizes["axes.titlesize"] == sizes["axes.labelsize"] == sizes["font.size"]
+        assert sizes["font.size"] < sizes["figure.titlesize"] < 12
+        rc = matplotlib.rcParams
+        assert rc["grid.linewidth"] < 1 < rc["lines.linewidth"] < 2
+        assert 0.1 < rc["grid.alpha"] < 0.5
+        assert rc["axes.grid"] and not rc["legend.frameon"]
+        assert not rc["axes.spines.right"] and not rc["axes.spines.top"]
+        assert rc["figure.constrained_layout.use"]
+        assert rc["pdf.fonttype"] == 42  # TrueType
+        assert 100 <= rc["figure.dpi"] <= 200
+        assert 0 < rc["path.simplify_threshold"] < 1
+
+
+def test_dashes_are_told_apart_by_their_lengths() -> None:
+    solid, *dashed = style.LINE_STYLES
+    assert solid == "-"
+    patterns = [pattern for _, pattern in dashed]
+    assert all(offset == 0 for offset, _ in dashed)
+    longest = [max(pattern[::2]) for pattern in patterns]
+    assert longest[0] >= 3 * longest[1]  # dashes and dots
+    assert len(patterns[2]) == 4 and longest[2] >= 3 * min(patterns[2][::2])  # both in turn
+    assert all(1 <= gap <= 2 for pattern in patterns for gap in pattern[1::2])
+
+
+def test_a_saved_figure_has_no_date_and_its_resolution(tmp_path) -> None:
+    with style.applied():
+        figure = Figure(figsize=(2.0, 1.0))
+        figure.add_subplot().plot([0, 1], rasterized=True)
+        paths = style.save(figure, tmp_path / "a", ("png", "svg", "pdf"))
+        first = {path: path.read_bytes() for path in paths}
+        style.save(figure, tmp_path / "a", ("png", "svg", "pdf"))
+    assert {path: path.read_bytes() for path in paths} == first
+    image = matplotlib.image.imread(paths[0])
+    assert image.shape[:2] == (130, 260)
+    assert b"<dc:date>" not in first[paths[1]] and b"CreationDate" not in first[paths[2]]
+
+
+def test_columns_fill_the_width_that_there_is() -> None:
+    """About thirteen characters fit on an inch, besides a line of half an inch."""
+    for width, length, columns in ((6.0, 10, 4), (6.0, 20, 2), (3.0, 10, 2), (12.0, 1, 6)):
+        figure = Figure(figsize=(width, 3.0))
+        style.legend_below(figure, [(Line2D([], []), "a" * length)] * 8)
+        assert figure.legends[0]._ncols == columns

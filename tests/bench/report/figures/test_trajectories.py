@@ -1,10 +1,12 @@
 """Bundles of predicted trajectories."""
 
 import numpy as np
+import pandas as pd
 
 from olne_bench.bench.report.figures import trajectories
 from olne_bench.bench.report.figures.scene import scene_of
 from olne_bench.bench.report.figures.series import contenders, split
+from olne_bench.envs.scene import player_colour
 
 
 def titles(figure):
@@ -86,3 +88,42 @@ def test_panels_of_one_sensor_follow_each_other(usual, make_trials):
 def test_panels_of_a_long_road_lie_below_each_other(usual, make_trials):
     trials = make_trials("highway_overtaking", ("a", "b"), ("full",), (0.1,), 1)
     assert sorted(places(trials, usual).values()) == [(1, 0), (2, 0)]
+
+
+def test_lines_of_few_predictions_are_strong_and_the_truth_stays_thin(usual, make_trials):
+    looks = []
+    for seeds in (4, 5):
+        trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=seeds)
+        panel = trajectories.draw(trials, usual).axes[1]
+        truth = [line for line in panel.lines if line.get_linestyle() == "--"]
+        solid = [
+            line
+            for line in panel.lines
+            if line.get_linestyle() == "-" and len(line.get_xdata()) > 1
+        ]
+        assert len(truth) == 2 and len(solid) == 2 * seeds
+        assert all(line.get_color() == "black" for line in truth)
+        looks.append((solid[0].get_linewidth(), solid[0].get_alpha()))
+        assert solid[0].get_linewidth() > 0.7 * truth[0].get_linewidth()
+    few, many = looks
+    assert few[0] > many[0] and few[1] > 1.5 * many[1]
+    assert truth[0].get_linewidth() < few[0]
+
+
+def test_the_legend_names_the_truth_and_every_player(usual, make_trials):
+    trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=1)
+    (legend,) = trajectories.draw(trials, usual).legends
+    names = [text.get_text() for text in legend.get_texts()]
+    assert names == ["truth, numbered where it starts", "player 1", "player 2"]
+    truth, *players = legend.get_lines()
+    assert truth.get_color() == "black" and truth.get_marker() == "o"
+    assert [line.get_color() for line in players] == [player_colour(k) for k in (0, 1)]
+
+
+def test_forty_sequences_are_shown_at_most(usual, make_trials):
+    trials = make_trials(estimators=("uniform",), sensors=("full",), sigmas=(0.1,), seeds=1)
+    many = pd.concat([trials.assign(seed=k) for k in range(41)], ignore_index=True)
+    many["status"] = "crash"
+    first, second = trajectories.draw(many, usual).axes
+    assert first.get_title() == "Truth and 40 observed sequences"
+    assert second.get_title() == "uniform\nfull, 40 of 40 failed"

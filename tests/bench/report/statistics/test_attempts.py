@@ -7,7 +7,15 @@ from hypothesis import strategies as st
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.declaration import declare
 from olne_bench.bench.judge.metrics.position_error import PositionError
-from olne_bench.bench.report.statistics.attempts import errors_of, noisy, quantile, weighed
+from olne_bench.bench.report.measures import FAILURES, IDENTIFIABLE
+from olne_bench.bench.report.statistics.attempts import (
+    attempts_of,
+    errors_of,
+    measured,
+    noisy,
+    quantile,
+    weighed,
+)
 
 COSINE_ERROR, POSITION_ERROR = declare(CosineError), declare(PositionError)
 
@@ -93,3 +101,56 @@ def test_quantiles_lie_between_neighbours_in_proportion(share, expected):
     # Of 0, 0, 1, 10, 10 as of three values that occur two times, once and two times.
     counted = quantile(np.array([10.0, 0.0, 1.0]), np.array([2, 2, 1]), share)
     assert counted == pytest.approx(np.quantile([0, 0, 1, 10, 10], share))
+
+
+def judged(rows) -> pd.DataFrame:
+    columns = ["scenario", "estimator", "seed", "status", "cosine_error", "position_error"]
+    return pd.DataFrame(rows, columns=columns).assign(sensor="full")
+
+
+def test_what_was_declined_or_spoilt_is_no_attempt():
+    statuses = ["ok", "skipped", "crash", "harness_error", "failed_forward", "timeout"]
+    trials = judged([("two_player", "a", 0, status, 0.1, 0.2) for status in statuses])
+    assert attempts_of(trials).index.tolist() == [0, 2, 4, 5]
+
+
+def test_a_prediction_that_nobody_has_of_a_draw_is_none(usual):
+    family = "random(num_players=3)"
+    trials = judged(
+        [
+            (family, "a", 0, "ok", 0.1, np.nan),  # nobody has one of this draw
+            (family, "b", 0, "ok", 0.1, np.nan),
+            (family, "a", 1, "ok", 0.1, 0.2),
+            (family, "b", 1, "ok", 0.1, np.nan),  # lost, as the other has one
+            (family, "b", 2, "crash", np.nan, np.nan),  # a failure of whatever there is
+            ("two_player", "a", 0, "ok", 0.1, 0.2),
+            ("two_player", "a", 1, "ok", 0.1, np.nan),  # one scenario is one draw
+        ]
+    )
+    found = measured(trials, POSITION_ERROR, usual)
+    assert found.tolist() == [False, False, True, True, True, True, True]
+
+
+def test_an_error_that_an_estimator_never_has_is_none_of_its(usual):
+    trials = judged(
+        [
+            ("two_player", "a", 0, "ok", np.nan, 0.2),
+            ("two_player", "a", 1, "crash", np.nan, np.nan),
+            ("two_player", "b", 0, "ok", np.nan, 0.2),
+            ("two_player", "b", 1, "ok", 0.1, 0.2),
+            ("two_player", "b", 2, "timeout", np.nan, np.nan),
+            ("two_player", "c", 0, "crash", np.nan, np.nan),  # may have had one
+        ]
+    )
+    found = measured(trials, COSINE_ERROR, usual)
+    assert found.tolist() == [False, False, False, True, True, True]
+    assert measured(trials, FAILURES, usual).all()
+    told = trials.assign(**{IDENTIFIABLE.name: [0.1, np.nan, np.inf, 0.2, np.nan, np.nan]})
+    assert measured(told, IDENTIFIABLE, usual).tolist() == [True, False, True, True, False, False]
+
+
+def test_failures_are_ones():
+    trials = judged(
+        [("two_player", "a", 0, s, 0.1, 0.2) for s in ("ok", "crash", "failed_forward")]
+    )
+    assert errors_of(trials, FAILURES).tolist() == [0, 1, 1]
