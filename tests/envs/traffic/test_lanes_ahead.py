@@ -23,14 +23,14 @@ def arc(radius: float, step: float, count: int = 8) -> np.ndarray:
 @pytest.mark.parametrize("step", [2.0, 8.0])
 @pytest.mark.parametrize("radius", [20.0, 60.0])
 def test_a_curve_is_driven_at_its_acceleration_across(radius: float, step: float) -> None:
-    speeds = curve_speeds(arc(radius, step))
+    speeds = curve_speeds(arc(radius, step)[None])[0]
     assert speeds.shape == (8,)
     np.testing.assert_allclose(speeds**2 / radius, CURVE_ACCELERATION, rtol=0.01)
 
 
 def test_curves_slow_down_where_they_are_and_no_more_than_the_sharpest() -> None:
     points = np.array([[0, 0, 0], [5, 0, 0], [10, 0, 1.5], [15, 0, 1.5], [20, 0, 1.5]])
-    speeds = curve_speeds(points)
+    speeds = curve_speeds(points[None])[0]
     slowest = np.sqrt(CURVE_ACCELERATION / MAX_CURVATURE)
     assert speeds[1] == pytest.approx(slowest)
     assert (speeds[[0, 2, 3, 4]] > 100).all()
@@ -38,7 +38,7 @@ def test_curves_slow_down_where_they_are_and_no_more_than_the_sharpest() -> None
 
 def test_who_hardly_moves_sees_no_curve() -> None:
     points = np.array([[0, 0, 0.0], [0.01, 0, 0.02], [0.02, 0, 0.04]])
-    np.testing.assert_allclose(curve_speeds(points), np.sqrt(CURVE_ACCELERATION / 0.02))
+    np.testing.assert_allclose(curve_speeds(points[None])[0], np.sqrt(CURVE_ACCELERATION / 0.02))
 
 
 @pytest.fixture

@@ -14,9 +14,8 @@ from olne_bench.envs.traffic.surroundings import (
     NUM_OTHERS,
     SIGHT,
     nearest_predictions,
-    planning_group,
+    planning_groups,
     predicted_positions,
-    predictions_around,
 )
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
 from olne_bench.games.reference_game import FAR_AWAY
@@ -43,53 +42,55 @@ def plan_from(px: float) -> VehiclePlan:
     return VehiclePlan(states, np.zeros((STEPS, 2)))
 
 
-def test_the_nearest_plan_together_the_vehicle_first(road) -> None:
+def test_the_first_vehicle_plans_with_those_nearest_to_it(road) -> None:
     distances = [30.0, -10.0, 45.0, 20.0, -40.0, 25.0]
     vehicle = planning(road, 200.0)
     others = {d: planning(road, 200 + d) for d in distances}
-    group = planning_group(vehicle)
-    assert len(group) == MAX_PLAYERS
-    assert group[0] is vehicle
-    assert [other.position[0] - 200 for other in group[1:]] == [-10.0, 20.0, 25.0, 30.0]
-    assert planning_group(others[-40.0])[0] is others[-40.0]
+    first, second, third = planning_groups(road)
+    assert len(first) == MAX_PLAYERS
+    assert first[0] is vehicle
+    assert [other.position[0] - 200 for other in first[1:]] == [-10.0, 20.0, 25.0, 30.0]
+    assert (second, third) == ([others[45.0]], [others[-40.0]])  # 85 m apart
 
 
 def test_only_who_is_near_and_whole_and_due_plans_along(road) -> None:
     vehicle = planning(road, 100.0)
     near, crashed, busy = planning(road, 110.0), planning(road, 120.0), planning(road, 130.0)
-    planning(road, 100 + NEIGHBOURHOOD + 1)
+    far = planning(road, 100 + NEIGHBOURHOOD + 1)
     crashed.crashed = True
     busy.adopt(plan_from(130.0))
     road.vehicles.append(IDMVehicle(road, [90.0, 0.0], speed=20.0))
-    assert planning_group(vehicle) == [vehicle, near]
+    assert planning_groups(road) == [[vehicle, near], [far]]
 
 
-def test_everybody_near_is_predicted_but_the_group_and_landmarks(road) -> None:
+def test_nobody_is_due_on_an_empty_road(road) -> None:
+    assert planning_groups(road) == []
+
+
+def begins(found: np.ndarray, speeds: list[float]) -> list[list[float]]:
+    """Where predictions (M, T-1, 2) start from, a step before their first place."""
+    steps = PLAN_STEP * np.array([[speed, 0.0] for speed in speeds])
+    return (found[: len(speeds), 0] - steps).tolist()
+
+
+def test_the_nearest_are_avoided_but_the_group_and_landmarks(road) -> None:
     vehicle, member = planning(road, 100.0), planning(road, 110.0)
-    road.vehicles.append(Vehicle(road, [120.0, 4.0], speed=10.0))
-    reach = SIGHT + NEIGHBOURHOOD
-    road.vehicles += [Vehicle(road, [100 + reach + d, 0.0], speed=1.0) for d in (-1.0, 1.0)]
+    road.vehicles.append(Vehicle(road, [130.0, 4.0], speed=10.0))
+    road.vehicles.append(Vehicle(road, [100 + SIGHT + 5, 0.0], speed=0.0))
     road.objects += [Obstacle(road, [150.0, 0.0]), Landmark(road, [105.0, 0.0])]
-    predicted = predictions_around([vehicle, member])
-    assert all(path.shape == (STEPS, 2) for path in predicted)
-    starts = [
-        path[0] - PLAN_STEP * np.array([speed, 0])
-        for path, speed in zip(predicted, (10, 1, 0), strict=True)
-    ]
-    np.testing.assert_allclose(starts, [[120, 4], [100 + reach - 1, 0], [150, 0]])
+    found = nearest_predictions(road, [[vehicle, member]])
+    assert found.shape == (2, NUM_OTHERS, STEPS, 2)
+    assert begins(found[0], [10.0, 0.0]) == [[130, 4], [150, 0]]
+    assert (found[0, 2:] == FAR_AWAY).all()  # the fourth is out of sight from the first
+    assert begins(found[1], [10.0, 0.0, 0.0]) == [[130, 4], [150, 0], [100 + SIGHT + 5, 0]]
 
 
-def test_the_nearest_predictions_fill_the_slots_and_the_rest_is_far_away(road) -> None:
-    vehicle = planning(road, 100.0)
-    paths = [np.full((STEPS, 2), [100.0 + d, 0.0]) for d in (SIGHT + 1, 30.0, -5.0, SIGHT - 1)]
-    found = nearest_predictions(vehicle, paths)
-    np.testing.assert_array_equal(found, [paths[2], paths[1], paths[3]])
-    assert len(found) == NUM_OTHERS
-    few = nearest_predictions(vehicle, paths[:2])
-    np.testing.assert_array_equal(few[0], paths[1])
-    assert (few[1:] == FAR_AWAY).all()
-    crowd = [*paths, np.full((STEPS, 2), [101.0, 0.0])]
-    np.testing.assert_array_equal(nearest_predictions(vehicle, crowd)[0], crowd[-1])
+def test_another_group_is_avoided_and_only_so_many(road) -> None:
+    vehicle, other = planning(road, 100.0), planning(road, 160.0)
+    road.objects += [Obstacle(road, [100.0 + d, 0.0]) for d in (40.0, -20.0, 70.0)]
+    found = nearest_predictions(road, [[vehicle], [other]])
+    assert begins(found[0], [0.0, 0.0, 20.0]) == [[80, 0], [140, 0], [160, 0]]
+    assert begins(found[1], [0.0, 0.0, 20.0]) == [[170, 0], [140, 0], [100, 0]]
 
 
 @pytest.mark.parametrize(("age", "first"), [(0.0, 1), (0.15, 1), (0.25, 2), (0.4, 2)])
