@@ -225,7 +225,7 @@ class ReferenceGame:
         )
 
 
-#: Coordinate [m] of spare entries; as far as a car gets, and no cost depends on it.
+#: Coordinate [m] of spare entries, farther than a car gets; no cost depends on these.
 FAR_AWAY = 1e7
 
 
@@ -440,17 +440,28 @@ def _step_cost(
     weights: ca.SX,
 ) -> ca.SX:
     units = game.units
-    stage = Stage(0, (state, *near), control, game.dynamics, game.dt)
+    stage = Stage(0, (state,), control, game.dynamics, game.dt)
     px, py, direction, speed = ca.vertsplit(reference)
     beside = (state[1] - py) * ca.cos(direction) - (state[0] - px) * ca.sin(direction)
     terms = (
-        CarProximity(units.length, units.width).running_cost(stage),
+        sum((_proximity(game, state, point) for point in near), ca.SX(0)),
         ((state[3] - speed) / units.speed) ** 2,
         ControlEffort("acceleration", (game.dt * units.acceleration) ** -2).running_cost(stage),
         _turning(game, state, control),
         (beside / units.lane) ** 2 + 2 * (1 - ca.cos(state[2] - direction)) / units.heading**2,
     )
     return ca.dot(weights, ca.vertcat(*terms))
+
+
+def _proximity(game: ReferenceGame, state: ca.SX, point: ca.SX) -> ca.SX:
+    """Cost of one point nearby; none of a spare entry.
+
+    Far away a point still has a direction, in which it would turn the car: distances count in
+    lengths along the car's heading and in widths across it.
+    """
+    stage = Stage(0, (state, point), None, game.dynamics, game.dt)
+    cost = CarProximity(game.units.length, game.units.width).running_cost(stage)
+    return ca.if_else(point[0] < FAR_AWAY / 2, cost, 0.0)
 
 
 def _turning(game: ReferenceGame, state: ca.SX, control: ca.SX) -> ca.SX:

@@ -225,3 +225,21 @@ def test_the_last_step_may_be_a_small_one(game):
     np.testing.assert_allclose(early.controls[..., 1], exact.controls[..., 1], atol=1e-2)
     played = rollout(game.dynamics, early.states[0], early.controls, game.dt)
     np.testing.assert_allclose(early.states, played, atol=1e-12)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, 2.5])
+def test_a_lone_car_goes_straight_on_however_many_may_play_and_wherever_the_road_leads(turn):
+    cos, sin = np.cos(turn), np.sin(turn)
+    references = np.zeros((1, STEPS, 4))
+    references[..., 2:] = turn, 25.0
+    for players, others in ((2, 1), (5, 3)):
+        game = ReferenceGame(steps=STEPS, dt=0.4, max_players=players, num_others=others)
+        alone = Situation(
+            initial_state=np.array([[0, 0, turn, 25.0]]),
+            weights=np.array([[2.5, 1, 0.5, 0.5, 1.0]]),
+            references=references,
+            others=np.full((1, others, STEPS, 2), FAR_AWAY),
+        )
+        plan = game.solve(alone, np.zeros((STEPS, 1, 2)), tolerance=1e-9, max_iterations=40)
+        expected = 25.0 * 0.4 * STEPS * np.array([cos, sin])
+        np.testing.assert_allclose(plan.states[-1, 0, :2], expected, atol=1e-6)

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
-from scipy.stats import binomtest
 
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.levels import has_curve
@@ -69,6 +68,8 @@ def failure_shares(series: Series) -> pd.DataFrame:
         failed = published_failures(rows)
         share = low = high = weights[failed].sum() / weights.sum()
         if (weights == 1).all():
+            from scipy.stats import binomtest  # slow to import
+
             interval = binomtest(int(failed.sum()), len(rows)).proportion_ci(method="wilson")
             low, high = interval.low, interval.high
         levels.append({"sigma": sigma, "share": share, "low": low, "high": high})

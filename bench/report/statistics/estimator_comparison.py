@@ -11,8 +11,7 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from scipy.signal import convolve
-from scipy.stats import binom
+from scipy.special import bdtr, gammaln
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.measures import compared, in_table
@@ -35,6 +34,8 @@ _WHOLE = 0.8
 #: Differences below are ties: absolute, of rounding; relative to the smaller error, too small to
 #: matter, as of two solvers that end at the same optimum.
 _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
+#: Entries from which on Fourier transforms are the faster convolution.
+_LONG = 500
 _GROUP = ["scenario", "sensor"]
 _PAIR = [*_GROUP, "sigma", "seed"]
 
@@ -108,17 +109,33 @@ def permutation_p(advantages: np.ndarray) -> float:
     sizes = sizes // np.gcd.reduce(advantages)
     total, far = int(sizes @ numbers), abs(int(advantages.sum())) // np.gcd.reduce(advantages)
     if len(sizes) == 1:
-        return min(1.0, 2 * float(binom.cdf((total - far) // 2, total, 0.5)))
+        return min(1.0, 2 * float(bdtr((total - far) // 2, total, 0.5)))
     # Units of the same size differ by their number of plus signs only.
     parts = []
     for size, number in zip(sizes, numbers, strict=True):
         parts.append(np.zeros(size * number + 1))
-        parts[-1][::size] = binom.pmf(np.arange(number + 1), number, 0.5)
+        parts[-1][::size] = _heads(number)
     while len(parts) > 1:  # equal lengths are the fastest
-        parts = [reduce(convolve, parts[k : k + 2]) for k in range(0, len(parts), 2)]
+        parts = [reduce(_convolved, parts[k : k + 2]) for k in range(0, len(parts), 2)]
     tail = float(parts[0][: (total - far) // 2 + 1].sum())
     # The least chance there is; Fourier transforms of long sums round to less than nothing.
     return float(np.clip(2 * tail, 2.0 ** (1 - numbers.sum()), 1.0))
+
+
+def _heads(number: int) -> np.ndarray:
+    """Chance of each number of heads, 0 to all, in so many throws of a coin."""
+    heads = np.arange(number + 1)
+    ways = gammaln(number + 1) - gammaln(heads + 1) - gammaln(number - heads + 1)
+    chances: np.ndarray = np.exp(ways - number * np.log(2))
+    return chances
+
+
+def _convolved(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The convolution, by Fourier transforms where it is long (scipy.signal imports slowly)."""
+    if min(len(one), len(other)) < _LONG:
+        return np.convolve(one, other)
+    size = len(one) + len(other) - 1
+    return np.fft.irfft(np.fft.rfft(one, size) * np.fft.rfft(other, size), size)
 
 
 def holm(p: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 CONFIDENCE = 0.95
 #: Fewer seeds say too little of their own spread for an interval that keeps what it promises.
@@ -85,7 +85,7 @@ def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
     seen = float(_standard_error(sums, sizes)) ** 2
     variance = ((number - 1) * seen + binomial / number) / number
     effective = binomial / variance if variance > 0 else float(number)
-    z, student = float(norm.ppf((1 + CONFIDENCE) / 2)), t.ppf((1 + CONFIDENCE) / 2, number)
+    z, student = float(ndtri((1 + CONFIDENCE) / 2)), stdtrit(number, (1 + CONFIDENCE) / 2)
     effective = float(np.clip(min(effective, len(values)) * (z / student) ** 2, number, None))
     centre = (share + z**2 / (2 * effective)) / (1 + z**2 / effective)
     reach = z * np.sqrt(binomial / effective + z**2 / (4 * effective**2)) / (1 + z**2 / effective)
