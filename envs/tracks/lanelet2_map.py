@@ -87,19 +87,33 @@ def _side(
     ways: Mapping[str, ElementTree.Element],
     nodes: Mapping[str, ElementTree.Element],
 ) -> list[str]:
-    """Numbers of the nodes of a lanelet's left or right border."""
-    members = [m.attrib["ref"] for m in relation.iter("member") if m.get("role") == side]
-    if len(members) != 1:
-        raise ValueError(f"lanelet {name} has {len(members)} {side} ways, expected 1")
-    if members[0] not in ways:
-        raise ValueError(f"lanelet {name} names way {members[0]}, which is not there")
-    refs = [node.attrib["ref"] for node in ways[members[0]].iter("nd")]
-    for ref in refs:
-        if ref not in nodes:
-            raise ValueError(f"way {members[0]} names node {ref}, which is not there")
-    if len(set(refs)) < 2:
-        raise ValueError(f"way {members[0]} has fewer than 2 nodes")
-    return refs
+    """Numbers of the nodes of a lanelet's left or right border: one way, or several in a row."""
+    line: list[str] = []
+    for way in (m.attrib["ref"] for m in relation.iter("member") if m.get("role") == side):
+        if way not in ways:
+            raise ValueError(f"lanelet {name} names way {way}, which is not there")
+        refs = [node.attrib["ref"] for node in ways[way].iter("nd")]
+        for ref in refs:
+            if ref not in nodes:
+                raise ValueError(f"way {way} names node {ref}, which is not there")
+        if len(set(refs)) < 2:
+            raise ValueError(f"way {way} has fewer than 2 nodes")
+        joined = _joined(line, refs) if line else refs
+        if joined is None:
+            raise ValueError(f"lanelet {name}: its {side} way {way} does not meet the one before")
+        line = joined
+    if not line:
+        raise ValueError(f"lanelet {name} has no {side} way")
+    return line
+
+
+def _joined(line: list[str], refs: list[str]) -> list[str] | None:
+    """Two ways as one, where they share an end; either may run against the other."""
+    for first in (line, line[::-1]):
+        for second in (refs, refs[::-1]):
+            if first[-1] == second[0]:
+                return first + second[1:]
+    return None
 
 
 def _points(
