@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from pyproj import Proj
 from scipy.interpolate import CubicSpline
 
 from olne_bench.envs.track_formats.ngsim import FOOT
@@ -170,6 +171,38 @@ def write_sumo(folder: Path, rows: pd.DataFrame) -> None:
     (folder / "sumo.net.xml").write_text("\n".join(["<net>", *edge, "</net>", ""]))
 
 
+def write_lanelet2(folder: Path) -> None:
+    """The lanes of INTERACTION's cars, and a footpath; one way runs against the others."""
+    utm = Proj(proj="utm", zone=31, ellps="WGS84")
+    east, north = utm(0, 0)
+    sides = [LANES[0] - 4, *(lane - 2 for lane in LANES), LANES[-1] + 2]
+    nodes, ways, relations = [], [], []
+    for k, y in enumerate(sides):
+        for end, x in ((1, 0.0), (2, 1000.0)):
+            degrees = utm(east + x, north + y, inverse=True)
+            longitude, latitude = (round(value, 9) + 0.0 for value in degrees)  # no -0
+            nodes += [
+                f'  <node id="{10 * k + end}" lat="{latitude:.9f}" lon="{longitude:.9f}">',
+                f'    <tag k="local_x" v="{x:g}"/>',
+                f'    <tag k="local_y" v="{y:g}"/>',
+                "  </node>",
+            ]
+        refs = (10 * k + 2, 10 * k + 1) if k == 2 else (10 * k + 1, 10 * k + 2)
+        ends = [f'    <nd ref="{ref}"/>' for ref in refs]
+        ways += [f'  <way id="{100 + k}">', *ends, "  </way>"]
+    for k in range(len(sides) - 1):
+        relations += [
+            f'  <relation id="{200 + k}">',
+            f'    <member type="way" ref="{101 + k}" role="left"/>',
+            f'    <member type="way" ref="{100 + k}" role="right"/>',
+            '    <tag k="type" v="lanelet"/>',
+            f'    <tag k="subtype" v="{"road" if k else "walkway"}"/>',
+            "  </relation>",
+        ]
+    lines = ['<osm version="0.6">', *nodes, *ways, *relations, "</osm>", ""]
+    (folder / "interaction.osm").write_text("\n".join(lines))
+
+
 def _write(path: Path, table: object) -> None:
     pd.DataFrame(table).round(DECIMALS).to_csv(path, index=False)
 
@@ -184,6 +217,7 @@ def write_all(folder: Path) -> None:
     write_ind(folder, tenths)
     write_ngsim(folder, tenths)
     write_interaction(folder, tenths)
+    write_lanelet2(folder)
     write_sumo(folder, tenths)
     write_commonroad(folder / "commonroad.xml", Episode.of(known, 0))
 

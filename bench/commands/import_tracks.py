@@ -69,8 +69,8 @@ class Window(NumberPair):
 @click.option(
     "--road",
     type=PATH,
-    help="TOML file of lanes and targets, or SUMO's .net.xml. A TOML file named as TRACKS and "
-    "beside it is taken where this is absent.",
+    help="TOML file of lanes and targets, SUMO's .net.xml or a lanelet2 map (.osm). A TOML file "
+    "named as TRACKS and beside it is taken where this is absent.",
 )
 @click.option("--window", type=Window(), help="First and last time [s].")
 @click.option("--players", help="Names, parted by commas; all who are seen where absent.")

@@ -21,6 +21,7 @@ from olne_bench.errors import UserError
 
 DESCRIPTION = "inD, rounD, exiD, uniD: NN_tracks.csv, with NN_recordingMeta.csv beside it"
 _NUMBERS = ("frame", "xCenter", "yCenter", "heading", "xVelocity", "yVelocity")
+_ORIGIN = ("xUtmOrigin", "yUtmOrigin")
 
 
 def read(path: Path, part: str | None) -> Tracks:
@@ -29,7 +30,7 @@ def read(path: Path, part: str | None) -> Tracks:
         raise UserError(f"--part {part!r}: a file of inD is one recording")
     rows = numbers(path, read_columns(path, ("trackId", *_NUMBERS)), _NUMBERS)
     meta_path = companion(path, "recordingMeta", "frame rate")
-    meta = read_columns(meta_path, ("frameRate",))
+    meta = read_columns(meta_path, ("frameRate",), _ORIGIN)
     table = pd.DataFrame(
         {
             "time": rows["frame"] / frame_rate(meta, meta_path),
@@ -40,4 +41,12 @@ def read(path: Path, part: str | None) -> Tracks:
             "speed": np.hypot(rows["xVelocity"], rows["yVelocity"]),
         }
     )
-    return Tracks(table[list(COLUMNS)])
+    return Tracks(table[list(COLUMNS)], origin=_origin(meta_path, meta))
+
+
+def _origin(path: Path, meta: pd.DataFrame) -> tuple[float, float] | None:
+    """UTM east and north [m] of the recording's origin, where its metadata tell them."""
+    if not set(_ORIGIN) <= set(meta.columns):
+        return None
+    east, north = numbers(path, meta, _ORIGIN)[list(_ORIGIN)].iloc[0]
+    return (float(east), float(north)) if np.isfinite([east, north]).all() else None

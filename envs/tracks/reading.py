@@ -11,12 +11,14 @@ from olne_bench.envs.track_formats import get_format
 from olne_bench.envs.tracks.checks import check_positions, check_units
 from olne_bench.envs.tracks.frames import Frame
 from olne_bench.envs.tracks.grid import Excerpt, Grid, on_grid
+from olne_bench.envs.tracks.lanelet2_map import read_lanelets
+from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import RoadFile, lane_entries, read_road_file
 from olne_bench.envs.tracks.sumo_net import read_net
 from olne_bench.envs.tracks.table import STATE_NAMES, Tracks, listed
 from olne_bench.errors import UserError
 
-ROAD_SUFFIXES = (".toml", ".xml")
+ROAD_SUFFIXES = (".toml", ".xml", ".osm")
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ def read_tracks(
         format_name: one of ``track_formats.format_names()``.
         excerpt: times, players and step; everything as it is where absent.
         frame: how positions and headings change, after reading; lanes do not change.
-        road: TOML file of lanes and targets, or SUMO's network. Where absent, a TOML file of the
-            same name beside ``path`` is taken.
+        road: TOML file of lanes and targets, SUMO's network or a lanelet2 map. Where absent,
+            a TOML file of the same name beside ``path`` is taken.
         part: which part of a file whose player names repeat.
 
     Raises:
@@ -76,11 +78,12 @@ def _road(
             return None, []
         near = tracks.road.near(_positions(grid), _NEAR)
         return RoadFile(lanes=lane_entries(near)), [f"lanes: {len(near.lanes)} of the file's map"]
-    if road.suffix.lower() == ".xml":
-        near = read_net(road).near(_positions(grid), _NEAR)
+    if road.suffix.lower() in (".xml", ".osm"):
+        near = _near_part(road, tracks.origin, _positions(grid))
         return RoadFile(lanes=lane_entries(near)), [f"lanes: {len(near.lanes)} of {road}"]
     if road.suffix.lower() != ".toml":
-        raise UserError(f"--road {road}: the name must end in {' or '.join(ROAD_SUFFIXES)}")
+        *some, last = ROAD_SUFFIXES
+        raise UserError(f"--road {road}: the name must end in {', '.join(some)} or {last}")
     known = read_road_file(road)
     for player in known.players:
         if player not in set(tracks.table["player"]):
@@ -100,6 +103,27 @@ def _road(
 
 #: Lanes of a map that are farther from everybody are left out [m].
 _NEAR = 30.0
+_NOWHERE = np.empty((0, 2))
+
+
+def _near_part(path: Path, origin: tuple[float, float] | None, positions: np.ndarray) -> Road:
+    """Those lanes of a map that somebody comes near to."""
+    whole = read_net(path) if path.suffix.lower() == ".xml" else read_lanelets(path, origin)
+    near = whole.near(positions, _NEAR)
+    if not near.lanes:
+        points = np.concatenate([lane.line for lane in whole.lanes.values()] or [_NOWHERE])
+        raise UserError(
+            f"--road {path}: none of its {len(whole.lanes)} lanes comes within {_NEAR:g} m of a "
+            f"player; {_extent('lanes', points)}, {_extent('players', positions)}"
+        )
+    return near
+
+
+def _extent(what: str, points: np.ndarray) -> str:
+    if not points.size:
+        return f"{what} are nowhere"
+    (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
+    return f"{what} are at x from {left:.0f} to {right:.0f}, y from {low:.0f} to {high:.0f}"
 
 
 def _positions(grid: Grid) -> np.ndarray:

@@ -26,11 +26,13 @@ class Tracks:
         table: one row per player and time, with ``COLUMNS``; NaN where unknown.
         road: lanes, where the format has a map.
         notes: what the reader had to assume or leave out, one line each.
+        origin: UTM east and north [m] of position (0, 0), where the file tells them.
     """
 
     table: pd.DataFrame
     road: Road | None = None
     notes: tuple[str, ...] = ()
+    origin: tuple[float, float] | None = None
 
 
 def read_columns(

@@ -24,7 +24,7 @@ FILES = {
     "highd": ("highd_tracks.csv", None, None, ["lower_1", "lower_2", "lower_3", "lower_4"]),
     "ind": ("ind_tracks.csv", None, None, None),
     "ngsim": ("ngsim.csv", None, None, ["lane_1", "lane_2", "lane_3", "lane_4"]),
-    "interaction": ("interaction.csv", "1", None, None),
+    "interaction": ("interaction.csv", "1", "interaction.osm", ["201", "202", "203", "204"]),
     "sumo": ("sumo_fcd.xml", None, "sumo.net.xml", ["road_3", "road_2", "road_1", "road_0"]),
     "commonroad": ("commonroad.xml", None, None, ["6", "7", "8", "9"]),
 }

@@ -137,7 +137,7 @@ def test_a_road_file_beside_the_tracks_is_taken(tmp_path: Path) -> None:
     (tmp_path / "tracks.toml").write_text("[players.green]\n")
     with pytest.raises(UserError, match=r"'green', who is not in .*; there are: red, blue"):
         read_tracks(path)
-    with pytest.raises(UserError, match=r"the name must end in .toml or .xml"):
+    with pytest.raises(UserError, match=r"the name must end in .toml, .xml or .osm"):
         read_tracks(path, road=path)
 
 

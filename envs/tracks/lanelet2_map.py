@@ -1,0 +1,218 @@
+"""Lanes of a lanelet2 map (``.osm``), as INTERACTION, inD and rounD have it."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from olne_bench.envs.tracks.curve_fit import curves_through
+from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.errors import UserError
+from olne_bench.games.lanes import Lane
+
+FOR_CARS = ("road", "highway")  # subtypes; a lanelet without one is a road
+MEET = 0.05  # [m] between the ends of two borders, at most
+_DIGITS = 4  # of fractions of a border: closer points are one
+
+_Borders = tuple[np.ndarray, np.ndarray]
+
+
+def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road:
+    """The lanelets for cars, and where each leads; one for both directions becomes two lanes.
+
+    Args:
+        path: of the map.
+        origin: UTM east and north [m] that are (0, 0) in the tracks. Where absent, it is the
+            point at latitude 0 and longitude 0, as in INTERACTION. Unused where all nodes of
+            borders have the tags ``local_x`` and ``local_y``.
+
+    Raises:
+        UserError: on a file that is missing or no map, and without pyproj where it is needed.
+    """
+    if not path.is_file():
+        raise UserError(f"no road file {str(path)!r}")
+    try:
+        root = ElementTree.parse(path).getroot()
+        if root.tag != "osm":
+            raise ValueError(f"its root is <{root.tag}>, not <osm>")
+        borders = _borders(root, origin)
+        lanes = {name: _curves_and_width(name, *pair) for name, pair in borders.items()}
+    except (ElementTree.ParseError, KeyError, ValueError) as error:
+        reason = f"no attribute {error}" if isinstance(error, KeyError) else str(error)
+        raise UserError(f"{path} is not a lanelet2 map: {reason}") from error
+    following = _following(borders)
+    return Road({name: RoadLane(*lane, following[name]) for name, lane in lanes.items()})
+
+
+def _borders(root: ElementTree.Element, origin: tuple[float, float] | None) -> dict[str, _Borders]:
+    """Points of the left and the right border of every lane, in driving direction."""
+    relations = _by_id(root, "relation")
+    tags = {name: _tags(relation) for name, relation in relations.items()}
+    lanelets = [name for name in relations if tags[name].get("type") == "lanelet"]
+    chosen = [name for name in lanelets if tags[name].get("subtype", "road") in FOR_CARS]
+    if not chosen:
+        raise ValueError(f"none of its {len(lanelets)} lanelets is for cars")
+    nodes, ways = _by_id(root, "node"), _by_id(root, "way")
+    sides = {
+        name: [_side(name, relations[name], side, ways, nodes) for side in ("left", "right")]
+        for name in chosen
+    }
+    used = dict.fromkeys(ref for pair in sides.values() for refs in pair for ref in refs)
+    points = _points({ref: nodes[ref] for ref in used}, origin)
+    result: dict[str, _Borders] = {}
+    for name, pair in sides.items():
+        left, right = _aligned(*(np.array([points[ref] for ref in refs]) for refs in pair))
+        result[name] = left, right
+        if tags[name].get("one_way") == "no":
+            result[f"{name}_back"] = right[::-1], left[::-1]
+    return result
+
+
+def _by_id(root: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
+    """Elements of a kind, without those that an editor marked as deleted."""
+    kept = (element for element in root.iter(kind) if element.get("action") != "delete")
+    return {element.attrib["id"]: element for element in kept}
+
+
+def _tags(element: ElementTree.Element) -> dict[str, str]:
+    return {tag.attrib["k"]: tag.attrib["v"] for tag in element.iter("tag")}
+
+
+def _side(
+    name: str,
+    relation: ElementTree.Element,
+    side: str,
+    ways: Mapping[str, ElementTree.Element],
+    nodes: Mapping[str, ElementTree.Element],
+) -> list[str]:
+    """Numbers of the nodes of a lanelet's left or right border: one way, or several in a row."""
+    line: list[str] = []
+    for way in (m.attrib["ref"] for m in relation.iter("member") if m.get("role") == side):
+        if way not in ways:
+            raise ValueError(f"lanelet {name} names way {way}, which is not there")
+        refs = [node.attrib["ref"] for node in ways[way].iter("nd")]
+        for ref in refs:
+            if ref not in nodes:
+                raise ValueError(f"way {way} names node {ref}, which is not there")
+        if len(set(refs)) < 2:
+            raise ValueError(f"way {way} has fewer than 2 nodes")
+        joined = _joined(line, refs) if line else refs
+        if joined is None:
+            raise ValueError(f"lanelet {name}: its {side} way {way} does not meet the one before")
+        line = joined
+    if not line:
+        raise ValueError(f"lanelet {name} has no {side} way")
+    return line
+
+
+def _joined(line: list[str], refs: list[str]) -> list[str] | None:
+    """Two ways as one, where they share an end; either may run against the other."""
+    for first in (line, line[::-1]):
+        for second in (refs, refs[::-1]):
+            if first[-1] == second[0]:
+                return first + second[1:]
+    return None
+
+
+def _points(
+    nodes: Mapping[str, ElementTree.Element], origin: tuple[float, float] | None
+) -> dict[str, np.ndarray]:
+    """Positions [m] of nodes in the frame of the tracks."""
+    tags = {ref: _tags(node) for ref, node in nodes.items()}
+    if all({"local_x", "local_y"} <= set(known) for known in tags.values()):
+        places = _pairs(tags, ("local_x", "local_y"))
+    else:
+        degrees = _pairs({ref: node.attrib for ref, node in nodes.items()}, ("lon", "lat"))
+        places = _projected(degrees, origin)
+    return dict(zip(nodes, places, strict=True))
+
+
+def _pairs(values: Mapping[str, Mapping[str, str]], names: tuple[str, str]) -> np.ndarray:
+    """Two numbers of each node, (P, 2)."""
+    rows = []
+    for ref, known in values.items():
+        try:
+            row = [float(known[name]) for name in names]
+        except KeyError as error:
+            raise ValueError(f"node {ref} has no {error.args[0]}") from error
+        except ValueError as error:
+            raise ValueError(f"node {ref}: {error}") from error
+        if not np.isfinite(row).all():
+            raise ValueError(f"node {ref} has a position that is not finite")
+        rows.append(row)
+    return np.array(rows)
+
+
+def _projected(degrees: np.ndarray, origin: tuple[float, float] | None) -> np.ndarray:
+    """Longitudes and latitudes (P, 2) as metres from the origin."""
+    try:
+        from pyproj import Proj
+    except ImportError as error:
+        raise UserError(
+            "a map whose nodes have no local_x and local_y needs pyproj: "
+            "pip install 'olne-bench[lanelet2]'"
+        ) from error
+    longitude, latitude = (0.0, 0.0) if origin is None else degrees.mean(axis=0)
+    zone = int((longitude + 180) // 6) % 60 + 1
+    utm = Proj(proj="utm", zone=zone, south=bool(latitude < 0), ellps="WGS84")
+    metres = np.column_stack(utm(*degrees.T))
+    if not np.isfinite(metres).all():
+        raise ValueError(f"its longitudes and latitudes are far from UTM zone {zone}")
+    return metres - np.array(utm(0.0, 0.0) if origin is None else origin)
+
+
+def _aligned(left: np.ndarray, right: np.ndarray) -> _Borders:
+    """Both borders from their start to their end: driving on, the left one is to the left."""
+    alike = np.linalg.norm(left[[0, -1]] - right[[0, -1]], axis=1).sum()
+    against = np.linalg.norm(left[[0, -1]] - right[[-1, 0]], axis=1).sum()
+    if against < alike:
+        right = right[::-1]
+    if _area(left, right) < 0:
+        left, right = left[::-1], right[::-1]
+    return left, right
+
+
+def _area(left: np.ndarray, right: np.ndarray) -> float:
+    """Between the borders [m²], positive where the right one is to the right."""
+    ring = np.concatenate([right, left[::-1]])
+    x, y = (ring - ring[0]).T  # numbers of a far origin would cost digits
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def _curves_and_width(
+    name: str, left: np.ndarray, right: np.ndarray
+) -> tuple[tuple[Lane, ...], float]:
+    at = np.unique(np.round(np.concatenate([_fractions(left), _fractions(right)]), _DIGITS))
+    centre = (_at(left, at) + _at(right, at)) / 2
+    length = np.linalg.norm(np.diff(centre, axis=0), axis=1).sum()
+    area = _area(left, right)
+    if not (length > 0 and area > 0):
+        raise ValueError(f"lanelet {name} has no area between its borders")
+    return curves_through(centre), float(area / length)
+
+
+def _fractions(line: np.ndarray) -> np.ndarray:
+    """How much of a line's length lies before each of its points, from 0 to 1."""
+    along = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(line, axis=0), axis=1)])
+    if not along[-1] > 0:
+        raise ValueError("a border has no length")
+    return along / along[-1]
+
+
+def _at(line: np.ndarray, fractions: np.ndarray) -> np.ndarray:
+    known = _fractions(line)
+    return np.column_stack([np.interp(fractions, known, values) for values in line.T])
+
+
+def _following(borders: Mapping[str, _Borders]) -> dict[str, tuple[str, ...]]:
+    """Names of the lanes whose borders start where both borders of a lane end."""
+    names = list(borders)
+    starts, ends = (
+        np.array([np.r_[left[k], right[k]] for left, right in borders.values()]) for k in (0, -1)
+    )
+    found: Iterable[list[int]] = KDTree(starts).query_ball_point(ends, MEET, p=np.inf)
+    return {
+        name: tuple(names[k] for k in sorted(near)) for name, near in zip(names, found, strict=True)
+    }
