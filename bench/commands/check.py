@@ -5,7 +5,7 @@ import sys
 import click
 
 from olne_bench.bench.commands.conformance import identify, run_checks
-from olne_bench.bench.commands.options import BUDGET, MEMORY, name_and_value
+from olne_bench.bench.commands.options import BUDGET, memory_option, name_and_value
 from olne_bench.plugins import KINDS, absolute
 
 
@@ -30,14 +30,7 @@ from olne_bench.plugins import KINDS, absolute
     show_default=True,
     help="Time limit of each estimate [s], for estimators.",
 )
-@click.option(
-    "--memory",
-    type=MEMORY,
-    default=4.0,
-    show_default=True,
-    metavar="GIB",
-    help="Memory limit of the plugin's process.",
-)
+@memory_option("Memory limit of the plugin's process.")
 def check(
     plugin: str, kind: str | None, parameters: tuple[str, ...], budget: float, memory: float
 ) -> None:

@@ -2,13 +2,17 @@
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
 from olne_bench.bench.plan.values import shown
 from olne_bench.errors import UserError
+
+#: What an option decorates.
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 #: File systems take names of 255 bytes; what is written beside a file is named after it.
 _NAME_SIZE = 200
@@ -82,7 +86,16 @@ PLUGIN = PluginReference()
 #: Time limit of an estimate [s].
 BUDGET = FiniteRange(min=0, min_open=True)
 #: From what a process needs to import everything, to more than any machine has.
-MEMORY = FiniteRange(min=0.5, max=2**20)
+_MEMORY = FiniteRange(min=0.5, max=2**20)
+#: Processes at a time; more than any machine has been tried with is refused.
+JOBS = click.IntRange(1, 1024)
+
+
+def memory_option(told: str) -> Callable[[Command], Command]:
+    """``--memory``, whose help says what it limits."""
+    return click.option(
+        "--memory", type=_MEMORY, default=4.0, show_default=True, metavar="GIB", help=told
+    )
 
 
 def name_and_value(option: str, text: str) -> tuple[str, Any]:

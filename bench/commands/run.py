@@ -13,7 +13,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-from olne_bench.bench.commands.options import MEMORY, PATH, PLUGIN
+from olne_bench.bench.commands.options import JOBS, PATH, PLUGIN, memory_option
 from olne_bench.bench.commands.report import show_report
 from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.load import load_suite, suite_text
@@ -32,8 +32,6 @@ from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store, open_store
 
-#: More processes than any machine has been tried with.
-MOST_JOBS = 1024
 #: What estimators print, in the run folder.
 LOG = "workers.log"
 #: Number of harness errors shown at the end.
@@ -81,7 +79,7 @@ class RunOptions:
 )
 @click.option(
     "--jobs",
-    type=click.IntRange(1, MOST_JOBS),
+    type=JOBS,
     default=2,
     show_default=True,
     help="Number of trials to run at the same time.",
@@ -91,14 +89,7 @@ class RunOptions:
     metavar="ADDRESS",
     help="Dask cluster to run on: tcp://host:8786, or local:N for N workers on this machine.",
 )
-@click.option(
-    "--memory",
-    type=MEMORY,
-    default=4.0,
-    show_default=True,
-    metavar="GIB",
-    help="Memory limit of each worker process.",
-)
+@memory_option("Memory limit of each worker process.")
 @click.option(
     "--retry",
     type=click.Choice(RETRIES),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.commands.options import MEMORY, PATH
+from olne_bench.bench.commands.options import JOBS, PATH, memory_option
 from olne_bench.bench.report.submission.fresh import FreshErrors
 from olne_bench.bench.report.submission.manifest import read_submission
 from olne_bench.bench.report.submission.verify import Limits, Verdict
@@ -28,15 +28,8 @@ _SHOWN = 5
 )
 @click.option("--seed", type=click.IntRange(0), help="Repeat the choice of trials of this seed.")
 @click.option("--strict", is_flag=True, help="Refuse rows of other versions than the present ones.")
-@click.option("--jobs", type=click.IntRange(1, 1024), default=2, show_default=True)
-@click.option(
-    "--memory",
-    type=MEMORY,
-    default=4.0,
-    show_default=True,
-    metavar="GIB",
-    help="Memory that a worker process may use.",
-)
+@click.option("--jobs", type=JOBS, default=2, show_default=True)
+@memory_option("Memory that a worker process may use.")
 @click.option("--page", type=PATH, help="Write a page of what was accepted, a new .html file.")
 def verify(
     folders: tuple[Path, ...],

@@ -117,7 +117,7 @@ def difference(row: Row, outcome: Outcome) -> str | None:
     messages and extras. A trial that ran into its time limit, here or there, tells of the machine:
     it is not compared.
     """
-    if _TIMEOUT in (row["status"], outcome.status):
+    if timed_out(row, outcome):
         return None
     again = asdict(outcome)
     scores = again.pop("scores")
