@@ -105,7 +105,6 @@ ELSEWHERE = {
     "bench/plan/load.py": "tests/bench/plan/test_suite.py",
     "bench/plan/select.py": "tests/bench/plan/test_suite.py",
     "bench/plan/trial.py": "tests/bench/plan/test_suite.py",
-    "bench/process/family.py": "tests/bench/process/test_child.py",
     "bench/process/inside.py": "tests/bench/process/test_child.py",
     "bench/report/figures/__init__.py": "tests/bench/report/figures/test_draw_figures.py",
     "bench/report/figures/errors.py": "tests/bench/report/figures/test_levels.py",
