@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 import psutil
 import pytest
@@ -94,7 +93,7 @@ def test_a_search_ends_after_three_looks_in_a_row_without_a_find(monkeypatch, fo
 
     monkeypatch.setattr(family, "_below", below)
     monkeypatch.setattr(family, "_kill", bool)
-    monkeypatch.setattr(psutil, "wait_procs", lambda *args, **kwargs: None)
+    monkeypatch.setattr(psutil, "wait_procs", lambda *_, **__: None)
     family.kill_descendants(12, frozenset([34]))
     assert asked == [(12, frozenset([34]))] * looks
 
@@ -103,7 +102,7 @@ def test_a_family_that_grows_faster_is_given_up(monkeypatch):
     monkeypatch.setattr(family, "_KILL_SECONDS", 0.2)
     monkeypatch.setattr(family, "_below", lambda *_: [None])
     monkeypatch.setattr(family, "_kill", lambda _: True)
-    monkeypatch.setattr(psutil, "wait_procs", lambda *args, **kwargs: None)
+    monkeypatch.setattr(psutil, "wait_procs", lambda *_, **__: None)
     begin = time.monotonic()
     family.kill_descendants(1)
     assert 0.15 < time.monotonic() - begin < 5
@@ -166,7 +165,7 @@ def test_a_process_ends_where_its_parent_is_gone_before():
 
 
 @linux
-def test_a_process_ends_with_its_parent(tmp_path: Path):
+def test_a_process_ends_with_its_parent():
     child = "import os, time; from olne_bench.bench.process.family import end_with_parent as end; "
     child += "end(os.getppid()); print(os.getpid(), flush=True); time.sleep(100)"
     parent = f"import subprocess, sys, time; subprocess.Popen([sys.executable, '-c', {child!r}]); "
