@@ -1,14 +1,17 @@
 import re
 
 import pytest
+from pydantic import ValidationError
 
 from olne_bench.bench.plan.check import check_gate
+from olne_bench.bench.plan.entries import MOST_SIGMAS
 from olne_bench.bench.plan.load import load_suite, suite_names
 from olne_bench.bench.plan.select import Selection, select
-from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.plan.suite import MOST_ENTRIES, Suite, read_suite_json
 from olne_bench.bench.plan.trial import expand, number_of_trials
 from olne_bench.envs.highway_roads import ROAD_NAMES
 from olne_bench.errors import UserError
+from olne_bench.games.nearest_root import PUBLISHED_ITERATIONS
 
 GOOD = """
 name = "tiny"
@@ -244,3 +247,107 @@ def test_names_are_not_empty(tmp_path):
     plugin.write_text("class A:\n    name = ''\n    def estimate(self): pass\n")
     with pytest.raises(UserError, match="has '' for a name: it has to be a text"):
         load_suite(write(tmp_path, GOOD), (str(plugin),))
+
+
+BARE = {
+    "name": "bare",
+    "scenarios": ["two_player"],
+    "sensors": ["full"],
+    "sigmas": [0.1],
+    "seeds": 3,
+    "estimators": ["uniform"],
+}
+
+
+@pytest.mark.parametrize("kind", ["scenarios", "sensors", "estimators", "metrics"])
+def test_a_suite_lists_a_thousand_entries_at_most(kind):
+    entries = [{"name": "a", "label": f"a{k}"} for k in range(MOST_ENTRIES)]
+    if kind == "metrics":
+        entries = ["a"] * MOST_ENTRIES
+    assert len(getattr(Suite.model_validate(BARE | {kind: entries}), kind)) == MOST_ENTRIES
+    with pytest.raises(ValidationError, match="at most"):
+        Suite.model_validate(BARE | {kind: [*entries, entries[0]]})
+    if kind != "metrics":
+        with pytest.raises(ValidationError, match="at least 1"):
+            Suite.model_validate(BARE | {kind: []})
+
+
+def test_a_suite_has_noise_levels_but_not_too_many():
+    levels = [0.001 * k for k in range(MOST_SIGMAS)]
+    assert len(Suite.model_validate(BARE | {"sigmas": levels}).sigmas) == MOST_SIGMAS
+    for wrong in ([], [*levels, 0.5]):
+        with pytest.raises(ValidationError):
+            Suite.model_validate(BARE | {"sigmas": wrong})
+
+
+@pytest.mark.parametrize(
+    ("given", "salt"), [({}, "bare"), ({"salt": ""}, "bare"), ({"salt": "own"}, "own")]
+)
+def test_a_suite_is_salted_by_its_name_where_it_does_not_say(given, salt):
+    assert Suite.model_validate(BARE | given).salt == salt
+
+
+def test_a_suite_without_a_name_is_told_so():
+    for data in ({k: v for k, v in BARE.items() if k != "name"}, []):
+        with pytest.raises(ValidationError):
+            Suite.model_validate(data)
+
+
+def test_what_a_suite_does_not_say_is_that_of_the_published_study():
+    suite = Suite.model_validate(BARE)
+    assert suite.root_iterations == PUBLISHED_ITERATIONS
+    assert suite.time_limit > 0
+    assert suite.trajectories == 1
+    assert [entry.trajectories for entry in suite.scenarios] == [1]
+    assert suite.metrics == () and suite.gate == {} and suite.description == ""
+
+
+def test_trajectories_are_counted_for_each_scenario():
+    entries = ["two_player", {"name": "random", "trajectories": 2}]
+    suite = Suite.model_validate(BARE | {"scenarios": entries, "trajectories": 3})
+    assert [entry.trajectories for entry in suite.scenarios] == [3, 2]
+    assert suite.trajectories == 3
+
+
+def test_what_is_looked_for_by_its_label_is_found_or_the_others_are_named():
+    data = BARE | {
+        "scenarios": [{"name": "a", "label": "x"}, {"name": "a", "label": "y"}],
+        "sensors": [{"name": "b", "label": "u"}, {"name": "b", "label": "v"}],
+    }
+    suite = Suite.model_validate(data)
+    assert [suite.scenario(label).label for label in "xy"] == ["x", "y"]
+    assert [suite.sensor(label).label for label in "uv"] == ["u", "v"]
+    with pytest.raises(UserError, match="suite 'bare' has no scenario 'z'; it has: x, y"):
+        suite.scenario("z")
+    with pytest.raises(UserError, match="suite 'bare' has no sensor 'x'; it has: u, v"):
+        suite.sensor("x")
+
+
+@pytest.mark.parametrize(
+    ("of_scenario", "of_estimator", "seeds"),
+    [(None, None, 3), (2, None, 2), (None, 1, 1), (2, 1, 1), (1, 2, 1)],
+)
+def test_the_fewest_seeds_that_anybody_asks_for_count(of_scenario, of_estimator, seeds):
+    data = BARE | {
+        "scenarios": [{"name": "a", "label": "a", "seeds": of_scenario, "sigmas": [0.2, 0.3]}],
+        "estimators": [{"name": "e", "label": "e", "seeds": of_estimator, "scenarios": ["a"]}],
+    }
+    suite = Suite.model_validate(data)
+    ((scenario, estimator),) = suite.pairs()
+    assert suite.seeds_of(scenario, estimator) == seeds
+    assert suite.sigmas_of(scenario) == (0.2, 0.3)
+    assert suite.sigmas_of(scenario.model_copy(update={"sigmas": ()})) == (0.1,)
+
+
+def test_a_stored_suite_that_is_damaged_is_told_in_one_short_line():
+    text = Suite.model_validate(BARE).model_dump_json()
+    assert read_suite_json(text) == Suite.model_validate(BARE)
+    for damaged in (text.replace('"seeds":3', '"seeds":0', 1), text[:-5], "[]"):
+        with pytest.raises(UserError, match="it is damaged, or of another version") as caught:
+            read_suite_json(damaged)
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 1000
+    with pytest.raises(UserError, match=r"\(seeds: Input should be greater than 0, got 0\)"):
+        read_suite_json(text.replace('"seeds":3', '"seeds":0', 1))
+    with pytest.raises(UserError, match=r"\(sigmas\.0: .*, got -1"):
+        read_suite_json(text.replace("[0.1]", "[-1.0]", 1))

@@ -178,3 +178,16 @@ def test_cars_have_their_size_and_others_are_dots(road, scene, heading):
     assert first.get_markersize() > second.get_markersize()
     assert first.get_alpha() > second.get_alpha()
     assert len(dots.texts) == 1 and not dots.patches
+
+
+def test_asphalt_covers_each_lane_from_edge_to_edge(scene):
+    x = np.linspace(0, 50, 6)
+    edges = tuple(np.column_stack([x, np.full(6, side)]) for side in (-2.0, 2.0))
+    road = replace(scene, lanes=(LaneShape(edges, ("solid", "dashed")),))
+    axes = Figure().add_subplot()
+    road.draw_asphalt(axes)
+    (area,) = axes.collections
+    (path,) = area.get_paths()
+    right, up = path.vertices.T
+    covered = 0.5 * abs(np.dot(right, np.roll(up, 1)) - np.dot(up, np.roll(right, 1)))
+    assert covered == pytest.approx(50 * 4)
