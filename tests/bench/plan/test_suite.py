@@ -11,7 +11,7 @@ from olne_bench.bench.plan.suite import MOST_ENTRIES, Suite, read_suite_json
 from olne_bench.bench.plan.trial import expand, number_of_trials
 from olne_bench.envs.highway_roads import ROAD_NAMES
 from olne_bench.errors import UserError
-from olne_bench.games.nearest_root import PUBLISHED_ITERATIONS
+from olne_bench.games.published import PUBLISHED_ITERATIONS
 
 GOOD = """
 name = "tiny"
