@@ -1,11 +1,12 @@
 import re
+from types import SimpleNamespace
 
 import pytest
 from pydantic import ValidationError
 
-from olne_bench.bench.plan.check import check_gate
+from olne_bench.bench.plan.check import MOST_TRIALS, check_gate, check_suite
 from olne_bench.bench.plan.entries import MOST_SIGMAS
-from olne_bench.bench.plan.load import load_suite, suite_names
+from olne_bench.bench.plan.load import MOST_BYTES, load_suite, suite_names, suite_text
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import MOST_ENTRIES, Suite, read_suite_json
 from olne_bench.bench.plan.trial import expand, number_of_trials
@@ -351,3 +352,75 @@ def test_a_stored_suite_that_is_damaged_is_told_in_one_short_line():
         read_suite_json(text.replace('"seeds":3', '"seeds":0', 1))
     with pytest.raises(UserError, match=r"\(sigmas\.0: .*, got -1"):
         read_suite_json(text.replace("[0.1]", "[-1.0]", 1))
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_suite_file_has_a_size(tmp_path, beyond):
+    text = GOOD + "#" * (MOST_BYTES - len(GOOD) + beyond)
+    path = write(tmp_path, text)
+    if not beyond:
+        assert suite_text(path) == text
+        return
+    with pytest.raises(UserError, match=f"larger than {MOST_BYTES} bytes: that is no suite"):
+        suite_text(path)
+
+
+def test_a_study_has_no_more_trials_than_can_be_run():
+    entries = [{"name": "a", "label": f"a{k}", "family": True} for k in range(10)]
+    suite = Suite.model_validate(BARE | {"scenarios": entries, "seeds": MOST_TRIALS // 10})
+    check_suite(suite)
+    more = suite.model_copy(update={"scenarios": suite.scenarios + suite.scenarios[:1]})
+    with pytest.raises(UserError, match="scenario 'a0' is listed twice"):
+        check_suite(more)
+    label = {"label": "a"}
+    more = suite.model_copy(
+        update={"scenarios": (*suite.scenarios, suite.scenarios[0].model_copy(update=label))}
+    )
+    with pytest.raises(UserError, match=f"it has {11 * MOST_TRIALS // 10} trials, at most"):
+        check_suite(more)
+
+
+@pytest.mark.parametrize(
+    ("column", "taken"),
+    [
+        ("a", True),
+        ("a" * 60, True),
+        ("a" * 61, False),
+        ("a_1", True),
+        ("1a", False),
+        ("A", False),
+        ("a b", False),
+        ("seed", False),
+        ("status", False),
+        ("run", False),
+    ],
+)
+def test_a_metric_has_the_name_of_a_new_column(column, taken):
+    suite = Suite.model_validate(BARE | {"metrics": [{"name": "m"}]})
+    (metric,) = suite.metrics
+    suite = suite.model_copy(update={"metrics": (SimpleNamespace(column=column),)})
+    assert metric.name == "m"
+    if taken:
+        check_suite(suite)
+        return
+    with pytest.raises(UserError, match=f"a metric is called '{column}'"):
+        check_suite(suite)
+
+
+def test_as_many_seeds_as_the_suite_has_are_no_more():
+    data = BARE | {"scenarios": [{"name": "a", "label": "a", "seeds": 3}]}
+    data |= {"estimators": [{"name": "e", "label": "e", "seeds": 3}]}
+    suite = Suite.model_validate(data)
+    check_suite(suite)
+    assert select(suite, Selection(seeds=3)) == suite
+    with pytest.raises(UserError, match="--seeds 4: suite 'bare' has 3"):
+        select(suite, Selection(seeds=4))
+
+
+def test_a_selection_reads_like_a_command_line():
+    assert str(Selection()) == ""
+    chosen = Selection(
+        scenarios=("a b",), sensors=("full",), sigmas=(0.1,), estimators=("e",), seeds=2
+    )
+    said = "--scenario 'a b' --sensor full --estimator e --sigma 0.1 --seeds 2"
+    assert str(chosen) == said
