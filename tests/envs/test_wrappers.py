@@ -12,6 +12,7 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 from pettingzoo.utils import BaseParallelWrapper
 
 from olne_bench.envs import olne_v0
+from olne_bench.envs.sensors.correlated import Correlated
 from olne_bench.envs.wrappers import (
     AWGN,
     BoxWithGaps,
@@ -25,6 +26,7 @@ from olne_bench.envs.wrappers import (
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.observation import VIEWS, RangeBearingView, observe
+from olne_bench.games.sensor import SensorModel
 
 PARTIAL = ("px", "py", "heading")
 SENSOR = (-3.0, -2.5)
@@ -459,3 +461,13 @@ def test_a_stack_of_layers_has_the_noise_that_is_asked_for(sigma):
         return
     deviations = noise.reshape(-1, 4).std(axis=0)
     np.testing.assert_allclose(deviations, sigma * np.array(scale), rtol=0.35)
+
+
+@pytest.mark.parametrize("sigma", [0.1, 0.5])
+def test_a_sensors_correlated_noise_has_the_covariance_of_its_model(sigma):
+    layers, scale = Correlated(0.7).layers(), np.array([1.0, 0.7, 0.1, 3.3])
+    model = SensorModel.of(layers, world().observation_layout, scale)
+    draws = many_draws(wrap(world(), layers, sigma, scale), seeds=20) / (sigma * scale)
+    relative = np.array(model.covariance) / np.outer(scale, scale)
+    assert np.abs(relative - np.eye(4)).max() > 0.5
+    assert np.abs(np.cov(draws.T) - relative).max() < 0.15

@@ -16,6 +16,7 @@ import pytest
 from olne_bench.bench.commands import COMMANDS
 from olne_bench.bench.commands.cli import _summary, main
 from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.suite import Suite
 
 PART = ["run", "quick", "--scenario", "two_player", "--sensor", "full", "--no-figures"]
 
@@ -259,3 +260,41 @@ def test_help_has_a_sentence_on_every_command(capsys):
     for name, module in COMMANDS.items():
         assert re.search(rf"^  {name} +[A-Z].*", said, re.MULTILINE), name
         assert _summary(module).endswith(".")
+
+
+@pytest.mark.parametrize("runs", [1, 2, 3])
+@pytest.mark.parametrize("salt", ["", "pepper"])
+def test_a_status_begins_with_the_runs_and_the_last_of_them(runs, salt):
+    module = import_module("olne_bench.bench.commands.status")
+    data = {"name": "s", "scenarios": ["a"], "sensors": ["full"], "sigmas": [0.1], "seeds": 1}
+    suite = Suite.model_validate(data | {"estimators": ["e"], "salt": salt})
+    facts = {"suite": suite.model_dump_json(), "started": "then", "executor": "a machine"}
+    last = SimpleNamespace(**facts, commit="0123456789abcdef", versions={"olne-bench": "1.2"})
+    said = module._heading("mine", [SimpleNamespace()] * (runs - 1) + [last])
+    many = {1: "1 run", 2: "2 runs", 3: "3 runs"}[runs]
+    assert said.startswith(f"mine: suite s, {many}, the last one of then on a machine, olne-bench")
+    assert "olne-bench 1.2, commit 0123456789ab; salt " in said
+    assert said.endswith("('pepper')" if salt else "(its own)")
+    bare = SimpleNamespace(**facts, commit="", versions={})
+    assert "olne-bench ?; salt" in module._heading("mine", [bare])
+
+
+@pytest.mark.parametrize(
+    ("state", "hint"),
+    [
+        ("missing", "runs missing and stale trials"),
+        ("stale", "runs missing and stale trials"),
+        ("failed", "--retry failed"),
+        ("harness_error", "--retry harness_error"),
+    ],
+)
+def test_a_status_says_what_to_do_next(state, hint):
+    module = import_module("olne_bench.bench.commands.status")
+    columns = ["missing", "stale", "failed", "harness_error"]
+    table = pd.DataFrame([[0] * 4, [0] * 4], columns=columns)
+    whole, part = (SimpleNamespace(selection=s) for s in ("", "--seeds 1"))
+    assert module._hints(table, whole) == []
+    assert module._hints(table, part) == ["the last run was of a part of the suite: --seeds 1"]
+    table.loc[1, state] = 2
+    (found,) = module._hints(table, whole)
+    assert hint in found

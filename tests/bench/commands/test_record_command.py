@@ -414,6 +414,9 @@ RAISES = """class Raises:
         (["--scenario", "random", "--seed", "7"], "--seed 7: the players do not start where"),
         (["--scenario", "two_player", "--estimator", "x"], "unknown estimator 'x'; known are"),
         (["--scenario", "two_player", "--episode", "1"], "has the episodes 0 to 0"),
+        (["--scenario", "two_player", "--episode", "-1"], "-1 is not in the range x>=0"),
+        (["--scenario", "two_player", "--seed", "-1"], "-1 is not in the range x>=0"),
+        (["--scenario", "two_player", "--noise", "0"], "0 is not in the range x>0"),
         (["--scenario", "two_player", "--budget", "nan"], "nan is not a finite number"),
         (["--scenario", "two_player", "--budget", "inf"], "inf is not a finite number"),
         (

@@ -76,3 +76,17 @@ def test_steering_is_bounded_wherever_one_starts(speed: float) -> None:
     steering = np.abs(pursuit_controls(state, along(0.0, speed))[:, 0])
     assert steering.max() <= np.arctan(2 * np.tan(np.arcsin(0.4))) + 1e-12
     assert steering.max() > 0.1
+
+
+@pytest.mark.parametrize("speed", [0.5, 6.0])
+@pytest.mark.parametrize(("beside", "heading"), [(9.0, 0.0), (0.0, 1.5), (-9.0, 1.5), (2.0, -0.8)])
+def test_turns_are_as_sharp_to_either_side_and_bounded(beside, heading, speed) -> None:
+    controls, mirrored = (
+        pursuit_controls(np.array([0, s * beside, s * heading, speed]), along(0.0, speed))
+        for s in (1, -1)
+    )
+    np.testing.assert_allclose(mirrored, -controls, atol=1e-9)
+    sharpest = np.arctan(2 * np.tan(np.arcsin(0.4)))
+    assert np.abs(controls).max() <= sharpest + 1e-12
+    if abs(heading) > 1:
+        assert controls[0, 0] == pytest.approx(-sharpest)

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from olne_bench.bench.report.page import render
 from olne_bench.bench.report.page.numbers import human
 from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.study import Study
@@ -138,3 +139,10 @@ def test_only_leaders_are_bold(small_study: pd.DataFrame, usual: Study) -> None:
 )
 def test_numbers_for_people(value: float, text: str) -> None:
     assert human(value) == text
+
+
+def test_bars_tell_small_errors_apart_and_have_an_end() -> None:
+    logs = [render._log(error) for error in (0.0, 1e-9, 1e-4, 1e-3, 1.0, 10.0)]
+    assert logs[0] == logs[1] < logs[2]
+    np.testing.assert_allclose(logs[2:], [-4, -3, 0, 1])
+    assert render._log(float("inf")) == float("inf")
