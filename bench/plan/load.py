@@ -66,7 +66,7 @@ def load_suite(
     Args:
         reference: a name from ``suite_names()`` or the path of a TOML file.
         plugins: references of estimators, scenarios, sensors and metrics to add to its own.
-        describe: asks plugins what they are; in this process where absent.
+        describe: describes plugins. Default: in this process.
 
     Raises:
         UserError: on an unknown suite, unreadable TOML or a value that is refused.

@@ -135,7 +135,7 @@ def check(reference, name, budget=0.3, kind=ESTIMATOR, **parameters):
         ("Covariance", "shapes and simplex", "covariance has the shape (3, 3), expected (8, 8)"),
         ("Random", "determinism under a fixed rng", "two estimates with equal generators differ"),
         ("HoldsALambda", "pickling", "it cannot be pickled"),
-        ("Forgets", "pickling", "a pickled copy estimates otherwise"),
+        ("Forgets", "pickling", "a pickled copy gives other weights"),
         ("Writes", "inputs are not mutated", "it writes into observation.y"),
         ("IsLate", "deadline is kept", "it took 0.4"),
         ("PassesGapsOn", "missing samples", "weights are not finite"),

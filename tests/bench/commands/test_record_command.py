@@ -346,7 +346,7 @@ def test_targets_from_the_data_are_named_and_warned_of(tmp_path, capsys):
     said = capsys.readouterr()
     assert "the estimator gives no motion to compare" in said.out
     assert "median speed" in said.out and "where it was last seen" in said.out
-    assert "nothing tells the players' px, speed: the weights depend on what the data" in said.err
+    assert "the players' px, speed are guessed from the data (source 'data')" in said.err
 
 
 def test_goals_of_others_are_where_they_were_last_seen(tmp_path, monkeypatch):
@@ -388,7 +388,7 @@ def test_games_that_are_too_long_say_how_to_resample(tmp_path, capsys):
     table = pd.DataFrame({"time": times, "player": "a", "x": 10 * times, "y": 0.0})
     imported(tmp_path, table)
     error = fails(capsys, "estimate", tmp_path / "tracks.parquet", "--scenario", "highway")
-    assert "has 500 steps of 0.04 s, at most 400 make a game" in error
+    assert "has 500 steps of 0.04 s, a game at most 400" in error
     assert "--resample 0.1, or with a shorter --window" in error
 
 
@@ -414,7 +414,7 @@ RAISES = """class Raises:
             ["--scenario", "two_player", "--estimator", "RAISES"],
             "RuntimeError: no licence (",
         ),
-        ([], "names no scenario; say by --scenario whose costs there are"),
+        ([], "names no scenario; give one with --scenario"),
     ],
 )
 def test_bad_estimates_are_refused(own_tracks, tmp_path, capsys, arguments, expected):

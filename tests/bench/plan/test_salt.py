@@ -35,7 +35,7 @@ def test_a_run_goes_on_with_its_own_salt() -> None:
 
 
 def test_a_run_has_no_two_salts() -> None:
-    with pytest.raises(UserError, match="--salt 'sea' is not that of the run to go on with"):
+    with pytest.raises(UserError, match="--salt 'sea' is not that of the run to continue"):
         salted(SUITE, "sea", salted(SUITE, FRESH, None))
     with pytest.raises(UserError, match=salt_id(SUITE.salt)):
         salted(SUITE, FRESH, SUITE)  # nobody drew one then

@@ -110,7 +110,7 @@ def test_a_limit_that_is_not_kept(run, tmp_path, capsys):
         ("[gate.kkt_residual]\ntime_ratio = 2\n", "time_ratio and time_reference belong together"),
         (
             "[gate.kkt_residual]\nsensors = ['full']\n",
-            "no limit is set; there are those",
+            "no limit is set; limits are those",
         ),
         ("[gate.nobody]\nfailures = 0\n", "the run has none; it has: kkt_residual, uniform"),
         ("[gate.uniform]\nfailures = 0\nsensors = ['x']\n", "it has: full, partial"),

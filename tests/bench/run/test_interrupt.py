@@ -40,7 +40,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(study, number):
     assert process.returncode == 128 + number
     last = errors.strip().splitlines()[-1]
     assert last.startswith("interrupted: ")
-    assert "run the same command again to go on" in last
+    assert "run the same command again to continue" in last
     kept = stored(out)
     assert f"interrupted: {kept} trials" in last
     assert 3 <= kept < 16

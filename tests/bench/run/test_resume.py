@@ -125,7 +125,7 @@ def test_a_fresh_salt_is_kept_by_its_run(study):
     assert f"its salt was {own} and is {salt_id('small')}" in error
     for other in ("another", "small"):
         error = study.run("a", "Drawn", options=("--salt", other), code=2)
-        assert f"--salt '{other}' is not that of the run to go on with, which has {own}" in error
+        assert f"--salt '{other}' is not that of the run to continue, which has {own}" in error
 
     study.run("c", "Drawn", options=("--salt", *salts))  # who knows the salt repeats the rows
     same(study.rows("c"), fresh)
