@@ -1,4 +1,4 @@
-"""Rows of a store as tables of Arrow and pandas."""
+"""Rows of a store as Arrow and pandas tables."""
 
 import json
 
@@ -14,12 +14,12 @@ def parse_weights(table: pa.Table) -> pa.Table:
     """``Store.table()`` with weights as nested lists.
 
     Raises:
-        UserError: on weights that are none.
+        UserError: on weights that cannot be read.
     """
     place = table.schema.get_field_index("weights")
     try:
         chunks = [
-            # One call of the parser for a whole chunk takes a fraction of the time.
+            # One call of the parser per chunk is much faster than one per row.
             pa.array(
                 json.loads(f"[{','.join(t or 'null' for t in chunk.to_pylist())}]"), type=WEIGHTS
             )
@@ -31,6 +31,6 @@ def parse_weights(table: pa.Table) -> pa.Table:
 
 
 def to_frame(table: pa.Table) -> pd.DataFrame:
-    """A table for pandas: nested lists stay in Arrow's compact form."""
+    """A table as a pandas table, in which nested lists stay in Arrow's compact form."""
     types = {WEIGHTS: pd.ArrowDtype(WEIGHTS)}
     return table.to_pandas(types_mapper=types.get)
