@@ -72,7 +72,7 @@ SUITES = {
     "a line break in a label": (
         '"uniform"',
         '{name = "uniform", label = "a\\nb"}',
-        "estimators.0.label: control characters",
+        "estimators.0.label: it cannot contain control characters",
     ),
     "a long sensor label": ('"full"', f'{{name = "full", label = "{LONG}"}}', "sensors.0.label"),
     "an escape in an option": (
@@ -80,7 +80,11 @@ SUITES = {
         '{name = "random", options = {num_players = "\\u001b[2J"}}',
         "control characters",
     ),
-    "NUL in a plugin": ('"uniform"', '"a\\u0000b.py"', "estimators.0.name: control characters"),
+    "NUL in a plugin": (
+        '"uniform"',
+        '"a\\u0000b.py"',
+        "estimators.0.name: it cannot contain control characters",
+    ),
     "a long plugin": ('"uniform"', f'"{LONG}.py"', "no estimator file "),
     "the same twice": ('"full"', '"full", "full"', "sensor 'full' is listed twice"),
     "the same label twice": (

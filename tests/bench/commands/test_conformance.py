@@ -307,7 +307,7 @@ class WritesTruth(Metric):
         (SENSOR, "Blind", 2, "it shows nothing at all"),
         (METRIC, "Label", 0, "worst is 'far'"),
         (METRIC, "Drifts", 1, "two scores of one case differ"),
-        (METRIC, "Backwards", 2, "less has to be better"),
+        (METRIC, "Backwards", 2, "an error is least at the truth"),
         (METRIC, "Beyond", 2, "it scores 1.0, beyond its worst value 0.5"),
         (METRIC, "Text", 2, "it returned a str"),
         (METRIC, "WritesTruth", 1, "read-only"),

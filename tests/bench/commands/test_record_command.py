@@ -389,7 +389,7 @@ def test_games_that_are_too_long_say_how_to_resample(tmp_path, capsys):
     imported(tmp_path, table)
     error = fails(capsys, "estimate", tmp_path / "tracks.parquet", "--scenario", "highway")
     assert "has 500 steps of 0.04 s, a game at most 400" in error
-    assert "--resample 0.1, or with a shorter --window" in error
+    assert "--resample 0.1 or a shorter --window" in error
 
 
 RAISES = """class Raises:

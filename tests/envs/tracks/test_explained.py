@@ -195,7 +195,7 @@ def test_a_target_that_nothing_tells_is_asked_for(
     changed = replace(original, game=replace(original.game, players=players))
     monkeypatch.setattr(module, "get_scenario", lambda *_, **__: changed)
     known = as_tracks(cruising(original.initial_state + AWAY, 0.25), 0.25, tmp_path)
-    with pytest.raises(UserError, match="nothing tells the target of 'yaw' of player 'car 0'"):
+    with pytest.raises(UserError, match="the target of 'yaw' of player 'car 0' is unknown"):
         explain("two_player", None, known, 0)
 
 

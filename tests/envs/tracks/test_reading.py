@@ -107,7 +107,7 @@ def test_more_players_than_a_game_holds_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "tracks.csv"
     cars = [drive(f"car{k}", 10.0, 0.0, 4.0 * k) for k in range(21)]
     pd.concat(cars).to_csv(path, index=False)
-    with pytest.raises(UserError, match=r"21 players, at most 20 make a game; choose a shorter"):
+    with pytest.raises(UserError, match=r"21 players, a game has at most 20; choose a shorter"):
         read_tracks(path)
 
 
