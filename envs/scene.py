@@ -51,7 +51,7 @@ def goals(scenario: Scenario) -> dict[int, np.ndarray]:
 
 
 def lanes(scenario: Scenario) -> list[float]:
-    """px of the lanes along y that players keep to, in ascending order."""
+    """Positions px [m] of the lanes along y that players keep to, in ascending order."""
     return sorted(
         {
             float(feature.target)

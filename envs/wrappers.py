@@ -88,7 +88,7 @@ class BoxWithGaps(Box):
 
 
 class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
-    """A wrapper that changes the blocks of observations and passes the time at their end through."""
+    """A wrapper that changes the blocks of observations and keeps the time at their end."""
 
     def __init__(self, env: World) -> None:
         super().__init__(env)

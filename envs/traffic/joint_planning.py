@@ -134,7 +134,7 @@ def _run_into_something(states: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _with_steps_between(values: np.ndarray) -> np.ndarray:
-    """Values (..., S) at steps, with BETWEEN linearly interpolated values after each but the last."""
+    """Values (..., S) at steps, and BETWEEN interpolated ones after each but the last."""
     parts = np.linspace(0.0, 1.0, BETWEEN + 1, endpoint=False)
     change = np.diff(values)[..., None] * parts
     between = values[..., :-1, None] + change
