@@ -1,4 +1,4 @@
-"""The registry: what it lists, finds and makes, and its one line about anything else."""
+"""The registry: what it lists, finds and constructs, and its one-line errors."""
 
 import importlib
 import subprocess
@@ -52,7 +52,7 @@ def line_of(call, *arguments) -> str:
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_every_class_of_a_kind_in_its_folder_has_the_name_of_its_file(kind):
-    """Names are told from text: what imports say must be the same."""
+    """Names are read from source text, and must be the same as those of imported classes."""
     folder = Path(plugins.__file__).parent.joinpath(*kind.package.split(".")[1:])
     found = set()
     for path in folder.glob("*.py"):
@@ -155,7 +155,7 @@ def test_a_bad_file_is_one_line(case, tmp_path):
     assert expected in line_of(find_class, ESTIMATOR, str(path))
     assert expected in line_of(make, ESTIMATOR, str(path))
     assert expected in describe(ESTIMATOR, str(path)).error
-    source(ESTIMATOR, str(path))  # asks the file nothing
+    source(ESTIMATOR, str(path))  # without importing the file
 
 
 @pytest.mark.parametrize(
@@ -368,7 +368,7 @@ MARK = "import pathlib; pathlib.Path(__file__).with_suffix('.imported').touch()\
 
 @pytest.fixture
 def site(tmp_path, monkeypatch):
-    """A folder of installed packages; returns what installs one."""
+    """A folder of installed packages; returns a function that installs one."""
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(str(folder))

@@ -1,4 +1,4 @@
-"""The commands of docs/recordings.md, one after the other, as a reader would try them."""
+"""The commands of docs/recordings.md, run one after the other as by a reader."""
 
 import shlex
 from pathlib import Path
@@ -16,7 +16,7 @@ PAGE = (ROOT / "docs" / "recordings.md").read_text()
 
 
 def blocks(language: str) -> list[str]:
-    """The fenced blocks of that language, which follow the odd fences."""
+    """The fenced code blocks of a language."""
     fenced = PAGE.split("```")[1::2]
     return [
         rest for name, _, rest in (block.partition("\n") for block in fenced) if name == language

@@ -1,4 +1,4 @@
-"""A small study with estimators of its own, and a way to run it as a user would."""
+"""A small study with its own estimators, and a way to run it as a user would."""
 
 import os
 import pickle
@@ -58,7 +58,7 @@ class Hangs(Drawn):
 
 
 class Study:
-    """A folder with a suite, a plugin file and runs, each command in a process of its own."""
+    """A folder with a suite, a plugin file and runs; each command is a new process."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -102,7 +102,7 @@ class Study:
 
 
 class PlayerHere:
-    """A player without a process: for estimators that do nothing evil."""
+    """A player without a process, for harmless estimators."""
 
     def estimate(self, task: PlayerTask) -> Answer:
         given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))

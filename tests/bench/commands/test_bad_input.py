@@ -1,4 +1,4 @@
-"""Bad input ends in one clear line and exit code 2, at once and whatever its size."""
+"""Bad input gives one clear line and exit code 2, quickly and whatever its size."""
 
 import os
 import resource
@@ -20,7 +20,7 @@ estimators = ["uniform"]
 LONG = "n" * 300
 DIGITS = "9" * 5000
 
-#: Where GOOD is changed, to what, and what is said of it.
+#: What to replace in GOOD, by what, and a part of the message.
 SUITES = {
     "too many seeds": ("seeds = 3", f"seeds = {10**12}", "seeds: Input should be less than"),
     "too many trials": (
@@ -128,12 +128,12 @@ def suite(tmp_path):
 
 
 def refusal(capsys, *arguments) -> str:
-    """What is said on bad input: one line within seconds, in bounded memory."""
+    """The message on bad input: one line within seconds, in bounded memory."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     started, worked = time.monotonic(), time.process_time()
     with pytest.raises(SystemExit) as ended:
         main([str(argument) for argument in arguments])
-    # Where others work on the machine too, the clock on the wall says less than one's own work.
+    # On a busy machine, processor time is a better measure than wall-clock time.
     worked, seconds = time.process_time() - worked, time.monotonic() - started
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before  # [KiB], on Linux
     said, errors = capsys.readouterr()
@@ -219,7 +219,7 @@ def test_a_bad_file_is_one_line(capsys, tmp_path, monkeypatch, name, expected):
     (tmp_path / "secret.toml").write_text(GOOD)
     if name == "secret.toml":
         (tmp_path / name).chmod(0)
-        if os.access(name, os.R_OK):  # root may read it all the same
+        if os.access(name, os.R_OK):  # root may read it anyway
             monkeypatch.setattr("pathlib.Path.open", _refuse)
     assert expected in refusal(capsys, "run", name, "--out", "out")
 

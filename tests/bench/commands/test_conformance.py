@@ -1,4 +1,4 @@
-"""The checks of plugins: each finds what it is there for, and a good one passes them all."""
+"""The checks of plugins: each finds its fault, and a good plugin passes all of them."""
 
 import subprocess
 import sys

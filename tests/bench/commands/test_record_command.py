@@ -341,7 +341,7 @@ def test_players_who_start_as_those_of_a_fixed_scenario_have_their_targets(tmp_p
 
 
 def test_targets_from_the_data_are_named_and_warned_of(tmp_path, capsys):
-    path = tracks_of("highway_overtaking", tmp_path, x=3.0)  # nobody starts there
+    path = tracks_of("highway_overtaking", tmp_path, x=3.0)  # no drawn player starts there
     run("estimate", path, "--scenario", "highway_overtaking", "--estimator", "uniform")
     said = capsys.readouterr()
     assert "the estimator gives no motion to compare" in said.out

@@ -1,4 +1,4 @@
-"""Messages: what is not of the form is refused, whatever it is."""
+"""Messages: anything that does not fit the schema is refused."""
 
 import pickle
 

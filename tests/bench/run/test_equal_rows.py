@@ -1,4 +1,4 @@
-"""However a suite is run, its rows are the same; short form of ``scripts/equal_rows.py``."""
+"""A suite has the same rows however it is run: a short form of ``scripts/equal_rows.py``."""
 
 import pandas as pd
 

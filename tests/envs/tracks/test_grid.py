@@ -97,7 +97,7 @@ def test_a_clock_that_differs_a_little_makes_no_further_times() -> None:
     late["x"] = np.arange(41.0)
     found = grid(track("a", EVERY), late)
     np.testing.assert_allclose(found.times, np.linspace(0, 4, 41), atol=0.005)
-    # Its samples are those of the nearest times, as they are.
+    # Its samples are those of the nearest times, unchanged.
     np.testing.assert_array_equal(found.states[:, 1, 0], np.arange(41.0))
 
 

@@ -1,4 +1,4 @@
-"""Cars off the road or against its lanes are refused; those just within are not."""
+"""Cars off the road or against its lanes are refused; those just within the limits are not."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tracks read from CSV: what is made of them, and what is refused with which words."""
+"""Tracks read from CSV: the resulting states, and the messages on bad files."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A metric declares itself once."""
+"""Declarations of metrics."""
 
 import pytest
 
