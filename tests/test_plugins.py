@@ -137,12 +137,12 @@ BAD_FILES = {
             before="class M(type):\n    def __getattribute__(cls, name): raise KeyError(name)",
             head="class A(metaclass=M):",
         ),
-        "does not tell its 'estimate': KeyError: 'estimate' (",
+        ": 'estimate' cannot be read: KeyError: 'estimate' (",
     ),
     "property": (
         "class M(type):\n    @property\n    def name(cls): raise SystemExit('hidden')\n"
         "class A(metaclass=M):\n    def estimate(self): pass",
-        "does not tell its 'name': SystemExit: hidden (",
+        ": 'name' cannot be read: SystemExit: hidden (",
     ),
 }
 
@@ -197,9 +197,9 @@ def test_the_kind_of_a_file_is_one(tmp_path):
     one = write(tmp_path, "one.py", tiny(METRIC) + "    def layers(self): pass\n")
     assert "with one method of" in line_of(kind_of, one)
     none = write(tmp_path, "none.py", "class A: pass")
-    assert "is no plugin: expected a class with one method of estimate" in line_of(kind_of, none)
+    assert "is not a plugin: expected a class with one method of estimate" in line_of(kind_of, none)
     assert "'A' in" in line_of(kind_of, f"{none}:A")
-    assert "is no file of a plugin" in line_of(kind_of, "uniform")
+    assert "is not a plugin file" in line_of(kind_of, "uniform")
     assert describe(None, none).error.endswith("score (metric)")
 
 
@@ -422,7 +422,7 @@ def test_a_package_without_init_is_located_too(site):
         ("foreign_m:Tiny", tiny(name="other"), "installed under another name than its class has"),
         ("foreign_m:Tiny", "raise SystemExit('no')", "cannot be imported: SystemExit: no ("),
         ("foreign_m:Tiny", "class Tiny: name = 'mine'", "has no method 'estimate'"),
-        ("foreign_m:Tiny", "Tiny = 3", "is no class"),
+        ("foreign_m:Tiny", "Tiny = 3", "is not a class"),
         ("foreign_m:Tiny", "", "cannot be imported: AttributeError"),
         ("foreign_m:Tiny", "class Tiny:\n    def estimate(self): 0", "has no name"),
         ("foreign_absent:Tiny", "", "cannot be imported: ModuleNotFoundError"),

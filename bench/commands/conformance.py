@@ -1,6 +1,6 @@
 """Rules of plugins, as checks that an author can run.
 
-Checks run in a child process, like a trial. A check that dies fails, and the others go on.
+Checks run in a child process, like a trial. A check that dies fails, and the others continue.
 """
 
 import os
@@ -45,7 +45,7 @@ class Check:
         name: name of the check, one of ``checks_of(kind)``.
         reference: name or file of the plugin.
         parameters: parameters of the plugin.
-        budget: time limit [s] of each estimate, which an estimator is told.
+        budget: time limit [s] of each estimate, which the estimator is given.
         time_limit: time [s] after which the check is killed.
     """
 
@@ -111,7 +111,7 @@ def run_checks(
         kind: kind of the plugin.
         reference: name or file of the plugin.
         parameters: parameters of the plugin.
-        budget: time limit [s] of each estimate, which an estimator is told.
+        budget: time limit [s] of each estimate, which the estimator is given.
         memory: memory limit of the process [bytes].
     """
     limit = 4 * budget + 60  # some make several estimates, and the first builds solvers

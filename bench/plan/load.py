@@ -51,7 +51,7 @@ def suite_text(reference: str) -> str:
     except OSError as error:
         raise UserError(f"suite {path} cannot be read: {error.strerror or error}") from error
     if len(data) > MOST_BYTES:
-        raise UserError(f"suite {path} is larger than {MOST_BYTES} bytes: that is no suite")
+        raise UserError(f"suite {path} is larger than {MOST_BYTES} bytes: that is not a suite")
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:

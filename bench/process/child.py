@@ -76,7 +76,7 @@ class OutOfMemoryError(ChildError):
 
 
 class MisspokeError(ChildError):
-    """The answer is malformed, or nobody asked for it."""
+    """The answer is malformed, or was not asked for."""
 
 
 class LeftProcessesError(ChildError):
@@ -265,7 +265,7 @@ class Child:
     def _take(self, message: Message, kind: Any) -> Any:
         if isinstance(message, Ready | Stage) or message.token != self._token:
             self.stop()
-            raise MisspokeError("sent a message that nobody asked for")
+            raise MisspokeError("sent an unexpected message")
         self.busy = False
         self.served += 1
         assert self._process is not None

@@ -78,7 +78,7 @@ def decode_message(frame: bytes) -> Message:
     try:
         return _DECODER.decode(frame)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"sent something that is no message: {error}") from error
+        raise ValueError(f"sent something that is not a message: {error}") from error
 
 
 def decode_value(value: msgspec.Raw, kind: Any) -> Any:

@@ -99,7 +99,7 @@ def _refuse_unknown_limits(
     for name in limits.bounds:
         if name not in known:
             raise UserError(
-                f"[gate.{estimator}] limits {name!r}, which is no metric of the run that a gate "
+                f"[gate.{estimator}] limits {name!r}, which is not a metric of the run that a gate "
                 f"may limit; there are: {', '.join(known)}"
             )
 

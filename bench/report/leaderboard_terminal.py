@@ -57,7 +57,7 @@ def format_notes(tables: RunTables, notes: list[str]) -> str:
     """
     wrong = in_words(tables.harness_errors)
     parts = [
-        ("The harness itself failed; these trials are no attempts of the estimators:", wrong),
+        ("The harness itself failed; these trials do not count as attempts:", wrong),
         ("Not shown, and why:", notes),
     ]
     return "\n".join(

@@ -57,5 +57,5 @@ def read(path: Path, part: str | None) -> Tracks:
         f"lane_{name}": RoadLane((StraightLane((low, float(y)), (1.0, 0.0), high - low),), _WIDTH)
         for name, y in table["y"].groupby(player_names(rows["Lane_ID"])).median().items()
     }
-    note = "lanes lie at the median Local_X of the cars with their Lane_ID"
+    note = "lanes are at the median Local_X of the cars with their Lane_ID"
     return Tracks(table[list(COLUMNS)], Road(lanes), (note,))

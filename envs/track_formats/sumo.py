@@ -34,7 +34,7 @@ def read(path: Path, part: str | None) -> Tracks:
         x=rows["x"] - LENGTH / 2 * np.cos(heading),
         y=rows["y"] - LENGTH / 2 * np.sin(heading),
     )
-    note = f"SUMO tells where front bumpers are; cars are taken to be {LENGTH:g} m long"
+    note = f"SUMO gives positions of front bumpers; cars are assumed to be {LENGTH:g} m long"
     return Tracks(table[list(COLUMNS)], notes=(note,))
 
 

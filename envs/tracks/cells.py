@@ -54,7 +54,7 @@ def read_cells(path: Path) -> pd.DataFrame:
         raise UserError(f"{path} is not a CSV file: {error}") from error
     names = cells.iloc[0].fillna("").str.strip()
     if names.duplicated().any():
-        raise UserError(f"{path}: column {names[names.duplicated()].iloc[0]!r} is there twice")
+        raise UserError(f"{path}: column {names[names.duplicated()].iloc[0]!r} appears twice")
     rows = cells.iloc[1:].fillna("").set_axis(list(names), axis=1)
     rows.index += _FIRST_LINE - 1  # line numbers, so that messages can name them
     return rows[(rows != "").any(axis=1)]  # without blank lines

@@ -90,7 +90,7 @@ def _check_directions(who: str, agreement: np.ndarray) -> None:
     told = agreement[np.isfinite(agreement)]
     if told.size and told.mean() < 0:
         raise UserError(
-            f"{who} has headings that point away from where its positions go; expected "
+            f"{who} has headings that point away from its motion; expected "
             "radians, from the x axis towards the y axis"
         )
 

@@ -104,7 +104,9 @@ def _chosen(
         if player not in known:
             raise UserError(f"--players {player!r}: {path} has, at these times: {listed(known)}")
         if seen.get(player, 0) == 0:
-            raise UserError(f"--players {player!r}: {path} has no position of it at these times")
+            raise UserError(
+                f"--players {player!r}: {path} has no position of this player at these times"
+            )
     if players:
         return table[table["player"].isin(players)], []
     brief = [name for name in known if seen.get(name, 0) < FEWEST_STEPS]

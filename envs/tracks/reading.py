@@ -89,7 +89,8 @@ def _road(
         if player not in set(tracks.table["player"]):
             there = listed(list(tracks.table["player"].unique()))
             raise UserError(
-                f"{road} has targets of player {player!r}, who is not in {path}; there are: {there}"
+                f"{road} has targets of player {player!r}, which is not in {path}; there are: "
+                f"{there}"
             )
     players = {name: entry for name, entry in known.players.items() if name in grid.players}
     lanes = known.lanes or (lane_entries(tracks.road) if tracks.road else {})

@@ -229,9 +229,7 @@ def kind_of(reference: str) -> Kind:
     """
     parts = _split(reference)
     if parts is None:
-        raise PluginError(
-            f"{reference!r} is no file of a plugin: expected path.py or path.py:Class"
-        )
+        raise PluginError(f"{reference!r} is not a plugin file: expected path.py or path.py:Class")
     path, class_name = _file("plugin", parts[0]), parts[1]
     module = _load(path)
     found = [
@@ -245,7 +243,7 @@ def kind_of(reference: str) -> Kind:
     methods = ", ".join(f"{kind.method} ({kind.name})" for kind in KINDS)
     if not found:
         where = f"{class_name!r} in {str(path)!r}" if class_name else f"{str(path)!r}"
-        raise PluginError(f"{where} is no plugin: expected a class with one method of {methods}")
+        raise PluginError(f"{where} is not a plugin: expected a class with one method of {methods}")
     choice = ", ".join(f"{name} ({kind.name})" for name, kind in found)
     raise PluginError(
         f"{str(path)!r} holds several plugins, name one as {path}:Class, with one method of "
@@ -412,7 +410,7 @@ def _known_class(kind: Kind, reference: str, _path: tuple[str, ...]) -> type[Any
     what = f"{kind.name} {reference!r} {_owner(place)}"
     loaded = _guarded(f"{what} cannot be imported", place.load)
     if not issubclass(type(loaded), type):
-        raise PluginError(f"{what} ({place.value}) is no class")
+        raise PluginError(f"{what} ({place.value}) is not a class")
     if not _has_method(kind, loaded, what):
         raise PluginError(f"{what} ({place.value}) has no method {kind.method!r}")
     name = _checked_name(loaded, what)
@@ -473,7 +471,7 @@ def _has_method(kind: Kind, found: type[Any], what: str) -> bool:
 
 def _attribute(owner: object, name: str, what: str) -> Any:
     """An attribute, None if absent; a metaclass or property may raise anything."""
-    return _guarded(f"{what} does not tell its {name!r}", lambda: getattr(owner, name, None))
+    return _guarded(f"{what}: {name!r} cannot be read", lambda: getattr(owner, name, None))
 
 
 def _checked_name(found: type[Any], what: str) -> str:
@@ -542,7 +540,7 @@ def _module_file(kind: Kind, point: EntryPoint) -> Path:
     places: list[str] | None = None
     full = ""
     spec = None
-    module = _guarded(f"{what} is no reference to a class", lambda: point.module)
+    module = _guarded(f"{what} does not refer to a class", lambda: point.module)
     for part in module.split("."):
         full = f"{full}.{part}" if full else part
         spec, places = _spec_below(full, places)

@@ -608,7 +608,7 @@ MESSAGES = [
     Hostile(
         "ForgesAResult",
         "invalid",
-        "nobody asked for",
+        "unexpected message",
         """
         from olne_bench.bench.process.messages import Result, encode
         import msgspec
@@ -620,7 +620,7 @@ MESSAGES = [
     Hostile(
         "ForgesAStage",
         "invalid",
-        "nobody asked for",
+        "unexpected message",
         """
         from olne_bench.bench.process.messages import Stage, encode
         body = encode(Stage("estimate", 1e6))
@@ -631,7 +631,7 @@ MESSAGES = [
     Hostile(
         "SaysReadyAgain",
         "invalid",
-        "nobody asked for",
+        "unexpected message",
         """
         from olne_bench.bench.process.messages import Ready, encode
         body = encode(Ready())

@@ -105,7 +105,7 @@ def _points(axes: Axes, series: Series, metric: MetricDeclaration, bottom: float
         alpha=alpha,
         rasterized=True,
         clip_on=False,  # the outermost are drawn whole
-        in_layout=False,  # they lie in the panel, and take no room beside it
+        in_layout=False,  # inside the panel, so it needs no room beside it
     )
 
 
@@ -167,7 +167,7 @@ def _triangles(axes: Axes, series: Series, metric: MetricDeclaration, height: fl
         alpha=0.6,
         rasterized=True,
         clip_on=False,  # the outermost are drawn whole
-        in_layout=False,  # they lie in the panel, and take no room beside it
+        in_layout=False,  # inside the panel, so it needs no room beside it
     )
 
 

@@ -94,7 +94,7 @@ def read_submission(folder: Path) -> Submission:
     except OSError as error:
         raise UserError(f"no submission in {folder}: it has no {MANIFEST}") from error
     except (ValueError, TypeError, KeyError) as error:
-        raise UserError(f"{path} is no manifest of a submission: {error!r}") from error
+        raise UserError(f"{path} is not the manifest of a submission: {error!r}") from error
     _check_files(found)
     if not runs or ROWS not in found.files:
         raise UserError(f"{path} names no {'run' if not runs else ROWS}")
@@ -108,14 +108,14 @@ def _check_files(submission: Submission) -> None:
         parts = PurePosixPath(place)
         path = folder / parts
         if parts.is_absolute() or ".." in parts.parts or _is_linked(folder, parts):
-            raise UserError(f"{folder}: {place!r} is no file within a submission")
+            raise UserError(f"{folder}: {place!r} is not a file within a submission")
         if not path.is_file():
             raise UserError(f"{folder}: {place} is missing")
         size += path.stat().st_size
         if digest(path) != expected:
             raise UserError(f"{folder}: {place} was changed after it was submitted")
     if size > MOST_BYTES:
-        raise UserError(f"{folder}: its files have {size} bytes; at most {MOST_BYTES} are taken")
+        raise UserError(f"{folder}: its files have {size} bytes; at most {MOST_BYTES} are allowed")
 
 
 def _is_linked(folder: Path, place: PurePosixPath) -> bool:

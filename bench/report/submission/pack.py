@@ -86,7 +86,10 @@ def _whole(store: Store, runs: Iterable[Provenance], folder: Path) -> pa.Table:
     for state, what in (
         ("missing", f"are not run yet: {again}"),
         ("stale", f"were run with other code than the present one: {again} again"),
-        ("harness_error", "could not be judged: 'olne-bench run --retry harness_error' tries anew"),
+        (
+            "harness_error",
+            "could not be judged: 'olne-bench run --retry harness_error' tries them again",
+        ),
     ):
         if states[state]:
             raise UserError(f"{states[state]} of {len(keys)} trials in {folder} {what}")
@@ -172,7 +175,7 @@ def _write_manifest(name: str, runs: list[Provenance], target: Path) -> None:
     size = sum(path.stat().st_size for path in files)
     if size > MOST_BYTES:
         raise UserError(
-            f"the submission would have {size} bytes, at most {MOST_BYTES} are taken: run fewer "
+            f"the submission would have {size} bytes, at most {MOST_BYTES} are allowed: run fewer "
             "noise draws, or a smaller suite"
         )
     digests = {path.relative_to(target).as_posix(): digest(path) for path in files}

@@ -216,7 +216,7 @@ def _with(row, column, value):
 BAD_TRACKS = {
     "one column": (tracks().drop(columns="y"), "missing column y; it has: time, player, x"),
     "columns": (tracks().drop(columns=["x", "y"]), "missing columns x, y; it has"),
-    "column twice": ("time,player,x,y,x\n0,a,0,0,0\n", "column 'x' is there twice"),
+    "column twice": ("time,player,x,y,x\n0,a,0,0,0\n", "column 'x' appears twice"),
     "empty": ("", "is empty; expected the columns time, player, x, y"),
     "no rows": ("time,player,x,y\n", "has 0 times, expected at least 3"),
     "ragged": ("time,player,x,y\n0,a,0,0,0,0\n", "not a CSV file"),

@@ -105,7 +105,7 @@ def test_a_limit_that_is_not_kept(run, tmp_path, capsys):
     ("gate", "expected"),
     [
         ("", "has no [gate] table"),
-        ("[gate.kkt_residual]\nerror = 1\n", "limits 'error', which is no metric of the run"),
+        ("[gate.kkt_residual]\nerror = 1\n", "limits 'error', which is not a metric of the run"),
         ("[gate.kkt_residual]\ncosine_error = -1\n", "greater than or equal to 0"),
         ("[gate.kkt_residual]\ntime_ratio = 2\n", "time_ratio and time_reference belong together"),
         (

@@ -127,7 +127,7 @@ def test_a_gate_may_limit_it_where_it_says_so(trials):
     assert [o.passed for o in outcomes] == [True] * 3
     strict = check_limits(table, {"b": GateLimits(jerk_error=1.0)}, STUDY)
     assert not any(o.passed for o in strict)
-    with pytest.raises(UserError, match="limits 'on_road', which is no metric") as caught:
+    with pytest.raises(UserError, match="limits 'on_road', which is not a metric") as caught:
         check_limits(table, {"a": GateLimits(on_road=1.0)}, STUDY)
     assert "jerk_error" in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(UserError, match="limits 'jerk_error'"):

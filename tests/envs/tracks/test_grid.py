@@ -46,7 +46,7 @@ def test_players_come_in_the_order_asked_for() -> None:
     np.testing.assert_allclose(found.states[-1, :, 0], [12.0, 4.0])
     with pytest.raises(UserError, match=r"--players 'd': some.csv has, at these times: a, b, c"):
         grid(*tracks, players=("a", "d"))
-    with pytest.raises(UserError, match=r"--players 'b': some.csv has no position of it"):
+    with pytest.raises(UserError, match=r"--players 'b': some.csv has no position of this player"):
         grid(tracks[0], tracks[1].assign(x=np.nan), players=("b",))
 
 

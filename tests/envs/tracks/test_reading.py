@@ -135,7 +135,7 @@ def test_a_road_file_beside_the_tracks_is_taken(tmp_path: Path) -> None:
     assert road is not None and road.players["red"].targets == {"speed": 9.0}
     assert imported.notes[-1].startswith("lanes and targets: 1 lanes, 1 players of ")
     (tmp_path / "tracks.toml").write_text("[players.green]\n")
-    with pytest.raises(UserError, match=r"'green', who is not in .*; there are: red, blue"):
+    with pytest.raises(UserError, match=r"'green', which is not in .*; there are: red, blue"):
         read_tracks(path)
     with pytest.raises(UserError, match=r"the name must end in .toml, .xml or .osm"):
         read_tracks(path, road=path)
@@ -265,7 +265,7 @@ def test_files_that_are_no_tables_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is empty; expected the columns time, player, x, y"):
         read_tracks(path)
     path.write_text("time,player,x,x\n")
-    with pytest.raises(UserError, match="column 'x' is there twice"):
+    with pytest.raises(UserError, match="column 'x' appears twice"):
         read_tracks(path)
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UserError, match="is not a CSV file"):
