@@ -46,8 +46,8 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     **Action**: ``Box(-1, 1, (2,), float32)``, steering and acceleration in units of ``STEERING``
     and ``ACCELERATION``; values outside are clipped.
 
-    **Reward**: the world's reward, and ``crash_reward`` once for a crash. The latter is needed
-    because costs are positive: a crashed player has no further costs.
+    **Reward**: the world's reward, and ``crash_reward`` once for a crash. The latter is needed if
+    costs are positive, because a crashed player has no further costs.
 
     **End**: all players terminate or are truncated together. After a crash a player observes
     zeros, its rewards are 0 and its actions are ignored ("black death");

@@ -32,8 +32,8 @@ class HighwayWorld(OlneWorld):
     collisions, including those that HighwayEnv only predicts.
 
     **Pictures** are HighwayEnv's: the x axis points right and the y axis points **down**. Headings
-    therefore grow clockwise in pictures, and positive steering turns a car to the viewer's right.
-    The benchmark's figures and pages draw roads in the same way.
+    therefore grow clockwise in pictures, and positive steering turns a car to its right as seen
+    there. The benchmark's figures and pages draw roads in the same way.
 
     Args:
         scenario: one of ``envs.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.

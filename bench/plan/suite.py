@@ -53,7 +53,7 @@ class Suite(Strict):
             estimated weights. Default: those of the published study.
         trajectories: number of trajectories of each trial, unless a scenario sets its own.
         estimators: names, or tables with parameters.
-        metrics: names, or tables with parameters; a file needs not list the built-in ones.
+        metrics: names, or tables with parameters; a file need not list the built-in ones.
         gate: limits by estimator label, which ``olne-bench gate`` checks.
     """
 

@@ -52,7 +52,7 @@ def propose(rng: np.random.Generator, count: int) -> Scenario:
 
 
 def _circling(rng: np.random.Generator, side: str) -> Driver:
-    """A car on the ring, two segments before the entry of a side; it leaves later."""
+    """A car on the ring, two segments before a side's entry; it takes the second or third exit."""
     first = (RING.index(f"{side}e") - 2) % len(RING)
     return _drive(rng, [], first, 3 + 2 * int(rng.integers(2)), RING_PLACE, RING_SPEED)
 

@@ -40,7 +40,7 @@ def read_net(path: Path) -> Road:
 
 
 def _following(net: ElementTree.Element) -> dict[str, list[str]]:
-    """Successors of each lane; inside a junction, the lane through it."""
+    """Successors of each lane; before a junction, the lane that leads through it."""
     result: dict[str, list[str]] = {}
     for link in net.iter("connection"):
         start = f"{link.attrib['from']}_{link.attrib['fromLane']}"

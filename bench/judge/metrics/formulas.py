@@ -36,8 +36,8 @@ def identifiable_cosine_error(
     Args:
         weights: (N, K) true weights.
         estimated: (S, N, K) estimates.
-        projections: (N, K, K) projection matrices onto the identified directions, which lie in the
-            tangent space of the simplex.
+        projections: (N, K, K) matrices that project onto the identified directions, in the tangent
+            space of the simplex.
 
     Returns:
         (S,) one error per estimate.
