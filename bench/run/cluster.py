@@ -86,7 +86,7 @@ def run_on_dask(
 
 
 def check_cluster(cluster: str) -> None:
-    """Refuse an impossible cluster before any work is done.
+    """Refuse an invalid cluster address before any work is done.
 
     Raises:
         UserError: on an address of another form, or if Dask is not installed.

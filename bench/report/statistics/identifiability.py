@@ -32,9 +32,8 @@ def identifiability_table(trials: pd.DataFrame, study: Study = USUAL) -> pd.Data
 
     Returns:
         Columns ``scenario, sensor, player`` (from 1), ``weight, truth``, ``bound`` (Cramer-Rao, as
-        a standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that the
-        data leave unexplained) and ``identified``. Scenarios that cannot be played here have no
-        rows.
+        a standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that is
+        left given the data) and ``identified``. Scenarios that cannot be played here have no rows.
     """
     return _table(
         ["truth", "bound", "left", "identified"],
