@@ -239,7 +239,7 @@ BAD_TRACKS = {
     "mph": (tracks(speed=22.4), "mean speed of 22.4, but its positions move at 10 m/s"),
     "standing": (tracks(x=0.0, speed=5.0), "mean speed of 5, but its positions move at 0 m/s"),
     "centimetres": (tracks(x=tracks()["x"] * 100), "moves at 1000 m/s, above 100"),
-    "few degrees": (tracks(heading=3.0), "'car' has headings that point away from where"),
+    "few degrees": (tracks(heading=3.0), "'car' has headings that point away from its motion"),
     "degrees": (tracks(heading=90.0), "has a heading of 90; expected radians"),
     "short": (tracks().iloc[:4], "has 2 times, expected at least 3"),
 }
