@@ -84,8 +84,9 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+# One process more than there are jobs, as some tests wait for other processes or for a limit.
 test: check
-	$(BIN)/python -m pytest --numprocesses $(JOBS)
+	$(BIN)/python -m pytest --numprocesses $$(($(JOBS) + 1)) --dist worksteal
 
 # What the repository keeps of a study: tables, some figures, and the page where it has fewer bytes.
 PAGE_LIMIT := 1500000

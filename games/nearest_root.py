@@ -24,10 +24,8 @@ from olne_bench.games.game import Game
 from olne_bench.games.ipopt import QUIET
 from olne_bench.games.kkt import kkt_system
 from olne_bench.games.newton import Root
+from olne_bench.games.published import PUBLISHED_ITERATIONS
 from olne_bench.games.root_following import follow_root
-
-#: IPOPT's default limit, as published.
-PUBLISHED_ITERATIONS = 3000
 
 
 @dataclass(frozen=True)

@@ -52,23 +52,28 @@ def code_blocks(page):
     return [block.text for block in blocks(ROOT / page) if block.language == "python"]
 
 
-def shortened(words):
-    """Shorten runs to a part of the suite."""
+def shortened(words, ending):
+    """Shorten runs to a part of the suite.
+
+    Args:
+        words: words of the command.
+        ending: option that says how much of a report ``run`` writes.
+    """
     if words[0] != "run":
         return words
     added = {"--seeds": "1"}
     if not words[1].endswith(".toml"):
         added |= {"--scenario": "two_player", "--sigma": "0.01"}
     options = [word for name, value in added.items() if name not in words for word in (name, value)]
-    return [*words, *options, "--no-figures"]
+    return [*words, *options, ending]
 
 
-def run_commands(text):
+def run_commands(text, ending):
     for line in text.replace("\\\n", " ").splitlines():
         program, *words = shlex.split(line, comments=True)
         assert program == "olne-bench", f"a test cannot run {line!r}: mark its block 'not run: why'"
         try:
-            main(shortened(words))
+            main(shortened(words, ending))
         except SystemExit as end:
             assert not end.code, line
 
@@ -86,7 +91,8 @@ def test_a_page_runs(name, tmp_path, monkeypatch):
         elif block.language == "python":
             exec(block.text, names)
         elif block.language == "sh":
-            run_commands(block.text)
+            # README shows what a run leaves; elsewhere the commands that follow need the trials.
+            run_commands(block.text, "--no-figures" if name == "README.md" else "--no-report")
     if name == "README.md":
         check_film("highway.gif")
 

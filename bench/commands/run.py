@@ -54,6 +54,7 @@ class RunOptions:
     seeds: int | None
     salt: str | None
     plugin: tuple[str, ...]
+    report: bool
     figures: bool
     formats: str
 
@@ -116,6 +117,12 @@ class RunOptions:
     help="Add an estimator, scenario, sensor or metric from a file (repeatable).",
 )
 @click.option(
+    "--report/--no-report",
+    default=True,
+    show_default=True,
+    help="Write tables, page and figures at the end; 'olne-bench report' writes them later.",
+)
+@click.option(
     "--figures/--no-figures", default=True, show_default=True, help="Draw figures at the end."
 )
 @click.option(
@@ -145,7 +152,12 @@ def run(suite: str, **options: Any) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(128 + interrupted)  # Dask would wait for its workers first
-    show_report(chosen.out, drawn)
+    if chosen.report:
+        show_report(chosen.out, drawn)
+    else:
+        click.echo(
+            f"{chosen.out}: to write its tables and page, run 'olne-bench report {chosen.out}'"
+        )
 
 
 def _go_on(suite: Suite, text: str, options: RunOptions, store: Store) -> signal.Signals | None:

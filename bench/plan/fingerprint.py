@@ -78,8 +78,13 @@ def _locate(folder: Path, name: str) -> Path | None:
     return None
 
 
-def _imports(path: Path, name: str) -> Iterator[str]:
+@lru_cache(maxsize=512)
+def _imports(path: Path, name: str) -> frozenset[str]:
     """Names in a module's imports that may be modules."""
+    return frozenset(_imported_names(path, name))
+
+
+def _imported_names(path: Path, name: str) -> Iterator[str]:
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     yield from _parents(package)
     for node in ast.walk(_tree(path) or ast.Module([], [])):

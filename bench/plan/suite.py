@@ -27,7 +27,7 @@ from olne_bench.bench.plan.values import (
     shown,
 )
 from olne_bench.errors import UserError
-from olne_bench.games.nearest_root import PUBLISHED_ITERATIONS
+from olne_bench.games.published import PUBLISHED_ITERATIONS
 
 MOST_ENTRIES = 1000
 

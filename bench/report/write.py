@@ -15,7 +15,8 @@ from olne_bench.bench.report.page.render import Extras, render_page
 from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.tables import RunTables, tabulate
-from olne_bench.bench.run.store import parse_weights, read_store, to_frame
+from olne_bench.bench.run.store import read_store
+from olne_bench.bench.run.store_table import parse_weights, to_frame
 from olne_bench.errors import UserError
 from olne_bench.files import whole_file
 

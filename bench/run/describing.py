@@ -11,6 +11,7 @@ from olne_bench import plugins
 from olne_bench.bench.process.child import (
     Child,
     ChildError,
+    DiedError,
     RaisedError,
     StartError,
     TimedOutError,
@@ -20,6 +21,8 @@ from olne_bench.plugins import Description, Kind
 
 #: Time that importing and constructing one plugin may take [s].
 LOAD_LIMIT = 60.0
+#: How often a plugin is asked if its process is killed from outside.
+ATTEMPTS = 3
 #: Memory that this may take [bytes].
 LOAD_MEMORY = 4 * 2**30
 
@@ -57,15 +60,7 @@ def _describe(
     home = plugins.absolute(reference).rpartition(".py:")[0] or reference
     child = children.setdefault(home, Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden))
     try:
-        found: Description = child.call(
-            plugins.describe,
-            kind,
-            plugins.absolute(reference),
-            dict(parameters),
-            kind=Description,
-            seconds=LOAD_LIMIT,
-        )
-        return found
+        return _ask(child, kind, plugins.absolute(reference), dict(parameters))
     except StartError:
         raise
     except TimedOutError:
@@ -76,3 +71,17 @@ def _describe(
     return Description(
         kind=what, reference=reference, error=f"{what} {reference!r} cannot be loaded: {reason}"
     )
+
+
+def _ask(child: Child, *question: Any) -> Description:
+    """Describe a plugin in a process; if it is killed from outside, another process is asked."""
+    for attempt in range(ATTEMPTS):
+        try:
+            found: Description = child.call(
+                plugins.describe, *question, kind=Description, seconds=LOAD_LIMIT
+            )
+            return found
+        except DiedError as error:
+            if not error.outside or attempt == ATTEMPTS - 1:
+                raise
+    raise AssertionError

@@ -8,10 +8,7 @@ from dataclasses import asdict
 from functools import cache
 from json import dumps
 from pathlib import Path
-from typing import NamedTuple
-
-import pandas as pd
-import pyarrow as pa
+from typing import TYPE_CHECKING, NamedTuple
 
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial
@@ -27,13 +24,14 @@ from olne_bench.bench.run.store_layout import (
     quoted,
 )
 from olne_bench.bench.run.store_merge import merge_stores
-from olne_bench.bench.run.store_table import parse_weights, to_frame
+
+if TYPE_CHECKING:
+    # Importing them takes longer than all else that a run does before its first trial.
+    import pandas as pd
+    import pyarrow as pa
 
 #: Longest message in a row [bytes].
 MESSAGE_SIZE = 1024
-
-_ARROW_TYPES = {"TEXT": pa.string(), "REAL": pa.float64(), "INTEGER": pa.int64()}
-_BATCH = 50_000
 
 
 class Record(NamedTuple):
@@ -114,11 +112,13 @@ class Store:
         rows = self._connection.execute("SELECT provenance FROM runs ORDER BY id")
         return [read_provenance(text) for (text,) in rows]
 
-    def table(self) -> pa.Table:
+    def table(self) -> "pa.Table":
         """Current rows, in an order that does not depend on when they were written.
 
         Each metric has a column, after all others. The weights are JSON text.
         """
+        from olne_bench.bench.run.store_table import as_table
+
         columns = COLUMNS | dict.fromkeys(self._metrics, "REAL")
         same = " AND ".join(f"t.{name} = c.{name}" for name in NAMED)
         current = " AND ".join(f"t.{name} = c.{name}" for name in CURRENT)
@@ -127,16 +127,12 @@ class Store:
             f"SELECT {quoted(columns, 't.')} FROM trials t LEFT JOIN current c ON {same} "
             f"WHERE c.scenario IS NULL OR ({current}) ORDER BY {order}"
         )
-        schema = pa.schema([(name, _ARROW_TYPES[kind]) for name, kind in columns.items()])
-        batches = []
-        while rows := cursor.fetchmany(_BATCH):
-            parts = zip(*rows, strict=True)
-            arrays = [pa.array(c, type=t) for c, t in zip(parts, schema.types, strict=True)]
-            batches.append(pa.record_batch(arrays, schema=schema))
-        return pa.Table.from_batches(batches, schema=schema)
+        return as_table(cursor, columns)
 
-    def frame(self) -> pd.DataFrame:
+    def frame(self) -> "pd.DataFrame":
         """``table()`` as a pandas table, with weights as nested lists."""
+        from olne_bench.bench.run.store_table import parse_weights, to_frame
+
         return to_frame(parse_weights(self.table()))
 
     def merge(self, other: Path) -> tuple[int, int]:

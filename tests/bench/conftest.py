@@ -16,6 +16,7 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.run import player
 from olne_bench.bench.run.metric_process import MetricProcess
+from olne_bench.bench.run.store import read_store
 from olne_bench.bench.text import clip, describe_error
 
 SUITE = """
@@ -89,16 +90,20 @@ class Study:
         return said + errors
 
     def arguments(self, out: str, *plugins: str) -> list[object]:
-        words: list[object] = ["run", self.suite, "--no-figures", "--out", self.folder / out]
+        words: list[object] = ["run", self.suite, "--no-report", "--out", self.folder / out]
         for name in plugins:
             words += ["--plugin", f"{self.plugin}:{name}"]
         return words
 
     def run(self, out: str, *plugins: str, options: tuple[str, ...] = (), code: int = 0) -> str:
-        return self.call(*self.arguments(out, *plugins), *options, code=code)
+        """Run the suite, by default with one job, because processes are slow to start."""
+        return self.call(*self.arguments(out, *plugins), "--jobs", 1, *options, code=code)
 
     def rows(self, out: str) -> pd.DataFrame:
-        return pd.read_parquet(self.folder / out / "trials.parquet").drop(columns="solve_seconds")
+        """The rows of a run without times; weights are text, which can be compared."""
+        with read_store(self.folder / out) as store:
+            rows = store.table().to_pandas()
+        return rows.drop(columns="solve_seconds")
 
 
 class PlayerHere:

@@ -30,7 +30,8 @@ from olne_bench.bench.report.submission.manifest import (
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import Stored
-from olne_bench.bench.run.store import Store, parse_weights, read_store, to_frame
+from olne_bench.bench.run.store import Store, read_store
+from olne_bench.bench.run.store_table import parse_weights, to_frame
 from olne_bench.errors import UserError
 from olne_bench.plugins import ESTIMATOR, METRIC, is_built_in, is_file, source
 

@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass, field
 from importlib import import_module
 from types import SimpleNamespace
@@ -114,26 +113,6 @@ def test_another_suite_is_refused_in_the_same_folder(tmp_path, capsys):
     main(["run", "quick", *select, "--seeds", "1", "--no-figures", "--out", str(tmp_path)])
     capsys.readouterr()
     assert "holds a run of suite 'quick'" in fails(capsys, "run", "paper", "--out", tmp_path)
-
-
-def test_a_killed_run_goes_on_where_it_was(tmp_path):
-    arguments = [sys.executable, "-m", "olne_bench", *PART, "--seeds", "2", "--jobs", "1"]
-    arguments += ["--estimator", "kkt_residual", "--estimator", "uniform"]
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-    for seconds in (3.0, 6.0):
-        run = subprocess.Popen(
-            [*arguments, "--out", killed], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        time.sleep(seconds)
-        run.send_signal(signal.SIGKILL)
-        run.wait()
-    for folder in (killed, whole):
-        subprocess.run([*arguments, "--out", folder], check=True, capture_output=True)
-    tables = [
-        pd.read_parquet(folder / "trials.parquet").drop(columns="solve_seconds")
-        for folder in (killed, whole)
-    ]
-    pd.testing.assert_frame_equal(*tables, check_exact=True)
 
 
 @dataclass

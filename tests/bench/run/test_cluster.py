@@ -32,7 +32,7 @@ def test_rows_are_those_of_a_local_run_and_limits_hold(study):
 
 
 def test_a_killed_dask_worker_loses_nothing(study):
-    study.run("whole", "Slow")
+    study.run("whole", "Slow", options=("--jobs", "2"))
     process = study.start(*study.arguments("killed", "Slow"), *DASK)
     driver = psutil.Process(process.pid)
     killed = 0

@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from olne_bench.bench.process.child import Child, DiedError
 from olne_bench.bench.run import describing
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.plugins import ESTIMATOR, SENSOR
@@ -64,3 +65,23 @@ def test_what_goes_wrong_is_one_line_of_its_own(file, monkeypatch) -> None:
     (wrong,) = describe_all([(None, f"{file}:Nobody", {})])
     assert wrong.error.startswith("'Nobody' in '")
     assert "\n" not in wrong.error
+
+
+@pytest.mark.parametrize(
+    ("outside", "kills", "answers"), [(True, 2, True), (True, 3, False), (False, 1, False)]
+)
+def test_a_plugin_whose_process_was_killed_from_outside_is_asked_again(
+    file, monkeypatch, outside, kills, answers
+) -> None:
+    call, left = Child.call, [kills]
+
+    def killed(child, *question, **options):
+        if left[0]:
+            left[0] -= 1
+            raise DiedError("the process was killed", outside=outside, served=0)
+        return call(child, *question, **options)
+
+    monkeypatch.setattr(Child, "call", killed)
+    (good,) = describe_all([(ESTIMATOR, f"{file}:Good", {})])
+    assert (good.label == "Good") == answers
+    assert ("was killed" in good.error) != answers

@@ -11,7 +11,7 @@ import psutil
 
 
 def test_kills_of_driver_and_workers_change_nothing(study):
-    study.run("whole", "Slow")
+    study.run("whole", "Slow", options=("--jobs", "2"))
     rng = np.random.default_rng(0)
     arguments = study.arguments("killed", "Slow")
     process = study.start(*arguments)
@@ -26,8 +26,8 @@ def test_kills_of_driver_and_workers_change_nothing(study):
             process.kill()
             process.communicate()
             process = study.start(*arguments)
-    assert process.wait(timeout=120) == 0
-    process.communicate()
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
     pd.testing.assert_frame_equal(study.rows("killed"), study.rows("whole"), check_exact=True)
 
 

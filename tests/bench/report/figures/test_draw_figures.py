@@ -52,7 +52,7 @@ def test_a_study_gives_every_figure_small_and_not_blank(drawn, make_trials, tmp_
 
 
 def test_reruns_give_identical_files(drawn, make_trials, tmp_path):
-    trials = make_trials(seeds=1, sigmas=(0.0, 0.1))
+    trials = make_trials(estimators=("kkt_residual",), seeds=1, sigmas=(0.0, 0.1))
     first, second = (drawn(trials, tmp_path / run, FORMATS) for run in ("a", "b"))
     for a, b in zip(first, second, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
@@ -86,7 +86,7 @@ def test_any_part_of_a_study_will_do(drawn, make_trials, tmp_path, part):
     assert_drawn(files)
 
 
-@pytest.mark.parametrize("status", ["timeout", "crash", "invalid", "not_converged"])
+@pytest.mark.parametrize("status", ["crash", "not_converged"])
 def test_failures_alone_are_drawn_as_such(drawn, make_trials, tmp_path, status):
     files = drawn(make_trials(status=status), tmp_path)
     # Without weights there is no landscape, but the bundles say that all failed.
