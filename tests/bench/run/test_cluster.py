@@ -19,7 +19,8 @@ def test_rows_are_those_of_a_local_run_and_limits_hold(study):
     study.suite.write_text(study.suite.read_text().replace("20.0", "5.0"))
     plugins = ("Drawn", "Fails", "Hangs")
     options = ("--seeds", "2", "--sigma", "0.1")
-    assert "Traceback" not in study.run("dask", *plugins, options=(*DASK, *options))
+    said = study.call_alone(*study.arguments("dask", *plugins), *DASK, *options)
+    assert "Traceback" not in said
     study.run("local", *plugins, options=options)
     rows = study.rows("dask")
     pd.testing.assert_frame_equal(rows, study.rows("local"), check_exact=True)

@@ -59,7 +59,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(study):
     def fill():
         resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 
-    error = study.call(*study.arguments("out"), code=2, preexec_fn=fill)
+    error = study.call_alone(*study.arguments("out"), code=2, preexec_fn=fill)
     last = error.strip().splitlines()[-1]
     assert last.startswith("olne-bench: error: cannot use")
     assert "nothing stored is lost" in last
