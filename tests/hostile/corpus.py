@@ -642,7 +642,7 @@ MESSAGES = [
     Hostile(
         "SendsAPickle",
         "invalid",
-        "no message",
+        "not a message",
         """
         class Evil:
             def __reduce__(self): return os._exit, (99,)
