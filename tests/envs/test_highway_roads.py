@@ -1,5 +1,7 @@
 """HighwayEnv's vehicle and lanes, and their counterparts in games."""
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from olne_bench.envs.highway_roads import (
 from olne_bench.envs.lane_curves import lane_curve
 from olne_bench.envs.playability import rejection
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.two_way import ONCOMING_DISTANCE
 from olne_bench.games.dynamics import bicycle, rollout
 
 
@@ -151,3 +154,37 @@ def test_pictures_show_the_cars_in_the_middle():
         assert picture.shape[1] == (1200 if name == "highway" else 600)
         road.close()
         assert road.viewer is None
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_pictures_can_be_filmed(name):
+    """Video encoders want even numbers of pixels."""
+    road = make_road(name, "rgb_array")
+    road.place(np.array([[100.0, 0, 0, 10]]))
+    height, width, _ = road.render().shape
+    assert width % 4 == height % 2 == 0
+    road.close()
+    if name == "two_way":
+        assert max(ONCOMING_DISTANCE) * road.config["scaling"] < width  # all cars are seen
+    assert 2.5 < road.config["scaling"] < 10  # a car is a box, and some of the road is seen
+
+
+def test_a_window_gets_the_pictures_of_every_step():
+    shown = []
+    event = SimpleNamespace(type=None)
+    window = SimpleNamespace(show=lambda picture: shown.append(picture) or [event])
+    road = make_road("highway", "rgb_array")
+    road.window = window
+    road.place(np.array([[100.0, 4, 0, 10]]))
+    assert road.render() is None
+    handled = []
+    road.viewer.sim_surface.handle_event = handled.append
+    before = len(shown)
+    road.apply(np.zeros((1, 2)))
+    assert len(shown) - before == SUB_STEPS - 1  # between two actions; the last is asked for
+    assert road.render() is None
+    assert handled == [event] * (len(shown) - before)
+    road.window = None
+    assert road.render().shape == shown[0].shape
+    again = road.__getstate__()
+    assert again["viewer"] is None and again["margin"] == road.margin

@@ -1,12 +1,16 @@
 """The bilevel method: exact gradients, and the joint method's optimum."""
 
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from olne_bench.estimators import bilevel
 from olne_bench.estimators.bilevel import Bilevel, OuterResiduals
-from olne_bench.estimators.forward_model import first_games
+from olne_bench.estimators.forward_model import first_games, squared_error_of
 from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.protocol import Observation
 from olne_bench.estimators.simplex import RatioChart
 
 RNG = np.random.default_rng(0)
@@ -89,3 +93,128 @@ def test_a_trajectory_with_fewer_starts_repeats_its_last():
     combinations = [("a", "b", "e"), ("a", "c", "f"), ("a", "d", "f")]
     assert bilevel._combinations(starts, 5) == combinations
     assert bilevel._combinations(starts, 2) == combinations[:2]
+
+
+def ended(objective: float, message: str = "", evaluations: int = 1) -> bilevel._Result:
+    return bilevel._Result((), objective, not message, message, evaluations)
+
+
+def test_the_lowest_error_is_taken_and_of_equal_ones_what_converged():
+    low, high, lost = ended(1.0), ended(2.0), ended(1.0, "lost")
+    assert bilevel._best([high, low]) is low
+    assert bilevel._best([lost, high, low]) is low
+    assert bilevel._best([lost, ended(1.0 + 5e-6)]).converged
+    assert bilevel._best([lost, ended(1.0 + 5e-5)]) is lost
+    assert bilevel._best([ended(0.0, "lost"), ended(5e-13)]).converged  # both are nothing
+    assert bilevel._best([ended(0.0, "lost"), ended(1e-9)]).message == "lost"
+    assert bilevel._best([lost]) is lost
+
+
+def test_two_starts_agree_where_the_last_found_the_lowest_again():
+    one, again, worse, lost = ended(1.0), ended(1.0 + 5e-6), ended(2.0), ended(1.0, "lost")
+    assert not bilevel._agree([one])
+    assert bilevel._agree([one, again])
+    assert bilevel._agree([worse, one, again])
+    assert not bilevel._agree([one, worse])
+    assert not bilevel._agree([one, lost])
+    assert not bilevel._agree([one, again, lost])
+    assert not bilevel._agree([lost, one])
+    assert not bilevel._agree([worse, ended(2.0), one])  # a lower one was found once only
+    assert not bilevel._agree([one, ended(1.0 + 5e-5)])
+
+
+@pytest.fixture
+def descents(monkeypatch):
+    """Descents that end as they are told to; what they started from, and until when."""
+    answers, begun = [], []
+
+    def descend(_problem, _observations, games, most, deadline):
+        begun.append((games, most, deadline))
+        return replace(answers.pop(0), games=games)
+
+    monkeypatch.setattr(bilevel, "_descend", descend)
+    monkeypatch.setattr(bilevel, "likelihood_covariance", lambda *_: None)
+    return answers, begun
+
+
+def estimate_of(seen, monkeypatch, starts=4, games=6, budget=60.0):
+    problem, (observation,), _ = seen(1)
+    first = first_games(problem, observation)[0]
+    monkeypatch.setattr(bilevel, "first_games", lambda *_: [first] * games)
+    chosen = Bilevel(starts=starts, max_evaluations=7)
+    return chosen.estimate(problem, observation, rng=RNG, budget=budget)
+
+
+def test_starts_are_tried_until_two_agree_or_there_are_enough(seen, monkeypatch, descents):
+    answers, begun = descents
+    answers += [ended(3.0, evaluations=2), ended(1.0, evaluations=3), ended(1.0, evaluations=4)]
+    before = time.monotonic()
+    result = estimate_of(seen, monkeypatch)
+    assert result.extras == {"objective": 1.0, "starts": 3, "evaluations": 9}
+    assert result.converged and result.message == ""
+    assert {most for _, most, _ in begun} == {7}
+    # Half of the budget is for what follows the search.
+    assert all(20 < deadline - before < 45 for *_, deadline in begun)
+    answers += [ended(float(k)) for k in range(9, 0, -1)]
+    assert estimate_of(seen, monkeypatch, starts=4).extras["starts"] == 4
+    assert estimate_of(seen, monkeypatch, starts=4, games=2).extras["starts"] == 2
+
+
+def test_a_flat_optimum_is_gone_on_with_while_there_is_time(seen, monkeypatch, descents):
+    answers, begun = descents
+    long = bilevel._TOO_LONG
+    answers += [ended(3.0, long), ended(2.0, long), ended(1.5)]
+    result = estimate_of(seen, monkeypatch, starts=1)
+    assert len(begun) == 3
+    assert result.converged and result.extras["objective"] == 1.5
+    answers += [ended(3.0, "no equilibrium"), ended(2.0)]
+    assert estimate_of(seen, monkeypatch, starts=1).message == "no equilibrium"
+    answers[:] = [ended(3.0, long)]
+    late = estimate_of(seen, monkeypatch, starts=3, budget=0.0)
+    assert (late.message, late.converged, late.extras["starts"]) == (long, False, 1)
+
+
+def test_an_observation_near_which_no_game_is_found_is_named(seen, monkeypatch):
+    problem, observations, _ = seen(1, count=3)
+    found = [first_games(problem, observations[0])[:1], [], []]
+    monkeypatch.setattr(bilevel, "first_games", lambda *_: found.pop(0))
+    result = Bilevel().estimate(problem, observations, rng=RNG, budget=1.0)
+    assert result.message == "no equilibrium found near observation 1"
+    assert not result.converged
+    np.testing.assert_allclose(result.weights, 0.25)
+
+
+@pytest.mark.parametrize("parameter", ["starts", "max_evaluations"])
+def test_counts_are_at_least_one(parameter):
+    Bilevel(**{parameter: 1})
+    with pytest.raises(ValueError, match=parameter):
+        Bilevel(**{parameter: 0})
+
+
+def test_a_few_evaluations_are_too_few(seen):
+    problem, (observation,), _ = seen(2, sigma=0.02)
+    games = (first_games(problem, observation)[0],)
+    short, whole = (
+        bilevel._descend(problem, (observation,), games, most, np.inf) for most in (1, 100)
+    )
+    assert (short.message, short.converged, short.evaluations) == (bilevel._TOO_LONG, False, 1)
+    assert whole.converged and whole.message == "" and 1 < whole.evaluations < 100
+    assert whole.objective < short.objective
+    found = squared_error_of(problem, whole.games[0].root.states, observation.y)
+    assert whole.objective == pytest.approx(found)
+
+
+def test_samples_that_are_missing_are_no_errors(seen):
+    problem, (observation,), _ = seen(1, sigma=0.01)
+    y = observation.y.copy()
+    y[3, 1] = np.nan
+    gappy = Observation(y)
+    game = first_games(problem, observation)[0]
+    chart = RatioChart(game.weights, problem.weight_floor)
+    whole, part = (OuterResiduals(problem, (one,), (game,), chart) for one in (observation, gappy))
+    point = whole.unknowns((game,))
+    there = np.isfinite(y).ravel()
+    np.testing.assert_array_equal(part.values(point), whole.values(point)[there])
+    np.testing.assert_array_equal(part.jacobian(point), whole.jacobian(point)[there])
+    assert not part.blocked
+    np.testing.assert_allclose(point[chart.size :], game.initial_state.ravel())

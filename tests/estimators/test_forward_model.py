@@ -1,10 +1,12 @@
 """The forward game as estimators use it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from olne_bench.estimators import forward_model
 from olne_bench.estimators.forward_model import (
     expected_samples,
     first_games,
@@ -17,7 +19,7 @@ from olne_bench.estimators.forward_model import (
     uniform_weights,
 )
 from olne_bench.estimators.protocol import Observation
-from olne_bench.games.observation import ComponentView
+from olne_bench.games.observation import ComponentView, RangeBearingView
 from olne_bench.games.olne import RESIDUAL_TOLERANCE
 
 
@@ -129,3 +131,73 @@ def test_the_covariance_grows_with_the_noise_and_shrinks_with_trajectories(seen)
     two = likelihood_covariance(problem, [observation] * 2, [start] * 2)
     np.testing.assert_allclose(two, one / 2, rtol=1e-5, atol=1e-9)
     assert likelihood_covariance(replace(problem, sigma=0.0), [observation], [start]) is None
+
+
+def test_a_quarter_is_two_steps_at_least() -> None:
+    assert [forward_model._quarter(np.zeros(n)) for n in (3, 8, 11, 12, 25)] == [2, 2, 2, 3, 6]
+
+
+def test_the_first_sample_that_is_whole_counts() -> None:
+    y = np.zeros((4, 3, 2))
+    y[:2, 1, 0] = np.nan
+    y[:, 2] = np.nan
+    assert forward_model._first_seen(y).tolist() == [0, 2, 0]
+
+
+def test_hidden_is_what_the_view_does_not_lead_back_to(seen) -> None:
+    problem, _, _ = seen()
+    assert forward_model._hidden_components(problem) == []
+    for names, hidden in ((("px", "py"), [2, 3]), (("py", "speed", "px"), [2])):
+        view = ComponentView("some", names)
+        assert forward_model._hidden_components(replace(problem, view=view, noise_scale=())) == (
+            hidden
+        )
+
+
+def test_a_calm_start_has_means_of_what_is_hidden_only(seen) -> None:
+    problem, _, _ = seen(view="partial")
+    guess = np.random.default_rng(0).normal(size=(12, 2, 4))
+    start = forward_model._calm_start(problem, guess)
+    np.testing.assert_array_equal(start[:, :3], guess[0, :, :3])
+    np.testing.assert_allclose(start[:, 3], guess[:3, :, 3].mean(axis=0))
+
+
+def test_noise_on_a_range_and_a_bearing_is_noise_across_and_along(seen) -> None:
+    problem, *_ = seen()
+    view = RangeBearingView((-9.0, 0.0))
+    lidar = replace(problem, view=view, noise_scale=(2.0, 0.5))
+    y = np.tile([10.0, 0.0], (5, 2, 1))  # ten metres ahead along x
+    noise = forward_model._read_off_noise(lidar, y)
+    np.testing.assert_allclose(noise, [[2.0, 5.0, 0, 0]] * 2, rtol=1e-5, atol=1e-9)
+    y[:, 1] = np.nan
+    lost = forward_model._read_off_noise(lidar, y)
+    np.testing.assert_allclose(lost[0], [2.0, 5.0, 0, 0], rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(lost[1, :2], 2.0)
+
+
+def test_no_covariance_where_weights_are_not_identifiable(seen, monkeypatch) -> None:
+    problem, (observation,), _ = seen(sigma=0.01)
+    start = fitted_game(problem, observation)
+
+    def fails(*_: object) -> None:
+        raise ValueError("no function of them")
+
+    monkeypatch.setattr(forward_model, "sample_sensitivity", fails)
+    assert likelihood_covariance(problem, [observation], [start]) is None
+
+
+def test_a_fit_that_does_not_converge_is_no_game(seen, monkeypatch) -> None:
+    problem, (observation,), _ = seen(sigma=0.01)
+    asked = []
+
+    def unsolved(*given: object) -> object:
+        asked.append(given[-1])
+        return SimpleNamespace(converged=False)
+
+    assert fitted_game(problem, observation) is not None
+    monkeypatch.setattr(forward_model, "solve_joint", unsolved)
+    assert fitted_game(problem, observation, 3.0) is None
+    (settings,) = asked
+    assert settings.tie == 3.0
+    assert settings.weight_floor == problem.weight_floor
+    assert settings.noise_scale == problem.noise_scale

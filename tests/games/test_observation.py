@@ -14,11 +14,16 @@ from olne_bench.games.observation import (
     VIEWS,
     ComponentView,
     FullView,
+    NamedComponents,
     RangeBearingView,
+    StackedView,
     View,
+    WhitenedView,
     observation_function,
     observation_size,
     observe,
+    stacked,
+    whitening,
 )
 
 coordinate = st.floats(-50, 50)
@@ -105,3 +110,142 @@ def test_solvers_start_near_the_truth(view):
     y[7] = np.nan
     guess = guess_states(game, view, y)
     assert np.abs(guess[:-1] - states[:-1]).max() < 0.06
+
+
+SCALE = np.array([1.0, 2.0, 0.1, 0.5])
+
+
+def test_noise_has_the_scale_of_what_is_seen():
+    np.testing.assert_array_equal(FullView().noise_scale(SCALE, UNICYCLE), SCALE)
+    view = ComponentView("x", ("speed", "px"))
+    np.testing.assert_array_equal(view.noise_scale(SCALE, UNICYCLE), [0.5, 1.0])
+    lidar = RangeBearingView(bearing_scale=0.25)
+    np.testing.assert_array_equal(lidar.noise_scale(SCALE, UNICYCLE), [2.0, 0.5])
+    own = View.noise_scale(view, SCALE, UNICYCLE)  # of views that do not say
+    np.testing.assert_array_equal(own, [1.0, 1.0])
+
+
+def test_components_are_read_off_by_their_names():
+    y = np.arange(8.0).reshape(2, 4)
+    read = FullView().read_off(y, UNICYCLE)
+    assert list(read) == list(UNICYCLE.state_names)
+    np.testing.assert_array_equal(read["speed"], y[:, 3])
+    view = ComponentView("x", ("speed", "px"))
+    assert view.component_names(UNICYCLE) == ("speed", "px")
+    read = view.read_off(y[:, :2], UNICYCLE)
+    assert {name: values.tolist() for name, values in read.items()} == {
+        "speed": [0, 4],
+        "px": [1, 5],
+    }
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"position": (1.0,)},
+        {"position": (1.0, np.nan)},
+        {"facing": np.inf},
+        {"bearing_scale": 0.0},
+        {"bearing_scale": -0.1},
+        {"bearing_scale": np.inf},
+    ],
+)
+def test_a_lidar_stands_somewhere_and_has_noise(wrong):
+    with pytest.raises(ValueError, match=r"range_bearing needs|bearing_scale must be above 0"):
+        RangeBearingView(**wrong)
+
+
+def test_the_usual_lidar_stands_at_the_origin_and_faces_along_x():
+    view = RangeBearingView()
+    np.testing.assert_allclose(observe(view, UNICYCLE, np.array([3.0, 4.0, 0, 0]))[0], 5.0)
+    np.testing.assert_allclose(observe(view, UNICYCLE, np.array([3.0, 0.0, 0, 0]))[1], 0.0)
+    low, high = view.bounds(np.array([-3.0, -4, 0, 0]), np.array([1.0, 1, 0, 0]), UNICYCLE)
+    np.testing.assert_allclose([low, high], [[0, -np.pi], [5, np.pi]])
+
+
+TURNED = StackedView((ComponentView("turned", ("heading", "py", "px")), LIDAR))
+
+
+def test_a_view_looks_at_what_the_one_below_shows():
+    states = np.random.default_rng(0).normal(size=(6, 4))
+    assert TURNED.name == "turned+range_bearing"
+    np.testing.assert_allclose(observe(TURNED, UNICYCLE, states), observe(LIDAR, UNICYCLE, states))
+    assert TURNED.component_names(UNICYCLE) == ("range", "bearing")
+    np.testing.assert_array_equal(
+        TURNED.noise_scale(SCALE, UNICYCLE), LIDAR.noise_scale(SCALE, UNICYCLE)
+    )
+    limits = np.array([[-1.0, -2, -3, -4], [1, 2, 3, 4]])
+    for one, other in zip(
+        TURNED.bounds(*limits, UNICYCLE), LIDAR.bounds(*limits, UNICYCLE), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+    blind = StackedView((ComponentView("blind", ("px", "speed")), LIDAR))
+    with pytest.raises(ValueError, match="no component 'py' here; there are: px, speed"):
+        observe(blind, UNICYCLE, states)
+
+
+def test_what_a_stack_hides_is_not_read_off():
+    states = np.random.default_rng(1).normal(size=(3, 2, 4))
+    read = TURNED.read_off(observe(TURNED, UNICYCLE, states), UNICYCLE)
+    assert set(read) == {"px", "py"}
+    np.testing.assert_allclose(read["px"], states[..., 0])
+    np.testing.assert_allclose(read["py"], states[..., 1])
+    names = StackedView((VIEWS["partial"], ComponentView("x", ("heading", "px"))))
+    y = observe(names, UNICYCLE, states)
+    y[0, 0] = np.nan  # a gap is one, and the component is known all the same
+    read = names.read_off(y, UNICYCLE)
+    assert set(read) == {"heading", "px"}
+    np.testing.assert_array_equal(read["heading"][1:], states[1:, :, 2])
+    assert np.isnan(read["px"][0, 0])
+
+
+def test_stacks_are_as_small_as_they_can_be():
+    partial = VIEWS["partial"]
+    assert stacked([]) == FullView()
+    assert stacked([FullView(), FullView()]) == FullView()
+    assert stacked([FullView(), partial]) is partial
+    assert stacked([partial, FullView(), LIDAR]) == StackedView((partial, LIDAR))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whitening_makes_noise_independent_and_of_unit_scale(seed):
+    root = np.random.default_rng(seed).normal(size=(3, 3))
+    covariance = root @ root.T + 0.1 * np.eye(3)
+    matrix = whitening(covariance)
+    np.testing.assert_allclose(matrix @ covariance @ matrix.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(np.triu(matrix, 1), 0, atol=1e-12)
+    view = WhitenedView(VIEWS["partial"], tuple(map(tuple, matrix)))
+    assert view.name == "partial"
+    states = np.random.default_rng(seed).normal(size=(5, 4))
+    y = observe(view, UNICYCLE, states)
+    np.testing.assert_allclose(y, states[:, :3] @ matrix.T, atol=1e-12)
+    read = view.read_off(y, UNICYCLE)
+    np.testing.assert_allclose(np.column_stack(list(read.values())), states[:, :3], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "said"),
+    [
+        ([1.0, 2.0], "is a square matrix"),
+        ([[1.0, 0.0]], "is a square matrix"),
+        ([[1.0, 0.5], [0.4, 1.0]], "finite and symmetric"),
+        ([[np.nan, 0.0], [0.0, 1.0]], "finite and symmetric"),
+        ([[1.0, 1.0], [1.0, 1.0]], "positive definite"),
+        ([[1.0, 0.0], [0.0, -1.0]], "positive definite"),
+        ([[0.0, 0.0], [0.0, 0.0]], "positive definite"),
+        ([[1.0, 0.0], [0.0, 1e-13]], "positive definite"),
+    ],
+)
+def test_what_is_no_covariance_is_refused(covariance, said):
+    with pytest.raises(ValueError, match=said):
+        whitening(covariance)
+    assert whitening([[1.0, 0.0], [0.0, 1e-11]]).shape == (2, 2)  # small, but not too small
+
+
+def test_solvers_find_views_again_by_what_they_are():
+    assert observation_function(RangeBearingView(), UNICYCLE) is observation_function(
+        RangeBearingView(), UNICYCLE
+    )
+    assert NamedComponents(("a", "b")).state_size == 2
+    assert set(VIEWS) == {"full", "partial"}
+    assert observation_size(VIEWS["partial"], UNICYCLE) == 3

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import dataclass, field
 from importlib import import_module
 from types import SimpleNamespace
@@ -166,6 +167,37 @@ def test_faults_of_the_harness_are_told_at_the_end(monkeypatch, capsys):
     assert "2 trials could not be judged (harness_error). They do not count" in said
     assert "2 times: a fault" in said
     assert "other messages" not in said
+
+
+@pytest.mark.parametrize("cluster", [None, "local"])
+def test_trials_are_run_here_or_on_a_cluster(monkeypatch, tmp_path, cluster):
+    module = import_module("olne_bench.bench.commands.run")
+    calls = {}
+    for name in ("run_trials", "run_on_dask"):
+        monkeypatch.setattr(module, name, lambda _, _name=name, **words: calls | {_name: words})
+    options = SimpleNamespace(memory=1.5, out=tmp_path / "x" / "..", dask=cluster, jobs=3)
+    ((name, words),) = module._start([], options, None).items()
+    assert name == ("run_on_dask" if cluster else "run_trials")
+    assert words.get("cluster", words.get("jobs")) == (cluster or 3)
+    assert (words["memory"], words["hidden"]) == (3 * 2**29, tmp_path.resolve())
+    assert words["log"].parent == tmp_path.resolve()
+
+
+@pytest.mark.parametrize("kinds", [1, 2, 40])
+def test_many_faults_are_told_by_the_most_frequent(capsys, kinds):
+    module = import_module("olne_bench.bench.commands.run")
+    faults = Counter({f"fault {k} " + "x" * 400: k + 1 for k in range(kinds)})
+    module._show_faults(faults)
+    first, *told = capsys.readouterr().err.splitlines()
+    assert first.startswith(f"{faults.total()} trials could not be judged")
+    shown = [line for line in told if "times: " in line]
+    assert shown[0].startswith(f"  {kinds} times: fault {kinds - 1} x")
+    assert max(map(len, shown)) < 330
+    rest = kinds - len(shown)
+    assert told[len(shown) :] == ([f"  and {rest} other messages"] if rest else [])
+    assert 1 <= len(shown) <= 10
+    module._show_faults(Counter())
+    assert capsys.readouterr().err == ""
 
 
 LIMITED = """

@@ -3,11 +3,27 @@
 import subprocess
 import sys
 import tomllib
+from contextlib import suppress
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from olne_bench.bench.commands import conformance, estimator_checks
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.commands.conformance import Check, checks_of, run_check
+from olne_bench.bench.commands.estimator_checks import _case
+from olne_bench.bench.commands.findings import NonConformance, Weakness
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.process.child import (
+    LeftProcessesError,
+    MisspokeError,
+    OutOfMemoryError,
+    RaisedError,
+    StartError,
+    TimedOutError,
+)
+from olne_bench.errors import UserError
 from olne_bench.plugins import ESTIMATOR, KINDS, METRIC, SCENARIO, SENSOR
 
 CHECKS = checks_of(ESTIMATOR)
@@ -440,3 +456,138 @@ def test_other_built_in_plugins_conform(kind, reference, parameters):
     for name in checks_of(kind):
         outcome = check(reference, name, kind=kind, **parameters)
         assert (outcome.status, outcome.message) == ("ok", "")
+
+
+class Notes:
+    """An estimator that notes what it is given."""
+
+    def __init__(self, least=0):
+        self.least = least
+        self.seen, self.asked, self.warm = [], [], []
+
+    def supports(self, problem):
+        self.asked.append(problem)
+        return None if problem.game.num_players >= self.least else "too few"
+
+    def warm_up(self, problem):
+        self.warm.append(problem)
+
+    def estimate(self, problem, observation, *, rng, budget):
+        self.seen.append((problem, observation, rng.uniform(), budget))
+        shape = problem.game.num_players, problem.game.num_weights
+        return SimpleNamespace(weights=np.ones(shape))
+
+
+def given_in(name, **options):
+    """What a check of an estimator gives to it."""
+    notes = Notes(**options)
+    with suppress(Weakness):
+        CHECKS[name](notes, 30.0)
+    assert {budget for *_, budget in notes.seen} <= {30.0}
+    assert {number for *_, number, _ in notes.seen} == {np.random.default_rng(0).uniform()}
+    assert len(notes.warm) >= 1
+    return notes
+
+
+def kinds(notes):
+    return [(p.game.num_players, p.view.name, p.sigma) for p, *_ in notes.seen]
+
+
+def test_checks_show_two_games_in_two_views_with_little_noise():
+    small = given_in("shapes and simplex")
+    players, views, sigmas = zip(*kinds(small), strict=True)
+    assert list(zip(players, views, strict=True)) == [
+        (2, "full"),
+        (2, "partial"),
+        (3, "full"),
+        (3, "partial"),
+    ]
+    assert 0 < max(sigmas) <= 0.02  # cars are apart by more than that
+    for problem, observation, *_ in small.seen:
+        assert np.isfinite(observation.y).all()
+        assert problem.noise_scale == (1.0,) * observation.y.shape[-1]
+    assert len(given_in("shapes and simplex", least=3).seen) == 2
+
+
+def test_a_deadline_is_kept_with_the_most_players_that_are_taken(monkeypatch):
+    ((players, view, sigma),) = kinds(given_in("deadline is kept"))
+    assert (players, view) == (5, "full")
+    assert sigma > 0.02
+    clock = [100.0]
+    monkeypatch.setattr(estimator_checks.time, "monotonic", lambda: clock[0])
+    slow = Notes()
+    slow.warm_up = lambda _: clock.append(clock.pop() + 9.0)  # which is no part of it
+    slow.estimate = lambda *_, **__: clock.append(clock.pop() + 2.0)
+    CHECKS["deadline is kept"](slow, 2.0)
+    with pytest.raises(NonConformance, match=r"it took 2\.00 s of a budget of 1\.5 s"):
+        CHECKS["deadline is kept"](slow, 1.5)
+
+
+def test_samples_are_missing_at_the_end_alone_and_in_a_row():
+    ((_, observation, *_),) = given_in("missing samples").seen
+    gaps = np.isnan(observation.y)
+    assert gaps.any() and not gaps.all(axis=(1, 2)).any()
+    assert gaps[-1, -1].all()  # at the end
+    whole = gaps.all(axis=-1)
+    assert whole.sum() < gaps.any(axis=-1).sum()  # of some samples a part is there
+    assert np.isnan(observation.y[1:, 1, 0] + observation.y[:-1, 1, 0]).any()
+    assert 0 < gaps.mean() < 0.2
+
+
+def test_support_is_asked_for_twice_and_answered_by_estimates():
+    notes = given_in("supports() is honest", least=3)
+    assert kinds(notes) == [
+        (3, "full", notes.seen[0][0].sigma),
+        (3, "partial", notes.seen[0][0].sigma),
+    ]
+    assert len({id(problem) for problem in notes.asked}) >= 4
+    with pytest.raises(NonConformance, match="accepts no problem, not even two players: too few"):
+        CHECKS["supports() is honest"](Notes(least=9), 1.0)
+
+
+def test_a_recovery_is_judged_without_noise_on_different_games():
+    notes = Notes()
+    weights = [_case("random", "full", 0.0, 2, seed).weights for seed in (0, 1)]
+    assert not np.allclose(*weights)
+    answers = iter([*weights, weights[0]])
+    notes.estimate = lambda p, o, **_: (
+        notes.seen.append((p, o)) or SimpleNamespace(weights=next(answers))
+    )
+    CHECKS["recovers a noise-free toy"](notes, 30.0)
+    assert len(notes.seen) == 2
+    assert all(problem.sigma == 0 and problem.view.name == "full" for problem, _ in notes.seen)
+    with pytest.raises(Weakness, match=r"a good one has at most 0\.001"):
+        CHECKS["recovers a noise-free toy"](Notes(), 30.0)
+
+
+def outcomes_of(monkeypatch, answers):
+    """Names of checks and statuses, where the work of each ends so."""
+    stopped = []
+
+    def work(function, check, *, kind, seconds):
+        assert (function, kind, seconds) == (run_check, Outcome, check.time_limit)
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    child = SimpleNamespace(call=work, stop=lambda: stopped.append(True))
+    made = []
+    monkeypatch.setattr(conformance, "Child", lambda **words: made.append(words) or child)
+    found = list(conformance.run_checks(ESTIMATOR, "mine", {}, budget=2.0, memory=2**30))
+    assert stopped == [True]
+    assert made[0]["restricted"] and made[0]["memory"] == 2**30
+    return found
+
+
+def test_checks_go_on_after_one_that_fails_but_not_after_one_that_hangs(monkeypatch):
+    errors = [MisspokeError("x"), LeftProcessesError("y"), RaisedError("z"), UserError("u")]
+    found = outcomes_of(monkeypatch, [*errors, OutOfMemoryError("m"), TimedOutError("")])
+    assert [name for name, _ in found] == list(CHECKS)[:6]
+    statuses = [outcome.status for _, outcome in found]
+    assert statuses == ["invalid", "invalid", "crash", "crash", "crash", "timeout"]
+    assert found[-1][1].message == "killed after 68 s"  # more than four estimates
+    every = outcomes_of(monkeypatch, [Outcome("ok")] * len(CHECKS))
+    assert [name for name, _ in every] == list(CHECKS)
+    with pytest.raises(StartError):
+        outcomes_of(monkeypatch, [StartError("nothing starts")])

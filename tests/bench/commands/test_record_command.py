@@ -2,6 +2,7 @@
 
 import gc
 import subprocess
+from importlib import import_module
 from types import SimpleNamespace
 
 import imageio_ffmpeg
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from olne_bench.bench.commands.cli import main
+from olne_bench.bench.commands.fit import Fit
 from olne_bench.bench.judge.raw_estimate import read_estimate
 from olne_bench.bench.judge.referee import Answer
 from olne_bench.bench.run.player_process import PlayerProcess
@@ -18,6 +20,10 @@ from olne_bench.envs import recording
 from olne_bench.envs.equilibrium import NoEquilibriumError
 from olne_bench.envs.recording_file import read_recording
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.tracks.targets import DATA
+from olne_bench.errors import UserError
+from olne_bench.estimators.protocol import Problem
+from olne_bench.games.observation import FullView
 
 
 def run(*arguments):
@@ -440,3 +446,117 @@ def test_a_file_that_is_no_recording(tmp_path, capsys):
     path = tmp_path / "notes.parquet"
     path.write_text("notes")
     assert "not a Parquet file" in fails(capsys, "estimate", path, "--scenario", "two_player")
+
+
+# -- what is said of an estimate -------------------------------------------------------------
+
+estimating = import_module("olne_bench.bench.commands.estimate")
+STEPS = 5
+
+
+def fit_of(*, off=0.0, covariance=4e-4, states=True, converged=True, message="", sigma=0.1):
+    """An estimate that lies so far [m] beside the second player's motion."""
+    game = get_scenario("two_player").game
+    y = np.zeros((game.horizon, 2, 4))
+    expected = y.copy()
+    y[:, 1, :2] = off
+    result = SimpleNamespace(
+        weights=np.array([[0.1, 0.2, 0.3, 0.4], [0.25] * 4]),
+        states=expected if states else None,
+        covariance=None if covariance is None else covariance * np.eye(8),
+        converged=converged,
+        message=message,
+    )
+    return Fit(Problem(game, FullView(), sigma=sigma), y, result)
+
+
+def told_of(capsys, fit, source="the tracks"):
+    players = ["one", "two"]
+    names = fit.problem.weight_names
+    estimating._say_result(estimating._table(players, names, fit), players, fit, source)
+    said = capsys.readouterr()
+    return [" ".join(line.split()) for line in said.out.splitlines()], said.err
+
+
+def test_weights_are_told_with_their_errors(capsys):
+    out, err = told_of(capsys, fit_of())
+    assert out[0] == "weights ± standard error:"
+    assert out[2] == "one 0.1000 ± 0.02 0.2000 ± 0.02 0.3000 ± 0.02 0.4000 ± 0.02"
+    assert out[-1] == "residual 0 m, noise 0.1 m (the tracks)"
+    assert err == ""
+
+
+def test_weights_without_errors_are_told_so(capsys):
+    out, err = told_of(capsys, fit_of(covariance=None))
+    assert out[0] == "weights:"
+    assert out[2] == "one 0.1000 0.2000 0.3000 0.4000"
+    assert "no standard errors" in err
+
+
+def test_an_estimate_without_motion_has_no_residual(capsys):
+    out, err = told_of(capsys, fit_of(states=False))
+    assert out[-1] == "the estimator gives no motion to compare; noise 0.1 m (the tracks)"
+    assert err == ""
+
+
+def test_who_is_not_explained_is_named_and_the_option_where_it_was_not_used(capsys):
+    fit = fit_of(off=1.0)
+    _, err = told_of(capsys, fit)
+    assert err.count("warning") == 1
+    assert "far above the noise for two (0.71 m)" in err
+    assert "tracks that were smoothed look less noisy than they are: --noise" in err
+    _, err = told_of(capsys, fit, estimating.TOLD)
+    assert "smoothed" not in err
+
+
+@pytest.mark.parametrize("message", ["", "time limit reached"])
+def test_an_estimate_that_did_not_converge_is_told_with_its_reason(capsys, message):
+    _, err = told_of(capsys, fit_of(converged=False, message=message))
+    reason = message or "the estimator gives no reason"
+    assert err.strip() == f"not converged, do not rely on these weights: {reason}"
+
+
+def test_a_table_has_a_row_of_weights_and_errors_for_each_player():
+    names = fit_of().problem.weight_names
+    table = estimating._table(["one", "two"], names, fit_of())
+    assert list(table) == ["player", *names, *(f"{name}_error" for name in names)]
+    assert table["player"].tolist() == ["one", "two"]
+    np.testing.assert_allclose(table[list(names)], [[0.1, 0.2, 0.3, 0.4], [0.25] * 4])
+    np.testing.assert_allclose(table[[f"{name}_error" for name in names]], 0.02)
+
+
+@pytest.mark.parametrize(("dt", "step"), [(0.04, "0.1"), (0.05, "0.1"), (0.2, "0.4")])
+def test_a_game_has_so_many_steps(dt, step):
+    estimating._check_length("a", estimating.MOST_STEPS, dt)
+    with pytest.raises(UserError, match=f"a has 401 steps of {dt:g} s.*--resample {step},"):
+        estimating._check_length("a", estimating.MOST_STEPS + 1, dt)
+
+
+def test_what_is_known_of_the_motion_is_what_is_observed():
+    game = get_scenario("two_player").game
+    names = list(game.dynamics.state_names)
+    states = np.random.default_rng(0).normal(size=(STEPS, 2, 4))
+    states[0, 0] = np.nan
+    view, y = estimating._observation(game, names, states)
+    assert view == FullView() and y is states
+    states[..., 2] = np.nan
+    view, y = estimating._observation(game, names, states)
+    assert view.components == ("px", "py", "speed")
+    np.testing.assert_array_equal(y, states[..., [0, 1, 3]])
+    with pytest.raises(UserError, match="states have no vx; they have: px, py, heading, speed"):
+        estimating._observation(game, ["px", "py", "heading", "vx"], states)
+
+
+def test_targets_are_listed_and_warned_of_where_the_data_suggested_them(capsys):
+    told = [
+        SimpleNamespace(player="one", what="speed", value="9 m/s", source="road", how="said"),
+        SimpleNamespace(player="two", what="goal", value="(1, 2)", source=DATA, how="last seen"),
+    ]
+    estimating._say_assumptions("merge", 0.25, told)
+    said = capsys.readouterr()
+    first, _, *rows = (" ".join(line.split()) for line in said.out.splitlines())
+    assert first == "costs of 'merge' at steps of 0.25 s, with these targets:"
+    assert rows == ["one speed 9 m/s road said", f"two goal (1, 2) {DATA} last seen"]
+    assert "nothing tells the players' goal: the weights depend" in said.err
+    estimating._say_assumptions("merge", 0.25, told[:1])
+    assert capsys.readouterr().err == ""

@@ -1,14 +1,18 @@
 import re
+from types import SimpleNamespace
 
 import pytest
+from pydantic import ValidationError
 
-from olne_bench.bench.plan.check import check_gate
-from olne_bench.bench.plan.load import load_suite, suite_names
+from olne_bench.bench.plan.check import MOST_TRIALS, check_gate, check_suite
+from olne_bench.bench.plan.entries import MOST_SIGMAS
+from olne_bench.bench.plan.load import MOST_BYTES, load_suite, suite_names, suite_text
 from olne_bench.bench.plan.select import Selection, select
-from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.plan.suite import MOST_ENTRIES, Suite, read_suite_json
 from olne_bench.bench.plan.trial import expand, number_of_trials
 from olne_bench.envs.highway_roads import ROAD_NAMES
 from olne_bench.errors import UserError
+from olne_bench.games.published import PUBLISHED_ITERATIONS
 
 GOOD = """
 name = "tiny"
@@ -244,3 +248,179 @@ def test_names_are_not_empty(tmp_path):
     plugin.write_text("class A:\n    name = ''\n    def estimate(self): pass\n")
     with pytest.raises(UserError, match="has '' for a name: it has to be a text"):
         load_suite(write(tmp_path, GOOD), (str(plugin),))
+
+
+BARE = {
+    "name": "bare",
+    "scenarios": ["two_player"],
+    "sensors": ["full"],
+    "sigmas": [0.1],
+    "seeds": 3,
+    "estimators": ["uniform"],
+}
+
+
+@pytest.mark.parametrize("kind", ["scenarios", "sensors", "estimators", "metrics"])
+def test_a_suite_lists_a_thousand_entries_at_most(kind):
+    entries = [{"name": "a", "label": f"a{k}"} for k in range(MOST_ENTRIES)]
+    if kind == "metrics":
+        entries = ["a"] * MOST_ENTRIES
+    assert len(getattr(Suite.model_validate(BARE | {kind: entries}), kind)) == MOST_ENTRIES
+    with pytest.raises(ValidationError, match="at most"):
+        Suite.model_validate(BARE | {kind: [*entries, entries[0]]})
+    if kind != "metrics":
+        with pytest.raises(ValidationError, match="at least 1"):
+            Suite.model_validate(BARE | {kind: []})
+
+
+def test_a_suite_has_noise_levels_but_not_too_many():
+    levels = [0.001 * k for k in range(MOST_SIGMAS)]
+    assert len(Suite.model_validate(BARE | {"sigmas": levels}).sigmas) == MOST_SIGMAS
+    for wrong in ([], [*levels, 0.5]):
+        with pytest.raises(ValidationError):
+            Suite.model_validate(BARE | {"sigmas": wrong})
+
+
+@pytest.mark.parametrize(
+    ("given", "salt"), [({}, "bare"), ({"salt": ""}, "bare"), ({"salt": "own"}, "own")]
+)
+def test_a_suite_is_salted_by_its_name_where_it_does_not_say(given, salt):
+    assert Suite.model_validate(BARE | given).salt == salt
+
+
+def test_a_suite_without_a_name_is_told_so():
+    for data in ({k: v for k, v in BARE.items() if k != "name"}, []):
+        with pytest.raises(ValidationError):
+            Suite.model_validate(data)
+
+
+def test_what_a_suite_does_not_say_is_that_of_the_published_study():
+    suite = Suite.model_validate(BARE)
+    assert suite.root_iterations == PUBLISHED_ITERATIONS
+    assert suite.time_limit > 0
+    assert suite.trajectories == 1
+    assert [entry.trajectories for entry in suite.scenarios] == [1]
+    assert suite.metrics == () and suite.gate == {} and suite.description == ""
+
+
+def test_trajectories_are_counted_for_each_scenario():
+    entries = ["two_player", {"name": "random", "trajectories": 2}]
+    suite = Suite.model_validate(BARE | {"scenarios": entries, "trajectories": 3})
+    assert [entry.trajectories for entry in suite.scenarios] == [3, 2]
+    assert suite.trajectories == 3
+
+
+def test_what_is_looked_for_by_its_label_is_found_or_the_others_are_named():
+    data = BARE | {
+        "scenarios": [{"name": "a", "label": "x"}, {"name": "a", "label": "y"}],
+        "sensors": [{"name": "b", "label": "u"}, {"name": "b", "label": "v"}],
+    }
+    suite = Suite.model_validate(data)
+    assert [suite.scenario(label).label for label in "xy"] == ["x", "y"]
+    assert [suite.sensor(label).label for label in "uv"] == ["u", "v"]
+    with pytest.raises(UserError, match="suite 'bare' has no scenario 'z'; it has: x, y"):
+        suite.scenario("z")
+    with pytest.raises(UserError, match="suite 'bare' has no sensor 'x'; it has: u, v"):
+        suite.sensor("x")
+
+
+@pytest.mark.parametrize(
+    ("of_scenario", "of_estimator", "seeds"),
+    [(None, None, 3), (2, None, 2), (None, 1, 1), (2, 1, 1), (1, 2, 1)],
+)
+def test_the_fewest_seeds_that_anybody_asks_for_count(of_scenario, of_estimator, seeds):
+    data = BARE | {
+        "scenarios": [{"name": "a", "label": "a", "seeds": of_scenario, "sigmas": [0.2, 0.3]}],
+        "estimators": [{"name": "e", "label": "e", "seeds": of_estimator, "scenarios": ["a"]}],
+    }
+    suite = Suite.model_validate(data)
+    ((scenario, estimator),) = suite.pairs()
+    assert suite.seeds_of(scenario, estimator) == seeds
+    assert suite.sigmas_of(scenario) == (0.2, 0.3)
+    assert suite.sigmas_of(scenario.model_copy(update={"sigmas": ()})) == (0.1,)
+
+
+def test_a_stored_suite_that_is_damaged_is_told_in_one_short_line():
+    text = Suite.model_validate(BARE).model_dump_json()
+    assert read_suite_json(text) == Suite.model_validate(BARE)
+    for damaged in (text.replace('"seeds":3', '"seeds":0', 1), text[:-5], "[]"):
+        with pytest.raises(UserError, match="it is damaged, or of another version") as caught:
+            read_suite_json(damaged)
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 1000
+    with pytest.raises(UserError, match=r"\(seeds: Input should be greater than 0, got 0\)"):
+        read_suite_json(text.replace('"seeds":3', '"seeds":0', 1))
+    with pytest.raises(UserError, match=r"\(sigmas\.0: .*, got -1"):
+        read_suite_json(text.replace("[0.1]", "[-1.0]", 1))
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_suite_file_has_a_size(tmp_path, beyond):
+    text = GOOD + "#" * (MOST_BYTES - len(GOOD) + beyond)
+    path = write(tmp_path, text)
+    if not beyond:
+        assert suite_text(path) == text
+        return
+    with pytest.raises(UserError, match=f"larger than {MOST_BYTES} bytes: that is no suite"):
+        suite_text(path)
+
+
+def test_a_study_has_no_more_trials_than_can_be_run():
+    entries = [{"name": "a", "label": f"a{k}", "family": True} for k in range(10)]
+    suite = Suite.model_validate(BARE | {"scenarios": entries, "seeds": MOST_TRIALS // 10})
+    check_suite(suite)
+    more = suite.model_copy(update={"scenarios": suite.scenarios + suite.scenarios[:1]})
+    with pytest.raises(UserError, match="scenario 'a0' is listed twice"):
+        check_suite(more)
+    label = {"label": "a"}
+    more = suite.model_copy(
+        update={"scenarios": (*suite.scenarios, suite.scenarios[0].model_copy(update=label))}
+    )
+    with pytest.raises(UserError, match=f"it has {11 * MOST_TRIALS // 10} trials, at most"):
+        check_suite(more)
+
+
+@pytest.mark.parametrize(
+    ("column", "taken"),
+    [
+        ("a", True),
+        ("a" * 60, True),
+        ("a" * 61, False),
+        ("a_1", True),
+        ("1a", False),
+        ("A", False),
+        ("a b", False),
+        ("seed", False),
+        ("status", False),
+        ("run", False),
+    ],
+)
+def test_a_metric_has_the_name_of_a_new_column(column, taken):
+    suite = Suite.model_validate(BARE | {"metrics": [{"name": "m"}]})
+    (metric,) = suite.metrics
+    suite = suite.model_copy(update={"metrics": (SimpleNamespace(column=column),)})
+    assert metric.name == "m"
+    if taken:
+        check_suite(suite)
+        return
+    with pytest.raises(UserError, match=f"a metric is called '{column}'"):
+        check_suite(suite)
+
+
+def test_as_many_seeds_as_the_suite_has_are_no_more():
+    data = BARE | {"scenarios": [{"name": "a", "label": "a", "seeds": 3}]}
+    data |= {"estimators": [{"name": "e", "label": "e", "seeds": 3}]}
+    suite = Suite.model_validate(data)
+    check_suite(suite)
+    assert select(suite, Selection(seeds=3)) == suite
+    with pytest.raises(UserError, match="--seeds 4: suite 'bare' has 3"):
+        select(suite, Selection(seeds=4))
+
+
+def test_a_selection_reads_like_a_command_line():
+    assert str(Selection()) == ""
+    chosen = Selection(
+        scenarios=("a b",), sensors=("full",), sigmas=(0.1,), estimators=("e",), seeds=2
+    )
+    said = "--scenario 'a b' --sensor full --estimator e --sigma 0.1 --seeds 2"
+    assert str(chosen) == said

@@ -2,6 +2,8 @@
 
 import socket
 import struct
+import threading
+import time
 
 import pytest
 
@@ -85,3 +87,70 @@ def test_two_channels_talk():
     assert two.poll() == b"question"
     one.close()
     two.close()
+
+
+def elapsed(work) -> float:
+    begin = time.monotonic()
+    work()
+    return time.monotonic() - begin
+
+
+def test_waiting_ends_with_news_or_with_its_time(ends):
+    channel, other = ends
+    assert 0.15 <= elapsed(lambda: channel.wait(0.2)) < 5
+    other.sendall(b"\0")
+    assert elapsed(lambda: channel.wait(20.0)) < 10
+    assert elapsed(lambda: channel.wait(-1.0)) < 10
+
+
+def test_who_does_not_read_is_given_as_long_as_was_said(ends):
+    channel, _ = ends
+
+    def send() -> None:
+        with pytest.raises(ClosedError):
+            channel.send(b"x" * 10_000_000, seconds=0.3)
+
+    assert 0.25 <= elapsed(send) < 5
+
+
+def test_who_reads_slowly_gets_all_of_it(ends):
+    channel, other = ends
+    content = bytes(range(256)) * 8_000  # more than a socket holds
+    arrived = bytearray()
+
+    def read() -> None:
+        time.sleep(0.1)
+        while len(arrived) < len(content) + 4:
+            arrived.extend(other.recv(300_000))
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    channel.send(content, seconds=20.0)
+    reader.join()
+    assert arrived == frame(content)
+
+
+def test_a_frame_may_be_as_large_as_the_limit(ends, monkeypatch):
+    monkeypatch.setattr("olne_bench.bench.process.channel.LARGEST", 10)
+    channel, other = ends
+    other.sendall(frame(b"x" * 10) + frame(b"x" * 11))
+    assert channel.poll() == b"x" * 10
+    with pytest.raises(GarbageError, match="of 11 bytes, at most 10 are read"):
+        channel.poll()
+
+
+def test_a_reset_connection_is_a_closed_one(ends):
+    channel, other = ends
+    channel.send(b"never read", seconds=1.0)
+    other.close()
+    with pytest.raises(ClosedError, match="closed its connection"):
+        channel.poll()
+
+
+def test_what_is_read_in_part_is_not_quiet(ends):
+    channel, other = ends
+    assert channel.is_quiet()
+    other.sendall(b"\0")
+    assert not channel.is_quiet()
+    assert channel.poll() is None
+    assert not channel.is_quiet()

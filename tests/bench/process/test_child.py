@@ -1,12 +1,14 @@
 """Child processes: the parent always gets an answer or a reason, and no process is left."""
 
 import os
+import shutil
 import signal
 import socket
 import stat
 import struct
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from contextlib import suppress
@@ -24,10 +26,14 @@ from olne_bench.bench.process.child import (
     MisspokeError,
     OutOfMemoryError,
     RaisedError,
+    StartError,
     TimedOutError,
     _cause,
+    _raise,
+    _search_path,
+    _too_much,
 )
-from olne_bench.bench.process.messages import Ready, Stage, encode
+from olne_bench.bench.process.messages import Raised, Ready, Stage, encode
 from olne_bench.errors import UserError
 
 SLEEPER = "4321.5"
@@ -343,3 +349,113 @@ def test_only_who_has_asked_adopts_orphans():
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert said.stdout.split() == ["False", str(sys.platform == "linux")]
+
+
+def numbers_of_threads() -> list[str]:
+    return [os.environ[f"{name}_NUM_THREADS"] for name in ("OMP", "OPENBLAS", "MKL")]
+
+
+def say(text: str) -> float:
+    print(text)
+    return 1.0
+
+
+def leave_a_sleeper() -> int:
+    return leave_a_process("sleep", SLEEPER)
+
+
+def folder_for_files() -> str:
+    return tempfile.gettempdir()
+
+
+def test_processes_compute_in_one_thread_and_have_a_folder_for_files(child):
+    assert child.call(numbers_of_threads, kind=list[str], seconds=5) == ["1"] * 3
+    assert child.call(folder_for_files, kind=str, seconds=5) == child.call(
+        directory, kind=str, seconds=5
+    )
+
+
+def test_what_is_printed_is_added_to_the_log(tmp_path):
+    log = tmp_path / "log"
+    log.write_text("before\n")
+    for text in ("first", "second"):
+        child = Child(log=log)
+        child.call(say, text, kind=float, seconds=5)
+        child.stop()
+    assert log.read_text() == "before\nfirst\nsecond\n"
+
+
+def test_who_is_trusted_stays_here_and_may_leave_processes():
+    child = Child()
+    try:
+        assert child.call(directory, kind=str, seconds=5) == str(Path.cwd())
+        child.call(leave_a_sleeper, kind=int, seconds=5)
+        assert len(sleepers()) == 1
+        assert (child.busy, child.served) == (False, 2)
+    finally:
+        child.stop()
+    assert not sleepers()
+    assert (child.busy, child.served) == (False, 0)
+
+
+def test_a_parent_of_children_may_have_some_left():
+    child = Child(restricted=True, has_children=True)
+    try:
+        child.call(leave_a_sleeper, kind=int, seconds=5)
+        assert len(sleepers()) == 1
+    finally:
+        child.stop()
+    assert not sleepers()
+
+
+def test_who_had_too_little_memory_is_replaced():
+    child = Child(memory=2**30)
+    try:
+        with pytest.raises(OutOfMemoryError, match="the limit is 1 GiB: MemoryError: much"):
+            child.call(raise_it, MemoryError("much"), kind=float, seconds=5)
+        assert child.served == 0
+    finally:
+        child.stop()
+
+
+def test_a_memory_error_without_a_limit_is_one_like_others():
+    with pytest.raises(RaisedError, match="much"):
+        _raise(Raised(1, "memory", "much"), None)
+    with pytest.raises(OutOfMemoryError, match="2 GiB: much"):
+        _raise(Raised(1, "memory", "much"), 2**31)
+    with pytest.raises(RaisedError, match="other"):
+        _raise(Raised(1, "other", "other"), 2**31)
+
+
+def test_a_machine_on_which_nothing_starts_is_told(monkeypatch):
+    monkeypatch.setattr(sys, "executable", shutil.which("false"))
+    child = Child()
+    with pytest.raises(DiedError, match="a process died with exit code 1 before") as caught:
+        child.call(add, 1.0, 2.0, kind=float, seconds=5)
+    assert caught.value.outside
+    assert not child.busy
+
+
+def test_a_start_has_a_limit_of_its_own(monkeypatch):
+    child = Child()
+    assert child.call(add, 1.0, 2.0, kind=float, seconds=0.3) == 3.0  # which starting is no part of
+    child.stop()
+    monkeypatch.setattr("olne_bench.bench.process.child.START_LIMIT", 0.05)
+    with pytest.raises(StartError, match=r"did not start within 0\.05 s"):
+        child.call(add, 1.0, 2.0, kind=float, seconds=5)
+    assert not child.busy
+
+
+def test_a_search_path_leads_to_the_same_places_from_anywhere(monkeypatch):
+    monkeypatch.setattr(sys, "path", ["", "/usr/lib", ".", "relative"])
+    here = str(Path.cwd())
+    assert _search_path() == [here, "/usr/lib", here, "relative"]
+
+
+def test_sizes_are_told_in_gib():
+    assert _too_much(3 * 2**29, "so it is") == "out of memory, the limit is 1.5 GiB: so it is"
+
+
+def test_an_exit_without_an_error_is_no_signal():
+    assert _cause(0) == "died with exit code 0"
+    assert _cause(-1) == "was killed by SIGHUP (signal 1)"

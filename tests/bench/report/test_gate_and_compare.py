@@ -12,10 +12,13 @@ import pytest
 from olne_bench.bench.commands import compare
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.commands.compare import _names as compared_names
+from olne_bench.bench.judge.metrics import BUILT_IN
+from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.plan.suite import GateLimits
 from olne_bench.bench.report.gate import check_limits
 from olne_bench.bench.report.statistics.run_comparison import compare_runs
+from olne_bench.bench.report.study import Study
 from olne_bench.bench.run.store import open_store
 from olne_bench.errors import UserError
 
@@ -318,3 +321,50 @@ def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):
     assert "is a run of suite small" in said and "of other; only trials" in said
     assert "36 of 48 trials in" in said
     assert "pairs of trials share their noise level, not their noise" in said
+
+
+def test_what_both_runs_have_is_compared_with_the_first_ones_salt():
+    position, cosine = BUILT_IN[:2]
+    one = Study((position, cosine), {"a": 1}, {"s": 1}, "salt", {"e": 1})
+    other = Study((cosine,), {"b": 2}, {"s": 2, "t": 2}, "pepper", {"f": 2})
+    both = compare._common(one, other)
+    assert both.metrics == (cosine,)
+    assert (both.scenarios, both.sensors) == ({"a": 1, "b": 2}, {"s": 2, "t": 2})
+    assert (both.salt, both.estimators) == ("salt", {"e": 1, "f": 2})
+    assert compare._common(other, one).metrics == (cosine,)
+
+
+def test_other_noise_is_told_by_the_salts_ids():
+    runs = [
+        compare._Run(Path(name), pd.DataFrame(), Study(salt=salt), [])
+        for name, salt in (("one", "salt"), ("two", "salt"), ("three", "pepper"))
+    ]
+    assert compare._other_noise(runs[0], runs[1]) == []
+    (note,) = compare._other_noise(runs[0], runs[2])
+    ids = salt_id("salt"), salt_id("pepper")
+    assert note.startswith(f"one has the salt {ids[0]}, three {ids[1]}: pairs of trials share")
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "code"), [(["same"], 0), (["better", "same"], 0), (["worse", "better"], 1)]
+)
+def test_a_comparison_ends_with_what_got_worse(monkeypatch, capsys, tmp_path, verdicts, code):
+    table = pd.DataFrame({"verdict": verdicts})
+    trials = pd.DataFrame({"estimator": ["e"]})
+    asked = []
+    monkeypatch.setattr(compare, "_read", lambda f: compare._Run(f, trials, Study(), []))
+    monkeypatch.setattr(compare, "compare_runs", lambda *given: asked.append(given) or table)
+    monkeypatch.setattr(compare, "_format", lambda _: "a table")
+    monkeypatch.setattr(compare, "_notes", lambda *_: ["a note"])
+    assert call("compare", "one", "two", "--out", tmp_path / "out.csv") == code
+    said = capsys.readouterr()
+    assert said.err == "note: a note\n"
+    counts = ", ".join(f"{verdicts.count(v)} {v}" for v in ("better", "same", "worse"))
+    assert said.out == f"a table\n{counts}\n"
+    assert pd.read_csv(tmp_path / "out.csv")["verdict"].tolist() == verdicts
+    assert asked[0][2] == {"e": "e"}
+    assert call("compare", "one", "two", "--out", tmp_path / "none" / "out.csv") == 2
+    assert "cannot write to" in capsys.readouterr().err
+    table = table.iloc[:0]
+    assert call("compare", "one", "two") == 2
+    assert "one and two have no trial with noise in common" in capsys.readouterr().err

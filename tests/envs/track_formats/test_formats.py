@@ -14,6 +14,17 @@ from olne_bench.envs.tracks.explained import explain
 from olne_bench.envs.tracks.grid import Excerpt
 from olne_bench.envs.tracks.reading import Imported, read_tracks
 from olne_bench.envs.tracks.sumo_net import read_net
+from olne_bench.envs.tracks.table import (
+    SLOWEST,
+    choose_part,
+    companion,
+    direction,
+    frame_rate,
+    listed,
+    numbers,
+    player_names,
+    read_columns,
+)
 from olne_bench.errors import UserError
 
 ROOT = Path(__file__).parents[3]
@@ -200,3 +211,72 @@ def test_the_script_writes_the_examples(tmp_path: Path) -> None:
             np.testing.assert_array_equal(states, example("commonroad", None).recording.states[0])
         else:
             assert path.read_text() == (TRACKS / path.name).read_text()
+
+
+@pytest.mark.parametrize(("number", "more"), [(1, 0), (7, 0), (8, 0), (9, 1), (30, 22)])
+def test_many_names_are_told_by_the_first_of_them(number: int, more: int) -> None:
+    names = [f"n{k}" for k in range(number)]
+    shown, _, rest = listed(names).partition(" and ")
+    assert shown.split(", ") == names[: number - more]
+    assert rest == (f"{more} more" if more else "")
+
+
+def test_a_part_is_chosen_where_there_are_several() -> None:
+    frame = pd.DataFrame({"case": [1.0, 1.0, 2.0], "x": [1, 2, 3]})
+    path = Path("tracks.csv")
+    assert choose_part(path, frame, "case", "1")["x"].tolist() == [1, 2]
+    assert choose_part(path, frame, "case", "2")["x"].tolist() == [3]
+    assert choose_part(path, frame[:2], "case", None)["x"].tolist() == [1, 2]
+    assert choose_part(path, frame, "other", None) is frame
+    with pytest.raises(UserError, match="holds 1, 2 in case; choose one with --part"):
+        choose_part(path, frame, "case", None)
+    with pytest.raises(UserError, match=r"--part .3.: case of tracks\.csv holds 1, 2"):
+        choose_part(path, frame, "case", "3")
+    with pytest.raises(UserError, match=r"--part .1.: tracks\.csv has no column other"):
+        choose_part(path, frame, "other", "1")
+
+
+def test_names_of_players_are_texts_without_decimals() -> None:
+    assert player_names(pd.Series([1.0, 2.5, 3.0])).tolist() == ["1", "2.5", "3"]
+    assert player_names(pd.Series([" a ", "1.0"])).tolist() == ["a", "1.0"]
+
+
+def test_who_hardly_moves_has_no_direction() -> None:
+    vx = pd.Series([SLOWEST * 0.99, SLOWEST * 1.01, 0.0, -3.0, 0.08])
+    vy = pd.Series([0.0, 0.0, 2.0, 0.0, 0.08])
+    expected = [np.nan, 0.0, np.pi / 2, np.pi, np.pi / 4]
+    np.testing.assert_allclose(direction(vx, vy), expected)
+
+
+def test_numbers_are_finite_and_what_is_none_is_placed() -> None:
+    frame = pd.DataFrame({"a": ["1", "2.5", None], "b": ["x", "y", "z"]})
+    found = numbers(Path("t.csv"), frame, ["a"])
+    np.testing.assert_array_equal(found["a"], [1, 2.5, np.nan])
+    assert found["b"].tolist() == ["x", "y", "z"]
+    assert frame["a"].iloc[0] == "1"  # the caller's frame stays as it was
+    for row, wrong in ((0, "x"), (2, "inf")):
+        texts = ["1", "2", "3"]
+        texts[row] = wrong
+        with pytest.raises(UserError, match=f"t.csv, row {row + 1}: a is '{wrong}', expected a"):
+            numbers(Path("t.csv"), pd.DataFrame({"a": texts}), ["a"])
+
+
+@pytest.mark.parametrize("rate", ["0", "-25"])
+def test_a_frame_rate_is_positive(rate: str) -> None:
+    assert frame_rate(pd.DataFrame({"frameRate": ["25"]}), Path("m.csv")) == 25.0
+    with pytest.raises(UserError, match=f"frameRate is {rate}, expected a positive number"):
+        frame_rate(pd.DataFrame({"frameRate": [rate]}), Path("m.csv"))
+
+
+def test_columns_are_found_whatever_their_case(tmp_path: Path) -> None:
+    path = tmp_path / "01_tracks.csv"
+    path.write_text(" Frame,ID ,Speed\n1,2,3\n")
+    frame = read_columns(path, ["frame", "id"], ["speed", "width"])
+    assert list(frame.columns) == ["frame", "id", "speed"]
+    for needed, said in ((["x"], "missing column x; it"), (["x", "y"], "missing columns x, y;")):
+        with pytest.raises(UserError, match=said):
+            read_columns(path, needed)
+    with pytest.raises(UserError, match=r"its lanes is in .01_map\.csv., which is not beside it"):
+        companion(path, "map", "lanes")
+    (tmp_path / "01_map.csv").touch()
+    assert companion(path, "map", "lanes") == tmp_path / "01_map.csv"

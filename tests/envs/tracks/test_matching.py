@@ -1,13 +1,16 @@
 """Matching of cars to lanes by position and heading."""
 
+import itertools
+
 import numpy as np
 import pytest
 
+from olne_bench.envs.tracks import matching
 from olne_bench.envs.tracks.matching import driven, route
 from olne_bench.envs.tracks.motion import Motion, roughness
 from olne_bench.envs.tracks.of_scenario import highway_road
 from olne_bench.envs.tracks.road import Road, RoadLane
-from olne_bench.games.lanes import StraightLane
+from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
 EAST, NORTH = (1.0, 0.0), (0.0, 1.0)
 
@@ -105,3 +108,119 @@ def test_motion_without_told_speeds_has_those_of_its_positions() -> None:
     assert seen.sum() == len(X) - 1
     np.testing.assert_allclose(found.speeds[seen], 10.0)
     np.testing.assert_allclose(found.headings[seen], 0.0)
+
+
+def test_a_leg_tells_where_its_lane_was_left_and_how() -> None:
+    change = driven(ROAD, motion(along(X, np.where(X < 42, 0.0, 4.0))))
+    assert [(leg.lane, leg.changed) for leg in change] == [("right", True), ("left", False)]
+    assert change[0].until == pytest.approx(X[X < 42][-1])
+    assert change[1].until == pytest.approx(X[-1])
+    up = np.linspace(3, 40, 9)
+    points = np.vstack([along(X, 0.0), np.column_stack([np.full(9, 100.0), up])])
+    turn = driven(ROAD, motion(points))
+    assert [(leg.lane, leg.changed) for leg in turn] == [("right", False), ("off", False)]
+    assert turn[-1].until == pytest.approx(40)
+
+
+def test_lanes_passed_between_samples_are_driven_to_their_ends() -> None:
+    lanes = {f"l{k}": straight((5.0 * k, 0), EAST, 5, f"l{k + 1}") for k in range(8)}
+    road = Road(lanes | {"l8": straight((40.0, 0), EAST, 5)})
+    legs = driven(road, motion(along(np.array([1.0, 16.0, 31.0, 44.0]), 0)))
+    assert [leg.until for leg in legs[1:3]] == [5.0, 5.0]
+    assert not any(leg.changed for leg in legs)
+    assert legs[-1].until == pytest.approx(4.0)
+
+
+def test_the_cheapest_sequence_weighs_steps_against_places() -> None:
+    costs = np.array([[0.0, 9.0], [3.0, 0.0], [3.0, 0.0], [0.0, 9.0]])
+    dear, cheap = np.array([[0.0, 4.0], [4.0, 0.0]]), np.array([[0.0, 2.0], [2.0, 0.0]])
+    assert matching._cheapest(costs, dear) == [0, 0, 0, 0]
+    assert matching._cheapest(costs, cheap) == [0, 1, 1, 0]
+    one_way = np.array([[0.0, 0.1], [50.0, 0.0]])
+    assert matching._cheapest(costs, one_way) == [0, 0, 0, 0]
+    assert matching._cheapest(costs[:3], one_way) == [0, 1, 1]
+    assert matching._cheapest(costs[:1], dear) == [0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_sequence_is_cheaper(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    costs, step = rng.uniform(size=(5, 3)), rng.uniform(size=(3, 3))
+
+    def price(lanes: tuple[int, ...] | list[int]) -> float:
+        steps = sum(step[a, b] for a, b in itertools.pairwise(lanes))
+        return float(steps + sum(costs[k, lane] for k, lane in enumerate(lanes)))
+
+    best = min(price(lanes) for lanes in itertools.product(range(3), repeat=5))
+    assert price(matching._cheapest(costs, step)) == pytest.approx(best)
+
+
+def test_ways_lead_a_few_lanes_ahead_by_the_shortest() -> None:
+    lanes = {f"l{k}": straight((5.0 * k, 0), EAST, 5, f"l{k + 1}") for k in range(6)}
+    lanes["l0"] = straight((0.0, 0), EAST, 5, "l1", "short", "nowhere")
+    lanes["short"] = straight((5.0, 5), EAST, 5, "l3")
+    ways = matching._ways(Road(lanes | {"l6": straight((30.0, 0), EAST, 5, "l0")}))
+    assert ways["l0", "l1"] == ()
+    assert ways["l0", "l3"] == ("short",)
+    assert ways["l1", "l5"] == ("l2", "l3", "l4")
+    assert ("l1", "l6") not in ways  # too far between two samples
+    assert ("l0", "nowhere") not in ways
+    assert all(start != end for start, end in ways)
+    assert ways["l6", "l1"] == ("l0",)
+
+
+def test_a_lane_is_kept_up_to_a_distance_with_a_metre_at_least() -> None:
+    lane = RoadLane((StraightLane((0, 0), EAST, 10.0), StraightLane((10, 0), NORTH, 20.0)))
+
+    def lengths(along: float) -> list[float]:
+        return [curve.length for curve in matching._until(lane, along)]
+
+    assert lengths(-3.0) == lengths(0.5) == [1.0]
+    assert lengths(10.0) == [10.0]
+    assert lengths(14.0) == [10.0, 4.0]
+    assert lengths(99.0) == [10.0, 20.0]
+
+
+def test_curves_are_shortened_from_their_ends() -> None:
+    arc = ArcLane((1.0, 2.0), 10.0, 0.5, -1.5)
+    part = matching.shortened(arc, 5.0)
+    assert isinstance(part, ArcLane)
+    assert part.length == pytest.approx(5.0)
+    assert (part.centre, part.radius, part.start_phase) == (arc.centre, arc.radius, 0.5)
+    assert part.end_phase == pytest.approx(0.0)
+    sine = SineLane(StraightLane((0, 0), EAST, 30.0), 2.0, 0.3, 0.7)
+    part = matching.shortened(sine, 12.0)
+    assert isinstance(part, SineLane)
+    assert part.axis == StraightLane((0, 0), EAST, 12.0)
+    assert (part.amplitude, part.pulsation, part.phase) == (2.0, 0.3, 0.7)
+    with pytest.raises(TypeError, match="no part of a str"):
+        matching.shortened("curve", 1.0)  # type: ignore[arg-type]
+
+
+def joined(*curves: Lane) -> list[Lane]:
+    found: list[Lane] = []
+    for curve in curves:
+        matching._append(found, curve)
+    return found
+
+
+def test_only_what_goes_on_alike_is_joined() -> None:
+    first = StraightLane((0, 0), EAST, 10.0)
+    assert joined(first, StraightLane((10, 0), EAST, 5.0)) == [StraightLane((0, 0), EAST, 15.0)]
+    for other in (
+        StraightLane((10, 0), NORTH, 5.0),
+        StraightLane((10, 1), EAST, 5.0),
+        ArcLane((10, 5), 5.0, -1.0, 0.0),
+    ):
+        assert joined(first, other) == [first, other]
+    arc = ArcLane((0, 0), 5.0, 0.0, 1.0)
+    (whole,) = joined(arc, ArcLane((0, 0), 5.0, 1.0 + 2 * np.pi, 1.5 + 2 * np.pi))
+    assert isinstance(whole, ArcLane)
+    assert (whole.start_phase, whole.end_phase) == (0.0, pytest.approx(1.5))
+    for other in (
+        ArcLane((0, 0), 5.0, 1.0, 0.5),  # back again
+        ArcLane((0, 0), 6.0, 1.0, 1.5),
+        ArcLane((1, 0), 5.0, 1.0, 1.5),
+        first,
+    ):
+        assert joined(arc, other) == [arc, other]

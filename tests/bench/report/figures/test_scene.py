@@ -178,3 +178,41 @@ def test_cars_have_their_size_and_others_are_dots(road, scene, heading):
     assert first.get_markersize() > second.get_markersize()
     assert first.get_alpha() > second.get_alpha()
     assert len(dots.texts) == 1 and not dots.patches
+
+
+def test_asphalt_covers_each_lane_from_edge_to_edge(scene):
+    x = np.linspace(0, 50, 6)
+    edges = tuple(np.column_stack([x, np.full(6, side)]) for side in (-2.0, 2.0))
+    road = replace(scene, lanes=(LaneShape(edges, ("solid", "dashed")),))
+    axes = Figure().add_subplot()
+    road.draw_asphalt(axes)
+    (area,) = axes.collections
+    (path,) = area.get_paths()
+    right, up = path.vertices.T
+    covered = 0.5 * abs(np.dot(right, np.roll(up, 1)) - np.dot(up, np.roll(right, 1)))
+    assert covered == pytest.approx(50 * 4)
+
+
+@pytest.mark.parametrize("places", [[(0, 0)], [(0, 0), (0, 1), (1, 0)], [(0, 1), (1, 0), (2, 0)]])
+def test_panels_keep_the_shape_and_size_of_what_they_show(scene, places):
+    figure, panels = scene_panels(scene, places, margin=(0.3, 0.9))
+    rows, columns = (1 + max(numbers) for numbers in zip(*places, strict=True))
+    width, height = figure.get_size_inches() - [0.3, 0.9]
+    panel = np.array([width / columns, height / rows]) - [0.25, 0.45]
+    assert panel[0] / panel[1] == pytest.approx(scene.extents[0] / scene.extents[1])
+    for axes, (row, column) in zip(panels, places, strict=True):
+        assert (axes.get_xlim(), axes.get_ylim()) == scene.limits
+        first = column == min(c for r, c in places if r == row)
+        last = row == max(r for r, c in places if c == column)
+        assert bool(axes.get_ylabel()) == first
+        assert bool(axes.get_xlabel()) == last
+        shown = axes.xaxis.get_tick_params(), axes.yaxis.get_tick_params()
+        assert [shown[0]["labelbottom"], shown[1]["labelleft"]] == [last, first]
+
+
+def test_a_road_takes_more_room_than_two_players(scene, road):
+    areas = []
+    for one in (scene, replace(scene, recording=road.recording)):
+        figure, _ = scene_panels(one, [(0, 0)], margin=(0.0, 0.0), lanes=False)
+        areas.append(np.prod(figure.get_size_inches() - [0.25, 0.45]))
+    assert 4 < areas[0] < areas[1] < 15

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.report.page import scenes
 from olne_bench.bench.report.page.scenes import _chosen, scene_data
 
 LEVELS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
@@ -99,3 +100,31 @@ def test_pages_of_many_scenarios_have_fewer_sequences_of_each(usual, trials) -> 
     counts = [len(scene_data(many, number=n, study=usual)["samples"]) for n in (1, 10, 1000)]
     assert counts[0] == 32  # all of them
     assert counts[0] > counts[1] >= counts[2] == 6
+
+
+@pytest.mark.parametrize("number", [1, 3])
+@pytest.mark.parametrize(("coordinates", "predictions"), [(20_000, 10**6), (10**9, 100)])
+def test_a_page_holds_so_many_numbers_and_predictions(
+    usual, trials, monkeypatch, number, coordinates, predictions
+) -> None:
+    room = []
+
+    def choose(attempts, scene, bundle, most, wanted):
+        room.append(most)
+        return _chosen(attempts, scene, bundle, most, wanted)
+
+    monkeypatch.setattr(scenes, "_MOST_COORDINATES", coordinates)
+    monkeypatch.setattr(scenes, "_MOST_PREDICTIONS", predictions)
+    monkeypatch.setattr(scenes, "_chosen", choose)
+    data = scene_data(trials, number=number, study=usual)
+    (draw,) = data["draws"].values()
+    path = np.array(draw["truth"]).size  # players, steps, two coordinates
+    each = 1 + len(data["samples"][0]["predictions"])  # of a sequence: what was observed as well
+    (most,) = room
+    for size, limit in ((path, coordinates), (1, predictions)):
+        assert number * most * each * size <= limit
+    full = [
+        number * (most + 1) * each * size > limit
+        for size, limit in ((path, coordinates), (1, predictions))
+    ]
+    assert any(full)

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binomtest
 
+from olne_bench.bench.report.statistics import intervals
 from olne_bench.bench.report.statistics.intervals import (
     LEAST_SEEDS_OF_MEANS,
     LEAST_SEEDS_OF_SHARES,
@@ -114,3 +116,78 @@ def test_too_little_data_has_no_interval() -> None:
     assert np.isnan(four.low) and np.isnan(four.high)
     assert np.isnan(mean_by_seed(np.empty(0), np.empty(0, int), np.empty(0, int)).estimate)
     assert np.isnan(share_interval(np.empty(0), np.empty(0, int)).estimate)
+
+
+@pytest.mark.parametrize(
+    ("sums", "sizes", "error"),
+    [
+        ([1.0, 3.0], [1, 1], 1.0),
+        ([1.0, 3.0], [1, 3], 0.0),  # as much each
+        ([2.0, 2.0], [1, 3], 0.5),
+        ([1.0, 2.0, 3.0], [1, 1, 1], 1 / np.sqrt(3)),
+    ],
+)
+def test_the_standard_error_is_that_of_a_ratio(sums, sizes, error) -> None:
+    found = intervals._standard_error(np.array(sums), np.array(sizes))
+    assert found == pytest.approx(error)
+    many = intervals._standard_error(np.array([sums, sums]), np.array([sizes, sizes]))
+    np.testing.assert_allclose(many, [error, error])
+
+
+def test_trials_are_added_up_by_seed() -> None:
+    values, seeds = np.array([1.0, 2.0, 4.0, 8.0]), np.array([5, 3, 5, 3])
+    sums, sizes = intervals._by_seed(values, seeds, np.ones(4, int))
+    assert (sums.tolist(), sizes.tolist()) == ([10.0, 5.0], [2, 2])
+    sums, sizes = intervals._by_seed(values, seeds, np.array([1, 1, 1, 2]))
+    assert (sums.tolist(), sizes.tolist()) == ([10.0, 13.0], [2, 3])
+    # Where nothing but such rows is there, they tell how many seeds there are.
+    sums, sizes = intervals._by_seed(values[:2], seeds[:2], np.array([3, 3]))
+    assert (sums.tolist(), sizes.tolist()) == ([3.0] * 3, [2] * 3)
+
+
+@pytest.mark.parametrize("factor", [1e-6, 3.0])
+def test_an_interval_has_the_unit_of_its_errors(factor) -> None:
+    values = np.random.default_rng(0).exponential(size=20)
+    seeds, count = np.arange(20), np.ones(20, int)
+    one, other = (mean_by_seed(f * values, seeds, count) for f in (1.0, factor))
+    for name in ("estimate", "low", "high"):
+        assert getattr(other, name) == pytest.approx(factor * getattr(one, name))
+    assert 0 < one.low < one.estimate < one.high
+    # Errors that are at times large are more uncertain upwards.
+    assert one.high - one.estimate > one.estimate - one.low
+
+
+def test_the_interval_of_many_seeds_is_that_of_a_normal_mean() -> None:
+    values = 10 + np.random.default_rng(1).normal(size=2000)
+    found = mean_by_seed(values, np.arange(2000), np.ones(2000, int))
+    error = values.std(ddof=1) / np.sqrt(2000)
+    assert found.estimate == pytest.approx(values.mean())
+    assert (found.high - found.estimate) / error == pytest.approx(2.17, abs=0.15)
+    assert (found.estimate - found.low) / error == pytest.approx(2.17, abs=0.15)
+
+
+def test_an_interval_of_errors_does_not_go_below_nothing() -> None:
+    values = np.zeros(12)
+    values[0] = 1.0
+    assert mean_by_seed(values, np.arange(12), np.ones(12, int)).low >= 0
+    share = share_interval(values, np.arange(12))
+    assert 0 <= share.low < 1 / 12 < share.high <= 1
+
+
+@pytest.mark.parametrize("hits", [2, 20, 33])
+def test_a_share_of_independent_trials_has_wilsons_interval_a_little_wider(hits) -> None:
+    values = (np.arange(40) < hits).astype(float)
+    found = share_interval(values, np.arange(40))
+    usual = binomtest(hits, 40).proportion_ci(method="wilson")
+    assert usual.low - 0.02 < found.low <= usual.low + 1e-9
+    assert usual.high - 1e-9 <= found.high < usual.high + 0.02
+
+
+def test_trials_that_go_together_count_as_one() -> None:
+    alike = np.repeat(np.arange(20) % 2, 5).astype(float)
+    each = share_interval(alike, np.repeat(np.arange(20), 5))
+    once = share_interval(alike[::5], np.arange(20))
+    mixed = share_interval(np.tile(alike[::5], 5), np.repeat(np.arange(20), 5))
+    width, of_once, of_mixed = (one.high - one.low for one in (each, once, mixed))
+    assert width == pytest.approx(of_once, rel=0.1)
+    assert of_mixed < 0.6 * width

@@ -4,17 +4,28 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.report.submission.fresh import FreshErrors
 from olne_bench.bench.report.submission.manifest import MANIFEST, ROWS, digest, read_submission
 from olne_bench.bench.report.submission.pack import _plugin_places
-from olne_bench.bench.report.submission.verify import _away_from_rows
+from olne_bench.bench.report.submission.verify import (
+    Verdict,
+    _alike,
+    _away_from_rows,
+    _sample,
+    _with_fresh_salt,
+)
 from olne_bench.errors import UserError
 
 SUITE = """
@@ -280,3 +291,133 @@ def test_a_submission_brings_estimators_in_files(change: dict[str, tuple], said:
     suite = Suite.model_validate({"name": "s", "sigmas": (0.1,), "seeds": 1} | usual | change)
     with pytest.raises(UserError, match=re.escape(said)):
         _plugin_places([suite])
+
+
+def entry(name: str, label: str) -> dict[str, str]:
+    return {"name": name, "label": label}
+
+
+def suite_of(*files: Path) -> Suite:
+    usual = {"scenarios": ("two_player",), "sensors": ("full",), "sigmas": (0.1,), "seeds": 1}
+    estimators = [entry("uniform", "u"), *(entry(f"{f}:Drawn", str(f)) for f in files)]
+    return Suite.model_validate({"name": "s", "estimators": estimators} | usual)
+
+
+def test_plugins_of_one_name_go_to_folders_of_their_own(tmp_path: Path) -> None:
+    files = [tmp_path / place / "drawn.py" for place in ("a", "b", "c")]
+    files += [tmp_path / "drawn_too.py"]
+    for file in files:
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(PLUGIN.replace("from beside import LEAST", "LEAST = 0.5"))
+    places = _plugin_places([suite_of(*files[:2]), suite_of(*files)])
+    assert list(places.values()) == [
+        "plugins/drawn/drawn.py:Drawn",
+        "plugins/drawn-2/drawn.py:Drawn",
+        "plugins/drawn-3/drawn.py:Drawn",
+        "plugins/drawn_too/drawn_too.py:Drawn",
+    ]
+    assert list(places) == [f"{file}:Drawn" for file in files]
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_submission_has_a_size(tmp_path: Path, monkeypatch, beyond: int) -> None:
+    from olne_bench.bench.report.submission import manifest as reading
+    from olne_bench.bench.report.submission import pack as packing
+
+    (tmp_path / "a").write_bytes(b"x" * 60)
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b/c").write_bytes(b"x" * (40 + beyond))
+    monkeypatch.setattr(packing, "MOST_BYTES", 100)
+    monkeypatch.setattr(reading, "MOST_BYTES", 100)
+    if beyond:
+        with pytest.raises(UserError, match="would have 101 bytes, at most 100 are taken"):
+            packing._write_manifest("mine", [], tmp_path)
+        monkeypatch.setattr(packing, "MOST_BYTES", 101)
+    packing._write_manifest("mine", [], tmp_path)
+    files = manifest(tmp_path)["files"]
+    assert list(files) == ["a", "b/c"]
+    found = reading.Submission(tmp_path, "mine", (), files)
+    if beyond:
+        with pytest.raises(UserError, match="its files have 101 bytes; at most 100 are taken"):
+            reading._check_files(found)
+    else:
+        reading._check_files(found)
+
+
+def verdict(**changes: object) -> Verdict:
+    return Verdict(
+        **{"rows": 9, "identical": 1, "differing": [], "timed_out": 0}
+        | {"other_versions": 0, "because": "", "fresh": [], "unjudged": []}
+        | changes
+    )
+
+
+def test_a_verdict_needs_something_that_speaks_for_it_and_nothing_against() -> None:
+    fair = FreshErrors("e", "m", 9, 1.0, 1.0, 0.5, decides=True)
+    few, bad = replace(fair, decides=False), replace(fair, p=1e-9)
+    for accepted in (
+        verdict(),
+        verdict(fresh=[fair]),
+        verdict(identical=0, fresh=[few, fair]),
+        verdict(fresh=[few], timed_out=3, other_versions=2),
+    ):
+        assert accepted.accepted
+    for refused in (
+        verdict(identical=0),
+        verdict(identical=0, fresh=[few]),
+        verdict(differing=["one"]),
+        verdict(unjudged=["one"]),
+        verdict(fresh=[fair, bad]),
+        verdict(identical=0, fresh=[fair, bad]),
+    ):
+        assert not refused.accepted
+
+
+@pytest.mark.parametrize("number", [0, 3, 10, 12])
+def test_a_sample_is_drawn_without_repeats_and_in_order(number: int) -> None:
+    trials: list[Any] = list(range(10))
+    drawn = [_sample(trials, number, np.random.default_rng(seed)) for seed in range(20)]
+    for one in drawn:
+        assert len(one) == min(number, 10)
+        assert one == sorted(set(one))
+    if 0 < number < 10:
+        assert len(set(map(tuple, drawn))) > 10
+        assert set().union(*drawn) == set(range(10))
+
+
+def test_fresh_trials_are_of_plugins_with_noise_or_a_draw() -> None:
+    suite = Suite.model_validate(
+        {"name": "s", "seeds": 2, "sigmas": (0.0, 0.1), "sensors": ("full",)}
+        | {"scenarios": (entry("two_player", "fixed"), entry("merge", "drawn") | {"family": True})}
+        | {"estimators": (entry("uniform", "uniform"), entry("kkt_residual", "k"))}
+    )
+    trials = list(expand(suite))
+    rng = np.random.default_rng(0)
+    fresh = _with_fresh_salt(trials, 40, rng)
+    assert [t.seed for t in fresh] == list(range(40))
+    assert len({t.salt for t in fresh}) == 1
+    assert fresh[0].salt not in {t.salt for t in trials}
+    assert len(fresh[0].salt) >= 16
+    assert _with_fresh_salt(trials, 1, rng)[0].salt != fresh[0].salt
+    assert {t.estimator.label for t in fresh} == {"k"}  # the floor has nothing to prove
+    kinds = {(t.scenario.label, t.sigma) for t in fresh}
+    assert kinds == {("fixed", 0.1), ("drawn", 0.0), ("drawn", 0.1)}
+    own = [
+        replace(t, estimator=t.estimator.model_copy(update={"name": "a.py"})) for t in trials[:9]
+    ]
+    fresh = _with_fresh_salt([*trials, *own], 40, rng)
+    assert all(t.plugin for t in fresh)
+    floors = [t for t in trials if t.estimator.label == "uniform"]
+    assert _with_fresh_salt(floors, 5, rng) == []
+    still = [t for t in trials if t.sigma == 0 and not t.scenario.family]
+    assert _with_fresh_salt(still, 5, rng) == []
+
+
+def test_columns_are_alike_up_to_the_digits_of_another_library() -> None:
+    numbers = pd.Series([1.0, np.nan, 0.0])
+    assert _alike(pd.Series([1.0 + 5e-7, np.nan, 0.0]), numbers)
+    assert not _alike(pd.Series([1.0 + 5e-6, np.nan, 0.0]), numbers)
+    assert not _alike(pd.Series([1.0, 0.0, 0.0]), numbers)
+    assert not _alike(pd.Series([1.0, np.nan, 1e-9]), numbers)
+    assert _alike(pd.Series(["a", "b"]), pd.Series(["a", "b"]))
+    assert not _alike(pd.Series(["a", "c"]), pd.Series(["a", "b"]))

@@ -1,0 +1,154 @@
+"""What ``olne-bench verify`` asks for, says, and ends with."""
+
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from olne_bench.bench.commands.cli import main
+from olne_bench.bench.report.submission.fresh import LEVEL, FreshErrors
+from olne_bench.bench.report.submission.verify import Limits, Verdict
+
+module = import_module("olne_bench.bench.commands.verify")
+
+FRESH = FreshErrors("mine", "position_error", 12, 0.1234, 0.25, 0.5, decides=True)
+GOOD = Verdict(30, 12, [], 0, 0, "", [FRESH], [])
+
+
+def call(*words: object) -> int:
+    """The exit code of a command."""
+    try:
+        main([str(word) for word in ("verify", *words)])
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@pytest.fixture
+def checked(monkeypatch) -> list[tuple[Path, Limits]]:
+    """What was checked; folders that are called bad are refused."""
+    asked: list[tuple[Path, Limits]] = []
+
+    def check(folder: Path, limits: Limits) -> Verdict:
+        asked.append((folder, limits))
+        return replace(GOOD, differing=["a row"]) if folder.name == "bad" else GOOD
+
+    monkeypatch.setattr(module, "check", check)
+    return asked
+
+
+def lines(verdict: Verdict) -> list[str]:
+    first, *rest = module._lines(Path("mine"), verdict, 7)
+    assert first == f"mine: {verdict.rows} rows, complete; the leaderboard is theirs"
+    return [line.strip() for line in rest]
+
+
+def test_every_folder_is_checked_within_the_limits_that_were_given(checked, capsys):
+    words = ("one", "two", "--sample", 3, "--seed", 5, "--jobs", 4, "--memory", 1.5, "--strict")
+    assert call(*words) == 0
+    limits = Limits(3, 5, 4, 3 * 2**29, strict=True)
+    assert checked == [(Path("one"), limits), (Path("two"), limits)]
+    said = capsys.readouterr().out
+    assert said.count("accepted (sample of seed 5)") == 2
+
+
+def test_the_sample_is_another_every_time_and_told(checked, capsys):
+    assert call("one") == 0
+    assert call("one") == 0
+    seeds = [limits.seed for _, limits in checked]
+    assert seeds[0] != seeds[1]
+    assert f"(sample of seed {seeds[0]})" in capsys.readouterr().out
+    assert call("one", "--seed", 0) == 0
+    assert checked[-1][1].seed == 0  # which is a seed as well
+    assert not checked[-1][1].strict
+
+
+@pytest.mark.parametrize(
+    ("folders", "code"),
+    [(["one"], 0), (["bad"], 1), (["one", "bad"], 1), (["bad", "one"], 1), (["one", "one"], 0)],
+)
+def test_all_have_to_be_accepted(checked, folders, code):
+    assert call(*folders) == code
+    assert [folder.name for folder, _ in checked] == folders
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "code"),
+    [
+        ("--sample", 1, 0),
+        ("--sample", 0, 2),
+        ("--sample", 10**6, 0),
+        ("--sample", 10**6 + 1, 2),
+        ("--seed", -1, 2),
+    ],
+)
+def test_numbers_have_limits(checked, option, value, code):
+    assert call("one", option, value) == code
+    assert len(checked) == (code == 0)
+
+
+def test_a_page_shows_who_was_accepted(checked, monkeypatch, tmp_path, capsys):
+    shown = []
+    page = import_module("olne_bench.bench.report.page.accepted")
+    monkeypatch.setattr(module, "read_submission", lambda folder: folder.name)
+    monkeypatch.setattr(page, "accepted_page", lambda found: shown.extend(found) or "a page")
+    place = tmp_path / "page.html"
+    assert call("bad", "--page", place) == 1
+    assert not place.exists()  # there is nothing to show
+    assert call("one", "bad", "--page", place) == 1
+    assert place.read_text() == "a page"
+    assert f"{place}: 1 accepted" in capsys.readouterr().out
+    (one,) = shown
+    assert "12 rows run again, all the same; 12 trials with a fresh salt" in str(one)
+    asked = len(checked)
+    assert call("one", "--page", place) == 2  # it exists by now
+    assert call("one", "--page", tmp_path / "page.txt") == 2
+    assert len(checked) == asked
+
+
+def test_what_was_found_is_told_line_by_line():
+    assert lines(GOOD) == [
+        "12 of 12 rows run again are the same, bit by bit",
+        "fresh salt  mine: median position_error 0.123 submitted, 0.25 in 12 fresh trials, p = 0.5",
+        "accepted (sample of seed 7)",
+    ]
+    mixed = replace(GOOD, differing=["x", "y"], timed_out=3, other_versions=4, because="numpy")
+    assert lines(mixed)[:5] == [
+        "4 rows cannot be repeated bit by bit: numpy",
+        "12 of 14 rows run again are the same, bit by bit",
+        "3 rows met their time limit and were not compared",
+        "DIFFERS  x",
+        "DIFFERS  y",
+    ]
+    assert lines(mixed)[-1] == "refused (sample of seed 7)"
+
+
+@pytest.mark.parametrize(("number", "shown"), [(4, 4), (5, 5), (6, 5), (25, 5)])
+def test_a_few_rows_that_differ_stand_for_all(number, shown):
+    said = lines(replace(GOOD, differing=["x"] * number))
+    assert said.count("DIFFERS  x") == shown
+    assert (f"and {number - shown} more differ" in said) == (number > shown)
+    unjudged = lines(replace(GOOD, unjudged=["x"] * number))
+    assert unjudged.count("NOT JUDGED  x") == shown
+    assert unjudged[-1].startswith("refused")
+
+
+def test_fresh_errors_that_are_too_large_are_told():
+    bad, few = replace(FRESH, p=LEVEL / 2), replace(FRESH, decides=False)
+    assert "TOO GOOD  mine" in lines(replace(GOOD, fresh=[bad]))[1]
+    assert lines(replace(GOOD, fresh=[bad]))[-1].startswith("refused")
+    assert lines(replace(GOOD, fresh=[few]))[1].endswith("p = 0.5, too few rows to tell")
+
+
+def test_where_nothing_could_be_compared_nothing_is_accepted():
+    few = replace(FRESH, decides=False)
+    empty = replace(GOOD, identical=0, fresh=[few])
+    assert "NOTHING  could be compared" in lines(empty)
+    assert not any("run again" in line for line in lines(empty))
+    assert lines(empty)[-1].startswith("refused")
+    for told in (replace(GOOD, identical=0), replace(GOOD, fresh=[few]), replace(GOOD, fresh=[])):
+        assert "NOTHING  could be compared" not in lines(told)
+        assert lines(told)[-1].startswith("accepted")
+    differs = replace(GOOD, identical=0, differing=["x"], fresh=[])
+    assert "NOTHING  could be compared" not in lines(differs)
