@@ -1,4 +1,4 @@
-"""Text of foreign origin as messages and tables can take it."""
+"""Clean up text of foreign origin for messages and tables."""
 
 import traceback
 
@@ -7,18 +7,18 @@ LONGEST = 1000
 
 
 def one_line(text: str) -> str:
-    """The text on one line, and without what cannot be written as UTF-8."""
+    """The text on one line, without characters that UTF-8 cannot encode."""
     return " ".join(text.split()).encode("utf-8", "replace").decode()
 
 
 def clip(text: str) -> str:
-    """The text on one line, cut where it is longer than a message may be."""
+    """The text on one line, cut to ``LONGEST``."""
     line = one_line(text[: 4 * LONGEST])
     return line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
 
 
 def describe_error(error: BaseException) -> str:
-    """One line: what was raised, and where."""
+    """One line on what was raised and where."""
     try:
         text = str(error)
     except BaseException:  # an exception class may be foreign code too

@@ -1,11 +1,11 @@
-"""Where traffic comes from: scenarios, the worlds that play them, and their recordings."""
+"""Scenarios, the worlds that play them, and recordings of these worlds."""
 
 import os
 
-# SDL would otherwise take over SIGTERM as soon as something is drawn, and nobody reads the event
-# that it makes of the signal: the process could only be killed.
+# Otherwise SDL turns SIGTERM into an event as soon as something is drawn. Nothing reads this event,
+# so SIGTERM would not end the process.
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")
-os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it greets on import otherwise
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # no greeting on import
 
 from olne_bench.envs.gym_ids import register_ids
 

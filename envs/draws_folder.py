@@ -1,4 +1,4 @@
-"""Where equilibria of played draws are kept, apart from what is slow to import."""
+"""The folder of kept equilibria of played draws, apart from modules that are slow to import."""
 
 from pathlib import Path
 
@@ -6,6 +6,6 @@ from olne_bench.games.compiler import kept_folder
 
 
 def draws_folder() -> Path | None:
-    """The folder, be it there or not; None where nothing can be kept."""
+    """The folder, whether or not it exists; None if nothing can be kept."""
     libraries = kept_folder()
     return libraries and libraries.with_name(f"{libraries.name}-draws")

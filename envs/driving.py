@@ -1,4 +1,4 @@
-"""Drivers on HighwayEnv's roads, and draws of scenarios that replay there exactly."""
+"""Drivers on HighwayEnv's roads, and draws of scenarios that the simulator replays exactly."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -22,23 +22,23 @@ from olne_bench.games.lanes import Lane, LaneKeeping
 HORIZON = 20  # states, hence 7.6 s
 WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
 MAX_DRAWS = 20
-#: Controls that the worlds accept, and what these can reach within the horizon on the bare
-#: dynamics, which know no speed limit as the simulator does.
+#: Controls that the worlds accept, and states that these can reach within the horizon. The game's
+#: dynamics have no speed limit, unlike the simulator.
 LIMITS = Limits(controls=(MAX_STEERING, MAX_ACCELERATION), states=(2000.0, 2000.0, 400.0, 130.0))
 
-#: Noise of a tracker that sees positions, relative to its error in these [m]: over the last second
-#: at 10 m/s, headings are 0.1 rad per metre wrong and speeds 1 m/s.
+#: Noise of a tracker that sees positions, relative to its position error [m]. Estimated over one
+#: second at 10 m/s, headings are wrong by 0.1 rad and speeds by 1 m/s per metre of position error.
 NOISE_SCALE = (1.0, 1.0, 0.1, 1.0)
 
 
 @dataclass(frozen=True)
 class Manner:
-    """Units in which drivers of one kind of road count, so that weights compare.
+    """Units of the costs on one kind of road, so that weights are comparable.
 
     Attributes:
         length: unit of distance ahead and behind [m].
         width: unit of distance to the sides [m].
-        proximity: cost of unit nearness.
+        proximity: scale of the proximity cost.
         speed: deviation from the target speed [m/s] that costs 1.
         acceleration: acceleration [m/s^2] that costs 1.
         steering: steering angle [rad] that costs 1.
@@ -56,32 +56,33 @@ class Manner:
     heading: float
 
 
-#: Fast roads: gaps of car lengths, small steering angles.
+#: Units of fast roads: gaps of car lengths, small steering angles.
 FAST = Manner(6.0, 2.0, 1.0, speed=3.0, acceleration=2.0, steering=0.03, lane=1.5, heading=0.1)
-#: Town: curves of 10 to 25 m radius.
+#: Units in towns: curves of 10 to 25 m radius.
 TOWN = Manner(4.0, 3.0, 1.5, speed=2.0, acceleration=2.0, steering=0.2, lane=0.7, heading=0.3)
 
 
 @dataclass(frozen=True)
 class Driver:
-    """One drawn car: where it starts, where it goes.
+    """One drawn car: its start, its route and its target speed.
 
     Attributes:
         state: (px [m], py [m], heading [rad], speed [m/s]).
         route: lanes to keep.
-        target_speed: [m/s].
+        target_speed: target speed [m/s].
+        blend: length of the passage between lanes of the route [m].
     """
 
     state: tuple[float, float, float, float]
     route: tuple[Lane, ...]
     target_speed: float
-    blend: float = 2.0  # [m], passage between lanes of the route
+    blend: float = 2.0
 
 
 def driving_scenario(
     name: str, drivers: list[Driver], manner: Manner, weights: np.ndarray
 ) -> Scenario:
-    """A scenario of drivers who share a manner; weights (N, 4)."""
+    """A scenario of drivers with the same units; weights (N, 4)."""
     players = tuple(_player(driver, manner) for driver in drivers)
     return Scenario(
         name=name,
@@ -96,11 +97,11 @@ def driving_scenario(
 
 @dataclass(frozen=True)
 class RoadFamily(ABC):
-    """Draws on one of HighwayEnv's roads: what a scenario of a road has in common with the others.
+    """A family of draws on one of HighwayEnv's roads; the base class of their scenarios.
 
     Attributes:
-        name: of the road, and of the scenario.
-        players: fewest and most that the road holds.
+        name: name of the road, and of the scenario.
+        players: fewest and most players that the road holds.
         num_players: N.
 
     Raises:
@@ -130,11 +131,11 @@ class RoadFamily(ABC):
 def draw_playable(
     name: str, draw: Callable[[np.random.Generator], Scenario], seed: int, num_players: int
 ) -> Scenario:
-    """The first draw that is a certified equilibrium and that the simulator plays exactly.
+    """The first draw with a certified equilibrium that the simulator plays exactly.
 
-    HighwayEnv looks one frame ahead for collisions and pushes cars apart. If it would interfere
-    with a plan of cars that are a little wider, the plan is no open-loop truth there and the draw
-    is rejected. The seed of each draw is derived from ``seed``, the number of players and the
+    HighwayEnv looks one frame ahead for collisions and pushes cars apart. A draw is rejected if
+    this would change the plan of cars that are a little wider, because the plan would not be
+    played open-loop. The seed of each draw is derived from ``seed``, the number of players and the
     number of the draw.
 
     Raises:
@@ -150,15 +151,15 @@ def draw_playable(
 
 
 def draw_weights(rng: np.random.Generator, count: int) -> np.ndarray:
-    """(N, 4), each from ``WEIGHT_RANGE``."""
+    """Weights (N, 4), each drawn from ``WEIGHT_RANGE``."""
     return rng.uniform(*WEIGHT_RANGE, (count, 4))
 
 
 def check_num_players(name: str, num_players: int, fewest: int, most: int) -> None:
-    """Refuse more cars than a road holds.
+    """Refuse a number of players that a road does not hold.
 
     Raises:
-        ValueError: names the range.
+        ValueError: with a message that names the range.
     """
     check_whole("num_players", num_players)
     if not fewest <= num_players <= most:

@@ -13,13 +13,13 @@ class Episode:
     """One run through a game.
 
     Attributes:
-        scenario: what is played.
-        truth: its equilibrium, or None where the truth is hidden.
-        states: (N, n) at present.
+        scenario: the scenario that is played.
+        truth: its equilibrium, or None if the truth is hidden.
+        states: (N, n) present states.
         history: states (N, n) of all steps so far.
         steps: number of steps so far.
-        left: indices of players who left before the horizon. Nobody does so on the game's own
-            dynamics, but simulators know crashes.
+        left: indices of players that left before the horizon, as after a crash in a simulator. On
+            the game's own dynamics no player leaves.
     """
 
     def __init__(self, scenario: Scenario, truth: Equilibrium | None) -> None:
@@ -49,7 +49,7 @@ class Episode:
         """Play controls (N, m) for one step.
 
         Returns:
-            What the step costs each player (N,).
+            Cost of the step for each player (N,).
         """
         weights = self.scenario.weights
         costs = self._running_costs(self.states, controls, weights)[0]

@@ -1,6 +1,6 @@
 """The true motion of a scenario: its certified equilibrium, solved once per process.
 
-Of the draws that a user plays in a world, once for good (``envs.kept_draws``).
+Equilibria of draws that a user plays in a world are kept on disk (``envs.kept_draws``).
 """
 
 from functools import lru_cache

@@ -1,8 +1,8 @@
-"""``highway_v0`` as learners want it: what a driver sees, in numbers of the size of one.
+"""``highway_v0`` for learners: ego-relative observations and actions, scaled to about one.
 
-``ForLearners`` is a PettingZoo wrapper. Observations and actions of all players have the same
-shape and the bounds -1 and 1, and nobody leaves before the episode ends, so that SuperSuit and
-Stable-Baselines3 take the world as it is.
+``ForLearners`` is a PettingZoo wrapper. Observations and actions of all players have the same shape
+and the bounds -1 and 1, and no player leaves before the episode ends. So SuperSuit and
+Stable-Baselines3 accept the world as it is.
 """
 
 from collections.abc import Sequence
@@ -21,12 +21,12 @@ from olne_bench.games.features import StateDeviation
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import Lane, LaneKeeping
 
-#: What 1 stands for in observations.
+#: Values that are 1 in observations.
 SPEED = 40.0  # [m/s], HighwayEnv's limit
 SPEED_DIFFERENCE = 20.0  # [m/s] from the target
 BESIDE_LANE = 8.0  # [m], two lanes
 DISTANCE = 100.0  # [m] to others
-#: What 1 stands for in actions, as in HighwayEnv's ``ContinuousAction``.
+#: Values that are 1 in actions, as in HighwayEnv's ``ContinuousAction``.
 STEERING, ACCELERATION = np.pi / 4, 5.0  # [rad], [m/s^2]
 
 OWN = (
@@ -37,37 +37,37 @@ OTHER = ("present", "ahead", "beside", "speed_ahead", "speed_beside", "cos_headi
 
 
 class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
-    """Ego-relative, normalised observations and actions; players who crash stay, blind and idle.
+    """Ego-relative, normalised observations and actions; crashed players stay, blind and idle.
 
     **Observation**: ``Box(-1, 1, (10 + 7 (N-1),), float32)``, clipped; the numbers of ``OWN``, then
     those of ``OTHER`` for each other player, the nearest first. Positions and velocities of others
-    are relative to the player, in a frame that it looks along. Weights are the player's own.
+    are relative to the player, in a frame along its heading. Weights are the player's own.
 
     **Action**: ``Box(-1, 1, (2,), float32)``, steering and acceleration in units of ``STEERING``
-    and ``ACCELERATION``; what lies outside is clipped.
+    and ``ACCELERATION``; values outside are clipped.
 
-    **Reward**: that of the world, and ``crash_reward`` once for a crash. It is needed where costs
-    are positive: a player who is out has none.
+    **Reward**: the world's reward, and ``crash_reward`` once for a crash. The latter is needed if
+    costs are positive, because a crashed player has no further costs.
 
     **End**: all players terminate or are truncated together. After a crash a player observes
     zeros, its rewards are 0 and its actions are ignored ("black death");
-    ``infos[player]["crashed"]`` tells.
+    ``infos[player]["crashed"]`` is then true.
 
     Args:
         env: a world of ``highway_v0``. With ``reveal_truth=False`` its infos hold no truth.
-        draws: number of draws among which resets choose, each kept once it is made. None leaves
+        draws: number of draws among which resets choose; each is solved once and kept. None leaves
             the choice to the world, which draws a new one of 2^31 at every reset.
         crash_reward: added to the reward of the step in which a player crashes.
 
     Raises:
-        ValueError: if the world is none of ``highway_v0`` or is wrapped already, or ``draws`` is
+        ValueError: if the world is not of ``highway_v0`` or is wrapped already, or ``draws`` is
             below 1.
     """
 
     def __init__(
         self, env: HighwayWorld, draws: int | None = None, crash_reward: float = -50.0
     ) -> None:
-        if not isinstance(env, HighwayWorld):  # it reads states, past all sensors
+        if not isinstance(env, HighwayWorld):  # it reads states and would bypass sensors
             raise ValueError(
                 f"ForLearners goes right around a world of highway_v0, got {type(env).__name__}"
             )
@@ -75,7 +75,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
             raise ValueError(f"draws must be at least 1, got {draws}")
         super().__init__(env)
         self._draws, self._crash_reward = draws, crash_reward
-        self._choice: np.random.Generator | None = None  # copies made before a reset go apart
+        self._choice: np.random.Generator | None = None  # copies made before a reset differ
         self._drawn: dict[int, Scenario] = {}  # by seed
         self._spaces: dict[int, Box] = {}
         self._actions = Box(-1.0, 1.0, (2,), dtype=np.float32)
@@ -171,7 +171,7 @@ def _controls(action: np.ndarray) -> np.ndarray:
 
 
 def _own(state: np.ndarray, player: Player, time_left: float) -> np.ndarray:
-    """The first entries of ``OWN`` for a state (4,); the weights follow."""
+    """The entries of ``OWN`` before the weights, for a state (4,)."""
     target = next(f.target for f in player.preferences if isinstance(f, StateDeviation))
     beside, direction = _lane_coordinates(state[:2], _route(player))
     to_lane = state[2] - direction
@@ -188,7 +188,7 @@ def _own(state: np.ndarray, player: Player, time_left: float) -> np.ndarray:
 
 
 def _others(state: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """The entries ``OTHER`` (N-1, 7) of the others' states (N-1, 4), the nearest first."""
+    """The entries of ``OTHER`` (N-1, 7) for the others' states (N-1, 4), the nearest first."""
     cos, sin = np.cos(state[2]), np.sin(state[2])
     frame = np.array([[cos, -sin], [sin, cos]])
     offsets = (others[:, :2] - state[:2]) @ frame
@@ -205,9 +205,9 @@ def _route(player: Player) -> tuple[Lane, ...]:
 
 
 def _lane_coordinates(position: np.ndarray, route: Sequence[Lane]) -> tuple[float, float]:
-    """Distance [m] beside the lane of a route on which a position is, and the lane's direction.
+    """Distance [m] of a position beside its lane of a route, and the lane's direction [rad].
 
-    It is the first lane whose end is not passed.
+    Its lane is the first one whose end is not passed.
     """
     rows = _locator(tuple(route))(position).full()  # (lanes, 3): along, beside, direction
     lengths = np.array([lane.length for lane in route])

@@ -1,8 +1,8 @@
-"""Registers the Gymnasium environments of ``envs.nash_gym`` without loading them."""
+"""Register the Gymnasium environments of ``envs.nash_gym`` without importing them."""
 
 from gymnasium.envs.registration import register, registry
 
-#: Ids, and the classes in ``envs.nash_gym``.
+#: Ids and their classes in ``envs.nash_gym``.
 GYM_IDS = {
     "olne/NashHighway-v0": "NashHighwayEnv",
     "olne/NashMerge-v0": "NashMergeEnv",
@@ -11,12 +11,12 @@ GYM_IDS = {
     "olne/NashTwoWay-v0": "NashTwoWayEnv",
 }
 
-#: Where HighwayEnv limits the episodes of an environment itself, nothing is said here.
+#: Limits of steps per episode for environments that HighwayEnv does not limit itself.
 _MAX_STEPS = {"olne/NashTwoWay-v0": 15}
 
 
 def register_ids() -> None:
-    """Make ``gymnasium.make`` know the ids; does nothing where it does already."""
+    """Register the ids with Gymnasium; ids that are registered already are skipped."""
     for name, class_name in GYM_IDS.items():
         if name not in registry:
             register(

@@ -1,8 +1,8 @@
 """HighwayEnv's roads with the players on them.
 
-The simulator is HighwayEnv's own: its environments, road networks, vehicles and ``step``. Only
-its random traffic and its rewards are left out. Nothing about a road is written down twice: lane
-geometry is read off the lane objects. HighwayEnv's y axis points down in pictures.
+The simulator is HighwayEnv's own: its environments, road networks, vehicles and ``step``. Only its
+random traffic and its rewards are left out. Lane geometry is read from HighwayEnv's lane objects.
+HighwayEnv's y axis points down in pictures.
 """
 
 from functools import lru_cache
@@ -50,7 +50,7 @@ _PALETTE: tuple[tuple[int, int, int], ...] = (
 
 
 class _CushionedVehicle(Vehicle):
-    """A vehicle that collides before it touches; its motion is that of its class."""
+    """A vehicle with a margin around it in collisions; its motion is that of its class."""
 
     def __init__(self, *args: Any, margin: float, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -65,11 +65,11 @@ class _CushionedVehicle(Vehicle):
 
 
 class PlayersOnly(AbstractEnv):
-    """A mixin for one of HighwayEnv's environments: it puts players in place of random traffic."""
+    """A mixin for HighwayEnv's environments that replaces random traffic by the players."""
 
-    #: Where pictures are centred [m]; None follows the cars.
+    #: Centre of pictures [m]; None follows the cars.
     camera: tuple[float, float] | None = (0.0, 0.0)
-    #: Where pictures go; None hands them to the caller.
+    #: Window for pictures; None returns them to the caller.
     window: Window | None = None
     viewer: EnvViewer | None
     initial_state = np.empty((0, 4))
@@ -92,13 +92,13 @@ class PlayersOnly(AbstractEnv):
         }
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"viewer": None}  # pictures cannot be pickled, but drawn anew
+        return self.__dict__ | {"viewer": None}  # a viewer cannot be pickled, and is made again
 
     def render(self) -> np.ndarray | None:
-        """The picture (height, width, 3) uint8, or None where it went into the window."""
+        """The picture (height, width, 3) uint8, or None if it was shown in the window."""
         if self.viewer is None:
             self.viewer = EnvViewer(self)
-            # HighwayEnv draws black frames where SDL's dummy driver is set; arrays need no driver.
+            # HighwayEnv draws black frames with SDL's dummy driver, but arrays need no driver.
             self.viewer.enabled = True
         where = self.states()[:, :2].mean(axis=0) if self.camera is None else self.camera
         self.viewer.observer_vehicle = SimpleNamespace(position=np.array(where))
@@ -112,13 +112,13 @@ class PlayersOnly(AbstractEnv):
     def close(self) -> None:
         if self.window is not None:
             self.window.close()
-        self.viewer = None  # HighwayEnv would shut pygame down for everybody else
+        self.viewer = None  # HighwayEnv's close would shut pygame down for all worlds
 
     def place(self, states: np.ndarray, margin: float = 0.0) -> None:
-        """Reset with one vehicle for each row (px, py, heading, speed) of states (N, 4).
+        """Reset with one vehicle per player.
 
         Args:
-            states: (N, 4).
+            states: (N, 4) px [m], py [m], heading [rad], speed [m/s].
             margin: distance [m] by which vehicles are wider on each side in collisions.
         """
         self.initial_state = np.asarray(states, dtype=float)
@@ -126,17 +126,17 @@ class PlayersOnly(AbstractEnv):
         self.reset()
 
     def apply(self, controls: np.ndarray) -> None:
-        """Simulate one action: controls (N, 2) in the order of the game."""
-        # HighwayEnv's order is acceleration, steering; Python floats keep float64.
+        """Simulate one action: controls (N, 2) steering [rad], acceleration [m/s^2]."""
+        # HighwayEnv's order is acceleration, steering. Python floats keep double precision.
         self.step(tuple((float(a), float(s)) for s, a in controls))
 
     def states(self) -> np.ndarray:
-        """(N, 4) of the vehicles as they are."""
+        """(N, 4) present states of the vehicles."""
         rows = [[*v.position, v.heading, v.speed] for v in self.controlled_vehicles]
         return np.array(rows).reshape(-1, 4)
 
     def crashed(self) -> np.ndarray:
-        """(N,) whether the simulator has a vehicle in a collision."""
+        """(N,) whether each vehicle is in a collision."""
         return np.array([v.crashed for v in self.controlled_vehicles])
 
     def _make_vehicles(self, *_: object) -> None:
@@ -150,11 +150,11 @@ class PlayersOnly(AbstractEnv):
             self.controlled_vehicles.append(vehicle)
         self.road.vehicles = list(self.controlled_vehicles)
 
-    def _create_vehicles(self) -> None:  # HighwayEnv's name for the same
+    def _create_vehicles(self) -> None:  # the name in other environments of HighwayEnv
         self._make_vehicles()
 
     def _automatic_rendering(self) -> None:
-        if self.window is not None:  # nobody else asked for frames between two actions
+        if self.window is not None:  # only a window shows frames between two actions
             super()._automatic_rendering()
 
     def _info(self, obs: object, action: object = None) -> dict[str, Any]:
@@ -215,7 +215,7 @@ ROAD_NAMES = tuple(_ROADS)
 
 
 def make_road(name: str, render_mode: str | None = None, **config: object) -> PlayersOnly:
-    """HighwayEnv's environment of that name, without vehicles.
+    """One of HighwayEnv's environments, without vehicles.
 
     Args:
         name: one of ``ROAD_NAMES``.
@@ -227,7 +227,7 @@ def make_road(name: str, render_mode: str | None = None, **config: object) -> Pl
     """
     if name not in _ROADS:
         raise ValueError(f"no road for {name!r}; known are: {', '.join(ROAD_NAMES)}")
-    # HighwayEnv draws on its own in "human" mode, before any vehicle is placed as well.
+    # In "human" mode HighwayEnv draws by itself, even before any vehicle is placed.
     road = _ROADS[name](config=config, render_mode=render_mode and "rgb_array")
     if render_mode == "human":
         road.window = Window(name)
@@ -241,7 +241,7 @@ def road_network(name: str) -> RoadNetwork:
 
 
 def route(network: RoadNetwork, *indices: LaneIndex) -> tuple[Lane, ...]:
-    """The lanes of those indices as a route; arcs that continue each other become one."""
+    """The lanes with these indices as a route; arcs that continue each other become one."""
     lanes: list[Lane] = []
     for index in indices:
         lanes = appended(lanes, lane_curve(network.get_lane(index)))
@@ -255,8 +255,8 @@ def replay(
 
     Args:
         name: one of ``ROAD_NAMES``.
-        initial_state: (N, 4).
-        controls: (T-1, N, 2).
+        initial_state: (N, 4) px [m], py [m], heading [rad], speed [m/s].
+        controls: (T-1, N, 2) steering [rad], acceleration [m/s^2].
         margin: distance [m] by which vehicles are wider on each side in collisions.
 
     Returns:

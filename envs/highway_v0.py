@@ -26,14 +26,14 @@ class HighwayWorld(OlneWorld):
     [m/s]. Its control is steering [rad] within pi/3 and acceleration [m/s^2] within 12, held for
     0.4 s.
 
-    The simulator moves the cars, and it knows collisions. A car in a collision is out: its player
-    terminates alone, leaves ``agents`` and takes no more actions, and the others go on until the
+    The simulator moves the cars and detects collisions. After a collision, the car's player
+    terminates alone, leaves ``agents`` and takes no more actions, and the others continue to the
     end of the game. Scenarios are drawn such that the OLNE replays exactly and is free of
-    collisions, also of those that HighwayEnv merely foresees.
+    collisions, including those that HighwayEnv only predicts.
 
     **Pictures** are HighwayEnv's: the x axis points right and the y axis points **down**. Headings
-    therefore grow clockwise in pictures, and positive steering turns a car to the right as one
-    sees it. The benchmark's figures and pages of roads point down as well.
+    therefore grow clockwise in pictures, and positive steering turns a car to its right as seen
+    there. The benchmark's figures and pages draw roads in the same way.
 
     Args:
         scenario: one of ``envs.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.
@@ -55,7 +55,7 @@ class HighwayWorld(OlneWorld):
 
     @property
     def crashed(self) -> frozenset[str]:
-        """Players who are out of this episode, after a collision.
+        """Players that have left this episode after a collision.
 
         Raises:
             ResetNeeded: before the first reset.

@@ -1,16 +1,16 @@
-"""Equilibria of draws kept on disk, so that a world's second reset of a seed need not solve anew.
+"""Equilibria of draws kept on disk, so that a second reset of a seed does not solve again.
 
-Only worlds that draw a built-in scenario themselves, by its name, keep and read what is kept
-(``keeping``). The referee of a benchmark hands its worlds finished scenarios, so the truth of a run
-is never kept; and the folder is closed to estimators all the same (``bench.process.sandbox``).
+Only worlds that draw a built-in scenario by its name use kept equilibria (``keeping``). The referee
+of a benchmark gives its worlds finished scenarios, so the truth of a run is never kept. Estimators
+cannot read the folder in any case (``bench.process.sandbox``).
 
-A file is named by a digest of all that decides the result: the game, the weights, the start, this
-package's code, the versions of the libraries and the machine's kind. It holds the arrays bit by
-bit, behind a digest of its own. A file that is damaged, somebody else's or writable by others is
-not read. The least recently used files go where there are more than ``MOST_FILES``.
+The name of a file is a digest of all that determines the result: the game, the weights, the start,
+this package's code, the versions of the libraries and the type of machine. The file holds the exact
+arrays after a digest of its content. A file that is damaged, owned by another user or writable by
+others is not read. If there are more than ``MOST_FILES``, the least recently used ones are removed.
 
-``OLNE_BENCH_DRAWS=0`` switches keeping off. The folder lies beside that of compiled libraries
-(``games.compiler``), with ``-draws`` behind its name.
+``OLNE_BENCH_DRAWS=0`` switches this off. The folder is beside that of compiled libraries
+(``games.compiler``) and has the same name with the suffix ``-draws``.
 """
 
 import hashlib
@@ -36,7 +36,7 @@ from olne_bench.games.compiler import backend, why_foreign
 from olne_bench.games.game import Game
 from olne_bench.games.olne import Certificate, Equilibrium
 
-#: Of some ten kilobytes each.
+#: Largest number of files, of some ten kilobytes each.
 MOST_FILES = 2000
 
 _LIBRARIES = ("casadi", "numpy", "scipy", "highway-env", "olne-bench")
@@ -47,7 +47,7 @@ _keeping: ContextVar[bool] = ContextVar("keeping", default=False)
 
 @contextmanager
 def keeping(wanted: bool = True) -> Iterator[None]:
-    """Within, equilibria are kept on disk and read from there, if it is wanted."""
+    """Within this context, equilibria are kept on disk and read from there, if wanted."""
     token = _keeping.set(wanted and os.environ.get("OLNE_BENCH_DRAWS", "1") != "0")
     try:
         yield
@@ -56,7 +56,7 @@ def keeping(wanted: bool = True) -> Iterator[None]:
 
 
 def file_of(game: Game, weights: bytes, initial_state: bytes) -> Path | None:
-    """The file of a solved game; None where nothing is to be kept, or the game cannot be told."""
+    """The file of a solved game; None if nothing is to be kept or the game cannot be described."""
     folder = draws_folder() if _keeping.get() else None
     if folder is None:
         return None
@@ -69,7 +69,7 @@ def file_of(game: Game, weights: bytes, initial_state: bytes) -> Path | None:
 
 
 def read(path: Path) -> Equilibrium | None:
-    """What a file holds; None where it holds nothing that can be trusted."""
+    """Read a kept equilibrium; None if the file is missing or cannot be trusted."""
     with suppress(OSError, ValueError, KeyError):
         if why_foreign(path) or why_foreign(path.parent):
             return None
@@ -95,7 +95,7 @@ def read(path: Path) -> Equilibrium | None:
 
 
 def write(path: Path, solved: Equilibrium) -> None:
-    """Keep an equilibrium; where that does not work, it is not kept."""
+    """Keep an equilibrium; if the file cannot be written, it is not kept."""
     buffer = io.BytesIO()
     certificate = solved.certificate
     np.savez(
@@ -114,7 +114,7 @@ def write(path: Path, solved: Equilibrium) -> None:
         path.parent.mkdir(mode=0o700, exist_ok=True)
         if why_foreign(path.parent):
             return
-        # Written aside and moved in one step, so that processes may race.
+        # Written to another file and then moved, so that several processes can write at once.
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             file.write(hashlib.sha256(content).digest() + content)
         Path(file.name).replace(path)
@@ -133,7 +133,7 @@ def _tidy(folder: Path) -> None:
 
 @lru_cache(maxsize=1)
 def _surroundings() -> tuple[str, ...]:
-    """All that decides a result besides the game."""
+    """All that determines a result besides the game."""
     code = hashlib.sha256()
     for package in _PACKAGES:
         for path in _sources(Path(str(files(package)))):

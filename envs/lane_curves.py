@@ -1,4 +1,4 @@
-"""HighwayEnv's lanes as curves that a game can use, with the numbers of the lane objects."""
+"""HighwayEnv's lanes as curves that a game can use."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +10,7 @@ from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
 
 def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
-    """One of HighwayEnv's lanes, with its numbers, as a curve of ``games.lanes``.
+    """One of HighwayEnv's lanes as a curve of ``games.lanes`` with the same parameters.
 
     Raises:
         ValueError: for a kind of lane that has no such curve (polylines).
@@ -30,9 +30,9 @@ def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
 
 
 def appended(lanes: list[Lane], lane: Lane) -> list[Lane]:
-    """The lanes and one more.
+    """The lanes with one more at the end.
 
-    An arc that continues the last lane's circle is joined with it.
+    An arc that continues the circle of the last lane is joined with it.
     """
     last = lanes[-1] if lanes else None
     if (

@@ -1,11 +1,11 @@
-"""How a world's flat observation vectors are made up, so that wrappers can take them apart.
+"""Layout of a world's flat observation vectors, so that wrappers can split them.
 
-Every player sees one block of d numbers per player, its own first, the others in the order of
-their indices, and the time last::
+An observation has one block of d numbers per player, the observer's own first, the others in the
+order of their indices, and the time last::
 
     observation of player_1 of 3:  | player_1 (d) | player_0 (d) | player_2 (d) | time |
 
-In a bare world a block is a state; views turn it into what a sensor reports.
+In a world without sensors a block is a state; views turn it into what a sensor reports.
 """
 
 from dataclasses import dataclass
@@ -25,10 +25,10 @@ def player_index(name: str) -> int:
 
 @dataclass(frozen=True)
 class ObservationLayout:
-    """The make-up of an observation vector of N*d + 1 entries.
+    """The layout of an observation vector of N*d + 1 entries.
 
-    It names components the way ``games.dynamics.Dynamics`` does, so observation models apply to
-    blocks as they do to states.
+    It names components as ``games.dynamics.Dynamics`` does, so observation models apply to blocks
+    as they do to states.
 
     Attributes:
         state_names: names of the d entries of a block.
@@ -49,7 +49,7 @@ class ObservationLayout:
         return self.num_players * self.state_size + 1
 
     def order(self, player: str) -> list[int]:
-        """Player indices in the order in which that player sees them."""
+        """Player indices in the order of a player's observation."""
         own = player_index(player)
         return [own, *(i for i in range(self.num_players) if i != own)]
 
@@ -58,7 +58,7 @@ class ObservationLayout:
         return observation[:-1].reshape(self.num_players, -1)
 
     def by_index(self, observation: np.ndarray, player: str) -> np.ndarray:
-        """The blocks (N, d) of that player's observation in the order of player indices.
+        """The blocks (N, d) of a player's observation in the order of player indices.
 
         Stacked over time, these are the ``y`` (T, N, d) that estimators take.
         """

@@ -7,7 +7,7 @@ unless ``config["other_vehicles_type"]`` names another class, such as those of
 
 ``import olne_bench.envs`` registers the ids ``olne/NashHighway-v0``, ``olne/NashMerge-v0``,
 ``olne/NashRoundabout-v0``, ``olne/NashIntersection-v0`` and ``olne/NashTwoWay-v0``. This module
-is loaded when one of them is made.
+is imported when one of them is made.
 """
 
 from typing import Any
@@ -25,8 +25,8 @@ from olne_bench.envs.traffic import NashVehicle
 class IntersectionNashVehicle(NashVehicle):
     """A Nash vehicle for intersections.
 
-    HighwayEnv's intersection changes parameters of the class of its vehicles. They would stay
-    changed on every other road of the process if the class were shared.
+    HighwayEnv's intersection changes attributes of its vehicles' class. With a shared class, the
+    change would affect all other roads of the process.
     """
 
 

@@ -32,7 +32,7 @@ _IGNORED_OPTION = "options"
 
 
 class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
-    """N vehicles play a dynamic game whose equilibrium is solved, certified and at hand.
+    """N vehicles play a dynamic game whose certified equilibrium is known.
 
     The world moves by the game's own dynamics, so a plan replays exactly. Rewards are negative
     stage costs under the true weights. A player's return over a whole episode is therefore
@@ -63,7 +63,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     4N                  time since the start        s
     ==================  ==========================  ============================================
 
-    ``observation_layout`` takes an observation apart. ``state()`` returns the same numbers with
+    ``observation_layout`` splits an observation. ``state()`` returns the same numbers with
     all players in the order of their indices. Both are exact; ``envs.wrappers`` adds noise and
     partial views.
 
@@ -80,10 +80,10 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     clipped plan is another plan.
 
     **Reward**: player i receives minus its running cost at (x_t, u_t) for the step from t to t+1.
-    The last step of the game also takes off the final cost at x_T. Nothing is discounted.
+    The last step of the game also subtracts the final cost at x_T. Nothing is discounted.
 
-    **Info** of a player: ``olne_action`` (m,) is its next control in the OLNE. It is open loop: it
-    does not react to what players did. It is absent once the game is over. ``weights`` (K,) are the
+    **Info** of a player: ``olne_action`` (m,) is its next control in the OLNE. It is open loop and
+    does not react to the players. It is absent once the game is over. ``weights`` (K,) are the
     player's true weights in the order of ``scenario.game.weight_names``. With
     ``reveal_truth=False`` both are absent and no equilibrium is solved.
 
@@ -102,8 +102,8 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     and y to the right, and roads along y run from left to right. pygame has one window per process,
     which shows the world that drew last; macOS opens windows in the main thread only.
 
-    **Copies**: ``copy.deepcopy`` and ``pickle`` keep the episode. The copy goes on exactly as the
-    original would, shares nothing with it, and opens the window anew when it draws.
+    **Copies**: ``copy.deepcopy`` and ``pickle`` keep the episode. The copy continues exactly as the
+    original would, shares nothing with it, and opens its own window when it draws.
 
     Args:
         scenario: name of a scenario (``envs.scenarios.scenario_names()``) or a ``Scenario``.
@@ -168,12 +168,12 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     @property
     def observation_layout(self) -> ObservationLayout:
-        """Make-up of the observations."""
+        """Layout of the observations."""
         return self._spaces.layout
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario of this episode, its truth included.
+        """The scenario of this episode, with its true weights.
 
         Raises:
             ResetNeeded: before the first reset.
@@ -213,7 +213,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
             NoEquilibriumError: if the scenario has no certified equilibrium within its limits
                 (never with ``reveal_truth=False``). The next ``reset`` works as usual.
         """
-        self.agents, self._episode = [], None  # whatever fails below, no old episode goes on
+        self.agents, self._episode = [], None  # if anything below fails, the old episode is over
         if seed is not None:
             seed = checked_seed(seed)
             self.np_random = np.random.default_rng(seed)
@@ -245,13 +245,13 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         """Play one step of all players.
 
         Args:
-            actions: one (m,) control per player. After the end of an episode there are no
-                players, and no actions give no results; third-party wrappers rely on that.
+            actions: one (m,) control per player. After the end of an episode there are no players:
+                empty actions then give empty results, as third-party wrappers expect.
 
         Raises:
             ResetNeeded: before the first reset, and on any action after the end of an episode.
-            ValueError: on a missing or unknown player or an action outside its space. Nothing
-                has moved then; the step may be repeated with other actions.
+            ValueError: on a missing or unknown player or an action outside its space. Then nothing
+                has moved, and the step may be repeated with other actions.
         """
         episode = self._latest_episode()
         if not self.agents:
@@ -356,7 +356,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
 
 class AecWorld(parallel_to_aec_wrapper):
-    """PettingZoo's converter, which reads players and spaces once, kept up to date at resets."""
+    """PettingZoo's converter with players and spaces updated at each reset."""
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         super().reset(seed=seed, options=options)
@@ -364,7 +364,7 @@ class AecWorld(parallel_to_aec_wrapper):
         self.state_space = self.env.state_space
 
     def step(self, action: np.ndarray | None) -> None:
-        """Play one player's turn; a wrong action is refused at once and moves nothing.
+        """Play one player's turn; a wrong action is refused at once and changes nothing.
 
         Raises:
             ValueError: as ``OlneWorld.step``; the same player may then be given another action.
@@ -397,9 +397,9 @@ def _draw(scenario: str | Scenario, seed: int, options: dict[str, Any]) -> Scena
 
 
 def _is_kept(scenario: str | Scenario) -> bool:
-    """Whether draws are kept on disk: those of built-in scenarios that a world draws itself.
+    """Whether draws are kept on disk: only those of built-in scenarios drawn by name.
 
-    The code of other scenarios may change unseen.
+    Changes in the code of other scenarios would go unnoticed.
     """
     return isinstance(scenario, str) and is_built_in(SCENARIO, scenario)
 

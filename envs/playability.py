@@ -1,4 +1,4 @@
-"""Whether HighwayEnv plays a scenario's equilibrium exactly."""
+"""Check whether HighwayEnv plays a scenario's equilibrium exactly."""
 
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
@@ -8,11 +8,11 @@ from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING, replay
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 
 REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
-MARGIN = 0.25  # [m] on each side of a car, so that small deviations cause no collision either
+MARGIN = 0.25  # [m] on each side of a car, so that small deviations do not cause a collision
 
 
 def rejection(scenario: Scenario) -> str | None:
-    """Why a draw must not be used: no equilibrium, out of limits, collision.
+    """Why a draw must not be used: no equilibrium, out of limits or collision.
 
     Returns:
         The reason, or None if the draw may be used.

@@ -1,4 +1,4 @@
-"""A world that plays a recording, for sensors to look at."""
+"""A world that plays a recording, so that sensors can observe it."""
 
 from typing import Any, ClassVar
 
@@ -13,12 +13,12 @@ from olne_bench.envs.recording import Recording
 class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     """A recording, played again; actions have no effect.
 
-    There is one agent, ``player_0``, who observes: it sees what it saw in the world that was
-    recorded, all players in the order of their indices. The episode has one step more than the
-    recording has, to its extra state. Nothing is random.
+    The only agent is the observer ``player_0``. It sees what it saw in the recorded world: all
+    players in the order of their indices. The episode has one step more than the recording, to its
+    extra state. Nothing is random.
 
     Args:
-        recording: what is played.
+        recording: recording to play.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "recorded", "render_modes": []}
@@ -40,7 +40,7 @@ class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     @property
     def observation_layout(self) -> ObservationLayout:
-        """Make-up of the observations."""
+        """Layout of the observations."""
         return self._layout
 
     def observation_space(self, agent: str) -> Box:
@@ -52,7 +52,7 @@ class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
-        """Start again; seed and options change nothing here, but sensors see them."""
+        """Start again; seed and options have no effect here, but sensors use them."""
         self.agents, self._steps = self.possible_agents[:], 0
         return self._shown(), {self.possible_agents[0]: {}}
 
@@ -65,7 +65,7 @@ class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Go on by one step; actions are not looked at."""
+        """Play one step; actions are ignored."""
         if not self.agents:
             return {}, {}, {}, {}, {}
         self._steps += 1
@@ -79,7 +79,7 @@ class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         return self._frames[self._steps]
 
     def render(self) -> None:
-        """Nothing: a recording is drawn by ``envs.rendering``."""
+        """Do nothing: ``envs.rendering`` draws recordings."""
 
     def close(self) -> None:
         pass

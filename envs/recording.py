@@ -1,4 +1,4 @@
-"""Recordings: what a world was seen to do, with the truth beside it."""
+"""Recordings: the motion of a world, with its ground truth."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from olne_bench.games.olne import Certificate
 
 __all__ = ["NoEquilibriumError", "Recording", "film", "record"]
 
-#: How far a world may move from the equilibrium [m], [rad], [m/s]: rounding, nothing else.
+#: How far a world may deviate from the equilibrium [m], [rad], [m/s]: rounding only.
 PLAY_TOLERANCE = 1e-9
 
 
@@ -25,11 +25,11 @@ class Recording:
 
     Attributes:
         scenario: the scenario that was played, ground truth included.
-        states: (T, N, n), as the world reported them.
-        controls: (T-1, N, m), as the world was given them.
-        costates: (T-1, N, n), of the equilibrium.
-        extra_state: (N, n) at T+1, one step beyond the horizon with zero controls. The episode is
-            over by then, so this one is computed.
+        states: (T, N, n) states that the world reported.
+        controls: (T-1, N, m) controls that the world was given.
+        costates: (T-1, N, n) costates of the equilibrium.
+        extra_state: (N, n) state at T+1, one step beyond the horizon with zero controls. It is
+            computed, as the episode is over by then.
         certificate: evidence that the motion is an equilibrium.
     """
 
@@ -42,7 +42,7 @@ class Recording:
 
     @property
     def root(self) -> Root:
-        """The motion as a root of the first-order conditions; the certificate vouches for it."""
+        """The motion as a root of the first-order conditions, as the certificate confirms."""
         return Root(self.states, self.controls, self.costates, residual=0.0)
 
 
@@ -50,8 +50,8 @@ def record(scenario: Scenario) -> Recording:
     """Play a scenario's equilibrium in its PettingZoo world.
 
     Raises:
-        NoEquilibriumError: if the equilibrium is not certified or goes beyond the scenario's
-            limits, or if the world does not let it happen, as in a collision.
+        NoEquilibriumError: if the equilibrium is not certified or exceeds the scenario's limits, or
+            if the world does not play it exactly, as after a collision.
         ValueError: on a scenario without ``limits``.
     """
     truth = certified_equilibrium(scenario)
@@ -98,7 +98,7 @@ def film(scenario: Scenario) -> Iterator[np.ndarray]:
 
 
 def _episode(world: OlneWorld) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
-    """States (N, n) and the controls (N, m) that follow on them; None at the end.
+    """States (N, n) and the controls (N, m) that follow them; None at the end.
 
     It ends with the game, or when the first player leaves.
     """

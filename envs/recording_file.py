@@ -1,8 +1,8 @@
 """Recordings on disk: a Parquet table with one row per (episode, time, player).
 
-Columns: ``episode``, ``time`` [s], ``player``, the components of the state and, where known, of
-the control that follows on it (NaN at an episode's last time). Everything else, from the true
-weights to the versions of the libraries, is JSON in the metadata of the table's schema.
+Columns: ``episode``, ``time`` [s], ``player``, the components of the state and, if known, of the
+control that follows it (NaN at an episode's last time). Everything else, from the true weights to
+the versions of the libraries, is JSON in the metadata of the table's schema.
 """
 
 import json
@@ -39,7 +39,7 @@ class RecordingFile:
     """Contents of a recording file.
 
     Attributes:
-        metadata: everything but the motion.
+        metadata: everything except the motion.
         times: per episode (T,) [s].
         states: per episode (T, N, n), NaN where unknown.
         controls: per episode (T-1, N, m).
@@ -57,8 +57,8 @@ def of_recordings(
     """The file of one scenario's draws.
 
     Args:
-        recordings: at least one.
-        seeds: of the draws.
+        recordings: recordings of the draws, at least one.
+        seeds: seeds of the draws.
         options: the scenario's own options.
     """
     scenario = recordings[0].scenario
@@ -82,10 +82,10 @@ def of_recordings(
 
 
 def write_recording(path: Path, file: RecordingFile) -> None:
-    """Write a file, whole or not at all.
+    """Write a recording file, completely or not at all.
 
     Raises:
-        OSError: if that is not possible.
+        OSError: if the file cannot be written.
     """
     table = pa.Table.from_pandas(_frame(file), preserve_index=False)
     metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}
@@ -95,10 +95,10 @@ def write_recording(path: Path, file: RecordingFile) -> None:
 
 
 def read_recording(path: Path | str) -> RecordingFile:
-    """Read a file.
+    """Read a recording file.
 
     Raises:
-        RecordingFileError: if it is missing, or is no recording.
+        RecordingFileError: if it is missing or not a recording.
     """
     path = Path(path)
     if not path.is_file():

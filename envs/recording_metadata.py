@@ -1,4 +1,4 @@
-"""What a recording file says about its motion, as checked data."""
+"""Metadata of a recording file, as checked data."""
 
 from importlib.metadata import version
 from typing import Any, Literal
@@ -28,10 +28,10 @@ class EpisodeEntry(_Strict):
 
     Attributes:
         players: names of the N players.
-        seed: of the draw; None for tracks.
+        seed: seed of the draw; None for tracks.
         weights: (N, K) true weights; None for tracks.
         certificate: evidence of the equilibrium; None for tracks.
-        road: lanes and the players' targets, as far as they are known.
+        road: lanes and the players' targets, as far as known.
     """
 
     players: list[str]
@@ -52,7 +52,7 @@ class Metadata(_Strict):
         state_names: names of the n state components.
         control_names: names of the m control components; none for tracks.
         dt: step [s].
-        versions: of this package and the libraries that it ran on.
+        versions: versions of this package and the libraries that it ran on.
         episodes: one entry each.
     """
 

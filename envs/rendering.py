@@ -1,4 +1,4 @@
-"""Frames of a world: vehicles as seen from above, with their trails."""
+"""Frames of a world: vehicles from above, with their trails."""
 
 from typing import Any
 
@@ -10,8 +10,8 @@ from olne_bench.envs.scene import goals, heading_of, lanes, player_colour
 from olne_bench.envs.view import HEADER, SHARPNESS, View
 from olne_bench.envs.window import Window
 
-CAR_LENGTH = 0.045  # of the larger side of the first view
-MIN_CAR_LENGTH = 16  # [px], however far the view has widened
+CAR_LENGTH = 0.045  # as a share of the larger side of the first view
+MIN_CAR_LENGTH = 16  # [px], however much the view is widened
 CAR_ASPECT = 0.48  # width over length
 
 BACKGROUND = (247, 247, 244)
@@ -23,13 +23,13 @@ INK = (60, 62, 68)
 class Renderer:
     """Draws the states of one episode.
 
-    The view holds everything that is expected, and it widens if a player leaves it. ``View`` says
-    where the axes point.
+    The view holds all expected states, and widens if a player leaves it. ``View`` describes the
+    axes.
 
     Args:
-        scenario: what is played; goals and lanes are drawn from its players' task features.
+        scenario: the scenario; goals and lanes are those of its players' task features.
         expected: (S, N, n) states that the view should hold.
-        fps: pace of a window; None draws into arrays.
+        fps: frame rate of a window; None draws into arrays.
     """
 
     def __init__(self, scenario: Scenario, expected: np.ndarray, fps: int | None) -> None:
@@ -45,14 +45,14 @@ class Renderer:
         self._first_car_length = CAR_LENGTH * float((self._view.high - self._view.low).max())
 
     def draw(self, history: list[np.ndarray], time: float) -> np.ndarray | None:
-        """One frame.
+        """Draw one frame.
 
         Args:
             history: states (N, n) up to now, the latest last.
-            time: since the start [s].
+            time: time since the start [s].
 
         Returns:
-            (height, width, 3) uint8, or None where the frame went into the window.
+            (height, width, 3) uint8, or None if the frame was shown in the window.
         """
         positions = np.stack(history)[..., :2]
         self._view.widen(positions.reshape(-1, 2))
@@ -80,7 +80,7 @@ class Renderer:
 
     @property
     def _car_length(self) -> float:
-        """Length of the drawn cars [m]; games know points only."""
+        """Length of the drawn cars [m]; in games, cars are points."""
         return max(self._first_car_length, MIN_CAR_LENGTH * SHARPNESS / self._view.scale)
 
     # -- what is drawn -----------------------------------------------------------------------
@@ -149,7 +149,7 @@ def _colour(player: int) -> tuple[int, int, int]:
 def _mix(
     colour: tuple[int, int, int], other: tuple[int, int, int], share: float
 ) -> tuple[int, int, int]:
-    """A mixture of a colour, by that share, and another one."""
+    """A mixture of a colour, with the given share, and another one."""
     red, green, blue = (
         round(share * a + (1 - share) * b) for a, b in zip(colour, other, strict=True)
     )

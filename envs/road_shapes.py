@@ -1,4 +1,4 @@
-"""HighwayEnv's lanes as outlines, for pictures that HighwayEnv does not draw itself."""
+"""Outlines of HighwayEnv's lanes, for pictures that HighwayEnv does not draw."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,7 +9,7 @@ from highway_env.road.lane import AbstractLane, LineType
 from olne_bench.envs.highway_roads import road_network
 
 _STEP = 2.0  # [m] between the points of a curved edge
-_LONGEST = 2000.0  # [m] of a lane that is looked at
+_LONGEST = 2000.0  # [m] of a lane that is drawn
 _MARKS = {LineType.NONE: "none", LineType.STRIPED: "dashed"}  # all others are solid
 
 
@@ -26,18 +26,18 @@ class LaneShape:
     marks: tuple[str, str]
 
     def clipped(self, low: np.ndarray, high: np.ndarray) -> "LaneShape | None":
-        """The part between the corners low and high (2,) [m], None where there is none."""
+        """The part between the corners low and high (2,) [m]; None if there is none."""
         inside = np.any(
             [((edge >= low) & (edge <= high)).all(axis=1) for edge in self.edges], axis=0
         )
         places = np.flatnonzero(inside)
         if not len(places):
             return None
-        part = slice(max(places[0] - 1, 0), places[-1] + 2)  # reaches over the border
+        part = slice(max(places[0] - 1, 0), places[-1] + 2)  # one point beyond the border
         return LaneShape((self.edges[0][part], self.edges[1][part]), self.marks)
 
     def simplified(self) -> "LaneShape":
-        """The same with the ends only where both edges are straight."""
+        """The same lane; if both edges are straight, with their ends only."""
         if all(_is_straight(edge) for edge in self.edges):
             first, second = (edge[[0, -1]] for edge in self.edges)
             return LaneShape((first, second), self.marks)
@@ -48,7 +48,7 @@ def lane_shapes(name: str, low: np.ndarray, high: np.ndarray) -> list[LaneShape]
     """Lanes of a road between two corners.
 
     Args:
-        name: of the road, one of ``envs.highway_roads.ROAD_NAMES``.
+        name: name of the road, one of ``envs.highway_roads.ROAD_NAMES``.
         low: smallest px, py [m].
         high: largest px, py [m].
 

@@ -1,12 +1,12 @@
-"""What there is to see of a scenario besides its motion: goals, lanes, headings, colours, sizes."""
+"""What pictures of a scenario show besides its motion: goals, lanes, headings, colours, sizes."""
 
 import numpy as np
 
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.features import FinalGoal, StateDeviation
 
-#: A colour per player, the same in frames, figures and pages. None of them is close to a colour of
-#: an estimator.
+#: A colour per player, the same in frames, figures and pages. None is close to a colour of an
+#: estimator.
 PLAYER_COLOURS = (
     "#7A3FD1",
     "#E8307F",
@@ -51,7 +51,7 @@ def goals(scenario: Scenario) -> dict[int, np.ndarray]:
 
 
 def lanes(scenario: Scenario) -> list[float]:
-    """Where lanes along y are that players keep to, from left to right."""
+    """Positions px [m] of the lanes along y that players keep to, in ascending order."""
     return sorted(
         {
             float(feature.target)
@@ -63,7 +63,7 @@ def lanes(scenario: Scenario) -> list[float]:
 
 
 def heading_of(state: np.ndarray, names: tuple[str, ...]) -> float:
-    """Where a vehicle points [rad]: its heading, or along its velocity."""
+    """Direction of a vehicle [rad]: its heading, or that of its velocity."""
     if "heading" in names:
         return float(state[names.index("heading")])
     if "vx" in names:

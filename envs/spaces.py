@@ -1,4 +1,4 @@
-"""Spaces of a world: they are built from a scenario's limits and check actions."""
+"""Spaces of a world: built from a scenario's limits, they check actions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from olne_bench.envs.scenarios.scenario import Scenario
 
 @dataclass(frozen=True)
 class SpaceSize:
-    """What the spaces of a scenario depend on.
+    """The parameters of a scenario's spaces.
 
     Attributes:
-        layout: of the observations.
-        control_names: of the m components of an action.
-        control_limits: (m,).
-        state_limits: (n,).
-        duration: of a whole episode [s].
+        layout: layout of the observations.
+        control_names: names of the m components of an action.
+        control_limits: (m,) largest magnitude of each control.
+        state_limits: (n,) largest magnitude of each component of the state.
+        duration: duration of a whole episode [s].
     """
 
     layout: ObservationLayout
@@ -46,7 +46,7 @@ class SpaceSize:
 
 
 class Spaces:
-    """Spaces of a world; they check the actions that it is given."""
+    """Spaces of a world, which check the actions that it is given."""
 
     def __init__(self, size: SpaceSize) -> None:
         self.size = size
@@ -67,20 +67,24 @@ class Spaces:
         }
 
     def of_player(self, player: str, spaces: Mapping[str, Box]) -> Box:
-        """That player's entry of one of the dictionaries of spaces."""
+        """A player's space in one of the dictionaries of spaces.
+
+        Raises:
+            ValueError: on an unknown player.
+        """
         if player not in spaces:
             raise ValueError(f"unknown player {player!r}; players are: {', '.join(spaces)}")
         return spaces[player]
 
     def controls(self, actions: dict[str, np.ndarray], players: list[str]) -> np.ndarray:
-        """Actions as controls (N, m), zero for players who have left the episode.
+        """Actions as controls (N, m), zero for players that have left the episode.
 
         Args:
-            actions: by player.
-            players: those of whom an action is expected.
+            actions: actions (m,) by player.
+            players: players that must act.
 
         Raises:
-            ValueError: naming the player, the value and what would be allowed.
+            ValueError: with a message that names the player, the value and the allowed range.
         """
         if actions.keys() != set(players):
             self._raise_wrong_players(actions, players)

@@ -1,6 +1,6 @@
-"""Frames to a video file: GIF through Pillow, MP4 through the ffmpeg inside imageio-ffmpeg.
+"""Write frames to a video file: GIF by Pillow, MP4 by the ffmpeg of imageio-ffmpeg.
 
-The latter is large and comes with the extra ``video``.
+The latter is large and installed by the extra ``video``.
 """
 
 from collections.abc import Iterable
@@ -19,8 +19,8 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
     """Write a video.
 
     Args:
-        path: ends in one of ``SUFFIXES``.
-        frames: (height, width, 3) uint8, at least one, all of one size.
+        path: video file; its suffix is one of ``SUFFIXES``.
+        frames: (height, width, 3) uint8, at least one, all of the same size.
         fps: frames per second.
 
     Raises:
@@ -34,7 +34,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
 
 def check_format(path: Path) -> None:
-    """Refuse a video that cannot be written here, before its frames are drawn.
+    """Refuse a format that cannot be written here, before frames are drawn.
 
     Raises:
         UserError: where a format needs what is not installed.
@@ -71,6 +71,6 @@ def _write_mp4(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
 
 def _even(frame: np.ndarray) -> np.ndarray:
-    """The frame less its last row or column where their number is odd, which H.264 refuses."""
+    """The frame without its last row or column if their number is odd, which H.264 refuses."""
     height, width = frame.shape[0] // 2 * 2, frame.shape[1] // 2 * 2
     return np.ascontiguousarray(frame[:height, :width])

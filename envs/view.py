@@ -1,13 +1,13 @@
-"""From positions in the world to pixels of a frame."""
+"""Map positions in the world to pixels of a frame."""
 
 from typing import Any
 
 import numpy as np
 
 MAX_WIDTH, MAX_HEIGHT = 900, 600  # [px] of a frame without its header
-SHARPNESS = 2  # frames are drawn this many times larger and smoothed down
+SHARPNESS = 2  # frames are drawn this many times larger and scaled down
 HEADER = 64  # [px] for the legend
-MARGIN = 0.12  # around everything that is expected to be seen, as a share of the larger side
+MARGIN = 0.12  # around all expected positions, as a share of the larger side
 
 
 class View:
@@ -21,7 +21,7 @@ class View:
 
     Attributes:
         low, high: corners (2,) of the view [m].
-        frame_size: width and height of a frame [px], which never change.
+        frame_size: width and height of a frame [px], which do not change.
     """
 
     def __init__(self, expected: np.ndarray) -> None:
@@ -33,7 +33,7 @@ class View:
         self.frame_size = round(scale * longer), HEADER + round(scale * shorter)
 
     def widen(self, positions: np.ndarray) -> None:
-        """Make the view hold positions (S, 2), if it does not."""
+        """Widen the view so that it holds positions (S, 2)."""
         inside = (positions >= self.low) & (positions <= self.high)
         if not inside.all():
             self.low, self.high = _box(np.vstack([positions, [self.low, self.high]]), 0.02)
@@ -46,7 +46,7 @@ class View:
         return float(SHARPNESS * (available / extent).min())
 
     def pixels(self, positions: Any) -> list[Any]:
-        """World positions (..., 2) as canvas pixels, in lists as pygame takes them."""
+        """World positions (..., 2) as canvas pixels, in lists for pygame."""
         relative = np.asarray(positions) - (self.low + self.high) / 2
         axes = relative[..., ::-1] if self._turned else relative * (1, -1)
         width, height = self.frame_size
@@ -55,7 +55,7 @@ class View:
 
 
 def _box(positions: np.ndarray, margin: float = MARGIN) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of a box around positions (S, 2), its sides no more different than 4 to 1."""
+    """Corners of a box around positions (S, 2) with an aspect ratio of at most 4 to 1."""
     low, high = positions.min(axis=0), positions.max(axis=0)
     size = max(float((high - low).max()), 1e-3) * (1 + 2 * margin)
     half = np.maximum((high - low) / 2 + margin * size, size / 8)

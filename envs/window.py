@@ -1,4 +1,4 @@
-"""Frames in a window."""
+"""Show frames in a window."""
 
 from typing import ClassVar
 
@@ -10,12 +10,12 @@ class Window:
     """Shows the frames of one world.
 
     pygame has one window per process. It shows the world that drew last, and ``close`` closes it
-    only while it shows the caller's world. A copy of a world opens it anew when it draws. macOS
+    only while it shows the caller's world. A copy of a world opens it again when it draws. macOS
     opens windows in the main thread only.
 
     Args:
-        title: of the window.
-        fps: frames per second that are not exceeded; None sets no limit.
+        title: title of the window.
+        fps: largest frame rate [1/s]; None sets no limit.
     """
 
     _shown: ClassVar["Window | None"] = None
@@ -29,7 +29,7 @@ class Window:
         """Show a frame (height, width, 3) uint8.
 
         Returns:
-            What the user did in the window since the last frame.
+            Events in the window since the last frame.
         """
         size = (frame.shape[1], frame.shape[0])
         surface = pygame.display.get_surface()
@@ -38,7 +38,7 @@ class Window:
             surface = pygame.display.set_mode(size)
             pygame.display.set_caption(self._title)
             Window._shown = self
-        events = pygame.event.get()  # a window whose events nobody takes stops answering
+        events = pygame.event.get()  # a window stops responding if its events are not taken
         pygame.surfarray.blit_array(surface, frame.swapaxes(0, 1))
         pygame.display.flip()
         self._clock.tick(self._fps or 0)

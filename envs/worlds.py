@@ -1,4 +1,4 @@
-"""Which world plays a scenario."""
+"""Make the world that plays a scenario."""
 
 from importlib import import_module
 
@@ -7,10 +7,9 @@ from olne_bench.envs.scenarios.scenario import Scenario
 
 
 def make_world(scenario: Scenario, render_mode: str | None = None) -> OlneWorld:
-    """The PettingZoo world that the scenario names, made for this scenario.
+    """The PettingZoo world that a scenario names, for this scenario.
 
-    The world's module is imported at its first use. Importing a simulator takes a second, which
-    studies without it need not spend.
+    The world's module is imported at its first use, because importing a simulator takes a second.
 
     Raises:
         ValueError: on a scenario without ``limits``.

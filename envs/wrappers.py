@@ -1,16 +1,16 @@
 """Sensors: PettingZoo wrappers that add noise, partial views and gaps to observations.
 
-They change observations alone; traffic, rewards and ``state()`` stay what they are. Each wrapper
-that draws at random has a stream of its own per player, seeded from the seed of ``reset`` and a
-key of its class, so that neither the traffic nor another sensor depends on it. Noise has a stream
-for every name of a component: two sensors that both show ``px`` show the same noise on it.
+They change observations only, not traffic, rewards and ``state()``. Each random wrapper has one
+stream per player, seeded from the seed of ``reset`` and a key of its class, so neither traffic nor
+other sensors depend on it. Noise has one stream per name of a component: two sensors that both show
+``px`` show the same noise on it.
 
 ``wrap`` puts the layers of a sensor (``games.sensor``) around a world, in the order that
 likelihoods assume.
 
-The wrappers stack in any order in which each finds the components it needs, over any world with
-an ``observation_layout`` (see ``envs.layout``), and with wrappers of other libraries as long as
-those below keep the shape of the observations::
+Wrappers can be stacked in any order in which each finds the components it needs, around any world
+with an ``observation_layout`` (see ``envs.layout``). Wrappers of other libraries may be used; those
+below a sensor must keep the shape of the observations::
 
     world = AWGN(PartialObservation(olne_v0.parallel_env(), ("px", "py", "heading")), sigma=0.02)
 """
@@ -39,11 +39,11 @@ from olne_bench.games.sensor import Drops, GapsLayer, Layer, SensorModel, Stack
 
 World: TypeAlias = ParallelEnv[str, np.ndarray, np.ndarray]
 
-#: Spaces of noisy observations are widened by this many standard deviations: a Gaussian has no
-#: bounds, but a draw beyond these has a probability of 1.5e-23.
+#: Spaces of noisy observations are widened by this many standard deviations. A Gaussian has no
+#: bounds, but a draw beyond these has the probability 1.5e-23.
 _NOISE_REACH = 10.0
 
-#: Steps that noise is drawn ahead of; what is drawn does not depend on it.
+#: Number of steps for which noise is drawn at once; the noise does not depend on it.
 _STEPS_AHEAD = 32
 
 
@@ -57,9 +57,9 @@ def wrap(
 
     Args:
         world: the world.
-        layers: of the sensor.
-        sigma: noise level, at least 0.
-        noise_scale: (n,) of the scenario, standard deviations over sigma.
+        layers: layers of the sensor.
+        sigma: noise level [m], at least 0.
+        noise_scale: (n,) the scenario's standard deviations, relative to sigma.
 
     Raises:
         ValueError: on layers that do not fit each other or the world, or a sigma out of range.
@@ -88,19 +88,19 @@ class BoxWithGaps(Box):
 
 
 class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
-    """Changes the blocks of observations; the time at their end passes through."""
+    """A wrapper that changes the blocks of observations and keeps the time at their end."""
 
     def __init__(self, env: World) -> None:
         super().__init__(env)
         self._known_spaces: dict[str, tuple[Box, Box]] = {}
         self._known_layout: ObservationLayout | None = None
         self._check_layout()
-        for player in env.possible_agents:  # a sensor that does not fit says so at once
+        for player in env.possible_agents:  # a sensor that does not fit fails at once
             self.observation_space(player)
 
     @property
     def observation_layout(self) -> ObservationLayout:
-        """Make-up of the observations above this wrapper."""
+        """Layout of the observations above this wrapper."""
         return self._layout_below
 
     def observation_space(self, agent: str) -> Box:
@@ -130,7 +130,7 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         return self._observe_all(observations), *rest
 
     def _prepare(self) -> None:
-        """Get ready for the layout below, which is a new one."""
+        """Prepare for a new layout below."""
 
     @abstractmethod
     def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -178,9 +178,9 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
 
 
 class ObservationView(_Sensor):
-    """Every player sees the others, and itself, through an observation model.
+    """Each player sees the others and itself through an observation model.
 
-    The model is the very one that estimators differentiate (``games.observation``).
+    It is the same model that estimators differentiate (``games.observation``).
 
     Args:
         env: the world.
@@ -214,15 +214,15 @@ class ObservationView(_Sensor):
 
 
 class PartialObservation(ObservationView):
-    """Every player sees the named components only.
+    """Each player sees the named components only.
 
     Args:
         env: the world.
-        features: component names, in the order in which they are to appear, such as
+        features: component names, in the order of the observation, such as
             ``("px", "py", "heading")``, the paper's partial view.
 
     Raises:
-        ValueError: on no component, or one that the observations below do not have.
+        ValueError: if no component is named, or one that the observations below do not have.
     """
 
     def __init__(self, env: World, features: Sequence[str]) -> None:
@@ -232,11 +232,11 @@ class PartialObservation(ObservationView):
 
 
 class RangeBearing(ObservationView):
-    """A LiDAR-like sensor beside the road: range and bearing of every vehicle.
+    """A LiDAR-like sensor beside the road: range and bearing of each vehicle.
 
     Args:
         env: the world.
-        position: of the sensor, px and py [m].
+        position: position of the sensor, px and py [m].
         facing: direction of bearing zero [rad].
 
     Raises:
@@ -251,9 +251,9 @@ class RangeBearing(ObservationView):
 
 
 class _RandomSensor(_Sensor):
-    """A sensor with a random stream of its own for each player that observes."""
+    """A sensor with a random stream for each observer."""
 
-    #: Tells the streams of the classes apart.
+    #: Distinguishes the streams of the classes.
     key: ClassVar[int]
 
     def __init__(self, env: World) -> None:
@@ -287,19 +287,19 @@ class _RandomSensor(_Sensor):
 class AWGN(_RandomSensor):
     """Additive white Gaussian noise on every observed component (eqn. awgn_observation).
 
-    Every observer has a stream per name of a component, so that sensors which show different
-    components agree in the noise on those that they share. With a covariance, draws are mixed in
-    the order of the components.
+    Each observer has one stream per name of a component, so sensors with different components agree
+    in the noise on those that they share. With a covariance, draws are mixed in the order of the
+    components.
 
     Args:
         env: the world.
-        sigma: standard deviation, one number for all d components or one (d,) for each, in the
-            components' units.
+        sigma: standard deviation in the components' units: one number for all d components, or
+            (d,).
         covariance: (d, d) covariance of one player's observed components, instead of ``sigma``.
 
     Raises:
-        ValueError: unless exactly one of the two is given, on a wrong shape, or on values that
-            are no standard deviation or covariance.
+        ValueError: unless exactly one of the two is given, on a wrong shape, or on values that are
+            not standard deviations or a covariance.
     """
 
     key = 1
@@ -348,14 +348,14 @@ class AWGN(_RandomSensor):
 
 
 class Gaps(_RandomSensor):
-    """A player that is missed in a step has a block of NaN.
+    """Players are missed at random; a missed player's block is NaN in that step.
 
     Each observer misses players, itself included, independently of other observers. The
     observation spaces are ``BoxWithGaps``, which contain such observations.
 
     Args:
         env: the world.
-        layer: which players are missed.
+        layer: decides which players are missed.
 
     Raises:
         ValueError: at the first observation, on a mask of a wrong shape.
@@ -393,7 +393,7 @@ class DropSamples(Gaps):
         p: probability, 0 to 1.
 
     Raises:
-        ValueError: if p is no probability.
+        ValueError: if p is not a probability.
     """
 
     def __init__(self, env: World, p: float) -> None:
@@ -401,9 +401,9 @@ class DropSamples(Gaps):
 
 
 class Float32(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
-    """Observation and action spaces in single precision, for learners that compute in it.
+    """Observation and action spaces in single precision, as learners use it.
 
-    Actions reach the world as they are: an ``olne_action``, which is float64, keeps its digits.
+    Actions reach the world unchanged: an ``olne_action``, which is float64, keeps its digits.
 
     Args:
         env: the world.
@@ -455,7 +455,7 @@ def _single(observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _chain(env: Any) -> Iterator[Any]:
-    """The env and everything below it, through the converters of other libraries as well."""
+    """The env and all that it wraps, also through converters of other libraries."""
     while env is not None:
         yield env
         env = vars(env).get("env", vars(env).get("aec_env"))
@@ -464,7 +464,7 @@ def _chain(env: Any) -> Iterator[Any]:
 def _layout_of(env: World) -> ObservationLayout:
     """Layout of the nearest world or sensor below."""
     for below in _chain(env):
-        # Asked of the class, as wrappers hand every question down and would hide what is above.
+        # The class is asked, because instances of wrappers forward attributes to the env below.
         if hasattr(type(below), "observation_layout"):
             return below.observation_layout
     raise ValueError(f"{env} has no observation_layout: sensors go around a world of envs")
@@ -484,8 +484,8 @@ def _standard_deviations(sigma: Any, size: int) -> np.ndarray:
 def _covariance_root(covariance: np.ndarray, size: int) -> np.ndarray:
     """A matrix R with R R' = covariance, which may be singular.
 
-    Where it is not, R is lower triangular: the first components are mixed of the first draws
-    alone, whatever comes after them.
+    If it is regular, R is lower triangular: the first components depend on the first draws only,
+    whatever follows.
     """
     covariance = np.asarray(covariance, dtype=float)
     if covariance.shape != (size, size):

@@ -23,7 +23,7 @@ SHARED, REFEREE, PLAYER = "#dbeafe", "#dcfce7", "#ffedd5"
 
 @dataclass(frozen=True)
 class Box:
-    """A box: its lower left corner, its size, what it is called and what is in it."""
+    """A box: its lower left corner, its size, its title and its text."""
 
     x: float
     y: float
@@ -89,11 +89,14 @@ def rooms() -> Figure:
 
 
 def trial() -> Figure:
-    """What becomes of one trial, and which process knows what."""
+    """The way of one trial, and what each process knows."""
     figure, axes = _canvas(9.6, 4.9)
     for box, title in (
         (Box(2.0, 2.55, 7.3, 1.95, "", colour=REFEREE), "referee process: knows the truth"),
-        (Box(2.0, 0.3, 7.3, 1.45, "", colour=PLAYER), "player process: does not, and is fenced in"),
+        (
+            Box(2.0, 0.3, 7.3, 1.45, "", colour=PLAYER),
+            "player process: sandboxed, without the truth",
+        ),
     ):
         axes.add_patch(_patch(box))
         axes.text(2.15, box.y + box.height - 0.2, title, ha="left", va="center", color=GREY)
@@ -159,7 +162,7 @@ def _path(axes: Axes, corners: list[tuple[float, float]]) -> None:
 def main() -> None:
     """Write both pictures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, help="where rooms.svg and trial.svg go")
+    parser.add_argument("folder", type=Path, help="folder for rooms.svg and trial.svg")
     folder = parser.parse_args().folder
     with plt.rc_context({"svg.hashsalt": "architecture"}):
         for name, draw in (("rooms", rooms), ("trial", trial)):

@@ -1,9 +1,9 @@
-"""Write the tables of README and documentation anew from ``results/``.
+"""Update the tables of README and documentation from ``results/``.
 
     python scripts/docs_tables.py
 
-A table stands between the comments ``<!-- table: NAME -->`` and ``<!-- end -->``. What is between
-them is replaced. ``TABLES`` has the names.
+A table is between the comments ``<!-- table: NAME -->`` and ``<!-- end -->``, and is replaced.
+``TABLES`` has the names.
 """
 
 import math
@@ -22,7 +22,7 @@ _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def filled(page: str) -> str:
-    """A page with its tables as ``results/`` has them.
+    """A page with its tables filled from ``results/``.
 
     Raises:
         KeyError: on the name of a table that does not exist.
@@ -55,7 +55,7 @@ def paper() -> str:
 
 
 def field() -> str:
-    """Median position error [m] of every estimator in every scenario, all seen."""
+    """Median position error [m] of each estimator in each scenario, with the full sensor."""
     board = _leaderboard("field")
     wide = board[board["sensor"] == "full"].pivot_table(
         "position_error_median", "estimator", "scenario"
@@ -86,7 +86,7 @@ def coverage() -> str:
 
 
 def exponents() -> str:
-    """How errors fall with the number of trajectories: exponents with 95 % intervals."""
+    """Exponents, with 95 % intervals, of the decrease of errors with the number of trajectories."""
     table = pd.read_csv(RESULTS / "several_trajectories" / "exponents.csv")
     table = table.rename(columns={"view": "sensor"})
     bounds = table[["exponent", "exponent_low", "exponent_high"]].itertuples(index=False)
@@ -102,7 +102,7 @@ def exponents() -> str:
 
 
 def claims() -> str:
-    """What ``scripts/paper_claims.py`` measures."""
+    """The measurements of ``scripts/paper_claims.py``."""
     rows = [
         [
             "holds" if claim.holds else "**fails**",
@@ -122,7 +122,7 @@ TABLES: dict[str, Callable[[], str]] = {
 
 def _leaderboard(name: str) -> pd.DataFrame:
     table = pd.read_csv(RESULTS / name / "leaderboard.csv")
-    return table.rename(columns={"view": "sensor"})  # as tables before version 0.1 call it
+    return table.rename(columns={"view": "sensor"})  # its name in tables before version 0.1
 
 
 def _number(value: float) -> str:
@@ -149,7 +149,7 @@ def main() -> None:
         after = filled(before)
         if after != before:
             path.write_text(after, encoding="utf-8")
-            print(f"{name}: tables written anew")
+            print(f"{name}: tables updated")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The same trials run in different ways have the same rows.
+"""Check that the same trials, run in different ways, have the same rows.
 
     python scripts/equal_rows.py
     python scripts/equal_rows.py --seeds 5 --ways one two halves
@@ -18,7 +18,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 BENCH = [sys.executable, "-m", "olne_bench"]
-#: Options of ``olne-bench run``; each list is a run of its own, and several are merged.
+#: Options of ``olne-bench run``; each list is one run, and several runs are merged.
 WAYS = {
     "one": [["--jobs", "1"]],
     "two": [["--jobs", "2"]],
@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def differences(one: pa.Table, other: pa.Table) -> list[str]:
-    """What differs between two tables, in words; nothing where they are equal."""
+    """Texts on what differs between two tables; empty if they are equal."""
     if one.column_names != other.column_names:
         return [f"columns {sorted(set(one.column_names) ^ set(other.column_names))}"]
     if len(one) != len(other):

@@ -4,9 +4,9 @@
     olne-bench export highway.parquet --out examples/tracks/highway.csv
     python scripts/example_tracks.py examples/tracks
 
-The second command writes the motion, five cars at equilibrium on HighwayEnv's highway; this script
-reads it back and writes it once more as highD, inD, NGSIM, INTERACTION, SUMO and CommonRoad would
-have it. The fifth car comes into view late. Nothing of the licensed data is in these files.
+The second command writes the motion: five cars at equilibrium on HighwayEnv's highway. This script
+reads it and writes it in the formats of highD, inD, NGSIM, INTERACTION, SUMO and CommonRoad. The
+fifth car comes into view late. These files contain no licensed data.
 """
 
 import sys
@@ -28,7 +28,7 @@ from olne_bench.envs.tracks.road_file import (
     write_road_file,
 )
 
-LATE = 0.8  # [s] until which the last car is not seen
+LATE = 0.8  # [s]; the last car is not seen before
 DECIMALS = 6
 LANES = (0.0, 4.0, 8.0, 12.0)  # [m], y of HighwayEnv's lanes
 
@@ -41,7 +41,7 @@ class Motion:
 
     @classmethod
     def of(cls, times: np.ndarray, states: np.ndarray, rate: float) -> "Motion":
-        """Cubic splines through states (T, N, 4), at so many samples per second."""
+        """Cubic splines through states (T, N, 4), sampled at ``rate`` [Hz]."""
         at = np.arange(round((times[-1] - times[0]) * rate) + 1) / rate
         smooth = CubicSpline(times - times[0], states)(at)
         frames = []
@@ -59,7 +59,7 @@ class Motion:
 
 
 def write_highd(folder: Path, rows: pd.DataFrame) -> None:
-    """25 frames a second; upper left corners of boxes."""
+    """Write highD: 25 frames per second, upper left corners of boxes."""
     table = {
         "frame": rows["frame"] + 1,
         "id": rows["car"],
@@ -77,7 +77,7 @@ def write_highd(folder: Path, rows: pd.DataFrame) -> None:
 
 
 def write_highd_targets(folder: Path) -> None:
-    """The targets of ``highway.toml`` for the cars and the lanes of highD."""
+    """Write the targets of ``highway.toml`` for the cars and the lanes of highD."""
     known = read_road_file(folder / "highway.toml")
     players = {
         str(k): PlayerEntry(
@@ -91,7 +91,7 @@ def write_highd_targets(folder: Path) -> None:
 
 
 def write_ind(folder: Path, rows: pd.DataFrame) -> None:
-    """Centres, and headings in degrees."""
+    """Write inD: centres, and headings in degrees."""
     table = {
         "recordingId": 1,
         "trackId": rows["car"],
@@ -109,7 +109,7 @@ def write_ind(folder: Path, rows: pd.DataFrame) -> None:
 
 
 def write_ngsim(folder: Path, rows: pd.DataFrame) -> None:
-    """Feet, and the middle of the front."""
+    """Write NGSIM: feet, and the centre of the front."""
     lane = np.abs(rows["y"].to_numpy()[:, None] - LANES).argmin(axis=1) + 1
     table = {
         "Vehicle_ID": rows["car"],
@@ -126,7 +126,7 @@ def write_ngsim(folder: Path, rows: pd.DataFrame) -> None:
 
 
 def write_interaction(folder: Path, rows: pd.DataFrame) -> None:
-    """Milliseconds; a second case with the same names of cars."""
+    """Write INTERACTION: milliseconds, and a second case with the same names of cars."""
     table = pd.DataFrame(
         {
             "case_id": 1.0,
@@ -148,7 +148,7 @@ def write_interaction(folder: Path, rows: pd.DataFrame) -> None:
 
 
 def write_sumo(folder: Path, rows: pd.DataFrame) -> None:
-    """Front bumpers, degrees clockwise from north; and the network."""
+    """Write SUMO's tracks (front bumpers, degrees clockwise from north) and its network."""
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<fcd-export>"]
     for time, frame in rows.groupby("time"):
         lines.append(f'    <timestep time="{time:.2f}">')
@@ -172,7 +172,7 @@ def write_sumo(folder: Path, rows: pd.DataFrame) -> None:
 
 
 def write_lanelet2(folder: Path) -> None:
-    """The lanes of INTERACTION's cars, and a footpath; one way runs against the others."""
+    """Write the lanes of INTERACTION's cars and a footpath; one way runs against the others."""
     utm = Proj(proj="utm", zone=31, ellps="WGS84")
     east, north = utm(0, 0)
     sides = [LANES[0] - 4, *(lane - 2 for lane in LANES), LANES[-1] + 2]
@@ -208,7 +208,7 @@ def _write(path: Path, table: object) -> None:
 
 
 def write_all(folder: Path) -> None:
-    """Write every file beside ``highway.csv`` of the folder."""
+    """Write all files beside the folder's ``highway.csv``."""
     known = read_tracks(folder / "highway.csv").recording
     times, states = known.times[0], known.states[0]
     often, tenths = Motion.of(times, states, 25).rows, Motion.of(times, states, 10).rows

@@ -1,13 +1,14 @@
-"""How much of the published study's failures is luck.
+"""Measure how much of the published study's failures is luck.
 
     python scripts/forward_luck.py results/paper
     python scripts/forward_luck.py results/paper --consistent-costates --repeats 1
 
 Repeats the published prediction step (one IPOPT solve, started at the true trajectory) for every
-estimate of a run, with the start perturbed by 1e-13 in every state: far below what any estimator
-or simulator could notice. Prints how many estimates fail each time, how many fail every time and
-how many at least once. Costates start at zero, or where they make the true trajectory stationary in
-its states at the estimated weights. Five repeats of two players take about ten minutes.
+estimate of a run, with the start perturbed by 1e-13 in every state, far below the accuracy of any
+estimator or simulator. Prints how many estimates fail in each repeat, how many fail every time and
+how many at least once. Costates start at zero, or at values that make the true trajectory
+stationary in its states at the estimated weights. Five repeats of two players take about ten
+minutes.
 """
 
 import argparse
@@ -27,7 +28,7 @@ PERTURBATION = 1e-13
 
 
 def failures(trials: pd.DataFrame, scenario: str, repeats: int, consistent: bool) -> pd.DataFrame:
-    """Rows (estimator, sensor) of failure counts, one column a repeat."""
+    """Failure counts: one row per estimator and sensor, one column per repeat."""
     recording = true_recording(Draw.of(ScenarioEntry(name=scenario), 0, ""))
     game = recording.scenario.game
     starts = []

@@ -1,4 +1,4 @@
-"""What the harness itself takes of each trial, with an estimator that declines every problem.
+"""Measure the harness's own cost per trial, with an estimator that declines every problem.
 
     python scripts/harness_cost.py --trials 10000
     python scripts/harness_cost.py --trials 10000 --dask local:2
@@ -37,11 +37,11 @@ class Declines:
 
 
 def main() -> None:
-    """Measure, once all workers are at work."""
+    """Measure after all workers have started."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=10_000)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--dask", help="as of olne-bench run")
+    parser.add_argument("--dask", help="as for olne-bench run")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         plugin = Path(folder, "plugin.py")

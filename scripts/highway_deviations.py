@@ -1,7 +1,7 @@
-"""A thousand random deviations of one player at a time per scenario, through the public API.
+"""Try a thousand random deviations of single players per scenario, through the public API.
 
-Prints the largest gain over the OLNE, as a multiple of the certificate's tolerance; at most 1 is
-the bar. Usage: python scripts/highway_deviations.py [TRIALS [FAMILY ...]]
+Prints the largest gain over the OLNE, as a multiple of the certificate's tolerance; it must be at
+most 1. Usage: python scripts/highway_deviations.py [TRIALS [FAMILY ...]]
 """
 
 import sys
@@ -13,12 +13,12 @@ from olne_bench.envs.equilibrium import certified_equilibrium
 from olne_bench.envs.highway_roads import ROAD_NAMES
 from olne_bench.envs.scenarios import get_scenario
 
-#: Steering [rad] and acceleration [m/s^2]: 1 mrad moves a fast car by half a metre in the end.
+#: Units of steering [rad] and acceleration [m/s^2]; 1 mrad moves a fast car by half a metre.
 UNITS = np.array([0.01, 1.0])
 
 
 def play(world: highway_v0.HighwayWorld, player: str, offsets: np.ndarray) -> tuple[float, bool]:
-    """That player's return when it deviates by offsets (T-1, 2), and whether it came through."""
+    """A player's return if it deviates by offsets (T-1, 2), and whether the game was completed."""
     _, infos = world.reset()
     total = 0.0
     for offset in offsets:

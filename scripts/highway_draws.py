@@ -1,4 +1,4 @@
-"""How many first draws of each highway-env family are playable: 100 draws each, by reason.
+"""Count the playable first draws of each HighwayEnv family: 100 draws each, by reason.
 
 Usage: python scripts/highway_draws.py [DRAWS [FAMILY ...]]
 """
@@ -23,7 +23,7 @@ SIZES = {
 
 
 def main(draws: int, families: list[str]) -> None:
-    """Print one line per family; the number of players goes round its range."""
+    """Print one line per family; the number of players cycles through its range."""
     for name in families:
         family = import_module(f"olne_bench.envs.scenarios.{name}")
         reasons: Counter[str] = Counter()

@@ -1,9 +1,10 @@
-"""Steps per second of ``highway_v0`` next to raw HighwayEnv with the same vehicles, interleaved.
+"""Compare steps per second of ``highway_v0`` with raw HighwayEnv with the same vehicles.
 
-The raw environment is ``highway-v0`` as installed, with as many controlled vehicles and no other
-ones, under the same actions: once with HighwayEnv's usual observation (Kinematics) and once with
-none at all. Resets come apart: a new seed is drawn and solved, one that was played before, in this
-process or another one, is read from disk. Usage: python scripts/highway_speed.py [ROUNDS]
+The raw environment is the installed ``highway-v0`` with the same number of controlled vehicles, no
+others, and the same actions, once with HighwayEnv's usual observation (Kinematics) and once without
+any. The measurements are interleaved. Resets are timed separately: a new seed is drawn and solved;
+a seed that was played before, in this process or another one, is read from disk.
+Usage: python scripts/highway_speed.py [ROUNDS]
 """
 
 import os
@@ -91,7 +92,7 @@ def main(rounds: int) -> None:
 
 
 def reset_seconds() -> list[float]:
-    """Mean time of a reset [s]: of new seeds, and of the same ones in another process."""
+    """Mean time of a reset [s]: for new seeds, and for the same seeds in another process."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"OLNE_BENCH_CACHE": f"{folder}/cache"}
         command = [sys.executable, __file__, "--resets"]
@@ -102,7 +103,7 @@ def reset_seconds() -> list[float]:
 
 
 def time_resets() -> None:
-    """Print the mean time of resets to a few seeds, each of them once."""
+    """Print the mean time [s] of one reset to each of a few seeds."""
     world = highway_v0.parallel_env("highway", num_players=PLAYERS)
     world.reset(seed=0)  # imports, and compiles what seeds have in common
     begin = time.process_time()

@@ -3,8 +3,8 @@
     python scripts/kill_test.py --kills 50
     python scripts/kill_test.py --kills 50 --dask local:2
 
-Whenever a run gets through before all kills are used up, it is compared and another one is begun.
-Exit code 1 if a table differs from the uninterrupted run's in any column but times.
+If a run is complete before all kills are used up, it is compared and another one is started. Exit
+code 1 if a table differs from that of the uninterrupted run in any column but times.
 """
 
 import argparse
@@ -29,7 +29,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seeds", type=int, default=4, help="noise draws of the study")
-    parser.add_argument("--dask", help="as of olne-bench run")
+    parser.add_argument("--dask", help="as for olne-bench run")
     arguments = parser.parse_args()
     run = [*RUN, "--seeds", str(arguments.seeds)]
     killed_run = [*run, "--dask", arguments.dask] if arguments.dask else run
@@ -48,7 +48,7 @@ def main() -> None:
 
 
 def _kill(out: Path, run: list[str], rng: np.random.Generator, limit: int) -> Counter[str]:
-    """Run into a folder with kills until it is through or the kills are used up."""
+    """Run into a folder with kills until the run is complete or the kills are used up."""
     kills: Counter[str] = Counter()
     while kills.total() < limit:
         driver = psutil.Popen(
@@ -80,7 +80,7 @@ def _victim(driver: psutil.Popen, rng: np.random.Generator) -> psutil.Process:
 
 
 def _finished(out: Path, run: list[str]) -> pd.DataFrame:
-    """The table of a run that nobody disturbs any more."""
+    """Complete a run without kills, and return its table."""
     subprocess.run([*run, "--out", out], check=True, capture_output=True)
     return pd.read_parquet(out / "trials.parquet").drop(columns="solve_seconds")
 

@@ -1,8 +1,8 @@
-"""Report on a store of many trials, with its page: how long, and with how much memory.
+"""Measure the time and memory of the report of a large store, with its page.
 
     python scripts/large_report.py --trials 1000000 [--figures]
 
-The rows are those of ``results/paper``, again and again, as of more noise draws.
+The rows are those of ``results/paper``, repeated as if they were of more noise draws.
 """
 
 import argparse
@@ -67,7 +67,7 @@ def _rows(table: Path, count: int) -> Iterator[tuple[object, ...]]:
     for number in range(count):
         copy, place = divmod(number, len(templates))
         row = templates[place]
-        # Every copy is of other noise draws.
+        # Each copy has other noise draws.
         yield tuple((row | {"seed": row["seed"] + SEEDS * copy}).values())
 
 

@@ -1,10 +1,10 @@
-"""Did the joint method end in a worse optimum than one that the truth leads to?
+"""Check whether the joint method ended in a worse optimum than a start at the truth.
 
     python scripts/local_optima.py results/paper --scenario two_player --largest-sigma 0.02
 
-Solves the joint problem of each observation once more, started at the true trajectory, costates
-and weights, which no estimator has, and compares objectives. Prints how often that start ends
-lower, and by how much.
+Solves the joint problem of each observation again, started at the true trajectory, costates and
+weights, which no estimator knows, and compares objectives. Prints how often that start ends lower,
+and by how much.
 """
 
 import argparse
@@ -20,12 +20,12 @@ from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial, expand
 from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.joint_problem import JointPoint
 
-#: Objectives nearer than this, relatively, are the same optimum.
+#: Objectives with a smaller relative difference are the same optimum.
 SAME = 1e-6
 
 
 def excess(trial: Trial, objective: float) -> float:
-    """How far a trial's objective is above the one found from the truth, relatively."""
+    """Relative excess of a trial's objective over the one found from the truth."""
     case = case_of(trial)
     (recording,), (observation,) = case.recordings, case.observations
     weights, problem = recording.scenario.weights, case.problem

@@ -1,10 +1,10 @@
-"""What the documentation site needs besides MkDocs: see ``hooks`` in ``mkdocs.yml``.
+"""Hooks of MkDocs for the documentation site: see ``hooks`` in ``mkdocs.yml``.
 
 - Pages of ``docs/tutorials`` are notebooks in Jupytext's Markdown format. They are executed when
-  the site is built, and their outputs are part of the page. A cell that fails ends the build.
+  the site is built, and their outputs become part of the page. A cell that fails stops the build.
 - README, CHANGELOG and CONTRIBUTING become pages. Files of ``results/`` that a page shows are
   copied.
-- A built page that would fetch anything from another host ends the build.
+- A page that would fetch anything from another host stops the build.
 """
 
 import os
@@ -32,9 +32,9 @@ ROOT_PAGES = {
 }
 #: Files of the root that these pages link to.
 ROOT_FILES = ("CITATION.cff", "LICENSE")
-#: A cell may take so long [s].
+#: Time limit of a cell [s].
 CELL_TIME = 180
-#: Without it Jupytext takes the language of most cells for that of the notebook.
+#: Without it, Jupytext assumes the language of most cells for the notebook.
 _KERNEL = """---
 jupyter:
   kernelspec:
@@ -49,7 +49,7 @@ _STYLE = re.compile(r"<style.*?</style>\s*", re.DOTALL)
 _FRAME = '<table border="1" class="dataframe">'
 _RESULT = re.compile(r"\]\((?:\.\./)*(results/[^)\s#]+)\)")
 _LINK = re.compile(r"\]\(([^)\s#:]+)(#[^)\s]*)?\)")
-#: What a browser fetches by itself. Links that a reader clicks are no part of it.
+#: Addresses that a browser fetches by itself, unlike links that a reader clicks.
 _FETCHED = re.compile(
     r"""<(?:script|img|iframe|source|video)\b[^>]*\ssrc=["']?((?:https?:)?//[^"'\s>]+)"""
     r"""|<link\b(?=[^>]*rel=["']?(?:stylesheet|icon|preload|preconnect))[^>]*href=["']?((?:https?:)?//[^"'\s>]+)"""
@@ -76,7 +76,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, files: Files, **_: Any) -> str:
-    """Run a tutorial and add what it printed; point at the site's copies of results."""
+    """Run a tutorial and add its outputs; make links to results point to the site's copies."""
     if page.file in _tutorials(files):
         markdown = _executed(markdown, page.file.src_uri)
     above = "../" * page.file.src_uri.count("/")
@@ -87,7 +87,7 @@ def on_post_build(config: MkDocsConfig) -> None:
     """Refuse a site that fetches anything from elsewhere.
 
     Raises:
-        PluginError: with the page and the address.
+        PluginError: with a message that names the page and the address.
     """
     for path in sorted(Path(config.site_dir).rglob("*")):
         if path.suffix not in (".html", ".css"):
@@ -98,7 +98,7 @@ def on_post_build(config: MkDocsConfig) -> None:
 
 
 def _moved(text: str) -> str:
-    """A page of the root, with links as they are from within ``docs``."""
+    """The text of a page of the root, with links relative to ``docs``."""
 
     def link(found: re.Match[str]) -> str:
         path, anchor = found[1], found[2] or ""
@@ -115,7 +115,7 @@ def _tutorials(files: Files) -> list[File]:
 def _executed(text: str, name: str) -> str:
     """A notebook as Markdown, with the outputs of its cells.
 
-    Progress bars, which go to standard error, are left out.
+    Standard error, such as progress bars, is left out.
     """
     notebook = jupytext.reads(_KERNEL + text, fmt="md")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
@@ -151,7 +151,7 @@ def _cell(cell: NotebookNode) -> str:
 
 
 def _shown(data: Mapping[str, str]) -> str:
-    """What a cell returned, as the richest of the forms that it offers."""
+    """The result of a cell, in the richest form that it offers."""
     for kind, suffix in _IMAGES.items():
         if kind in data:
             encoded = "".join(data[kind].split())

@@ -1,15 +1,15 @@
-"""How many random one-token mutants of the packages does the mirrored test file notice?
+"""Count the random one-token mutants of the packages that their mirrored test files notice.
 
     python scripts/mutants.py --out runs/mutants
     python scripts/mutants.py --out runs/mutants --count 60 --only bench/plan --list
     python scripts/mutants.py --out runs/mutants --count 60 --seed 7
 
-A mutant is the code with one operator, comparison, number, truth value, ``and``, ``or``, ``not``
-or sign replaced by cosmic-ray's operators. Places are drawn with a fixed seed, each with the same
-chance; a larger ``--count`` contains a smaller one. For each mutant the test file that mirrors its
-module (:func:`mirror`) runs alone, in a copy of the tree. The mutant is noticed if the tests fail
-or exceed their time. Results are kept in the folder ``--out`` by the contents of module and tests:
-a run that was interrupted goes on where it stopped, and a second one repeats only what changed.
+A mutant is the code with one operator, comparison, number, boolean, ``and``, ``or``, ``not`` or
+sign replaced by cosmic-ray's operators. Places are drawn with a fixed seed and equal chance; a
+larger ``--count`` contains a smaller one. For each mutant, only the test file that mirrors its
+module (:func:`mirror`) is run, in a copy of the tree. The mutant is noticed if the tests fail or
+exceed their time. Results are kept in the folder ``--out`` by the contents of module and tests: an
+interrupted run continues where it stopped, and a second run repeats only what changed.
 """
 
 import argparse
@@ -51,12 +51,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("games", "envs", "estimators", "bench")
 EXPLAINED = ROOT / "docs/mutants.md"
 SEED = 2026
-#: Seconds that the tests of a mutant may take on the processor, in one process, and in all by the
-#: clock; a module's own tests take a fraction of it. By the clock alone, whatever else the machine
-#: does would notice mutants.
+#: Time limits [s] of the tests of a mutant: processor time of one process, and wall-clock time. A
+#: module's tests take a fraction of them. With wall-clock time alone, other work on the machine
+#: would make mutants look noticed.
 PROCESSOR_LIMIT, LIMIT = 60, 900.0
 
-#: What most tests import; not what pytest looks for in order to rewrite it.
+#: Libraries that most tests import, except modules whose asserts pytest rewrites.
 LIBRARIES = ("casadi", "distributed", "highway_env", "matplotlib.pyplot", "msgspec")
 LIBRARIES += (
     "pandas",
@@ -67,7 +67,7 @@ LIBRARIES += (
     "scipy.stats",
 )
 
-#: Modules whose tests lie under a name that the rule of :func:`mirror` does not find.
+#: Modules whose tests have a name that the rules of :func:`mirror` do not find.
 ELSEWHERE = {
     "bench/commands/check.py": "tests/bench/commands/test_conformance.py",
     "bench/commands/compare.py": "tests/bench/report/test_gate_and_compare.py",
@@ -154,9 +154,9 @@ ELSEWHERE = {
 def mirror(module: str, root: Path = ROOT) -> str | None:
     """Return the test file of a module, or None: then no mutant of it counts as noticed.
 
-    It is the first that exists of ``tests/PACKAGE/test_MODULE.py``, the entry of ``ELSEWHERE``, the
-    same with the module's last words left out (``store_merge`` has its tests in
-    ``test_store.py``), and the tests of the module's folder (``envs/traffic/report.py`` has them in
+    It is the first existing file of: ``tests/PACKAGE/test_MODULE.py``; the entry of ``ELSEWHERE``;
+    the first with the module's last words left out (``store_merge`` has its tests in
+    ``test_store.py``); the tests of the module's folder (``envs/traffic/report.py`` has them in
     ``tests/envs/test_traffic.py``).
     """
     path = Path(module)
@@ -172,8 +172,8 @@ def mirror(module: str, root: Path = ROOT) -> str | None:
 # --------------------------------------------------------------------------------------- operators
 
 
-#: An operator is replaced by one of its own kind. ``a << b`` on floats would be noticed by
-#: anything, and ``is`` for ``==`` is the same by construction on what is compared here.
+#: An operator is replaced by one of its kind. Any test would notice ``a << b`` on floats, and
+#: ``is`` for ``==`` makes no difference for the objects compared here.
 KINDS = (
     {"Add", "Sub", "Mul", "Div", "FloorDiv", "Mod", "Pow"},
     {"BitOr", "BitAnd", "BitXor"},
@@ -183,7 +183,7 @@ KINDS = (
 
 
 def operators() -> dict[str, list[Operator]]:
-    """Return the mutations that are drawn from, as operators of cosmic-ray, by type of syntax."""
+    """Return the possible mutations, as operators of cosmic-ray, by type of syntax."""
     found: dict[str, list[Operator]] = {
         "number": [NumberReplacer()],
         "keyword": [
@@ -200,7 +200,7 @@ def operators() -> dict[str, list[Operator]]:
         for operator in unary_operator_replacement.operators()
         if operator.__name__.endswith(("USub_UAdd", "Delete_USub", "Delete_Not"))
     ]
-    # One object for all types: places are counted by operator.
+    # The types share one object, as places are counted by operator.
     for types_of_syntax, of_them in (
         (("if_stmt", "while_stmt", "assert_stmt", "test"), [boolean_replacer.AddNot()]),
         (("factor", "not_test"), unary),
@@ -210,33 +210,32 @@ def operators() -> dict[str, list[Operator]]:
 
 
 def _of_a_kind(family: types.ModuleType) -> list[Operator]:
-    """Return those operators of a family that stay within one of ``KINDS``."""
+    """Return the operators of a family that stay within one of ``KINDS``."""
     changes = [(set(one.__name__.split("_")[-2:]), one) for one in family.operators()]
     return [one() for change, one in changes if any(change <= kind for kind in KINDS)]
 
 
 # ------------------------------------------------------------------------------------------ places
 
-#: What is said to people: their wording is not tested.
+#: Functions that print messages, whose wording is not tested.
 MESSAGES = {"UserError", "echo", "secho", "print", "warn", "debug", "info", "warning", "exception"}
 #: Arguments that change no result by construction, as (function, argument).
 WITHOUT_EFFECT = {
-    ("dataclass", "frozen"),  # refuses what nobody does
+    ("dataclass", "frozen"),  # refuses what the code never does
     ("dataclass", "slots"),
-    ("zip", "strict"),  # refuses what nobody passes
-    ("lru_cache", "maxsize"),  # only time
-    ("option", "show_default"),  # only help
+    ("zip", "strict"),  # refuses what is never passed
+    ("lru_cache", "maxsize"),  # changes only time
+    ("option", "show_default"),  # changes only help texts
 }
 
 Position = tuple[int, int]
 
 
 def skipped(source: str) -> list[tuple[Position, Position]]:
-    """Return the ranges of a module's text in which nothing is mutated.
+    """Return the ranges of a module's text that are not mutated.
 
     These are annotations and aliases of types, ``__all__``, ``if TYPE_CHECKING``, messages
-    (arguments of what is raised, printed, warned or logged), and the arguments of
-    ``WITHOUT_EFFECT``.
+    (arguments of errors, prints, warnings and logs), and the arguments of ``WITHOUT_EFFECT``.
     Docstrings and other texts have no tokens to mutate.
     """
     lines = source.splitlines()
@@ -277,7 +276,7 @@ def _without_tests(node: ast.AST) -> list[ast.expr]:
 
 @dataclass(frozen=True)
 class Place:
-    """A token of a module, and what it may become: operator and how many such came before."""
+    """A token of a module and its possible mutations: operators and their occurrence numbers."""
 
     module: str
     start: Position
@@ -288,21 +287,21 @@ class Place:
 def places(
     module: str, source: str, all_operators: dict[str, list[Operator]], seed: int
 ) -> Iterator[Place]:
-    """Yield the places of a module that may be mutated, with their order in the draw of a seed."""
+    """Yield the places of a module that can be mutated, with their order in the draw of a seed."""
     ranges = skipped(source)
     counts: Counter[Operator] = Counter()
     found: dict[Position, list[tuple[Operator, int]]] = {}
     for node in ast_nodes(get_ast(source)):
         for operator in all_operators.get(node.type, ()):
             for start, _ in operator.mutation_positions(node):
-                # A bare * or / among parameters refuses calls that nobody makes.
+                # A bare * or / among parameters refuses calls that are never made.
                 if node.parent is None or node.parent.type != "parameters":
                     found.setdefault(start, []).append((operator, counts[operator]))
                 counts[operator] += 1
     lines = source.splitlines()
     before: Counter[str] = Counter()
     for start in sorted(found):
-        # The name does not change where lines are added above it: draws stay what they were.
+        # The text does not change if lines are added above it, so draws stay the same.
         text = f"{seed}|{module}|{lines[start[0] - 1].strip()}|"
         text += str(start[1] - len(lines[start[0] - 1]) + len(lines[start[0] - 1].lstrip()))
         before[text] += 1
@@ -323,7 +322,7 @@ class Mutant:
 
 
 def mutate(place: Place, source: str) -> Mutant | None:
-    """Return a random mutant of a place, or None where none of its choices is another program."""
+    """Return a random mutant of a place, or None if no choice gives another program."""
     choices = list(place.choices)
     random.Random(place.order).shuffle(choices)
     for operator, occurrence in choices:
@@ -350,7 +349,7 @@ def _differs(source: str, changed: str) -> bool:
 def draw(count: int, only: str, seed: int) -> list[Mutant]:
     """Return the first ``count`` mutants of the modules whose path begins with ``only``.
 
-    They come in the order of the draw: those tried before an interruption are a fair sample.
+    They are in the order of the draw, so those tried before an interruption are a fair sample.
     """
     sources, found = {}, []
     all_operators = operators()
@@ -371,7 +370,7 @@ def draw(count: int, only: str, seed: int) -> list[Mutant]:
 
 
 def in_order(mutant: Mutant) -> tuple[int, str, int]:
-    """Return where a mutant comes in what is printed."""
+    """Return the sort key of a mutant in the printed list."""
     return PACKAGES.index(Path(mutant.module).parts[0]), mutant.module, mutant.line
 
 
@@ -380,9 +379,11 @@ def in_order(mutant: Mutant) -> tuple[int, str, int]:
 
 @dataclass(frozen=True)
 class Result:
-    """What the tests said: ``passed``, ``failed`` or ``too long``, after some seconds.
+    """The result of running the tests on a mutant.
 
     Attributes:
+        outcome: ``passed``, ``failed``, ``too long`` or ``no tests``.
+        seconds: time that they took [s].
         by: the test that failed.
     """
 
@@ -391,12 +392,12 @@ class Result:
     by: str = ""
 
 
-#: Folder of the trees within ``--out``.
+#: Folder within ``--out`` for the copies of the tree.
 TREES = "trees"
 
 
 class Laboratory:
-    """A copy of the tree in which mutants are tried, and what was known of them before."""
+    """A copy of the tree in which mutants are tried, and the known results."""
 
     def __init__(self, out: Path) -> None:
         self._known_file = out / "results.jsonl"
@@ -409,18 +410,18 @@ class Laboratory:
         _copy_tree(self._tree)
 
     def try_mutant(self, mutant: Mutant) -> Result:
-        """Run the mirrored tests on a mutant; ``no tests`` where there are none."""
+        """Run the mirrored tests on a mutant; the outcome is ``no tests`` if there are none."""
         tests = mirror(mutant.module, self._tree)
         if tests is None:
             return Result("no tests", 0.0)
         return self._run(tests, mutant.module, mutant.source)
 
     def try_tests(self, tests: str) -> Result:
-        """Run tests on the code as it is."""
+        """Run tests on the unchanged code."""
         return self._run(tests)
 
     def _run(self, tests: str, module: str = "", source: str = "") -> Result:
-        """Run tests, with a module's text replaced, unless it is known how that ends."""
+        """Run tests with a module's text replaced, unless the result is known."""
         parts = [tests, *self._texts(tests), module, source]
         key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
         if key not in self._known:
@@ -442,7 +443,7 @@ class Laboratory:
 
 
 def _copy_tree(tree: Path) -> None:
-    """Copy what git does not ignore, and compile it so that a changed text is always seen."""
+    """Copy what git does not ignore, and compile it so that a changed text is always noticed."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout
     for name in filter(None, listed.split("\0")):
@@ -450,17 +451,17 @@ def _copy_tree(tree: Path) -> None:
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tree / name, follow_symlinks=False)
     command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash"]
-    # It does not follow the links from src to the packages.
+    # compileall does not follow the links from src to the packages.
     subprocess.run([*command, "src", *PACKAGES], cwd=tree, check=True)
 
 
 def _pytest(tree: Path, tests: str) -> Result:
-    """Run a test file in a tree and end it, with its descendants, at ``LIMIT`` seconds.
+    """Run a test file in a tree; kill it, with its descendants, after ``LIMIT`` seconds.
 
-    The process is a copy of this one, which has imported what the packages import, but not them.
+    The process is a fork of this one, which has imported the libraries, but not the packages.
 
     Raises:
-        SystemExit: where pytest could not run any tests.
+        SystemExit: if there are no tests to run.
     """
     begin = time.monotonic()
     child = os.fork()
@@ -488,7 +489,7 @@ def _pytest(tree: Path, tests: str) -> Result:
 
 
 def _run_here(tree: Path, tests: str) -> int:
-    """Run pytest in this process, which is given up for it; returns its exit code."""
+    """Run pytest in this process, which must not be used afterwards; return its exit code."""
     with (tree.parent / "last.txt").open("w+") as output:
         for stream in range(3):
             os.dup2(output.fileno(), stream)
@@ -498,7 +499,7 @@ def _run_here(tree: Path, tests: str) -> int:
     others = [path for path in sys.path if not path.startswith(str(ROOT) + os.sep)]
     sys.path[:] = [str(tree), source, *others]  # as with python -m pytest
     os.environ["PYTHONPATH"] = source
-    # Processes that tests start would import the file of the main module.
+    # Otherwise processes that tests start would import this script.
     sys.modules["__main__"] = types.ModuleType("__main__")
     sys.argv = ["pytest", tests]
     folder = str(tree.parent / "tmp")
@@ -507,14 +508,14 @@ def _run_here(tree: Path, tests: str) -> int:
 
 
 def _import_libraries() -> None:
-    """Import once what most tests would import again and again."""
+    """Import once what most tests would otherwise import again and again."""
     for name in LIBRARIES:
         importlib.import_module(name)
     assert not any(name.split(".")[0] == "olne_bench" for name in sys.modules)
 
 
 def report(results: list[tuple[Mutant, Result]]) -> None:
-    """Print the share noticed by package, and the survivors."""
+    """Print the share of noticed mutants by package, and the survivors."""
     explained = EXPLAINED.read_text() if EXPLAINED.is_file() else ""
     print("\npackage      mutants  noticed  share")
     for package in (*PACKAGES, ""):
@@ -532,13 +533,13 @@ def report(results: list[tuple[Mutant, Result]]) -> None:
 
 
 def main() -> None:
-    """Draw, try, report."""
+    """Draw mutants, try them and report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for results")
-    parser.add_argument("--count", type=int, default=200, help="mutants drawn")
-    parser.add_argument("--seed", type=int, default=SEED, help="of the draw")
+    parser.add_argument("--count", type=int, default=200, help="number of mutants")
+    parser.add_argument("--seed", type=int, default=SEED, help="seed of the draw")
     parser.add_argument("--only", default="", help="beginning of the modules' paths")
-    parser.add_argument("--jobs", type=int, default=1, help="mutants tried at a time")
+    parser.add_argument("--jobs", type=int, default=1, help="mutants tried at the same time")
     parser.add_argument("--check", action="store_true", help="also run all tests without mutants")
     parser.add_argument("--list", action="store_true", help="only list the mutants")
     arguments = parser.parse_args()
@@ -582,10 +583,10 @@ def _try_mutant(mutant: Mutant) -> Result:
 
 
 def _sound(tests: str) -> str:
-    """Return the name of a test file that passes where nothing is to be noticed.
+    """Return the name of a test file that passes without a mutant.
 
     Raises:
-        SystemExit: where it fails, hence would notice nothing.
+        SystemExit: if it fails, so that it could not notice a mutant.
     """
     result = _laboratory.try_tests(tests)
     if result.outcome != "passed":

@@ -1,8 +1,8 @@
-"""The forward game through NashOpt (extra ``peers``), on exactly this project's costs.
+"""The forward game solved by NashOpt (extra ``peers``), with exactly this project's costs.
 
-NashOpt wants every player's cost as a JAX function of all decisions. CasADi's functions are lists
-of scalar instructions, so they are replayed on JAX scalars; a scan over the steps rolls the
-controls out (single shooting). Derivatives are then JAX's.
+NashOpt needs each player's cost as a JAX function of all decisions. CasADi's functions are lists of
+scalar instructions, which are executed on JAX scalars. A scan over the steps rolls out the controls
+(single shooting). JAX computes the derivatives.
 """
 
 import warnings
@@ -47,7 +47,7 @@ _BINARY: dict[int, Callable[[Any, Any], Any]] = {
 
 
 class NashOptForward:
-    """One forward game: controls of all players are the decisions."""
+    """One forward game, whose decisions are the controls of all players."""
 
     def __init__(self, game: Game, weights: np.ndarray, initial_state: np.ndarray) -> None:
         steps, players, controls = game.control_shape
@@ -80,7 +80,7 @@ class NashOptForward:
         self.shape = (players, steps, controls)
 
     def solve(self, controls: np.ndarray) -> tuple[np.ndarray, float]:
-        """From controls (T-1, N, m): those found, and their largest residual."""
+        """Solve from controls (T-1, N, m); return the controls found and their largest residual."""
         start = np.ascontiguousarray(controls.transpose(1, 0, 2)).ravel()
         found = self.problem.solve(start, verbose=0)
         plans = np.asarray(found.x).reshape(self.shape).transpose(1, 0, 2)

@@ -1,11 +1,11 @@
-"""How often the joint method finds optima as low as IPOPT does, on the paper's sequences.
+"""Count how often the joint method finds optima as low as IPOPT's, on the paper's sequences.
 
     python scripts/optima.py [--out results/perf/optima.parquet] [--every 1]
 
-Per sequence of both scenarios and sensors, the objectives of the joint method as configured, of the
-same with IPOPT as its solver and three starts (``--reference``, slow), and of IPOPT on the compact
-layout with weights started at zero. The rivals' outcomes are kept in the file, so that only ours
-is computed anew.
+For each sequence of both scenarios and sensors, it compares the objectives of the joint method as
+configured, of the joint method with IPOPT as its solver and three starts (``--reference``, slow),
+and of IPOPT on the compact layout with weights started at zero. The rivals' objectives are kept in
+the file, so that only ours are computed again.
 """
 
 import argparse
@@ -26,15 +26,15 @@ from olne_bench.estimators.trajectory_fit import fit_trajectory
 
 KEY = ["scenario", "sensor", "sigma", "seed"]
 RIVALS = ("ipopt", "compact")
-SAME, NOTHING = 1e-4, 1e-9  # relative and absolute difference that makes no other optimum
+SAME, NOTHING = 1e-4, 1e-9  # relative and absolute difference of objectives of the same optimum
 
 
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("results/perf/optima.parquet"))
-    parser.add_argument("--every", type=int, default=1, help="take each so-manyth sequence")
-    parser.add_argument("--reference", action="store_true", help="solve what is missing of IPOPT's")
+    parser.add_argument("--every", type=int, default=1, help="use every n-th sequence")
+    parser.add_argument("--reference", action="store_true", help="solve missing IPOPT references")
     options = parser.parse_args()
     known = pd.read_parquet(options.out).set_index(KEY) if options.out.exists() else None
     rows = []
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def print_shares(table: pd.DataFrame) -> None:
-    """Shares of the study's sequences, each counted as often as it stands for."""
+    """Print shares of the study's sequences; each row counts as often as its ``count``."""
     for scenario, rows in table.groupby("scenario"):
         for rival in RIVALS:
             both = rows[rows[rival].notna()]
@@ -86,7 +86,7 @@ def _observed(trial: Trial) -> tuple[Problem, Observation]:
 
 
 def _joint(trial: Trial, solver: str) -> float:
-    """Objective, infinite where the method did not converge."""
+    """The objective; infinite if the method did not converge."""
     problem, observation = _observed(trial)
     estimate = KktConstrained(solver=solver).estimate(
         problem, observation, rng=np.random.default_rng(0), budget=120.0
@@ -99,7 +99,7 @@ def _compact(trial: Trial) -> float:
     game, view = problem.game, problem.view
     fit = fit_trajectory(game, view, observation.y)
     start = JointPoint.from_trajectory(game, fit.states, fit.controls)
-    # The solver behind it is cached by game and view.
+    # Its solver is cached by game and view.
     outcome = CompactLayout(game, view).solve(observation.y, start, problem.weight_floor)
     return outcome.value if outcome.converged else float("inf")
 

@@ -15,8 +15,8 @@ import pandas as pd
 
 from olne_bench.bench.report.leaderboard import published_failures
 
-#: Estimates of 1,760 that the published step may miss though the game has a root: 1.5 %. Perturbed
-#: by 1e-13 it misses up to 15 (``scripts/forward_luck.py``).
+#: Number of 1,760 estimates that the published step may miss although the game has a root (1.5 %).
+#: With perturbations of 1e-13 it misses up to 15 (``scripts/forward_luck.py``).
 MISSED = 26
 
 
@@ -35,11 +35,11 @@ class Claim:
 
 
 def failures(trials: pd.DataFrame) -> Iterator[Claim]:
-    """Failures, next to the published counts.
+    """Claims on failures, compared with the published counts.
 
     The published code ran the prediction step for the baseline's estimates only. So the joint
-    method's published 0 counts its own solves; ours counts as well the estimates at which no root
-    of the game is found. How many of them the published step misses is told apart.
+    method's published 0 counts only its own solves. Our count includes estimates at which no root
+    of the game is found. Misses of the published step are a separate claim.
     """
     by = ["scenario", "estimator", "sensor"]
     published_step = trials[published_failures(trials)].groupby(by)["count"].sum()

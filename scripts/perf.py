@@ -1,11 +1,11 @@
-"""How fast the solvers are, against the same problems handed to IPOPT as a whole.
+"""Measure the speed of the solvers against IPOPT on the same problems as a whole.
 
     python scripts/perf.py [--out results/perf] [--sequences 2] [--quick]
 
-Everything is timed in one process on one core, ours and the rivals' solves in turn, in processor
-time, so that other work on the machine slows all of them alike: read the ratios, not the
-milliseconds. NashOpt takes part where it is installed (extra ``peers``). Written are ``perf.json``
-and ``perf.png``. Whether the optima are as good is for ``scripts/optima.py`` to say.
+Processor time is measured in one process on one core, with our and the rivals' solves in turn.
+Other work on the machine slows all of them alike, so the ratios matter, not the milliseconds.
+NashOpt is included if it is installed (extra ``peers``). The results are ``perf.json`` and
+``perf.png``. ``scripts/optima.py`` checks whether the optima are as good.
 """
 
 import os
@@ -84,14 +84,14 @@ def main() -> None:
 
 
 def milliseconds(solve: Callable[[], Any]) -> tuple[float, Any]:
-    """Processor time of one call, and what it returned."""
+    """Processor time of one call [ms], and its result."""
     started = time.process_time()
     result = solve()
     return 1e3 * (time.process_time() - started), result
 
 
 def measure_inverse(scenario: Scenario, truth: Equilibrium, sequences: int) -> dict[str, Any]:
-    """One inverse solve: the estimator with all its starts against single solves of IPOPT."""
+    """Measure one inverse solve: the estimator with all its starts against single IPOPT solves."""
     rows = []
     for view in VIEWS.values():
         game = scenario.game
@@ -133,7 +133,7 @@ def _race(
     y: np.ndarray,
     sigma: float,
 ) -> dict[str, Any]:
-    """All on one sequence. The rivals' pre-solve is not on their clock; ours is on ours."""
+    """Time all solvers on one sequence; our time includes the pre-solve, the rivals' does not."""
     fit = fit_trajectory(problem.game, problem.view, y)
     start = JointPoint.from_trajectory(problem.game, fit.states, fit.controls)
     rng = np.random.default_rng(0)
@@ -160,7 +160,7 @@ def _objective(value: float, converged: bool) -> float:
 
 
 def measure_forward(scenario: Scenario, truth: Equilibrium) -> dict[str, float]:
-    """A forward game from a solution at nearby weights, and a batch of 1000 weights."""
+    """Measure a forward game from a solution at nearby weights, and a batch of 1000 weights."""
     game, rng = scenario.game, np.random.default_rng(0)
     rival = StackedForward(game)
     ratios, ours, theirs = [], [], []
@@ -197,9 +197,9 @@ def measure_forward(scenario: Scenario, truth: Equilibrium) -> dict[str, float]:
 
 
 def _nashopt(scenario: Scenario, truth: Equilibrium) -> dict[str, float]:
-    """NashOpt on the forward game, wall-clock as it uses threads; the second of two runs.
+    """Measure NashOpt on the forward game: wall-clock time, as it uses threads, of a second run.
 
-    Five players take it minutes, and from coasting it finds no equilibrium at all.
+    Five players take it minutes, and from coasting it finds no equilibrium.
     """
     if scenario.game.num_players > 2:
         return {}
@@ -235,7 +235,7 @@ def _batch(
 
 
 def _overhead(truth: Equilibrium, scenario: Scenario) -> float:
-    """Microseconds of a call that has nothing to solve."""
+    """Time of a call that has nothing to solve [us]."""
     root_start = (scenario.game, truth.states, truth.controls, truth.costates, scenario.weights)
     calls = [
         milliseconds(lambda: newton_root(*root_start, max_iterations=0))[0] for _ in range(200)
@@ -244,7 +244,7 @@ def _overhead(truth: Equilibrium, scenario: Scenario) -> float:
 
 
 def road(players: int, horizon: int) -> Scenario:
-    """The highway's five cars, again and again along the road."""
+    """The highway's five cars, repeated along the road."""
     base = get_scenario("highway_overtaking")
     count = base.game.num_players
     cars = [base.game.players[k % count] for k in range(players)]
@@ -255,7 +255,7 @@ def road(players: int, horizon: int) -> Scenario:
 
 
 def road_root(scenario: Scenario) -> Root:
-    """A root for a road of any length: that of a shorter one, carried on by coasting."""
+    """A root for any horizon: the root for a shorter one, extended by coasting."""
     game = scenario.game
     if game.horizon <= 25:
         found = solve_olne(game, scenario.weights, scenario.initial_state)
@@ -274,7 +274,7 @@ def road_root(scenario: Scenario) -> Root:
 
 
 def measure_iteration(scenario: Scenario, view: View = VIEWS["full"]) -> dict[str, Any]:
-    """Time per iteration of an inverse solve, ours and that of IPOPT on the compact layout."""
+    """Measure the time per iteration of an inverse solve: ours, and IPOPT's (compact layout)."""
     game = scenario.game
     root = road_root(scenario)
     if not root.residual < RESIDUAL_TOLERANCE:
@@ -311,7 +311,7 @@ def slope(rows: list[dict[str, Any]], key: str) -> float:
 
 
 def print_tables(results: dict[str, Any]) -> None:
-    """All figures that the project states."""
+    """Print all numbers that the project quotes."""
     for name, table in results["inverse"].items():
         print(f"\ninverse, {name}: ours {table['ours_ms']:.2f} ms")
         for rival in ("published", "published, zero", "compact"):

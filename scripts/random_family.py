@@ -2,7 +2,7 @@
 
     python scripts/random_family.py --draws 100 --players 2 3 4
 
-Prints one line per number of players; the seeds without a certificate are named.
+Prints one line per number of players, with the seeds without a certificate.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""What the project's solvers are measured against: whole problems, handed to IPOPT."""
+"""Rivals that the project's solvers are compared with: whole problems, solved by IPOPT."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from olne_bench.games.kkt import kkt_system
 from olne_bench.games.newton import Root
 from olne_bench.games.observation import View, observation_size
 
-#: A rival that has not come to an end after so many seconds is stopped.
+#: Time after which a rival is stopped [s].
 TIME_LIMIT = 30.0
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Objective (residual, for forward games) where a rival ended, and how it went."""
+    """Objective (for forward games the residual) at the end of a rival, and how it ended."""
 
     value: float
     iterations: int
@@ -30,13 +30,13 @@ class Outcome:
 
 
 class CompactLayout:
-    """The joint inverse problem with costates of own states only, weights started at zero."""
+    """The joint inverse problem with costates of a player's own states; weights start at zero."""
 
     def __init__(self, game: Game, view: View) -> None:
         self.solver = joint_solver(game, view, count=1, max_iterations=500, tolerance=1e-9)
 
     def solve(self, y: np.ndarray, start: JointPoint, floor: float) -> Outcome:
-        """From a trajectory; costates and weights are started at zero."""
+        """Solve from a trajectory, with costates and weights started at zero."""
         count = start.weights.size
         trajectory = [start.states.ravel(), start.controls.ravel(), start.costates.ravel()]
         lower = np.full(sum(part.size for part in trajectory) + count, -np.inf)
@@ -50,12 +50,12 @@ class CompactLayout:
 
 
 class PublishedLayout:
-    """The joint inverse problem as the published code lays it out.
+    """The joint inverse problem in the layout of the published code.
 
-    Every player has costates of all players' states, and the gradients of the costs and the
-    Jacobians of the motion are auxiliary variables with equations of their own. Costates and
-    weights start at zero; auxiliary variables too, or, kinder than the published code, at the
-    values that belong to the start.
+    Each player has costates of all players' states. The gradients of the costs and the Jacobians of
+    the motion are auxiliary variables with their own equations. Costates and weights start at zero.
+    Auxiliary variables start at zero too, or, more favourably than in the published code, at values
+    consistent with the start.
     """
 
     def __init__(self, game: Game, view: View) -> None:
@@ -83,7 +83,7 @@ class PublishedLayout:
     def solve(
         self, y: np.ndarray, start: JointPoint, floor: float, *, consistent: bool = True
     ) -> Outcome:
-        """From a trajectory; ``consistent`` says where the auxiliary variables start."""
+        """Solve from a trajectory; with ``consistent``, auxiliary variables start at its values."""
         states, controls = start.states.ravel(), start.controls.ravel()
         zero = np.zeros(start.weights.size)
         auxiliary = np.array(self.auxiliary(states, controls, zero)).ravel() * consistent
@@ -94,7 +94,7 @@ class PublishedLayout:
 
 
 class _Layout:
-    """Auxiliary variables, the values that belong to them, and all equations."""
+    """Auxiliary variables, their consistent values, and all equations."""
 
     def __init__(
         self, game: Game, x: list[list[ca.SX]], u: list[list[ca.SX]], theta: list[ca.SX]
@@ -110,7 +110,7 @@ class _Layout:
     def _motion(
         self, game: Game, x: list[list[ca.SX]], u: list[list[ca.SX]]
     ) -> tuple[list[ca.SX], list[list[ca.SX]]]:
-        """Equations of motion; Jacobians in all states, and in each control, of every step."""
+        """Add equations of motion; return Jacobians in all states and each control, per step."""
         in_states, in_controls = [], []
         for t in range(game.horizon - 1):
             players = range(game.num_players)
@@ -133,7 +133,7 @@ class _Layout:
         in_states: list[ca.SX],
         in_controls: list[list[ca.SX]],
     ) -> None:
-        """First-order conditions of one player, who has costates of all players' states."""
+        """Add first-order conditions of one player, with costates of all players' states."""
         n, steps, player = game.dynamics.state_size, game.horizon - 1, game.players[i]
         costates = [self._variable(ca.SX.zeros(n * game.num_players)) for _ in range(steps)]
         for t in range(game.horizon):
@@ -154,7 +154,7 @@ class _Layout:
         return self.unknowns[-1]
 
     def _named(self, expression: ca.SX) -> ca.SX:
-        """A variable that stands for an expression, where it is not a constant."""
+        """A variable in place of an expression, unless that is a constant."""
         if expression.is_constant():
             return expression
         name = ca.reshape(self._variable(expression), *expression.shape)
@@ -176,7 +176,7 @@ class StackedForward:
         self.solver = ca.nlpsol("forward", "ipopt", problem, QUIET | {"ipopt.tol": 1e-10})
 
     def solve(self, start: Root, weights: np.ndarray) -> Outcome:
-        """From a known trajectory nearby."""
+        """Solve from a known nearby trajectory."""
         parts = (start.states[1:], start.controls, start.costates)
         return _outcome(
             self.solver,
@@ -186,7 +186,7 @@ class StackedForward:
 
 
 def _named_entries(named: Callable[[ca.SX], ca.SX], matrix: ca.SX) -> ca.SX:
-    """The matrix with a variable in place of each entry that is not a constant."""
+    """A matrix with a variable in place of each entry that is not a constant."""
     matrix = ca.SX(matrix)
     for row in range(matrix.rows()):
         for column in range(matrix.columns()):

@@ -1,12 +1,12 @@
-"""Whether two estimators that minimise the squared error found the same optima.
+"""Check whether two estimators that minimise the squared error found the same optima.
 
     olne-bench run scripts/paper_ipopt.toml --out runs/ipopt      (half an hour)
     python scripts/same_optima.py runs/ipopt runs/paper
     python scripts/same_optima.py runs/field runs/field --estimators bilevel kkt_constrained
 
-Sequence by sequence, of those on which both end well. Prints, per scenario and sensor: how many
-sequences have the same objective (to a relative 1e-6), how far the weights of those are apart, how
-often the second one's objective is lower or higher, and the medians of their errors.
+Compares the sequences on which both converge. Prints, per scenario and sensor: how many sequences
+have the same objective (to a relative 1e-6), how far their weights are apart, how often the second
+one's objective is lower or higher, and the medians of their errors.
 """
 
 import argparse
@@ -24,7 +24,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("runs", type=Path, nargs=2, help="folders of two runs")
     parser.add_argument(
-        "--estimators", nargs=2, default=["kkt_constrained"] * 2, help="one of each run"
+        "--estimators", nargs=2, default=["kkt_constrained"] * 2, help="one from each run"
     )
     options = parser.parse_args()
     first, second = map(_solved, options.runs, options.estimators)

@@ -2,10 +2,10 @@
 
     python scripts/sanitize.py [TESTS...]
 
-The libraries are compiled with ``-fsanitize=address,undefined`` into a cache of their own, and
-Python starts with the compiler's sanitizer runtime in front of all others. Any report ends the
-tests with a failure. Memory that Python and CasADi keep until the end is not ours to judge, so
-leaks are not looked for. Needs gcc on Linux, as clang names its runtime differently.
+The libraries are compiled with ``-fsanitize=address,undefined`` into a separate cache, and Python
+starts with the compiler's sanitizer runtime preloaded. Any report fails the tests. Leaks are not
+checked, as Python and CasADi keep memory until the end. Needs gcc on Linux, as clang names its
+runtime differently.
 """
 
 import os
@@ -21,7 +21,7 @@ TESTS = (
     "tests/games/test_elimination.py",
     "tests/estimators/test_interior_point.py",
 )
-#: Code of games on lanes is a megabyte, and five players bring nothing that two do not.
+#: The code of games on lanes is a megabyte long, and five players test no more than two.
 LEFT_OUT = "not lanes and not highway"
 FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer -g -O0"
 #: CasADi loads IPOPT with a flag that the sanitizer's runtime refuses.
@@ -38,7 +38,7 @@ SAMPLE = "int sample(int i) { int a[2] = {0, 1}; volatile int k = i; return a[k]
 
 
 def main() -> None:
-    """Check that the sanitizer sees a planted error; then run the tests."""
+    """Check that the sanitizer finds a planted error; then run the tests."""
     compiler = shutil.which(os.environ.get("CC", "gcc"))
     if compiler is None:
         raise SystemExit("sanitize.py needs gcc; CC names another")
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def sanitized(compiler: str, cache: Path) -> dict[str, str]:
-    """The environment of a process whose native code is watched."""
+    """The environment of a process whose native code is sanitized."""
     runtimes = [runtime(compiler, name) for name in ("libasan.so", "libubsan.so", "libstdc++.so")]
     code, shim = cache / "shim.c", cache / "shim.so"
     code.write_text(SHIM)
@@ -73,7 +73,11 @@ def sanitized(compiler: str, cache: Path) -> dict[str, str]:
 
 
 def runtime(compiler: str, name: str) -> str:
-    """Where a compiler keeps a library."""
+    """Path of a compiler's library.
+
+    Raises:
+        SystemExit: if it is not installed.
+    """
     found = subprocess.run(
         [compiler, f"-print-file-name={name}"], check=True, capture_output=True, text=True
     )
@@ -84,7 +88,7 @@ def runtime(compiler: str, name: str) -> str:
 
 
 def run_planted(environment: dict[str, str]) -> "subprocess.CompletedProcess[str]":
-    """A process that reads beyond an array, in code that is compiled as ours is."""
+    """Run a process that reads beyond an array, in code compiled like ours."""
     visible = '__attribute__((visibility("default"))) '
     code = f"from olne_bench.games import compiler\ncompiler.load({visible + SAMPLE!r}).sample(7)\n"
     command = [sys.executable, "-c", code]

@@ -1,14 +1,14 @@
-"""What the sensors study must show: on two players the joint method is efficient with any sensor.
+"""Check that the joint method is efficient with any sensor, on two players.
 
-At low noise the mean cosine error of ``kkt_constrained`` over the Cramer-Rao bound of the very
-observations (covariance and gaps included) lies within 0.8 and 1.4, for each sensor of the suite
-``sensors``. At higher noise another optimum explains some sequences of the partial view better than
-the one at the truth does (a lower objective, 4 % of sequences at sigma = 0.01), so the method of
-maximum likelihood itself leaves the bound there.
+At low noise, the mean cosine error of ``kkt_constrained`` over the Cramer-Rao bound of the same
+observations (with covariance and gaps) must be between 0.8 and 1.4, for each sensor of the suite
+``sensors``. At higher noise, another optimum has a lower objective than the one near the truth for
+some sequences of the partial view (4 % at sigma = 0.01), so maximum likelihood itself does not
+reach the bound there.
 
     python scripts/sensors_claims.py [--draws 200] [--sigma 0.003]
 
-Exit code 1 where a sensor misses the bar.
+Exit code 1 if a sensor is outside these limits.
 """
 
 import argparse
@@ -47,7 +47,7 @@ SENSORS: dict[str, tuple[Layer, ...]] = {
 
 
 def main() -> int:
-    """Print a line per sensor; 1 where one misses the bar."""
+    """Print a line per sensor; return 1 if one is outside the limits."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=200, help="noise draws per sensor")
     parser.add_argument("--sigma", type=float, default=0.003, help="noise level")

@@ -1,13 +1,13 @@
-"""Does the error fall as one over the square root of the number of trajectories?
+"""Check whether the error falls as one over the square root of the number of trajectories.
 
 Usage: olne-bench run several --out runs/several
        python scripts/several_trajectories.py runs/several [--out results/several_trajectories]
 
-What falls as 1/sqrt(n) is the error of the weights. Cosine error is quadratic in it, so the error
-here is the root of the mean cosine error over noise draws, next to the root of its Cramer-Rao
-limit. The exponent is the slope of log error over log n, its interval a percentile bootstrap over
-noise draws. As a few draws of large error rule a mean, there is the exponent of the root of the
-median as well. Trials without a valid estimate count as failures and in no error.
+The error of the weights should fall as 1/sqrt(n). Cosine error is quadratic in it, so the error
+here is the root of the mean cosine error over noise draws, compared with the root of its Cramer-Rao
+limit. The exponent is the slope of log error over log n, with a percentile bootstrap interval over
+noise draws. As a few draws with large errors dominate a mean, the exponent of the root of the
+median is given as well. Trials without a valid estimate count as failures and are in no error.
 """
 
 import argparse
@@ -78,7 +78,7 @@ def main(run: Path, out: Path) -> None:
 
 
 def squared_errors(group: pd.DataFrame) -> pd.DataFrame:
-    """Cosine errors, seeds down and numbers of trajectories across; NaN for failures."""
+    """Cosine errors, one row per seed, one column per number of trajectories; NaN for failures."""
     valid = group["status"].isin(["ok", "failed_forward"])
     errors = group["cosine_error"].where(valid).astype(float)
     return group.assign(error=errors).pivot_table(
@@ -89,7 +89,7 @@ def squared_errors(group: pd.DataFrame) -> pd.DataFrame:
 def resampled(table: pd.DataFrame, middle) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
     """Root of a mean or median of squared errors per column, and resamples of it (R, columns).
 
-    Seeds are drawn, so that errors of one draw, which share a trajectory, stay together.
+    Seeds are resampled, so that errors of one draw, which share a trajectory, stay together.
     """
     values, rng = table.to_numpy(), np.random.default_rng(0)
     draws = rng.integers(len(values), size=(RESAMPLES, len(values)))
@@ -97,12 +97,12 @@ def resampled(table: pd.DataFrame, middle) -> tuple[np.ndarray, np.ndarray]:  # 
 
 
 def slope(counts: np.ndarray, errors: np.ndarray) -> float:
-    """Exponent of the power of n that fits best, least squares in logarithms."""
+    """Exponent of the best-fitting power of n, by least squares in logarithms."""
     return float(np.polyfit(np.log(counts), np.log(errors), 1)[0])
 
 
 def draw(errors: pd.DataFrame, out: Path) -> None:
-    """A panel per sensor and noise level: errors with intervals, the limit, and 1/sqrt(n)."""
+    """Draw a panel per sensor and noise level: errors with intervals, the limit, and 1/sqrt(n)."""
     sensors, sigmas = sorted(errors["sensor"].unique()), sorted(errors["sigma"].unique())
     names = estimator_order(list(errors["estimator"]))
     colours = estimator_colours(names)

@@ -1,10 +1,10 @@
-"""HighwayEnv with Nash traffic next to the same environments with IDM traffic.
+"""Compare the speed of HighwayEnv with Nash traffic and with IDM traffic.
 
 Usage: python scripts/traffic_speed.py [--steps N] [--rounds R] [--case NAME] [--against SRC]
 
-Prints environment steps per second (processor time, an idle ego), the median over rounds in which
-the kinds of traffic take turns. ``--against`` names the folder ``src`` of another version of this
-project, whose Nash traffic takes a turn as well.
+Prints environment steps per second (processor time, with an idle ego): the median over rounds in
+which the kinds of traffic take turns. ``--against`` names the folder ``src`` of another version of
+this project, whose Nash traffic is measured too.
 """
 
 import argparse
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def _in_a_process(case: str, kind: str, sources: Path, steps: int) -> float:
-    """The rate of a version of the project, in a fresh process and on one thread."""
+    """Steps per second of a version of the project, in a fresh process and on one thread."""
     environment = os.environ | {"PYTHONPATH": str(sources.resolve()), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, __file__, "--steps", str(steps), "--one", case, kind]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)

@@ -2,9 +2,9 @@
 
 Usage: python scripts/train_ppo.py [--id ID] [--steps N] [--seeds N] [--out DIR]
 
-Trains one agent per seed, then drives all of them, an idle driver, one that always asks for the
-slowest speed and a random one through episodes that no agent was trained on. Writes into DIR:
-``episodes.csv`` (every training episode), ``evaluation.csv`` (every episode driven afterwards),
+Trains one agent per seed. Then evaluates the agents, an idle driver, a driver that always chooses
+the slowest speed and a random driver on episodes that no agent was trained on. Writes into DIR:
+``episodes.csv`` (all training episodes), ``evaluation.csv`` (all evaluation episodes),
 ``learning_curve.png`` and ``ppo_SEED.zip``.
 """
 
@@ -29,7 +29,7 @@ from stable_baselines3.common.monitor import Monitor
 
 import olne_bench.envs  # noqa: F401  registers the ids
 
-HELD_OUT = 10_000  # first seed of the episodes that nobody trains on
+HELD_OUT = 10_000  # first seed of the evaluation episodes, which are not trained on
 BINS = 10  # points of the learning curve
 IDLE, SLOWER = 1, 4
 
@@ -38,7 +38,7 @@ def main() -> None:
     """Train, evaluate, write, draw, and print one line per driver."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--id", default="olne/NashMerge-v0")
-    parser.add_argument("--steps", type=int, default=1024, help="of each agent")
+    parser.add_argument("--steps", type=int, default=1024, help="environment steps per agent")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--evaluations", type=int, default=20, help="episodes per driver")
     parser.add_argument("--out", type=Path, default=Path("runs/rl"))
@@ -85,7 +85,7 @@ def _greedy(model: PPO) -> Callable[[np.ndarray], int]:
 
 
 class _Episodes(BaseCallback):
-    """Keeps what each training episode came to."""
+    """Keep the return, length and outcome of each training episode."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -143,7 +143,7 @@ def _standard_error(values: pd.Series) -> float:
 
 
 def _draw(episodes: pd.DataFrame, evaluation: pd.DataFrame, given: argparse.Namespace) -> None:
-    """The mean over seeds with Student's 95 % interval of that mean; every seed, thin."""
+    """Draw the mean over seeds with Student's 95 % interval, and each seed as a thin line."""
     edges = np.linspace(0, episodes["step"].max(), BINS + 1)
     middles = (edges[1:] + edges[:-1]) / 2
     binned = episodes.assign(step=pd.cut(episodes["step"], edges, labels=middles).astype(float))

@@ -27,7 +27,7 @@ from olne_bench.envs.playability import rejection
 from olne_bench.games.olne import Equilibrium, solve_olne
 
 LANE_WIDTH = 4.0  # [m], HighwayEnv's
-ROAD = (53.0, 172.0)  # [m], what is shown of it
+ROAD = (53.0, 172.0)  # [m], the part that is shown
 CAR_SIZE = (5.0, 2.0)  # [m]
 OTHER_WEIGHTS = (0.25, 0.25, 0.25, 0.25)
 SHOWN = (0, 3, 6, 9)  # steps
@@ -36,7 +36,7 @@ GREY, INK, PAPER = "#6b6b6b", "#1f2328", "#ffffff"
 
 @dataclass(frozen=True)
 class Subject:
-    """One driver of the picture: its name, its weights (4,), its colour."""
+    """One driver of the picture: its name, its weights (4,) and its colour."""
 
     name: str
     weights: tuple[float, float, float, float]
@@ -47,7 +47,7 @@ SUBJECTS = (
     Subject("Driver A", (0.1, 0.6, 0.1, 0.2), "#0072B2"),
     Subject("Driver B", (0.7, 0.1, 0.1, 0.1), "#D55E00"),
 )
-#: Cost terms in the order of the game's weights: what they say, how they are written.
+#: Cost terms in the order of the game's weights: their meaning and formula.
 TERMS = (
     ("keep away from others", r"$\theta_1\;\sum_j -\log\,d_{ij}^2$"),
     ("drive the speed I like", r"$\theta_2\;(v - v_{target})^2$"),
@@ -60,7 +60,7 @@ def motion(subject: Subject) -> Equilibrium:
     """The equilibrium in which the subject changes lanes behind another car.
 
     Raises:
-        RuntimeError: if HighwayEnv would not play it, as cars collide or it is not certified.
+        RuntimeError: if HighwayEnv cannot play it, as cars collide or it is not certified.
     """
     network = road_network("highway")
     lane = route(network, ("0", "1", 1))

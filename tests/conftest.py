@@ -1,4 +1,4 @@
-"""What all tests share: reproducible property tests, recordings that are solved once, tools."""
+"""Shared by all tests: reproducible property tests, recordings that are solved once, tools."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ from olne_bench.games.native import elimination
 settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=8)
 settings.load_profile("reproducible")
 
-#: Set where a test that is skipped is a failure, as in continuous integration.
+#: Set if a skipped test is a failure, as in continuous integration.
 NO_SKIPS = "OLNE_BENCH_NO_SKIPS"
 
 Recorder = Callable[..., Recording]
@@ -24,14 +24,14 @@ Recorder = Callable[..., Recording]
 
 @pytest.fixture
 def compiler() -> None:
-    """Skips where there is no compiler, hence no native code."""
+    """Skip the test if there is no compiler, hence no native code."""
     if shutil.which(os.environ.get("CC", "cc")) is None:
         pytest.skip("needs a C compiler")
 
 
 @pytest.fixture
 def without_native_code(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Native code is switched off, and nothing of it is remembered."""
+    """Switch native code off, and clear its caches."""
     monkeypatch.setenv("OLNE_BENCH_NATIVE", "0")
     for cached in (compiler_module.load, elimination):
         cached.cache_clear()
@@ -52,7 +52,7 @@ def recorded() -> Recorder:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Fail where nothing may be skipped and something was."""
+    """Fail if a test was skipped although none may be."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if os.environ.get(NO_SKIPS) and reporter is not None and reporter.stats.get("skipped"):
         session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -1,4 +1,4 @@
-"""Checks of numbers: what passes, and lines that name what does not."""
+"""Checks of numbers: what passes, and the messages on what does not."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
-"""What the documentation says is so: its commands run, its tables are those of results/.
+"""The documentation is true: its commands run, and its tables are those of results/.
 
-The tutorials are notebooks, which run where the site is built (make docs).
+The tutorials are notebooks, which run when the site is built (make docs).
 """
 
 import re
@@ -24,7 +24,7 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 #: Pages whose blocks run in ``test_a_page_runs``.
 RUN_HERE = ("README.md", "docs/plugins.md", "docs/study_commands.md", "docs/highway.md")
-#: Pages that have a test of their own: below, or in ``test_recordings_guide.py`` and
+#: Pages that have their own test: below, or in ``test_recordings_guide.py`` and
 #: ``test_learning_guide.py``.
 RUN_ELSEWHERE = ("docs/environments.md", "docs/recordings.md", "docs/learning.md")
 #: A block of code, with the comment above it that says why nothing runs it.
@@ -53,11 +53,11 @@ def code_blocks(page):
 
 
 def shortened(words, ending):
-    """A part of a suite will do.
+    """Shorten runs to a part of the suite.
 
     Args:
-        words: of the command.
-        ending: option that says how much of a report ``run`` has to write.
+        words: words of the command.
+        ending: option that says how much of a report ``run`` writes.
     """
     if words[0] != "run":
         return words
@@ -174,7 +174,7 @@ def test_the_picture_of_weights_tells_the_truth(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "scripts")
     picture = runpy.run_path(str(ROOT / "scripts" / "weight_picture.py"))
     hurried, careful = (picture["motion"](subject).states for subject in picture["SUBJECTS"])
-    assert np.array_equal(hurried[0], careful[0])  # they start alike
+    assert np.array_equal(hurried[0], careful[0])  # both start in the same way
     last = picture["SHOWN"][-1]
     gaps = [states[last, 1, 0] - states[last, 0, 0] for states in (hurried, careful)]
     assert gaps[1] > 1.5 * gaps[0]

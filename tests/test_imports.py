@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 BASE = "olne_bench"
-#: What each package may import besides itself and what lies directly in ``olne_bench``.
+#: What each package may import besides itself and the modules directly in ``olne_bench``.
 PACKAGES = {
     "games": set(),
     "envs": {"games"},
@@ -32,7 +32,7 @@ FILES = {
 
 
 def imported(text: str, name: str, is_package: bool = False) -> Iterator[str]:
-    """Every dotted name that a module's imports may mean, lazy imports too."""
+    """All dotted names that a module's imports may mean, including lazy imports."""
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -76,7 +76,7 @@ def test_rooms_import_from_below(name: str) -> None:
 
 
 def test_no_module_imports_itself_by_a_detour() -> None:
-    # A package's __init__ that gathers its modules is imported by them in name only.
+    # A module's own packages are left out: their __init__ is imported in any case.
     graph = {
         name: {m for m in modules_of_ours(name) if not name.startswith(f"{m}.")} for name in FILES
     }

@@ -1,4 +1,4 @@
-"""A scenario, a sensor and a metric of somebody else's package, run in a suite and reported."""
+"""A scenario, a sensor and a metric of another package, run in a suite and reported."""
 
 import subprocess
 import sys
@@ -152,7 +152,7 @@ def call(folder: Path, *words: str) -> str:
 
 @pytest.fixture(scope="module")
 def run(outside):
-    """The folder of a run, and what was said."""
+    """The folder of a run, and its output."""
     said = call(outside, "run", "outside.toml", "--out", "run", "--jobs", "1", "--formats", "svg")
     return outside / "run", said
 

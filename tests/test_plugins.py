@@ -1,4 +1,4 @@
-"""The registry: what it lists, finds and makes, and its one line about anything else."""
+"""The registry: what it lists, finds and constructs, and its one-line errors."""
 
 import importlib
 import subprocess
@@ -52,7 +52,7 @@ def line_of(call, *arguments) -> str:
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_every_class_of_a_kind_in_its_folder_has_the_name_of_its_file(kind):
-    """Names are told from text: what imports say must be the same."""
+    """Names are read from source text, and must be the same as those of imported classes."""
     folder = Path(plugins.__file__).parent.joinpath(*kind.package.split(".")[1:])
     found = set()
     for path in folder.glob("*.py"):
@@ -137,12 +137,12 @@ BAD_FILES = {
             before="class M(type):\n    def __getattribute__(cls, name): raise KeyError(name)",
             head="class A(metaclass=M):",
         ),
-        "does not tell its 'estimate': KeyError: 'estimate' (",
+        ": 'estimate' cannot be read: KeyError: 'estimate' (",
     ),
     "property": (
         "class M(type):\n    @property\n    def name(cls): raise SystemExit('hidden')\n"
         "class A(metaclass=M):\n    def estimate(self): pass",
-        "does not tell its 'name': SystemExit: hidden (",
+        ": 'name' cannot be read: SystemExit: hidden (",
     ),
 }
 
@@ -155,7 +155,7 @@ def test_a_bad_file_is_one_line(case, tmp_path):
     assert expected in line_of(find_class, ESTIMATOR, str(path))
     assert expected in line_of(make, ESTIMATOR, str(path))
     assert expected in describe(ESTIMATOR, str(path)).error
-    source(ESTIMATOR, str(path))  # asks the file nothing
+    source(ESTIMATOR, str(path))  # without importing the file
 
 
 @pytest.mark.parametrize(
@@ -197,9 +197,9 @@ def test_the_kind_of_a_file_is_one(tmp_path):
     one = write(tmp_path, "one.py", tiny(METRIC) + "    def layers(self): pass\n")
     assert "with one method of" in line_of(kind_of, one)
     none = write(tmp_path, "none.py", "class A: pass")
-    assert "is no plugin: expected a class with one method of estimate" in line_of(kind_of, none)
+    assert "is not a plugin: expected a class with one method of estimate" in line_of(kind_of, none)
     assert "'A' in" in line_of(kind_of, f"{none}:A")
-    assert "is no file of a plugin" in line_of(kind_of, "uniform")
+    assert "is not a plugin file" in line_of(kind_of, "uniform")
     assert describe(None, none).error.endswith("score (metric)")
 
 
@@ -368,7 +368,7 @@ MARK = "import pathlib; pathlib.Path(__file__).with_suffix('.imported').touch()\
 
 @pytest.fixture
 def site(tmp_path, monkeypatch):
-    """A folder of installed packages; returns what installs one."""
+    """A folder of installed packages; returns a function that installs one."""
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(str(folder))
@@ -422,7 +422,7 @@ def test_a_package_without_init_is_located_too(site):
         ("foreign_m:Tiny", tiny(name="other"), "installed under another name than its class has"),
         ("foreign_m:Tiny", "raise SystemExit('no')", "cannot be imported: SystemExit: no ("),
         ("foreign_m:Tiny", "class Tiny: name = 'mine'", "has no method 'estimate'"),
-        ("foreign_m:Tiny", "Tiny = 3", "is no class"),
+        ("foreign_m:Tiny", "Tiny = 3", "is not a class"),
         ("foreign_m:Tiny", "", "cannot be imported: AttributeError"),
         ("foreign_m:Tiny", "class Tiny:\n    def estimate(self): 0", "has no name"),
         ("foreign_absent:Tiny", "", "cannot be imported: ModuleNotFoundError"),

@@ -1,4 +1,4 @@
-"""The commands of docs/recordings.md, one after the other, as a reader would try them."""
+"""The commands of docs/recordings.md, run one after the other as by a reader."""
 
 import shlex
 from pathlib import Path
@@ -16,7 +16,7 @@ PAGE = (ROOT / "docs" / "recordings.md").read_text()
 
 
 def blocks(language: str) -> list[str]:
-    """The fenced blocks of that language, which follow the odd fences."""
+    """The fenced code blocks of a language."""
     fenced = PAGE.split("```")[1::2]
     return [
         rest for name, _, rest in (block.partition("\n") for block in fenced) if name == language
@@ -52,7 +52,7 @@ def test_every_command_does_what_the_page_says(
     first = said["olne-bench estimate tracks.parquet --out weights.csv"].out.splitlines()
     for told, printed in zip(shown.splitlines()[:-1], first, strict=False):
         assert told.split() == printed.split()
-    assert "warning: nothing tells the players' lanes, speed" in (
+    assert "warning: the players' lanes, speed are guessed from the data" in (
         said["olne-bench estimate guessed.parquet --scenario two_way"].err
     )
     known: dict[str, object] = {}

@@ -1,4 +1,4 @@
-"""What keeps the code readable, held by numbers."""
+"""Limits that keep the code readable."""
 
 import ast
 from pathlib import Path

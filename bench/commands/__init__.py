@@ -1,6 +1,6 @@
 """Commands of ``olne-bench``, one file each."""
 
-#: Commands and the modules that hold them, each under the module's own name.
+#: Commands and their modules. A module's function has the module's name.
 COMMANDS = {
     "check": "check",
     "compare": "compare",

@@ -14,7 +14,7 @@ from olne_bench.plugins import KINDS, absolute
 @click.option(
     "--kind",
     type=click.Choice([kind.name for kind in KINDS]),
-    help="Kind of the plugin, where plugins of two kinds have its name.",
+    help="Kind of the plugin, if plugins of several kinds have this name.",
 )
 @click.option(
     "--parameter",

@@ -13,7 +13,7 @@ from olne_bench.errors import UserError
 
 
 class _Commands(click.Group):
-    """Imports a command at its first use: all of them together take seconds."""
+    """Import a command when it is first used: importing all of them takes seconds."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -50,7 +50,7 @@ def cli() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point: bad input ends in one line on standard error and exit code 2."""
+    """Run the command line. Bad input prints one line to standard error and exits with code 2."""
     try:
         cli.main(args=arguments, prog_name="olne-bench", standalone_mode=False)
     except UserError as error:
@@ -61,12 +61,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except click.ClickException as error:
         _fail(error.format_message().rstrip(".") + _alternatives(error))
     except (KeyboardInterrupt, click.Abort):
-        click.echo("\ninterrupted; run the same command again to go on", err=True)
+        click.echo("\ninterrupted; run the same command again to continue", err=True)
         sys.exit(130)
 
 
 def _alternatives(error: click.ClickException) -> str:
-    """The known commands or options, where an unknown one was given."""
+    """What to add to an error message: known commands or options, or where to find help."""
     context = getattr(error, "ctx", None)
     if context is None:
         return ""

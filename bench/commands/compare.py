@@ -30,7 +30,7 @@ from olne_bench.files import check_new_file, whole_file
     metavar="NAME[=OTHER]",
     help="Compare only this estimator, which is called OTHER in AFTER (repeatable).",
 )
-@click.option("--out", type=PATH, help="CSV file to write the table to as well.")
+@click.option("--out", type=PATH, help="Also write the table to this CSV file.")
 @click.option("--page", type=PATH, help="New .html file for a page that shows both runs.")
 def compare(
     before: Path, after: Path, estimators: tuple[str, ...], out: Path | None, page: Path | None
@@ -69,7 +69,7 @@ def compare(
 
 @dataclass(frozen=True)
 class _Run:
-    """What is compared of a run."""
+    """The parts of a run that are compared."""
 
     folder: Path
     trials: pd.DataFrame
@@ -108,7 +108,7 @@ def _write_page(
 
 
 def _common(one: Study, other: Study) -> Study:
-    """What labels stand for in both; metrics are those that both have."""
+    """The study of both runs, with the metrics that both have."""
     names = [metric.name for metric in one.metrics]
     return Study(
         tuple(metric for metric in other.metrics if metric.name in names),
@@ -132,7 +132,7 @@ def _other_noise(first: _Run, second: _Run) -> list[str]:
 def _notes(
     old: pd.DataFrame, new: pd.DataFrame, names: dict[str, str], before: Path, after: Path
 ) -> list[str]:
-    """What a comparison of common trials does not see."""
+    """Notes on what a comparison of common trials leaves out."""
     notes = []
     suites = [", ".join(sorted(trials["suite"].unique())) for trials in (old, new)]
     if suites[0] != suites[1]:
@@ -188,7 +188,7 @@ def _format(table: pd.DataFrame) -> str:
     ]
     shares = 100 * table[["better", "better_low", "better_high"]]
     shown["better on"] = [
-        f"{a:.1f} %" + (f" [{b:.1f}, {c:.1f}]" if b == b else "")  # too few have no interval
+        f"{a:.1f} %" + (f" [{b:.1f}, {c:.1f}]" if b == b else "")  # too few pairs give no interval
         for a, b, c in shares.itertuples(index=False)
     ]
     shown["p (Holm)"] = table["p_holm"].map("{:.2g}".format)

@@ -1,6 +1,6 @@
 """Rules of plugins, as checks that an author can run.
 
-Checks run in a child process, like a trial. A check that dies fails, and the others go on.
+Checks run in a child process, like a trial. A check that dies fails, and the others continue.
 """
 
 import os
@@ -42,11 +42,11 @@ class Check:
 
     Attributes:
         kind: name of the plugin's kind.
-        name: of the check, one of ``checks_of(kind)``.
-        reference: of the plugin.
-        parameters: of the plugin.
-        budget: seconds that an estimator is told it has for each estimate.
-        time_limit: seconds after which the check is killed.
+        name: name of the check, one of ``checks_of(kind)``.
+        reference: name or file of the plugin.
+        parameters: parameters of the plugin.
+        budget: time limit [s] of each estimate, which the estimator is given.
+        time_limit: time [s] after which the check is killed.
     """
 
     kind: str
@@ -58,11 +58,11 @@ class Check:
 
 
 def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
-    """Checks by name, in the order in which they run; they raise what is in ``findings``.
+    """Checks by name, in the order in which they run; they raise the exceptions of ``findings``.
 
-    Each is given the plugin; an estimator's also the seconds that it has for an estimate.
+    A check takes the plugin; a check of estimators also takes the time limit [s] of an estimate.
     """
-    # A module is imported where a plugin of its kind is checked, as each takes a while.
+    # Only the module of this kind is imported, as each import takes a while.
     module = import_module(f"olne_bench.bench.commands.{kind.name}_checks")
     checks: Mapping[str, Callable[..., None]] = module.CHECKS
     return checks
@@ -74,9 +74,9 @@ def identify(
     """The kind of plugin that a reference names. A file is imported in another process.
 
     Args:
-        reference: of the plugin.
-        parameters: that it has to accept.
-        kind: name of its kind, needed if several kinds have a plugin of this name.
+        reference: name or file of the plugin.
+        parameters: parameters that it has to accept.
+        kind: name of its kind, required if several kinds have a plugin of this name.
 
     Raises:
         UserError: if there is no such plugin, or it cannot be constructed.
@@ -102,19 +102,19 @@ def identify(
 def run_checks(
     kind: Kind, reference: str, parameters: Mapping[str, Any], *, budget: float, memory: int
 ) -> Iterator[tuple[str, Outcome]]:
-    """Run all checks of a plugin; yields each with its outcome.
+    """Run all checks of a plugin; yield the name and outcome of each.
 
-    It is ``ok`` if the check is met, with a message if the plugin is weak. After a check that hangs
-    no further one runs: they would hang as well, for minutes each.
+    The outcome is ``ok`` if the check passes, with a message if the plugin is weak. A check that
+    hangs is the last one: the others would hang as well, for minutes each.
 
     Args:
-        kind: of the plugin.
-        reference: of the plugin.
-        parameters: of the plugin.
-        budget: seconds that an estimator is told it has for each estimate.
-        memory: limit [bytes] of a process's memory.
+        kind: kind of the plugin.
+        reference: name or file of the plugin.
+        parameters: parameters of the plugin.
+        budget: time limit [s] of each estimate, which the estimator is given.
+        memory: memory limit of the process [bytes].
     """
-    limit = 4 * budget + 60  # some make several estimates, and the first builds its solvers too
+    limit = 4 * budget + 60  # some make several estimates, and the first builds solvers
     checks = [
         Check(kind.name, name, reference, parameters, budget, limit) for name in checks_of(kind)
     ]
@@ -133,7 +133,7 @@ def run_check(check: Check) -> Outcome:
         return Outcome("invalid", one_line(str(finding)))
     except Weakness as finding:
         return Outcome("ok", one_line(str(finding)))
-    except BaseException as error:  # foreign code may raise any
+    except BaseException as error:  # foreign code may raise anything
         return Outcome("crash", one_line(describe_foreign_error(error)))
     return Outcome("ok")
 

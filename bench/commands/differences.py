@@ -12,12 +12,12 @@ _ABSENT = "absent"
 
 
 def find_change(before: Any, after: Any, place: str) -> str | None:
-    """The first difference as text, such as ``game.dt was 0.1 and is 5.0``; None without one.
+    """The first difference as text, such as ``game.dt was 0.1 and is 5.0``; None if there is none.
 
     Args:
-        before: made of dataclasses, tuples, mappings, arrays and values that compare.
-        after: its copy.
-        place: what the text calls the two.
+        before: data made of dataclasses, tuples, lists, mappings, arrays and comparable values.
+        after: the other copy.
+        place: name of the data in the text.
     """
     if before is after:
         return None
@@ -36,7 +36,7 @@ def find_change(before: Any, after: Any, place: str) -> str | None:
 
 
 def _parts(value: Any) -> dict[str, Any] | None:
-    """What a value is made of; None where it is compared as a whole."""
+    """The parts of a value by name; None if it is compared as a whole."""
     if is_dataclass(value):
         return {f".{f.name}": getattr(value, f.name, _ABSENT) for f in fields(value)}
     if isinstance(value, tuple | list):

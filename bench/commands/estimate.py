@@ -1,4 +1,4 @@
-"""``olne-bench estimate``: run an estimator on a recording whose truth nobody needs to know."""
+"""``olne-bench estimate``: run an estimator on a recording, whose true weights may be unknown."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,42 +25,43 @@ from olne_bench.games.game import Game
 from olne_bench.games.observation import ComponentView, FullView, View
 from olne_bench.plugins import ESTIMATOR, is_built_in
 
-#: Noise on positions [m] below which numbers are but rounded.
+#: Least noise level of positions [m]: smaller deviations are rounding.
 LEAST_NOISE = 1e-6
-TOLD = "--noise"  # where a noise level comes from that was told
-MOST_STEPS = 400  # of a game that is solved in minutes
+TOLD = "--noise"  # source of a noise level that the user gave
+MOST_STEPS = 400  # longer games are not solved within minutes
 
 
 @click.command()
 @click.argument("recording", type=PATH)
 @click.option(
     "--scenario",
-    help="Scenario whose cost features the players have; that of the recording where absent.",
+    help="Scenario whose cost features the players have. Default: that of the recording.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
-    help="The draw of a family that the tracks are of; its targets serve those who start there.",
+    help="Draw of the scenario family that the tracks show; players that start there get its "
+    "targets.",
 )
 @click.option(
     "--estimator", default="kkt_constrained", show_default=True, help="Name, or FILE.py[:CLASS]."
 )
 @click.option(
-    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Which to look at."
+    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Episode to use."
 )
 @click.option(
     "--noise",
     type=FiniteRange(min=0, min_open=True),
-    help="Standard deviation of positions [m]; from the roughness of the tracks where absent.",
+    help="Standard deviation of position noise [m]. Default: from the roughness of the tracks.",
 )
 @click.option(
     "--budget",
     type=BUDGET,
     default=60.0,
     show_default=True,
-    help="Seconds that the estimator is told it has.",
+    help="Time limit of the estimate [s].",
 )
-@click.option("--out", type=PATH, help="CSV file of the weights, a new one.")
+@click.option("--out", type=PATH, help="New CSV file for the weights.")
 def estimate(
     recording: Path,
     scenario: str | None,
@@ -74,9 +75,9 @@ def estimate(
     """Estimate the weights of every player in RECORDING.
 
     Motion model, cost features and noise scales are those of the scenario. Target speeds, lanes
-    and goals are taken from the recording's road file, from a draw that starts alike, from the
-    scenario or from the data; what was taken is printed with its source. Tracks that are off the
-    road or drive against its lanes are refused.
+    and goals are taken from the recording's road file, from a draw with the same start, from the
+    scenario or from the data; each is printed with its source. Tracks that leave the road or run
+    against its lanes are refused.
     """
     if out is not None:
         check_new_file("--out", out, (".csv",))
@@ -85,7 +86,7 @@ def estimate(
     _check_length(recording, len(states), known.metadata.dt)
     name = scenario or known.metadata.scenario
     if name is None:
-        raise UserError(f"{recording} names no scenario; say by --scenario whose costs there are")
+        raise UserError(f"{recording} names no scenario; give one with --scenario")
     explained = explain(name, seed, known, episode, noise)
     game = explained.scenario.game
     view, y = _observation(game, known.metadata.state_names, states)
@@ -107,8 +108,8 @@ def estimate(
 def _check_length(path: Path, steps: int, dt: float) -> None:
     if steps > MOST_STEPS:
         raise UserError(
-            f"{path} has {steps} steps of {dt:g} s, at most {MOST_STEPS} make a game; import it "
-            f"again with --resample {max(0.1, 2 * dt):g}, or with a shorter --window"
+            f"{path} has {steps} steps of {dt:g} s, a game at most {MOST_STEPS}; import it again "
+            f"with --resample {max(0.1, 2 * dt):g} or a shorter --window"
         )
 
 
@@ -120,8 +121,8 @@ def _say_assumptions(scenario: str, dt: float, assumptions: Sequence[Assumption]
     guessed = sorted({a.what for a in assumptions if a.source == DATA})
     if guessed:
         click.echo(
-            f"warning: nothing tells the players' {', '.join(guessed)}: the weights depend on what "
-            "the data suggested (source 'data')",
+            f"warning: the players' {', '.join(guessed)} are guessed from the data (source "
+            "'data'); the weights depend on these values",
             err=True,
         )
 
@@ -151,7 +152,7 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
     else:
         click.echo(f"residual {fit.residual:.2g} m, {noise}")
     if fit.standard_errors is None:
-        click.echo("no standard errors: the estimator gives none, or weights do not show", err=True)
+        click.echo("no standard errors: the estimator gives no covariance for these data", err=True)
     if fit.unexplained:
         who = ", ".join(
             f"{players[i]} ({fit.residuals[i]:.2g} m)"  # type: ignore[index]
@@ -163,7 +164,7 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
             err=True,
         )
         if source != TOLD:
-            click.echo("tracks that were smoothed look less noisy than they are: --noise", err=True)
+            click.echo("smoothed tracks look less noisy than they are; set --noise", err=True)
     if not fit.result.converged:
         reason = fit.result.message or "the estimator gives no reason"
         click.echo(f"not converged, do not rely on these weights: {reason}", err=True)
@@ -178,7 +179,7 @@ def _write(table: pd.DataFrame, out: Path) -> None:
 
 
 def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View, np.ndarray]:
-    """The view of those components of which anything is known, and what it shows (T, N, d)."""
+    """A view of the components that have known values, and its observations (T, N, d)."""
     known = [k for k in range(len(names)) if np.isfinite(states[..., k]).any()]
     components = tuple(names[k] for k in known)
     absent = [name for name in components if name not in game.dynamics.state_names]

@@ -55,7 +55,7 @@ def _pickling(estimator: Any, budget: float) -> None:
         copy = pickle.loads(pickle.dumps(estimator))
     except Exception as error:
         raise NonConformance(f"it cannot be pickled: {error}") from error
-    _require_equal(before, _weights(copy, case, budget), "a pickled copy estimates otherwise")
+    _require_equal(before, _weights(copy, case, budget), "a pickled copy gives other weights")
 
 
 def _inputs(estimator: Any, budget: float) -> None:
@@ -73,7 +73,7 @@ def _inputs(estimator: Any, budget: float) -> None:
 
 
 def _deadline(estimator: Any, budget: float) -> None:
-    """An estimate ends within its budget, without set-up, even with five players and much noise."""
+    """An estimate takes less than its budget, even with five players and much noise."""
     case = _case("highway_overtaking", "full", 0.1)
     if _declines(estimator, case.problem):
         case = _supported(estimator)[0]
@@ -125,8 +125,8 @@ def _recovery(estimator: Any, budget: float) -> None:
         error = cosine_error(case.weights, _weights(estimator, case, budget))
         if error > RECOVERY:
             raise Weakness(
-                f"the cosine error of its weights is {error:.2g} without noise, a good one has at "
-                f"most {RECOVERY:g}"
+                f"the cosine error of its weights is {error:.2g} without noise, that of a good "
+                f"estimator at most {RECOVERY:g}"
             )
 
 

@@ -17,14 +17,14 @@ SUFFIXES = (".csv", ".xml")
 @click.command()
 @click.argument("recording", type=PATH)
 @click.option(
-    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Which to write."
+    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Episode to write."
 )
-@click.option("--out", type=PATH, required=True, help="CSV or CommonRoad XML file, a new one.")
+@click.option("--out", type=PATH, required=True, help="New CSV or CommonRoad XML file.")
 def export(recording: Path, episode: int, out: Path) -> None:
     """Write the motion in RECORDING as a table or a CommonRoad scenario.
 
     Lanes and the players' targets go to a TOML file of the same name beside it. Weights are not
-    written: 'olne-bench import' and 'estimate' find them again.
+    written: 'olne-bench import' and 'olne-bench estimate' recover them.
     """
     check_new_file("--out", out, SUFFIXES)
     beside = out.with_suffix(".toml")

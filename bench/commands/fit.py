@@ -9,15 +9,15 @@ from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import observe
 
-#: Residuals beyond so many times the noise are not noise.
+#: Residuals above this multiple of the noise level are not noise.
 FAR_ABOVE_NOISE = 2.0
-#: Below this residual [m] nothing is said: it is about what positions are rounded to.
+#: Residuals below this [m] give no warning: positions are rounded to about as much.
 NEGLIGIBLE = 0.01
 
 
 @dataclass(frozen=True)
 class Fit:
-    """An estimate beside what was observed.
+    """An estimate and the observations that it was made from.
 
     Attributes:
         problem: its sigma is the noise level [m].
@@ -31,9 +31,9 @@ class Fit:
 
     @cached_property
     def residuals(self) -> np.ndarray | None:
-        """(N,) root mean squares, in units of the noise on positions [m]; None if unknown.
+        """(N,) root mean square residuals [m]; None if the estimator gives no states.
 
-        Every component counts relative to its noise scale.
+        Each component is divided by its noise scale.
         """
         if self.result.states is None:
             return None
@@ -43,7 +43,7 @@ class Fit:
 
     @property
     def residual(self) -> float | None:
-        """Root mean square of all of them [m]."""
+        """Root mean square residual of all players [m]; None if the estimator gives no states."""
         if self.residuals is None:
             return None
         count = np.isfinite(self.y).sum(axis=(0, 2))
@@ -51,9 +51,9 @@ class Fit:
 
     @property
     def standard_errors(self) -> np.ndarray | None:
-        """(N, K) of the weights; None where the estimator gives no covariance.
+        """(N, K) standard errors of the weights; None if the estimator gives no covariance.
 
-        Where residuals exceed the noise, they are taken for it.
+        If the residual exceeds the noise level, it is used in its place.
         """
         covariance = self.result.covariance
         if covariance is None:

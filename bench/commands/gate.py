@@ -40,7 +40,7 @@ def gate(folder: Path, suite: str | None) -> None:
     _refuse_no_limits(source)
     study = study_of(read_suite_json(run.suite) for run in runs)
     outcomes = check_limits(tabulate(weighed(trials), study).leaderboard, source.gate, study)
-    # Other limits do not make a run whole that is not.
+    # The run has to be finished whatever the limits are.
     unfinished = missing_trials(trials, [task_of(run) for run in runs])
     for outcome in outcomes:
         click.echo(_line(outcome))
@@ -72,7 +72,7 @@ def _line(outcome: LimitOutcome) -> str:
 
 
 def _parts(runs: Sequence[Provenance]) -> str:
-    """What was asked of the suite, where it was not all of it."""
+    """Which parts of the suite were run; empty if all were."""
     selections = [str(run.selection) for run in runs]
     if "" in selections:
         return ""

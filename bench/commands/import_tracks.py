@@ -1,4 +1,4 @@
-"""``olne-bench import``: a recording out of a user's own tracks."""
+"""``olne-bench import``: make a recording from a user's own tracks."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from olne_bench.files import check_new_file
 
 
 class NumberPair(click.ParamType):
-    """Two finite numbers, parted by a comma."""
+    """Two finite numbers, separated by a comma."""
 
     name = "A,B"
 
@@ -37,7 +37,7 @@ class NumberPair(click.ParamType):
 
 
 class Window(NumberPair):
-    """Two times in order."""
+    """Two increasing times."""
 
     name = "FROM,TO"
 
@@ -57,7 +57,7 @@ class Window(NumberPair):
 
 @click.command(name="import")
 @click.argument("tracks", type=PATH)
-@click.option("--out", type=PATH, required=True, help="Parquet file, a new one.")
+@click.option("--out", type=PATH, required=True, help="New Parquet file.")
 @click.option(
     "--format",
     "format_name",
@@ -69,22 +69,20 @@ class Window(NumberPair):
 @click.option(
     "--road",
     type=PATH,
-    help="TOML file of lanes and targets, SUMO's .net.xml or a lanelet2 map (.osm). A TOML file "
-    "named as TRACKS and beside it is taken where this is absent.",
+    help="TOML file of lanes and targets, SUMO's .net.xml or a lanelet2 map (.osm). Default: the "
+    "TOML file beside TRACKS that has its name, if there is one.",
 )
 @click.option("--window", type=Window(), help="First and last time [s].")
-@click.option("--players", help="Names, parted by commas; all who are seen where absent.")
+@click.option("--players", help="Names, separated by commas. Default: all.")
 @click.option(
     "--resample",
     type=FiniteRange(min=0.001, max=10),
-    help="Time step of the recording [s]; that of the tracks where absent.",
+    help="Time step of the recording [s]. Default: that of the tracks.",
 )
 @click.option("--part", help="Part of a file whose player names repeat, such as a case.")
-@click.option("--flip-y", is_flag=True, help="Let y count in the other direction.")
-@click.option(
-    "--rotate", type=FiniteRange(), default=0.0, help="Turn the tracks then by so many degrees."
-)
-@click.option("--shift", type=NumberPair(), default="0,0", help="Move them then by x,y [m].")
+@click.option("--flip-y", is_flag=True, help="Reverse the direction of y.")
+@click.option("--rotate", type=FiniteRange(), default=0.0, help="Then rotate the tracks [degrees].")
+@click.option("--shift", type=NumberPair(), default="0,0", help="Then shift them by x,y [m].")
 def import_tracks(
     tracks: Path,
     out: Path,
@@ -98,9 +96,9 @@ def import_tracks(
     rotate: float,
     shift: tuple[float, float],
 ) -> None:
-    """Make a recording out of TRACKS, with no truth known.
+    """Make a recording from TRACKS, whose true weights are unknown.
 
-    Rows may be in any order. Cars that enter or leave have missing samples where they are not
+    Rows may be in any order. Cars that enter or leave have missing samples while they are not
     seen. --flip-y, --rotate and --shift bring tracks into the frame of the lanes; they do not
     move the lanes.
     """

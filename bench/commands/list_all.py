@@ -8,7 +8,7 @@ import click
 
 from olne_bench.plugins import KINDS, PluginError, is_built_in, names, source
 
-#: Not through the suites' own module: that imports what they are made of, which takes a second.
+#: Read here and not by ``bench.plan.load``, whose imports take a second.
 _SUITES = Path(__file__).parents[1] / "plan" / "suites"
 
 
@@ -38,7 +38,7 @@ def list_all() -> None:
 
 
 def _fields(path: Path) -> list[str]:
-    """Parameters of a built-in plugin: fields of the class whose name is its file's."""
+    """Parameters of a built-in plugin: fields of the first class in its file that has a name."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for found in [node for node in tree.body if isinstance(node, ast.ClassDef)]:
         fields = [node for node in found.body if isinstance(node, ast.AnnAssign)]

@@ -1,4 +1,4 @@
-"""``olne-bench merge``: make one run of two."""
+"""``olne-bench merge``: merge two runs into one."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def merge(first: Path, second: Path, out: Path | None) -> None:
     if first.resolve() == second.resolve():
         raise UserError(f"cannot merge {first} with itself")
     former, latest = _runs(first), _runs(second)
-    last_suite(former, first)  # there has to be one
+    last_suite(former, first)  # refuses a folder without a run
     check_same_suite(last_suite(latest, second), former, first, f"leave {second} on its own")
     if out is None:
         _add(first, [second])

@@ -19,12 +19,12 @@ from olne_bench.games.olne import solve_olne
 
 
 def _declares(plugin: Any) -> None:
-    """What it declares of itself is well-formed."""
+    """Its declaration is well-formed."""
     _declaration(plugin)
 
 
 def _pure(plugin: Any) -> None:
-    """One case has one score, whatever was scored before."""
+    """A case always has the same score, whatever was scored before."""
     for case in _cases():
         first = _score(plugin, case)
         np.random.seed(1)  # noqa: NPY002 (a metric that uses it must not get away with it)
@@ -34,7 +34,7 @@ def _pure(plugin: Any) -> None:
 
 
 def _ordered(plugin: Any) -> None:
-    """Scores are numbers or None, an error is no larger at the truth, and none is above worst."""
+    """Scores are numbers or None, none is above ``worst``, and an error is least at the truth."""
     declared = _declaration(plugin)
     best, *others = (_score(plugin, case) for case in _cases())
     for score in (best, *others):
@@ -45,7 +45,8 @@ def _ordered(plugin: Any) -> None:
     for score in others:
         if score is not None and score < best:
             raise NonConformance(
-                f"it scores {best} at the truth and {score} away from it: less has to be better"
+                f"it scores {best} at the truth and {score} away from it: an error is least at "
+                "the truth"
             )
 
 

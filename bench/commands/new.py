@@ -13,7 +13,7 @@ import click
 from olne_bench.errors import UserError
 from olne_bench.plugins import KINDS, Kind, names
 
-#: Modules of Python that not every system has, or that it hides.
+#: Python's modules, with those that only other systems have; "test" is not in Python's own list.
 _PYTHON = sys.stdlib_module_names | {"test"}
 _TEMPLATES = Path(__file__).parent / "templates"
 #: Template and the file that it becomes.

@@ -14,7 +14,7 @@ from olne_bench.errors import UserError
 #: What an option decorates.
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-#: File systems take names of 255 bytes; what is written beside a file is named after it.
+#: File systems allow names of 255 bytes. Files beside a given one have longer names than it.
 _NAME_SIZE = 200
 
 
@@ -75,9 +75,9 @@ def path_problem(text: str) -> str:
     if not text.strip():
         return f"{shown(text)} names no file or folder."
     if not text.isprintable():
-        return f"control characters and line breaks are no part of a name: {shown(text)}."
+        return f"a name cannot contain control characters or line breaks: {shown(text)}."
     if any(len(part.encode("utf-8", "replace")) > _NAME_SIZE for part in Path(text).parts):
-        return f"no name is longer than {_NAME_SIZE} bytes: {shown(text)}."
+        return f"a name has at most {_NAME_SIZE} bytes: {shown(text)}."
     return ""
 
 
@@ -85,29 +85,29 @@ PATH = CleanPath()
 PLUGIN = PluginReference()
 #: Time limit of an estimate [s].
 BUDGET = FiniteRange(min=0, min_open=True)
-#: From what a process needs to import everything, to more than any machine has.
+#: Memory [GiB], from what imports need to more than any machine has.
 _MEMORY = FiniteRange(min=0.5, max=2**20)
-#: Processes at a time; more than any machine has been tried with is refused.
+#: Number of processes at the same time; more have never been tried.
 JOBS = click.IntRange(1, 1024)
 
 
 def memory_option(told: str) -> Callable[[Command], Command]:
-    """``--memory``, whose help says what it limits."""
+    """The option ``--memory`` [GiB] with this help text."""
     return click.option(
         "--memory", type=_MEMORY, default=4.0, show_default=True, metavar="GIB", help=told
     )
 
 
 def name_and_value(option: str, text: str) -> tuple[str, Any]:
-    """Both sides of NAME=VALUE; a value that is no JSON is text.
+    """Both sides of NAME=VALUE; a value that is not JSON is text.
 
     Raises:
-        UserError: on any other text.
+        UserError: on a text of another form.
     """
     name, separator, value = text.partition("=")
     if not (name and separator):
         raise UserError(f"{option} {text!r}: expected NAME=VALUE, such as num_players=3")
     try:
         return name, json.loads(value)
-    except (ValueError, RecursionError):  # numbers of too many digits, lists within lists
+    except (ValueError, RecursionError):  # numbers with too many digits, lists nested too deep
         return name, value

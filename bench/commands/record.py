@@ -26,10 +26,10 @@ SLOWEST_FPS = 2.5
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Draws to play, from seed 0 on; a fixed scenario has one.",
+    help="Number of draws to play, from seed 0 on; a fixed scenario has only one.",
 )
-@click.option("--out", type=PATH, required=True, help="Parquet file, a new one.")
-@click.option("--video", type=PATH, help="GIF or MP4 of the first draw, a new file.")
+@click.option("--out", type=PATH, required=True, help="New Parquet file.")
+@click.option("--video", type=PATH, help="New GIF or MP4 file of the first draw.")
 @click.option(
     "--option",
     "options",
@@ -42,7 +42,7 @@ def record(
 ) -> None:
     """Play SCENARIO at its equilibrium and write the recording.
 
-    A draw whose equilibrium is not certified is named in the summary and not written.
+    A draw without a certified equilibrium is named in the summary and not written.
     """
     check_new_file("--out", out, (".parquet",))
     if video is not None:

@@ -1,4 +1,4 @@
-"""Recordings that commands are given."""
+"""Recordings that commands read."""
 
 from pathlib import Path
 
@@ -7,10 +7,10 @@ from olne_bench.errors import UserError
 
 
 def read_episode(path: Path, episode: int) -> RecordingFile:
-    """The recording, which has that episode.
+    """Read a recording and check that it has an episode.
 
     Raises:
-        UserError: on a file that is no recording, or an episode that it does not have.
+        UserError: on a file that is not a recording, or an episode that it does not have.
     """
     try:
         known = read_recording(path)

@@ -14,7 +14,7 @@ from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS, read_formats
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
 
-#: A report that takes longer will not end [s].
+#: A report that takes longer [s] hangs.
 _LONGEST = 86_400.0
 #: Noise level and seed.
 Place = tuple[float, int]
@@ -34,7 +34,7 @@ Place = tuple[float, int]
     "playable",
     multiple=True,
     metavar="SIGMA:SEED",
-    help="Noise level and seed of trials that the page can play, besides others (repeatable).",
+    help="Noise level and seed of further trials that the page can play (repeatable).",
 )
 def report(folder: Path, figures: bool, formats: str, playable: tuple[str, ...]) -> None:
     """Write the tables, page and figures of the run in FOLDER again."""
@@ -53,8 +53,8 @@ def _place(text: str) -> Place:
 def show_report(folder: Path, formats: Sequence[str], playable: Sequence[Place] = ()) -> None:
     """Write a run's report, with figures in these formats, and print its leaderboard.
 
-    A report plays the scenarios again. If one of them is foreign code, a process of its own makes
-    the report, as this one imports no plugin.
+    A report plays the scenarios again. If a scenario or sensor is a plugin, another process makes
+    the report, because this one imports no plugin.
 
     Raises:
         UserError: where there is no run to report on, or that process dies.

@@ -32,7 +32,7 @@ from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import RETRIES, Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store, open_store
 
-#: What estimators print, in the run folder.
+#: File in the run folder for what estimators print.
 LOG = "workers.log"
 #: Number of harness errors shown at the end.
 _SHOWN_FAULTS = 5
@@ -40,7 +40,7 @@ _SHOWN_FAULTS = 5
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The command line of ``olne-bench run``, option by option."""
+    """The options of ``olne-bench run``."""
 
     out: Path
     jobs: int
@@ -60,7 +60,7 @@ class RunOptions:
 
     @property
     def selection(self) -> Selection:
-        """What is asked of the suite; its names are checked when it is selected."""
+        """The selected part of the suite; ``select`` checks its names."""
         return Selection.model_construct(
             scenarios=self.scenario,
             sensors=self.sensor,
@@ -95,14 +95,14 @@ class RunOptions:
     "--retry",
     type=click.Choice(RETRIES),
     multiple=True,
-    help="Run trials again that failed, or failed in this way (repeatable).",
+    help="Run failed trials again: all, or those with this status (repeatable).",
 )
 @click.option("--scenario", multiple=True, help="Only this scenario (repeatable).")
 @click.option("--sensor", multiple=True, help="Only this sensor (repeatable).")
 @click.option("--estimator", multiple=True, help="Only this estimator (repeatable).")
 @click.option("--sigma", type=float, multiple=True, help="Only this noise level (repeatable).")
 @click.option(
-    "--seeds", type=click.IntRange(1, 10**8), help="Number of noise draws, from the first on."
+    "--seeds", type=click.IntRange(1, 10**8), help="Use only the first noise draws, this many."
 )
 @click.option(
     "--salt",
@@ -134,7 +134,7 @@ class RunOptions:
 def run(suite: str, **options: Any) -> None:
     """Run SUITE, a name or a TOML file. Options select a part of it.
 
-    Trials that are in the run folder are not run again, unless the code of their scenario,
+    Trials that are in the run folder are not run again, unless the code of their scenario, sensor,
     estimator or scoring has changed.
     """
     chosen = RunOptions(**options)
@@ -161,7 +161,7 @@ def run(suite: str, **options: Any) -> None:
 
 
 def _go_on(suite: Suite, text: str, options: RunOptions, store: Store) -> signal.Signals | None:
-    """Run what the store lacks; returns the signal if one came before all was done."""
+    """Run the trials that the store lacks; return the signal that interrupted them, if any."""
     runs = store.runs()
     former = read_suite_json(runs[-1].suite) if runs else None
     suite = salted(suite, options.salt, former)
@@ -170,7 +170,7 @@ def _go_on(suite: Suite, text: str, options: RunOptions, store: Store) -> signal
     stored, total = Stored(store.records()), number_of_trials(part, seeds)
 
     def todo() -> Iterator[Trial]:
-        # A process that has run foreign code is not given to others: so there are few changes.
+        # A process that ran foreign code serves nothing else. This order needs few processes.
         return pending(in_order_of_plugins(part, seeds), stored, options.retry)
 
     number = sum(1 for _ in todo()) if runs else total
@@ -201,7 +201,7 @@ def _start(
 def _run_all(
     todo: Iterable[Trial], number: int, store: Store, options: RunOptions
 ) -> signal.Signals | None:
-    """Run trials and store them; returns the signal if one came before all were done."""
+    """Run trials and store them; return the signal that interrupted them, if any."""
     failures: Counter[str] = Counter()
     faults: Counter[str] = Counter()
     with stop_request() as stop:
@@ -220,7 +220,7 @@ def _run_all(
     if stop.signal is not None and stored < number:
         click.echo(
             f"interrupted: {stored} trials of this run are stored in {options.out}, "
-            f"{number - stored} remain; run the same command again to go on",
+            f"{number - stored} remain; run the same command again to continue",
             err=True,
         )
         return stop.signal

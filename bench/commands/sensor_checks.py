@@ -14,7 +14,7 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.observation import View, observation_function
 from olne_bench.games.sensor import SensorModel
 
-#: Relative difference of derivatives to finite differences, and the step of these.
+#: Relative tolerance between derivatives and finite differences, and the step of the latter.
 _DERIVATIVE_TOLERANCE, _STEP = 1e-5, 1e-6
 
 
@@ -27,7 +27,7 @@ def _layers(plugin: Any) -> None:
 
 
 def _differentiable(plugin: Any) -> None:
-    """What is expected is finite, and its derivative is that of finite differences."""
+    """The function h and its derivative are finite, and finite differences confirm the latter."""
     view, dynamics = _model(plugin).view, _recording().scenario.game.dynamics
     state = ca.SX.sym("state", dynamics.state_size)
     slope = ca.Function("slope", [state], [ca.jacobian(view.expected(state, dynamics), state)])
@@ -47,7 +47,7 @@ def _differentiable(plugin: Any) -> None:
 
 
 def _gaps(plugin: Any) -> None:
-    """Samples are finite or, in whole blocks of a player and where it says so, NaN."""
+    """Samples are finite, or NaN for all components of a player if the sensor has a gaps layer."""
     missed = False
     for seed in range(5):
         (seen,) = observe([_recording()], _stack(plugin), 0.01, seed)

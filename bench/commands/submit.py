@@ -15,14 +15,14 @@ _NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,59}")
 
 @click.command()
 @click.argument("folder", metavar="RUN", type=PATH)
-@click.option("--name", help="Name of the submission; that of the run folder where absent.")
-@click.option("--out", type=PATH, help=f"New folder; {_PLACE}/NAME where absent.")
+@click.option("--name", help="Name of the submission. Default: that of the run folder.")
+@click.option("--out", type=PATH, help=f"New folder. Default: {_PLACE}/NAME.")
 def submit(folder: Path, name: str | None, out: Path | None) -> None:
     """Pack the run in RUN for a pull request.
 
     The folder holds the rows, the leaderboard, the source of the estimators that are plugins, and
-    where all of it comes from: suite with salt, versions, commit, and hashes of the files. Every
-    trial must have been run with the present code. 'olne-bench verify' checks the folder.
+    their provenance: suite with salt, versions, commit, and hashes of the files. Every trial must
+    have been run with the present code. 'olne-bench verify' checks the folder.
     """
     chosen = name or folder.resolve().name
     if not _NAME.fullmatch(chosen):

@@ -13,7 +13,7 @@ from olne_bench.bench.report.submission.verify import Limits, Verdict
 from olne_bench.bench.report.submission.verify import verify as check
 from olne_bench.files import check_new_file, whole_file
 
-#: So many rows that differ are shown.
+#: Number of differing rows that are shown.
 _SHOWN = 5
 
 
@@ -24,13 +24,13 @@ _SHOWN = 5
     type=click.IntRange(1, 10**6),
     default=20,
     show_default=True,
-    help="Trials to run again as they are, and as many with a fresh salt.",
+    help="Number of trials to run again as they are, and again with a fresh salt.",
 )
-@click.option("--seed", type=click.IntRange(0), help="Repeat the choice of trials of this seed.")
-@click.option("--strict", is_flag=True, help="Refuse rows of other versions than the present ones.")
+@click.option("--seed", type=click.IntRange(0), help="Seed of the choice of trials, to repeat it.")
+@click.option("--strict", is_flag=True, help="Refuse rows of other versions of code or libraries.")
 @click.option("--jobs", type=JOBS, default=2, show_default=True)
 @memory_option("Memory that a worker process may use.")
-@click.option("--page", type=PATH, help="Write a page of what was accepted, a new .html file.")
+@click.option("--page", type=PATH, help="New .html file for a page of the accepted submissions.")
 def verify(
     folders: tuple[Path, ...],
     sample: int,
@@ -43,9 +43,9 @@ def verify(
     """Check the submissions in FOLDER..., as 'olne-bench submit' packs them.
 
     A sample of the rows is run again and must come out the same, bit by bit. As many trials are run
-    with a salt drawn now: errors that are significantly larger than the submitted ones refuse a
-    submission. Rows of other versions of code or libraries cannot be repeated bit by bit; for them
-    the fresh salt decides alone.
+    with a fresh salt: a submission is refused if their errors are significantly larger than the
+    submitted ones. Rows of other versions of code or libraries cannot be repeated bit by bit; for
+    them only the fresh salt decides.
 
     Exit code 0 if all are accepted, 1 if one is not, 2 on bad input, such as a changed file.
     """
@@ -81,7 +81,7 @@ def _write_page(place: Path, accepted: dict[Path, Verdict]) -> None:
 
 def _lines(folder: Path, verdict: Verdict, seed: int) -> list[str]:
     repeated = verdict.identical + len(verdict.differing)
-    lines = [f"{folder}: {verdict.rows} rows, complete; the leaderboard is theirs"]
+    lines = [f"{folder}: {verdict.rows} rows, complete; the leaderboard matches them"]
     if verdict.other_versions:
         lines.append(
             f"  {verdict.other_versions} rows cannot be repeated bit by bit: {verdict.because}"
@@ -89,7 +89,7 @@ def _lines(folder: Path, verdict: Verdict, seed: int) -> list[str]:
     if repeated:
         lines.append(f"  {verdict.identical} of {repeated} rows run again are the same, bit by bit")
     if verdict.timed_out:
-        lines.append(f"  {verdict.timed_out} rows met their time limit and were not compared")
+        lines.append(f"  {verdict.timed_out} rows reached their time limit and were not compared")
     lines += [f"  DIFFERS  {line}" for line in verdict.differing[:_SHOWN]]
     if len(verdict.differing) > _SHOWN:
         lines.append(f"  and {len(verdict.differing) - _SHOWN} more differ")

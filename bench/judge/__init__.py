@@ -1,1 +1,1 @@
-"""What a trial's truth is, what is observed of it, and how far an estimate is from it."""
+"""Judging of trials: ground truth, observations, and errors of estimates."""

@@ -1,4 +1,4 @@
-"""Whether what a player sent is an estimate of the problem."""
+"""Check that the answer of a player is an estimate of the problem."""
 
 import json
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ from olne_bench.bench.process.messages import Array, unpack
 from olne_bench.bench.text import clip
 from olne_bench.estimators.protocol import Problem
 
-#: How far a covariance may be from symmetric and positive semi-definite, over its largest entry.
+#: How far a covariance may be from symmetric and positive semi-definite, as a share of its
+#: largest entry.
 COVARIANCE_TOLERANCE = 1e-6
 #: Row sums within these are safe to divide by.
 _SMALLEST_SUM, _LARGEST_SUM = 1e-290, 1e290
@@ -24,12 +25,12 @@ _SMALLEST_SUM, _LARGEST_SUM = 1e-290, 1e290
 
 @dataclass(frozen=True)
 class CheckedEstimate:
-    """What an estimator returned, well-formed.
+    """A well-formed estimate.
 
     Attributes:
         weights: (N, K), rows sum to one.
         states: (T, N, n) or None.
-        covariance: (N*K, N*K) of weights so scaled, or None.
+        covariance: (N*K, N*K) of weights whose rows sum to one, or None.
         converged: as in ``Estimate``.
         message: one line.
         objective: what the estimator minimised, or None.
@@ -49,7 +50,7 @@ def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
     """Check an estimate and scale its weights.
 
     Raises:
-        InvalidEstimateError: on one that is not an estimate of the problem.
+        InvalidEstimateError: if it is not an estimate of the problem.
     """
     game = problem.game
     weights = _weights(raw.weights, (game.num_players, game.num_weights))

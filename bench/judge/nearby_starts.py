@@ -1,7 +1,7 @@
-"""The same players from other starts nearby: for studies of several trajectories, for predictions.
+"""The same players from nearby starts, for studies of several trajectories and for predictions.
 
-Starts are drawn around a recording's own, and the equilibrium is followed there from the
-recording's and certified like any other ground truth.
+Starts are drawn around a recording's own start. The equilibrium is followed from the recording's to
+each new start, and certified like any other ground truth.
 """
 
 import zlib
@@ -19,24 +19,24 @@ from olne_bench.games.olne import certify
 from olne_bench.games.root_following import follow_root
 
 #: Standard deviations of starts: positions relative to the least distance between two players
-#: (1 m for a player on its own), speeds relative to the mean one.
+#: (1 m for a single player), speeds relative to their mean.
 POSITION, HEADING, SPEED = 0.05, 0.03, 0.05  # [-], [rad], [-]
 
-#: Draws per start that is wanted, as some have no certified equilibrium nearby.
+#: Draws per wanted start, as some draws have no certified equilibrium.
 _DRAWS = 10
 
 
 def neighbours(recording: Recording, count: int, stream: str, seed: int) -> tuple[Recording, ...]:
-    """Certified recordings of the same players from so many other starts.
+    """Certified recordings of the same players from other starts.
 
     Args:
-        recording: what happened, from the scenario's own start.
-        count: how many others.
-        stream: what they are for; another use gets other starts.
-        seed: of the draw.
+        recording: the motion from the scenario's own start.
+        count: number of other starts.
+        stream: purpose of the starts; each purpose gets its own.
+        seed: seed of the draw.
 
     Raises:
-        NoEquilibriumError: where too few starts have a certified equilibrium.
+        NoEquilibriumError: if too few starts have a certified equilibrium.
     """
     name = recording.scenario.name
     key = [zlib.crc32(f"{stream} {name}".encode()), seed]
@@ -91,18 +91,18 @@ def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[R
 
 
 def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Root) -> list[Root]:
-    """The game's roots at other weights, from the recordings' initial states.
+    """Roots of the game at other weights, from the recordings' initial states.
 
-    Followed from a root that is known at those weights, over the way between the initial states.
-    Where that is lost, from the recording's own motion (``games.root_following``).
+    Each root is followed from a known root at those weights, while the initial state moves. If that
+    fails, it is followed from the recording's own motion (``games.root_following``).
 
     Args:
-        recordings: what happened at the true weights, all in one game.
+        recordings: the motions at the true weights, all of one game.
         weights: (N, K).
         known: a root at the weights, from another initial state.
 
     Returns:
-        Those of the first recordings, up to one for which no root is found.
+        The roots, up to the first recording for which none is found.
     """
     starts = np.stack([one.scenario.initial_state for one in recordings])
     game, repeated = recordings[0].scenario.game, np.repeat(weights[None], len(recordings), axis=0)

@@ -1,7 +1,7 @@
-"""From a recording to what an estimator may see: the recording is played again, through sensors.
+"""Observations of recordings: a recording is played again and seen through sensors.
 
-The world that plays a recording (``envs.recorded``) wears the wrappers of ``envs.wrappers``, so an
-observation is what the wrapped world showed, bit for bit.
+The wrappers of ``envs.wrappers`` are applied to a world that plays the recording
+(``envs.recorded``), so an observation equals what the wrapped world showed, bit for bit.
 """
 
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ from olne_bench.games.sensor import Layer, SensorModel
 
 
 def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:
-    """What an estimator may know of a sensor that looks at a scenario.
+    """What an estimator may know about a sensor in a scenario.
 
     Raises:
-        ValueError: in one line, where layers do not fit each other or the scenario.
+        ValueError: with a one-line message, if layers do not fit each other or the scenario.
     """
     return SensorModel.of(layers, scenario.game.dynamics, scenario.noise_scale)
 
@@ -32,18 +32,18 @@ def observe(
 ) -> tuple[Observation, ...]:
     """Observe recordings through a sensor.
 
-    The noise on a component is a draw by its name, so that sensors which show the same component
-    at the same seed show the same noise on it.
+    The noise of a component depends on its name and the seed only, so sensors that show the same
+    component show the same noise on it.
 
     Args:
-        recordings: what happened.
-        layers: of the sensor.
-        sigma: noise level; it only scales the draw of the noise.
-        seed: of noise and gaps, at least 0. The first recording has it as it is; every other has
-            one of its own, drawn from it.
+        recordings: the true motions.
+        layers: layers of the sensor.
+        sigma: noise level [m], which scales the drawn noise.
+        seed: seed of noise and gaps, at least 0. The first recording uses it; the others use seeds
+            drawn from it.
 
     Raises:
-        ValueError: as ``sensor_model``, or where an angle that the sensor shows jumps.
+        ValueError: as ``sensor_model``, or if a bearing jumps.
     """
     return tuple(
         _played(
@@ -58,7 +58,7 @@ def _seed(seed: int, index: int) -> int:
 
 
 class _Same:
-    """A recording by identity: arrays have no hash."""
+    """A recording that is compared by identity, because arrays have no hash."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
@@ -79,7 +79,7 @@ def _wrapped(same: _Same, layers: tuple[Layer, ...], sigma: float) -> World:
 
 
 def _check_angles(view: View, recording: Recording) -> None:
-    """Refuse a sensor that a player passes behind.
+    """Refuse a sensor if a player passes behind it.
 
     Raises:
         ValueError: naming the player and the step.

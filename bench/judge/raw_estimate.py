@@ -1,7 +1,7 @@
-"""What a player sends back: an estimate as plain data, whatever class a plugin made it of.
+"""An estimate as plain data, as a player process sends it to the referee.
 
-``read_estimate`` runs where the plugin runs, as attributes and sequences may be foreign code too.
-What it makes of them is checked by the referee (``judge.estimate_check``), which trusts none of it.
+``read_estimate`` runs in the player process, as attributes and sequences may be foreign code too.
+The referee does not trust what it receives, and checks it (``judge.estimate_check``).
 """
 
 import contextlib
@@ -16,7 +16,7 @@ import numpy as np
 from olne_bench.bench.process.messages import Array, pack
 from olne_bench.bench.text import clip, one_line
 
-#: Scalar extras that a trial keeps, and the longest text among them.
+#: Number of scalar extras that a trial keeps, and the length of the longest text.
 MOST_EXTRAS = 20
 LONGEST_EXTRA = 200
 LARGEST_INTEGER = 2**63
@@ -35,8 +35,8 @@ class RawEstimate(msgspec.Struct, forbid_unknown_fields=True):
         covariance: as returned, or None.
         converged: as in ``Estimate``.
         message: one line.
-        objective: out of the extras, or None.
-        extras: the other extras that are finite numbers, truth values or short texts, the first
+        objective: ``extras["objective"]``, or None.
+        extras: the other extras that are finite numbers, booleans or short texts, the first
             ``MOST_EXTRAS`` by name.
     """
 
@@ -166,12 +166,12 @@ def is_plain_number(value: Any) -> bool:
 
 
 def _scalar(value: Any) -> Any:
-    """NumPy's scalars and arrays of no dimension as Python's own."""
+    """NumPy scalars and zero-dimensional arrays as Python scalars."""
     return value.item() if isinstance(value, np.generic | np.ndarray) and value.ndim == 0 else value
 
 
 def _short(value: Any) -> str:
-    """A value for a message."""
+    """A short text of a value, for messages."""
     try:
         text = one_line(repr(value))
     except Exception:  # foreign code

@@ -1,7 +1,7 @@
 """The referee judges trials: it plays a scenario, lets sensors observe, and scores an estimate.
 
-It alone knows the truth. An estimator sits in a process of its own (``Player``) and is told a
-problem and observations, nothing else.
+Only the referee knows the truth. An estimator runs in another process (``Player``), which receives
+a problem and observations and nothing else.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,9 +37,10 @@ from olne_bench.games.sensor import Layer, SensorModel
 
 Announce = Callable[[str, float], None]
 
-#: What a player may take in all, start of its process and repetitions included, in time limits.
+#: Longest time that a player may take in all: this many time limits, plus this time [s] for the
+#: start of its process.
 _PLAYER_LIMITS, _PLAYER_START = 10, 1000.0
-#: Work of the harness's own may take this long [s] at least, as machines may be busy.
+#: Least time limit [s] of the referee's own work, as machines may be busy.
 _OWN_SECONDS = 60.0
 
 
@@ -48,14 +49,14 @@ class PlayerTask:
     """All that a player process is told.
 
     Attributes:
-        reference: of the estimator.
-        parameters: of its class.
-        plugin: tells foreign estimators apart; empty for one that is built in.
-        homes: files of plugins whose classes the problem is made of.
+        reference: name or file of the estimator.
+        parameters: parameters of the estimator.
+        plugin: identifies an estimator that is a plugin; empty for a built-in one.
+        homes: files of plugins whose classes the problem contains.
         problem: what is known about the game.
         observations: one for each trajectory.
-        seed: of the estimator's random numbers.
-        time_limit: seconds for set-up, and again for the estimate.
+        seed: seed of the estimator's random numbers.
+        time_limit: time [s] for set-up, and again for the estimate.
     """
 
     reference: str
@@ -70,12 +71,12 @@ class PlayerTask:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a player answers.
+    """The answer of a player.
 
     Attributes:
-        declined: why it does not take the problem, None where it does.
-        estimate: unchecked.
-        seconds: from the observations' leaving to the estimate's arrival.
+        declined: why the estimator declines the problem; None if it does not.
+        estimate: the unchecked estimate.
+        seconds: time from sending the observations to receiving the estimate [s].
     """
 
     declined: str | None = None
@@ -83,12 +84,12 @@ class Answer:
     seconds: float = 0.0
 
 
-class PlayerFault(Exception):  # noqa: N818 (whose fault it is, not an error of ours)
-    """A player has no answer.
+class PlayerFault(Exception):  # noqa: N818 (names whose fault it is)
+    """A player gave no answer.
 
     Attributes:
-        status: of the trial.
-        seconds: as of ``Answer``, if an invalid estimate was returned.
+        status: status of the trial.
+        seconds: as in ``Answer``, if an invalid estimate was returned.
     """
 
     def __init__(self, status: str, message: str, seconds: float | None = None) -> None:
@@ -97,39 +98,39 @@ class PlayerFault(Exception):  # noqa: N818 (whose fault it is, not an error of 
 
 
 class Player(Protocol):
-    """Where an estimator sits."""
+    """Runs an estimator."""
 
     def estimate(self, task: PlayerTask) -> Answer:
-        """Its answer.
+        """The estimator's answer.
 
         Raises:
-            PlayerFault: where there is none.
+            PlayerFault: if there is none.
         """
 
 
 class ForeignMetrics(Protocol):
-    """Where metrics of foreign code are worked out."""
+    """Computes metrics that are foreign code."""
 
     def score(
         self, metric: MetricEntry, case: Judged, homes: Sequence[str], seconds: float
     ) -> float | None:
-        """What a metric says of a trial.
+        """The score of a trial; None if the metric does not apply.
 
         Raises:
-            MetricError: where it says nothing that could be kept.
+            MetricError: if the metric fails or returns no valid score.
         """
 
 
 @dataclass(frozen=True)
 class Case:
-    """The truth of a trial, and what is seen of it.
+    """The truth of a trial and its observations.
 
     Attributes:
-        draw: of the scenario.
-        recordings: what happened, one for each trajectory.
+        draw: draw of the scenario.
+        recordings: the true motions, one for each trajectory.
         problem: what an estimator is told.
         observations: what it is shown.
-        outcome: what is known of the trial before the estimate.
+        outcome: the fields that are known before the estimate.
     """
 
     draw: Draw
@@ -148,14 +149,14 @@ def judge(
 ) -> Outcome:
     """Judge a trial.
 
-    Whatever goes wrong outside of the player is ``harness_error``, never an estimator's failure.
+    What goes wrong outside the player is a ``harness_error``, never an estimator's failure.
 
     Args:
         trial: what to judge.
-        player: where its estimator sits.
-        foreign: where foreign metrics are worked out.
-        announce: told each stage as it begins, and how long it may take: set-up, estimate,
-            scoring.
+        player: runs the estimator.
+        foreign: computes foreign metrics.
+        announce: called with the name of each stage (set-up, estimate, scoring) as it begins, and
+            the time that it may take [s].
     """
     announce("set-up", own_seconds(trial))
     try:
@@ -186,15 +187,15 @@ def judge(
 
 
 def own_seconds(trial: Trial) -> float:
-    """What a stage of the referee's own may take [s]: foreign code gets no more than the limit."""
+    """Time limit of the referee's own stages [s]; foreign code gets no more than the trial's."""
     return trial.time_limit if trial.home_plugins else max(trial.time_limit, _OWN_SECONDS)
 
 
 def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
-    """The layers of a sensor's stack, the innermost first.
+    """The layers of a sensor, the innermost first.
 
     Raises:
-        PluginError: where one cannot be made.
+        PluginError: if one cannot be constructed.
     """
     made = [plugins.make(plugins.SENSOR, entry.name, entry.parameters) for entry in sensor.layers]
     return tuple(layer for one in made for layer in _layers(one))
@@ -206,10 +207,10 @@ def _layers(sensor: Any) -> tuple[Layer, ...]:
 
 
 def case_of(trial: Trial) -> Case:
-    """The truth of a trial, and what is seen of it.
+    """The truth of a trial and its observations.
 
     Raises:
-        NoEquilibriumError: where its scenario has no certified equilibrium.
+        NoEquilibriumError: if its scenario has no certified equilibrium.
     """
     draw = Draw.of(trial.scenario, trial.seed, trial.salt)
     recordings = true_recordings(draw)
@@ -291,7 +292,7 @@ def _scored(
 def _with_scores(
     outcome: Outcome, judged: Judged, trial: Trial, foreign: ForeignMetrics
 ) -> Outcome:
-    """The outcome with what all metrics say of it."""
+    """The outcome with the scores of all metrics."""
     scores: dict[str, float | None] = {}
     notes = [outcome.message] if outcome.message else []
     for entry in trial.metrics:
@@ -328,7 +329,7 @@ def _observation_error(
 
 
 def _squared_error(expected: np.ndarray, model: SensorModel, observation: Observation) -> float:
-    """Sum of squared observation errors of the true motion, over their noise at sigma = 1."""
+    """Sum of squared observation errors of the true motion, whitened by the noise at sigma = 1."""
     root = _whitening(model.covariance)
     return float(np.nansum(((expected - observation.y) @ root.T) ** 2))
 
@@ -343,7 +344,7 @@ def _model(draw: Draw, layers: tuple[Layer, ...]) -> SensorModel:
 
 @lru_cache(maxsize=64)
 def _expected(draw: Draw, view: View) -> tuple[np.ndarray, ...]:
-    """What is observed of each trajectory without noise."""
+    """(T, N, d) noise-free observations of each trajectory."""
     return tuple(observed(view, one)[:-1] for one in true_recordings(draw))
 
 

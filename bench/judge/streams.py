@@ -1,6 +1,6 @@
-"""Where randomness comes from: streams seeded by the salt of a suite and by what they are for.
+"""Random streams, seeded by the salt of a suite and the purpose of the numbers.
 
-Who does not know the salt cannot draw the noise of a trial again, and subtract it.
+The noise of a trial can be drawn again, and subtracted, only by those who know the salt.
 """
 
 import hashlib
@@ -11,9 +11,9 @@ def stream(salt: str, purpose: str, *key: str | int | float) -> int:
     """A seed of 63 bits.
 
     Args:
-        salt: of the suite.
-        purpose: what the numbers are for; another purpose gets others.
-        key: what else tells streams apart.
+        salt: salt of the suite.
+        purpose: purpose of the numbers; each purpose gets its own stream.
+        key: further values that distinguish streams.
     """
     text = json.dumps([salt, purpose, *key])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1

@@ -1,4 +1,4 @@
-"""Ground truth of scenarios, worked out once per process."""
+"""Ground truth of scenarios, computed once per process."""
 
 import json
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from olne_bench.games.information import (
 from olne_bench.games.nearest_root import Prediction, predict
 from olne_bench.games.sensor import SensorModel
 
-#: Other initial states that predictions are held to.
+#: Number of other initial states from which predictions are judged.
 HELD_OUT = 5
 
 
@@ -31,10 +31,10 @@ class Draw:
     """One member of a scenario family, or a fixed scenario.
 
     Attributes:
-        name: of the scenario, or its file.
-        options: its own, as JSON.
-        trajectories: how many times the players are seen.
-        seed: of the draw; a fixed scenario uses it for other starts only.
+        name: name or file of the scenario.
+        options: options of the scenario, as JSON.
+        trajectories: number of trajectories.
+        seed: seed of the draw; a fixed scenario uses it for other starts only.
     """
 
     name: str
@@ -44,12 +44,12 @@ class Draw:
 
     @classmethod
     def of(cls, scenario: ScenarioEntry, seed: int, salt: str) -> "Draw":
-        """The draw of a trial: who does not know the salt does not know it.
+        """The draw of a trial, which only those who know the salt can repeat.
 
         Args:
-            scenario: of the trial.
-            seed: of the trial.
-            salt: of its suite.
+            scenario: scenario of the trial.
+            seed: seed of the trial.
+            salt: salt of its suite.
         """
         options = json.dumps(scenario.options, sort_keys=True)
         key = (options, seed) if scenario.family else ()
@@ -58,20 +58,20 @@ class Draw:
 
 
 def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
-    """What the noise of a trial is drawn from: the same for every sensor and estimator.
+    """Seed of a trial's noise, the same for every sensor and estimator.
 
     Args:
-        scenario: of the trial.
-        sigma: its noise level.
-        seed: of the trial.
-        salt: of its suite.
+        scenario: scenario of the trial.
+        sigma: noise level of the trial.
+        seed: seed of the trial.
+        salt: salt of its suite.
     """
     options = json.dumps(scenario.options, sort_keys=True)
     return stream(salt, "noise", scenario.name, options, round(sigma * 1e9), seed)
 
 
 def true_recording(draw: Draw) -> Recording:
-    """What happens in a draw.
+    """The true motion of a draw.
 
     Raises:
         NoEquilibriumError: where no certified equilibrium was found.
@@ -80,7 +80,7 @@ def true_recording(draw: Draw) -> Recording:
 
 
 def true_recordings(draw: Draw) -> tuple[Recording, ...]:
-    """What happens in a draw and, where it shows several trajectories, from the other starts.
+    """The true motions of a draw: from its own start and, for further trajectories, from others.
 
     Raises:
         NoEquilibriumError: where no certified equilibrium was found.
@@ -89,17 +89,18 @@ def true_recordings(draw: Draw) -> tuple[Recording, ...]:
 
 
 def held_out(draw: Draw, weights: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
-    """Predictions from other initial states nearby.
+    """Predictions from nearby initial states at weights (N, K).
 
-    There are ``HELD_OUT`` of them, each with a certified equilibrium at the true weights. The
-    prediction at the given weights (N, K) from the draw's own initial state
-    (``predict_from_start``) is followed to each (``nearby_starts.follow_start``).
+    There are ``HELD_OUT`` states, each with a certified equilibrium at the true weights. The
+    prediction from the draw's own initial state (``predict_from_start``) is followed to each of
+    them (``nearby_starts.follow_start``).
 
     Returns:
-        None where there is no prediction, or no root is found for one of the starts.
+        The predictions; None if there is none from the draw's own initial state, or if no root is
+        found for one of the starts.
 
     Raises:
-        NoEquilibriumError: where there are too few certified equilibria nearby.
+        NoEquilibriumError: if there are too few certified equilibria nearby.
     """
     return _held_out(draw, weights.tobytes(), root_iterations)
 
@@ -107,8 +108,8 @@ def held_out(draw: Draw, weights: np.ndarray, root_iterations: int) -> tuple[Hel
 def predict_from_start(draw: Draw, weights: np.ndarray, root_iterations: int) -> Prediction:
     """The forward game at weights (N, K), from a draw's true initial state.
 
-    The last ones are kept, as some estimators return the same weights again and again.
-    ``root_iterations`` are those of ``Suite``.
+    The latest predictions are cached, as some estimators return the same weights repeatedly.
+    ``root_iterations`` is as in ``Suite``.
     """
     return _prediction(draw, weights.tobytes(), root_iterations)
 
@@ -118,12 +119,12 @@ def unit_cosine_limit(
 ) -> float | None:
     """Expected cosine error of an efficient estimator at sigma = 1; None if not identifiable.
 
-    To be multiplied by sigma^2 (``games.information.cosine_error_limit``).
+    Multiply it by sigma^2 (``games.information.cosine_error_limit``).
 
     Args:
         draw: the truth.
-        model: of the sensor.
-        seen: observations (T, N, d) of each trajectory, where samples are missing.
+        model: model of the sensor.
+        seen: observations (T, N, d) of each trajectory, needed if samples are missing.
     """
     if seen is None:
         return _unit_limit(draw, model)
@@ -135,10 +136,12 @@ def unit_cosine_limit(
 
 @lru_cache(maxsize=64)
 def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
-    """Of each trajectory's observations, over their noise (``observation_sensitivity``).
+    """Sensitivity of each trajectory's observations, whitened by their noise.
+
+    It is that of ``observation_sensitivity``.
 
     Raises:
-        ValueError: where an equilibrium is singular, so that it is no function of the weights.
+        ValueError: if an equilibrium is singular, so that it is no function of the weights.
     """
     return tuple(
         observation_sensitivity(

@@ -1,4 +1,4 @@
-"""What the parts of a suite say of each other, once its plugins are known."""
+"""Check that the parts of a suite fit each other, once its plugins are known."""
 
 import re
 from collections import Counter
@@ -12,17 +12,17 @@ from olne_bench.bench.plan.trial import LABEL_COLUMNS, number_of_trials
 from olne_bench.bench.plan.versions import VERSION_COLUMNS
 from olne_bench.errors import UserError
 
-#: More would not be finished, nor held by any report.
+#: More trials would not be finished, nor fit into any report.
 MOST_TRIALS = 10**8
 _COLUMN = re.compile("[a-z][a-z0-9_]{0,59}")
 _TAKEN = {*LABEL_COLUMNS, *OUTCOME_COLUMNS, *VERSION_COLUMNS, *FIXED, "run", "rowid"}
 
 
 def check_suite(suite: Suite) -> None:
-    """Refuse what does not go together.
+    """Refuse a suite whose parts do not fit each other.
 
     Raises:
-        UserError: naming the parts.
+        UserError: with a message that names the parts.
     """
     _distinct("sigma", suite.sigmas)
     for scenario in suite.scenarios:
@@ -51,10 +51,10 @@ def check_suite(suite: Suite) -> None:
 
 
 def check_gate(suite: Suite) -> None:
-    """Refuse limits on what a suite, with the plugins added to it, does not run.
+    """Refuse limits on anything that a suite, with its added plugins, does not run.
 
     Raises:
-        UserError: naming the table and what the suite has.
+        UserError: with a message that names the table and what the suite has.
     """
     labels = [entry.label for entry in suite.estimators]
     scenarios = [entry.label for entry in suite.scenarios]
@@ -76,8 +76,9 @@ def _check_columns(suite: Suite) -> None:
     for column in columns:
         if not _COLUMN.fullmatch(column) or column in _TAKEN:
             raise UserError(
-                f"a metric is called {column!r}: its name is that of a column, so it has to be of "
-                "lower-case letters, digits and underscores, and none of those there are anyway"
+                f"a metric is called {column!r}: its name becomes a column, so it must have "
+                "lower-case letters, digits and underscores only, and not be the name of another "
+                "column"
             )
 
 

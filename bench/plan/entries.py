@@ -1,6 +1,6 @@
-"""What a suite lists: scenarios, sensors, estimators and metrics, each with its parameters.
+"""The entries of a suite: scenarios, sensors, estimators and metrics with their parameters.
 
-A suite file says little about them. The rest is learnt from the plugins when the suite is loaded
+A suite file holds only a part of them. The rest is learnt from the plugins when the suite is loaded
 (``bench.plan.learn``) and stored with it, so a stored suite can be read without its plugins.
 """
 
@@ -18,7 +18,7 @@ from olne_bench.bench.plan.values import (
     Trajectories,
 )
 
-#: Noise levels of one suite or scenario.
+#: Largest number of noise levels of a suite or scenario.
 MOST_SIGMAS = 10_000
 
 
@@ -26,8 +26,8 @@ class PluginEntry(Strict):
     """A plugin with its parameters.
 
     Attributes:
-        name: of the plugin, or its file.
-        parameters: its own.
+        name: name or file of the plugin.
+        parameters: parameters of the plugin.
     """
 
     name: Reference
@@ -38,14 +38,14 @@ class ScenarioEntry(Strict):
     """A scenario with its options, such as ``num_players`` of ``random``.
 
     Attributes:
-        name: of the scenario, or its file.
-        options: of its own.
-        label: name in tables; the scenario's with its options in parentheses where absent.
-        trajectories: how many times the players are seen, each time from another start
-            (``bench.judge.nearby_starts``); the suite's where absent.
-        sigmas: noise levels; the suite's where empty.
-        seeds: the first so many noise draws only; all where absent.
-        family: whether every seed is a game of its own; learnt.
+        name: name or file of the scenario.
+        options: options of the scenario.
+        label: name in tables. Default: the scenario's name with its options in parentheses.
+        trajectories: number of trajectories, each from another start
+            (``bench.judge.nearby_starts``). Default: that of the suite.
+        sigmas: noise levels. Default: those of the suite.
+        seeds: number of noise draws to use, from the first on. Default: all.
+        family: whether each seed draws another game; learnt.
     """
 
     name: Reference
@@ -58,13 +58,13 @@ class ScenarioEntry(Strict):
 
 
 class SensorEntry(Strict):
-    """A sensor: layers through which the players are seen, the innermost first.
+    """A sensor: a stack of layers, the innermost first.
 
     In a suite's file it is ``"full"``, or ``{name = "drop", parameters = {p = 0.3}}``, or
     ``{label = "gappy", stack = ["partial", {name = "drop", parameters = {p = 0.3}}]}``.
 
     Attributes:
-        label: name in tables; those of the layers where absent.
+        label: name in tables. Default: the names of the layers.
         layers: sensors with their parameters.
     """
 
@@ -89,14 +89,14 @@ class SensorEntry(Strict):
 
 
 class EstimatorEntry(Strict):
-    """An estimator with its parameters; ``label`` tells apart two settings of the same one.
+    """An estimator with its parameters; ``label`` distinguishes two settings of the same one.
 
     Attributes:
-        name: of the estimator, or its file.
-        parameters: its own.
-        label: name in tables; the estimator's own where absent.
-        scenarios: labels of the scenarios that it is run on; all where absent.
-        seeds: the first so many noise draws only; all where absent.
+        name: name or file of the estimator.
+        parameters: parameters of the estimator.
+        label: name in tables. Default: the estimator's name.
+        scenarios: labels of the scenarios that it is run on. Default: all.
+        seeds: number of noise draws to use, from the first on. Default: all.
         several: whether it takes several trajectories at once; learnt.
     """
 
@@ -112,10 +112,10 @@ class MetricEntry(Strict):
     """A metric with its parameters.
 
     Attributes:
-        name: of the metric, or its file.
-        parameters: its own.
+        name: name or file of the metric.
+        parameters: parameters of the metric.
         column: name of its column in tables; learnt.
-        declaration: what it says of itself, such as its unit; learnt.
+        declaration: fields of its ``MetricDeclaration``, such as its unit; learnt.
     """
 
     name: Reference
@@ -132,7 +132,7 @@ class MetricEntry(Strict):
         return value
 
 
-#: Keys that no suite file gives: plugins do.
+#: Keys that plugins give; a suite file must not have them.
 LEARNT = {
     ScenarioEntry: ("family",),
     SensorEntry: (),
@@ -142,7 +142,7 @@ LEARNT = {
 
 
 def tables(items: Any) -> Any:
-    """Names as tables that hold nothing else."""
+    """A list of entries in which each plain name is replaced by a table with that name."""
     if isinstance(items, list | tuple):
         return [{"name": item} if isinstance(item, str) else item for item in items]
     return items

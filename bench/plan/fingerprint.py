@@ -1,8 +1,8 @@
-"""Fingerprints of source code: they change with what code does, not with how it is written down.
+"""Fingerprints of source code, which ignore comments, formatting and docstrings.
 
-A module counts with everything that it imports, at any depth, out of the packages that it is asked
-to count. Comments, formatting and docstrings do not count. A data or C file of a module's own name
-beside it does; what code finds by other means, such as ``importlib``, does not.
+A fingerprint covers modules and what they import from given packages, at any depth. It also covers
+files beside a module that share its name, such as data or C code. It does not cover what code finds
+in other ways, such as ``importlib``.
 """
 
 import ast
@@ -24,7 +24,7 @@ def fingerprint(modules: Mapping[str, Path], roots: Mapping[str, Path], own: Pat
 
     Args:
         modules: names and files of the modules to start from.
-        roots: packages of which imports count: dotted name and the folder above its first part.
+        roots: packages whose imports count: dotted name and the folder above its first part.
         own: a folder whose modules count under any other top-level name.
     """
     found = modules_used(modules, roots, own)
@@ -54,7 +54,7 @@ def modules_used(
 
 
 def data_beside(path: Path) -> list[Path]:
-    """Files of a module's own name beside it, such as its data: they count as part of it."""
+    """Files beside a module that share its name, such as its data; they count as part of it."""
     if path.name == "__init__.py":
         return []
     beside = sorted(path.parent.glob(f"{path.stem}.*"))
@@ -62,7 +62,7 @@ def data_beside(path: Path) -> list[Path]:
 
 
 def _folder(name: str, roots: Mapping[str, Path], own: Path | None) -> Path | None:
-    """Where to look for a module; None where it does not count."""
+    """Where to look for a module; None if it does not count."""
     for package, folder in roots.items():
         if name == package or name.startswith(f"{package}."):
             return folder
@@ -80,7 +80,7 @@ def _locate(folder: Path, name: str) -> Path | None:
 
 @lru_cache(maxsize=512)
 def _imports(path: Path, name: str) -> frozenset[str]:
-    """Names of everything that may be a module among a module's imports."""
+    """Names in a module's imports that may be modules."""
     return frozenset(_imported_names(path, name))
 
 
@@ -112,7 +112,7 @@ def _parents(name: str) -> Iterator[str]:
 
 @lru_cache(maxsize=512)
 def _tree(path: Path) -> ast.Module | None:
-    """The syntax tree without docstrings; None where it is not Python."""
+    """The syntax tree without docstrings; None if the file is not Python."""
     try:
         tree = ast.parse(path.read_bytes())
     except (SyntaxError, ValueError):

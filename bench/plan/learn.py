@@ -15,23 +15,23 @@ from olne_bench.bench.plan.suite import Suite
 from olne_bench.errors import UserError
 from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Description, Kind
 
-#: Kind of a plugin, None where that is to be found out; its reference; its parameters.
+#: Kind of a plugin (None if unknown), its reference and its parameters.
 Question = tuple[Kind | None, str, Mapping[str, Any]]
 Describe = Callable[[list[Question]], list[Description]]
 
 
 def describe_here(questions: list[Question]) -> list[Description]:
-    """What plugins say of themselves, asked in this process: for code that may run in it."""
+    """Describe plugins in this process, where their code must be allowed to run."""
     return [registry.describe(*question) for question in questions]
 
 
 def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
-    """The suite with all that its plugins say of themselves, and with more plugins.
+    """The suite with the descriptions of its plugins, and with more plugins.
 
     Args:
-        suite: as its file has it.
-        plugins: references to add, each as what it is.
-        describe: asks plugins.
+        suite: the suite as read from its file.
+        plugins: references of plugins to add.
+        describe: describes plugins.
 
     Raises:
         UserError: on the first plugin that cannot be used.
@@ -63,7 +63,7 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
 
 
 def _all_metrics(suite: Suite) -> list[MetricEntry]:
-    """This package's own, each with the parameters that the suite gives it, then the others."""
+    """The built-in metrics, with parameters that the suite gives them, then the others."""
     others = list(suite.metrics)
     own = []
     for name in registry.names(METRIC):

@@ -1,4 +1,4 @@
-"""What an estimator must keep to be accepted."""
+"""Limits that an estimator must keep to be accepted."""
 
 from typing import Any
 
@@ -6,22 +6,22 @@ from pydantic import Field, model_validator
 
 from olne_bench.bench.plan.values import Bound, Label, Strict
 
-#: Limits that are there whatever the metrics of a suite are.
+#: Limits that do not depend on the metrics of a suite.
 FIXED = ("identifiable_cosine_error", "limit_ratio", "failures", "published_failures", "time_ratio")
 
 
 class GateLimits(Strict):
-    """What an estimator must keep, in each scenario and sensor by itself.
+    """Limits for one estimator, in each scenario and sensor separately.
 
-    Whatever else a suite's file has in the table is the limit of a metric's median.
+    Any other key in the table of a suite file is the column of a metric and limits its median.
 
     Attributes:
-        scenarios: labels of those that count; all where empty.
-        sensors: labels of those that count; all where empty.
+        scenarios: labels of the scenarios that count. Default: all.
+        sensors: labels of the sensors that count. Default: all.
         identifiable_cosine_error: largest median.
         limit_ratio: largest mean cosine error over its statistical limit.
-        failures: most trials without a prediction.
-        published_failures: most failures by the published definition.
+        failures: largest number of trials without a prediction.
+        published_failures: largest number of failures by the published definition.
         time_ratio: largest median time over that of the estimator ``time_reference``.
         time_reference: label of an estimator of the same run.
         metrics: largest medians of metrics, by column.
@@ -50,7 +50,7 @@ class GateLimits(Strict):
         if (self.time_ratio is None) != (not self.time_reference):
             raise ValueError("time_ratio and time_reference belong together")
         if not self.bounds:
-            raise ValueError(f"no limit is set; there are those of metrics, {', '.join(FIXED)}")
+            raise ValueError(f"no limit is set; limits are those of metrics, {', '.join(FIXED)}")
         return self
 
     @property

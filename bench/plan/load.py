@@ -51,7 +51,7 @@ def suite_text(reference: str) -> str:
     except OSError as error:
         raise UserError(f"suite {path} cannot be read: {error.strerror or error}") from error
     if len(data) > MOST_BYTES:
-        raise UserError(f"suite {path} is larger than {MOST_BYTES} bytes: that is no suite")
+        raise UserError(f"suite {path} is larger than {MOST_BYTES} bytes: that is not a suite")
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -66,7 +66,7 @@ def load_suite(
     Args:
         reference: a name from ``suite_names()`` or the path of a TOML file.
         plugins: references of estimators, scenarios, sensors and metrics to add to its own.
-        describe: asks plugins what they are; in this process where absent.
+        describe: describes plugins. Default: in this process.
 
     Raises:
         UserError: on an unknown suite, unreadable TOML or a value that is refused.

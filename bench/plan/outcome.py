@@ -1,8 +1,8 @@
-"""What becomes of a trial."""
+"""Outcomes of trials."""
 
 from dataclasses import dataclass, field, fields
 
-#: What can become of a trial. Everything but the first and the last two is a failure.
+#: Statuses of a trial. All but the first and the last two are failures.
 STATUSES = (
     "ok",
     "not_converged",  # the estimator says that its result is not valid
@@ -11,32 +11,31 @@ STATUSES = (
     "crash",  # raised an exception or took its process down
     "invalid",  # returned something that is not an estimate
     "skipped",  # says that it does not support the problem
-    "harness_error",  # the harness's own fault: no attempt of the estimator's
+    "harness_error",  # the harness failed; not an attempt of the estimator
 )
-#: Those of attempts that failed.
+#: Statuses of failed attempts.
 FAILURES = tuple(s for s in STATUSES if s not in ("ok", "skipped", "harness_error"))
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a trial found.
+    """The outcome of a trial.
 
     Attributes:
         status: one of ``STATUSES``.
-        message: one line; empty where all is well.
+        message: one line; empty if there is nothing to say.
         cosine_limit: the cosine error expected of an efficient estimator (Cramer-Rao bound).
-        published_forward: 1 where the published study's own prediction step finds a root at the
-            estimated weights, 0 where only another search does, or none
-            (``games.nearest_root``).
+        published_forward: 1 if the published study's prediction step finds a root at the estimated
+            weights; 0 if only another search finds one, or none does (``games.nearest_root``).
         observation_error: mean absolute position noise [m] of the observation.
         objective: what the estimator minimised.
         truth_objective: sum of squared observation errors of the true trajectory, each over its
             noise scale.
         solve_seconds: wall-clock time of the estimate, solver construction excluded.
         weights: (N, K) nested list of estimated weights.
-        extras: JSON text of what else the estimator says in finite numbers and short texts; None
-            without any.
-        scores: by column of a metric; None, or no entry, where it has nothing to say.
+        extras: JSON text of the estimator's other finite numbers and short texts; None if there
+            are none.
+        scores: score by metric column; None, or no entry, where a metric does not apply.
     """
 
     status: str

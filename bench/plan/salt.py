@@ -1,7 +1,7 @@
-"""The salt of a suite: what the streams of noise and draws are seeded with.
+"""The salt of a suite, which seeds the streams of noise and draws.
 
-A reader of the salt can draw the noise again and subtract it. The salt of a published suite is its
-name, so that its rows can be repeated. A fresh salt is unknown before its run.
+Anyone who knows the salt can draw the noise again and subtract it. The salt of a published suite is
+its name, so that its rows can be repeated. A fresh salt is unknown before its run.
 """
 
 import hashlib
@@ -16,15 +16,15 @@ FRESH = "fresh"
 
 
 def salt_id(salt: str) -> str:
-    """What rows show of a salt: enough to tell two apart, too little to find it."""
+    """A hash of a salt for rows: it distinguishes salts and does not reveal them."""
     return hashlib.sha256(salt.encode()).hexdigest()[:8]
 
 
 def check_salt(wanted: str | None) -> None:
-    """Refuse a text that can be no salt.
+    """Refuse a text that cannot be a salt.
 
     Raises:
-        UserError: on one that is empty, too long or of several lines.
+        UserError: if it is empty, too long or not printable on one line.
     """
     if wanted is None or (wanted.strip() and wanted.isprintable() and len(wanted) <= LABEL_LENGTH):
         return
@@ -35,24 +35,24 @@ def check_salt(wanted: str | None) -> None:
 
 
 def salted(suite: Suite, wanted: str | None, former: Suite | None) -> Suite:
-    """The suite with the salt that a run is to have.
+    """The suite with the salt of its run.
 
     Args:
         suite: with the salt of its file.
         wanted: a text, or ``FRESH``; None for that of the former run, or of the suite.
-        former: the suite of the run that is gone on with.
+        former: the suite of the run to continue; None for a new run.
 
     Raises:
-        UserError: on another salt than that of the former run.
+        UserError: on a salt that is not that of the former run.
     """
     if former is None:
         salt = secrets.token_hex(16) if wanted == FRESH else wanted or suite.salt
         return suite.model_copy(update={"salt": salt})
-    # Who repeats a command with a fresh salt goes on with the one that was drawn then.
+    # A repeated command with --salt fresh continues with the salt that was drawn the first time.
     drawn = wanted == FRESH and former.salt != suite.salt
     if wanted not in (None, former.salt) and not drawn:
         raise UserError(
-            f"--salt {shown(wanted)} is not that of the run to go on with, which has "
+            f"--salt {shown(wanted)} is not that of the run to continue, which has "
             f"{salt_id(former.salt)}; leave --salt out, or use another --out"
         )
     return suite.model_copy(update={"salt": former.salt})

@@ -9,14 +9,14 @@ from olne_bench.errors import UserError
 
 
 class Selection(Strict):
-    """What is asked of a suite; everything where nothing is said.
+    """Which part of a suite to use; an empty field selects everything.
 
     Attributes:
         scenarios: labels.
         sensors: labels.
         sigmas: noise levels.
         estimators: labels.
-        seeds: the first so many noise draws only.
+        seeds: number of noise draws to use, from the first on.
     """
 
     scenarios: tuple[Label, ...] = ()
@@ -26,7 +26,7 @@ class Selection(Strict):
     seeds: Seeds | None = None
 
     def __str__(self) -> str:
-        """As it would be said on a command line; empty where nothing is said."""
+        """The selection as command-line options; empty if it selects everything."""
         chosen: dict[str, Iterable[object]] = {
             "scenario": self.scenarios,
             "sensor": self.sensors,

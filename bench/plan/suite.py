@@ -40,7 +40,7 @@ class Suite(Strict):
     Attributes:
         name: short name.
         description: one line for ``olne-bench list``.
-        salt: what the streams of noise and draws are seeded with; the name where absent.
+        salt: seeds the streams of noise and draws. Default: the name.
         scenarios: names, or tables with options.
         sensors: names, or tables with parameters or stacks.
         sigmas: noise levels: standard deviation on positions [m], and times the scenario's
@@ -50,10 +50,10 @@ class Suite(Strict):
         time_limit: wall-clock seconds after which a stage of a trial (set-up, estimate, scoring) is
             killed.
         root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
-            estimated weights; the published study's, where absent.
-        trajectories: how many trajectories each trial shows, where a scenario does not say.
+            estimated weights. Default: those of the published study.
+        trajectories: number of trajectories of each trial, unless a scenario sets its own.
         estimators: names, or tables with parameters.
-        metrics: names, or tables with parameters; in a file, those beside this package's own.
+        metrics: names, or tables with parameters; a file need not list the built-in ones.
         gate: limits by estimator label, which ``olne-bench gate`` checks.
     """
 
@@ -117,7 +117,7 @@ class Suite(Strict):
         raise UserError(f"suite {self.name!r} has no {what} {label!r}; it has: {choice}")
 
     def pairs(self) -> list[tuple[ScenarioEntry, EstimatorEntry]]:
-        """Which estimator is run on which scenario."""
+        """Scenarios and the estimators that are run on them."""
         return [
             (scenario, estimator)
             for scenario in self.scenarios
@@ -136,10 +136,10 @@ class Suite(Strict):
 
 
 def read_suite_json(text: str) -> Suite:
-    """A suite as a run has stored it, whether or not all it names still exists.
+    """A suite that a run has stored; its plugins need not exist any more.
 
     Raises:
-        UserError: where it is none.
+        UserError: if the text is not a suite.
     """
     try:
         return Suite.model_validate_json(text)

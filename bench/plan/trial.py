@@ -17,7 +17,7 @@ from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import Versions, versions
 from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in
 
-#: Columns of a row that are known beforehand, and their SQL types.
+#: Columns of a row that are known before a trial is run, and their SQL types.
 LABEL_COLUMNS = {
     "suite": "TEXT",
     "scenario": "TEXT",
@@ -29,7 +29,7 @@ LABEL_COLUMNS = {
     "parameters": "TEXT",
     "count": "INTEGER",
 }
-#: Those that identify a trial.
+#: Columns that identify a trial.
 KEY_COLUMNS = ("scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "parameters")
 
 
@@ -46,16 +46,16 @@ class Trial:
     Attributes:
         suite: name of the suite.
         scenario: scenario with options.
-        sensor: what the players are seen through.
+        sensor: sensor with its layers.
         sigma: noise level.
-        seed: of the noise, and of the draw where the scenario is a family.
+        seed: seed of the noise, and of the draw where the scenario is a family.
         estimator: estimator with parameters and label.
         metrics: what the estimate is scored by.
-        count: how many trials of the study this one stands for.
+        count: number of trials of the study that this one stands for.
         time_limit: wall-clock seconds for each of its stages (``bench.judge.referee``).
         root_iterations: as in ``Suite``.
-        salt: what the streams of noise and draws are seeded with, beside the seed.
-        versions: of the code that it is to be run with.
+        salt: seeds the streams of noise and draws, together with the seed.
+        versions: versions of the code to run it with.
     """
 
     suite: str
@@ -73,12 +73,12 @@ class Trial:
 
     @property
     def plugin(self) -> str:
-        """What tells apart estimators that are not built in; empty where it is."""
+        """Label of an estimator that is a plugin; empty for a built-in one."""
         return _plugin(self.estimator)
 
     @property
     def home_plugins(self) -> tuple[str, ...]:
-        """Foreign code among what the trial is played with."""
+        """References of the scenario and of sensor layers that are plugins."""
         return foreign_worlds(self.scenario, self.sensor)
 
     @property
@@ -89,7 +89,7 @@ class Trial:
 
     @property
     def labels(self) -> dict[str, Any]:
-        """The columns of the trial's row that are known beforehand."""
+        """The columns of the trial's row that are known before it is run."""
         return {
             "suite": self.suite,
             "scenario": self.scenario.label,
@@ -104,7 +104,7 @@ class Trial:
 
 
 def explain_difference(trial: Trial) -> str | None:
-    """One line on how this process's code is not what a trial was made for; None where it is."""
+    """How this process's code differs from the code a trial was made for; None if it does not."""
     actual = versions(trial.scenario, trial.sensor, trial.estimator, trial.metrics)
     subjects = {
         "estimator": f"the code of estimator {trial.estimator.label!r}",
@@ -133,13 +133,13 @@ def number_of_trials(suite: Suite, seeds: int | None = None) -> int:
 def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
     """All trials of a suite.
 
-    A worker builds the solvers of a game, sensor and estimator once and keeps the latest. So in a
-    fixed scenario the seed changes fastest; in a family, where every seed has a game of its own,
-    slowest.
+    A worker builds the solvers of a game, sensor and estimator once and keeps the latest ones. So
+    the seed changes fastest in a fixed scenario, and slowest in a family, where each seed draws
+    another game.
 
     Args:
         suite: what to run.
-        seeds: the first so many noise draws only; all where absent.
+        seeds: number of noise draws to use, from the first on. Default: all.
     """
     numbers = range(min(seeds or suite.seeds, suite.seeds))
     for scenario in suite.scenarios:
@@ -150,7 +150,7 @@ def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
 
 
 def in_order_of_plugins(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
-    """As ``expand``, built-in estimators first, then those of one plugin after the other."""
+    """All trials of a suite, those of built-in estimators first, then plugin by plugin."""
     groups: dict[str, list[EstimatorEntry]] = {}
     for estimator in suite.estimators:
         groups.setdefault(_plugin(estimator), []).append(estimator)
@@ -164,7 +164,7 @@ def _plugin(estimator: EstimatorEntry) -> str:
 
 
 class _Cell(NamedTuple):
-    """What the trials of a scenario's sensor and estimator share."""
+    """What trials of the same scenario, sensor and estimator share."""
 
     sensor: SensorEntry
     estimator: EstimatorEntry
@@ -179,7 +179,7 @@ def _cells(suite: Suite, scenario: ScenarioEntry) -> Iterator[_Cell]:
 
 
 def _trials(suite: Suite, scenario: ScenarioEntry, cell: _Cell, seeds: range) -> Iterator[Trial]:
-    # A trial is the same in whatever selection of noise it is run.
+    # A trial does not depend on the selection of noise that it is run in.
     bare = scenario.model_copy(update={"sigmas": (), "seeds": None})
     most = suite.seeds_of(scenario, cell.estimator)
     own = range(seeds.start, min(seeds.stop, most))

@@ -1,11 +1,11 @@
-"""Checked types of what suites hold: strict, as TOML has types, and bounded, as machines are."""
+"""Types of the values in suites: strict, because TOML has types, and bounded."""
 
 import math
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-#: More characters than these are no name, and cannot be part of a file's.
+#: Longest name [characters]; a longer one could not be part of a file name.
 LABEL_LENGTH = 120
 _REFERENCE_LENGTH = 1000
 _TEXT_LENGTH = 1000
@@ -17,16 +17,16 @@ _MESSAGE = 300
 
 
 class Strict(BaseModel):
-    """Plain data that does not change, with no keys but its own."""
+    """Immutable plain data that refuses unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="constants")
 
 
 def shown(value: object) -> str:
-    """A value of any size as a message can name it."""
+    """A value as text of bounded length, for messages."""
     try:
         text = repr(value)
-    except (ValueError, RecursionError):  # a number of too many digits, a table in a table in ...
+    except (ValueError, RecursionError):  # a number with too many digits, tables nested too deep
         return f"a {type(value).__name__} too large to be shown"
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}... ({len(text)} characters)"
 
@@ -41,7 +41,7 @@ def _one_line(value: str) -> str:
     if not value.strip():
         raise ValueError(f"a text that is not empty is needed, got {value!r}")
     if not value.isprintable():
-        raise ValueError(f"control characters and line breaks are no part of it: {shown(value)}")
+        raise ValueError(f"it cannot contain control characters or line breaks: {shown(value)}")
     return value
 
 
@@ -57,7 +57,7 @@ def _plain(value: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_plain(key: str, value: object, depth: int) -> None:
-    """Refuse what JSON does not hold, what is large, and what breaks a table.
+    """Refuse values that JSON cannot hold, that are too large, or that break a table.
 
     Raises:
         ValueError: with the parameter's name.
@@ -82,9 +82,9 @@ def _check_plain(key: str, value: object, depth: int) -> None:
 
 
 Text = Annotated[str, Field(max_length=_TEXT_LENGTH), AfterValidator(_printable)]
-#: Of a suite, a salt: something has to be there.
+#: A name that must not be empty.
 Name = Annotated[str, Field(max_length=LABEL_LENGTH), AfterValidator(_one_line)]
-#: Empty where the suite does not give one.
+#: A name that is empty if the suite does not give one.
 Label = Annotated[str, Field(max_length=LABEL_LENGTH), AfterValidator(_printable)]
 #: A name of a plugin, or its file.
 Reference = Annotated[str, Field(max_length=_REFERENCE_LENGTH), AfterValidator(_one_line)]

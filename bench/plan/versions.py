@@ -24,7 +24,7 @@ _COMMON = {
     SENSOR: _ENVS | _GAMES,
     METRIC: _GAMES | _BENCH,
 }
-#: What plays a scenario, and what lets a sensor see it.
+#: Modules that play a scenario, and modules that let a sensor see it.
 _AT_WORK = {SCENARIO: ("recording",), SENSOR: ("wrappers",)}
 _SCORING = (
     "judge.estimate_check",
@@ -40,21 +40,21 @@ _SCORING = (
     "run.player",
     "text",
 )
-#: Another version of one of these may round otherwise, or draw other numbers.
+#: Another version of one of these may round differently, or draw other numbers.
 _LIBRARIES = ("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env")
 
 
 @dataclass(frozen=True)
 class Versions:
-    """Fingerprints; rows of a trial with the same ones are the same measurement.
+    """Fingerprints of code; rows of a trial with equal ones are the same measurement.
 
     Attributes:
-        estimator: of the estimator's code, with what it imports from its own package or folder
-            and from this benchmark. Its parameters are part of a trial's key anyway.
-        scenario: of the scenario's code, and of what plays it.
-        sensor: of the code of the sensor's layers.
-        scoring: of what turns an estimate into a row, metrics with their parameters included.
-        environment: of libraries, and of what solves the games: compiled code or NumPy.
+        estimator: the estimator, with what it imports from its own package or folder and from this
+            benchmark. Its parameters are part of a trial's key.
+        scenario: the scenario and the code that plays it.
+        sensor: the sensor's layers.
+        scoring: the code that turns an estimate into a row, metrics and their parameters included.
+        environment: versions of libraries, and the backend that solves games.
     """
 
     estimator: str = ""
@@ -74,7 +74,7 @@ def versions(
     estimator: EstimatorEntry,
     metrics: tuple[MetricEntry, ...],
 ) -> Versions:
-    """The versions as this machine's code has them; foreign code is read, not run.
+    """The versions of the code on this machine; foreign code is read, not run.
 
     Raises:
         UserError: where the code of one of them is not found.
@@ -90,10 +90,10 @@ def versions(
 
 
 def files_of(kind: Kind, reference: str) -> list[Path]:
-    """Files below a plugin's own folder that its version counts; its own file comes first.
+    """Files below a plugin's folder that its version covers; its own file comes first.
 
     Args:
-        kind: of the plugin.
+        kind: kind of the plugin.
         reference: names a file.
 
     Raises:
@@ -107,7 +107,7 @@ def files_of(kind: Kind, reference: str) -> list[Path]:
 
 @lru_cache(maxsize=1)
 def environment() -> Mapping[str, str]:
-    """Versions of libraries, and the backend: what ``Versions.environment`` is made of."""
+    """Versions of libraries and the backend, as ``Versions.environment`` covers them."""
     found = {name: _library(name) for name in _LIBRARIES}
     return found | {"backend": backend()}
 
@@ -127,7 +127,7 @@ def _version(kind: Kind, reference: str) -> str:
         return fingerprint({path.stem: path} | around, _COMMON[kind], own=path.parent)
     top = module.partition(".")[0]
     depth = module.count(".") + (path.name == "__init__.py")
-    # This package has roots of its own; of another one, all of it may count.
+    # This package has its roots above; another package counts as a whole.
     folder = {} if top == "olne_bench" else {top: path.parents[depth]}
     return fingerprint({module: path} | around, folder | _COMMON[kind], own=None)
 

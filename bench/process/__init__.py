@@ -1,1 +1,1 @@
-"""Child processes: started, limited, talked to and ended, with whatever they have started."""
+"""Child processes: starting, limiting, talking to and ending them, with all their descendants."""

@@ -1,8 +1,8 @@
 """Messages between two processes, as frames on a socket.
 
-A frame is its length (4 bytes) and its content. Nothing is ever read without bound: a reader takes
-what is there and never waits for the rest of a frame, a frame has a largest size, and a writer
-gives up at a deadline.
+A frame is its length (4 bytes) and its content. No operation is unbounded: a reader takes what is
+there and never waits for the rest of a frame, frames have a largest size, and a writer gives up at
+a deadline.
 """
 
 import select
@@ -22,7 +22,7 @@ class ClosedError(Exception):
 
 
 class GarbageError(Exception):
-    """The other side has sent something that is no frame."""
+    """The other side has sent something that is not a frame."""
 
 
 class Channel:
@@ -35,7 +35,7 @@ class Channel:
         self._buffer = bytearray()
 
     def fileno(self) -> int:
-        """Descriptor of the socket, to wait for."""
+        """Descriptor of the socket, for ``select`` and ``poll``."""
         return self._socket.fileno()
 
     def close(self) -> None:
@@ -45,7 +45,7 @@ class Channel:
         """Send a frame.
 
         Raises:
-            ClosedError: where the other side is gone, or has not read for so many seconds.
+            ClosedError: if the other side is gone, or does not read the frame within ``seconds``.
         """
         deadline = time.monotonic() + seconds
         rest = memoryview(_LENGTH.pack(len(content)) + content)
@@ -59,10 +59,10 @@ class Channel:
                 raise ClosedError("closed its connection") from error
 
     def poll(self) -> bytes | None:
-        """The next frame; None where it is not whole yet. Never waits.
+        """The next frame; None if it is not complete yet. Never waits.
 
         Raises:
-            ClosedError: where the other side is gone and no whole frame is left.
+            ClosedError: if the other side is gone and no complete frame is left.
             GarbageError: on a frame that is too large.
         """
         closed = False
@@ -79,11 +79,11 @@ class Channel:
         return frame
 
     def wait(self, seconds: float) -> None:
-        """Return when there is something to read, or after so many seconds."""
+        """Return when there is something to read, or after ``seconds``."""
         self._ready(select.POLLIN, seconds)
 
     def is_quiet(self) -> bool:
-        """Whether nothing has arrived that was not read."""
+        """Whether everything that has arrived was read."""
         return not self._buffer and not self._ready(select.POLLIN, 0.0)
 
     def _take(self) -> bytes | None:

@@ -1,9 +1,8 @@
-"""A child process seen from its parent: started, given work, watched, killed, replaced.
+"""A child process as its parent sees it: start it, give it work, watch, kill and replace it.
 
-Process pools of libraries were tried first. None has all that is needed here: a time
-limit for every piece of work on a monotonic clock, answers that execute nothing, an exit with code
-0 that is noticed, and descendants that die with their process. Each child has a socket and a
-session of its own, so there is nothing that two of them share.
+No process pool of a library has all that is needed here: a time limit for every piece of work on a
+monotonic clock, answers that execute nothing, an exit with code 0 that is noticed, and descendants
+that die with their process. Each child has its own socket and session, so children share nothing.
 """
 
 import os
@@ -40,19 +39,20 @@ from olne_bench.envs.draws_folder import draws_folder
 from olne_bench.errors import UserError
 from olne_bench.games.compiler import reader_environment
 
-#: Seconds that a process may take to import everything, from a slow network file system too.
+#: Time [s] in which a process has to import everything, even from a slow network file system.
 START_LIMIT = 300.0
-#: How long a process may still be there after its connection is closed [s].
+#: How long a process may still run after its connection is closed [s].
 _DEATH_SECONDS = 5.0
 #: How often a waiting caller checks its process [s].
 TICK = 0.2
 #: How long a process may take to read its next work [s].
 _SEND_SECONDS = 10.0
-#: Descendants hold memory as well, but to count it takes milliseconds.
+#: How often a waiting caller counts the memory of a process and its descendants [s]. It takes
+#: milliseconds.
 _MEMORY_SECONDS = 0.3
 
-# Threads would compete with the other processes, and sum in another order, which is enough to
-# change where an interior-point method ends up in a hopeless game. Likewise an order of sets.
+# Threads would compete with the other processes, and would sum in another order. That can change
+# where an interior-point method ends in a hopeless game, and so can the order of sets.
 _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -76,7 +76,7 @@ class OutOfMemoryError(ChildError):
 
 
 class MisspokeError(ChildError):
-    """What came back is no answer."""
+    """The answer is malformed, or was not asked for."""
 
 
 class LeftProcessesError(ChildError):
@@ -88,7 +88,7 @@ class DiedError(ChildError):
 
     Attributes:
         outside: whether another process may have killed it.
-        served: pieces of work that it had done before, which may have left something harmful.
+        served: number of pieces of work that it had done before, which may have damaged it.
     """
 
     def __init__(self, cause: str, *, outside: bool, served: int) -> None:
@@ -101,16 +101,16 @@ class RaisedError(Exception):
 
 
 class StartError(UserError):
-    """Processes do not start on this machine, which no work can mend."""
+    """Processes do not start on this machine, so no work can be done."""
 
 
 class Child:
-    """One process; it is started with its first work and again after it has died.
+    """One process, started with its first work and again after it has died.
 
     Attributes:
-        busy: whether it is at work.
-        served: pieces of work that the present process has done.
-        stage: of the work, as far as it was announced.
+        busy: whether it is working.
+        served: number of pieces of work that the present process has done.
+        stage: last stage of the work that was announced; empty before the first.
     """
 
     def __init__(
@@ -123,15 +123,15 @@ class Child:
         may_announce: bool = False,
         has_children: bool = False,
     ) -> None:
-        """Nothing is started yet.
+        """Set limits; nothing is started yet.
 
         Args:
-            log: file for whatever the process prints; this process's output where absent.
+            log: file for what the process prints. Default: this process's standard error.
             memory: limit [bytes] of the process with its descendants, None for no limit.
-            restricted: whether it runs foreign code, and so in a sandbox (``process.sandbox``)
-                with an empty folder of its own.
-            hidden: folder that it cannot read then.
-            may_announce: whether it may divide its work into stages that have a limit each.
+            restricted: whether it runs foreign code; it then runs in a sandbox
+                (``process.sandbox``) and in an empty folder.
+            hidden: folder that a restricted process cannot read.
+            may_announce: whether it may divide its work into stages with their own time limits.
             has_children: whether it is a parent of ``Child`` itself: then processes may be left
                 when its work is done, and only its own memory is limited here.
         """
@@ -150,7 +150,7 @@ class Child:
 
     @property
     def channel(self) -> Channel:
-        """Readable when there may be something for ``poll`` to find."""
+        """The connection; it is readable when ``poll`` may find something."""
         assert self._channel is not None
         return self._channel
 
@@ -158,13 +158,13 @@ class Child:
         """Give an idle process its next work.
 
         Args:
-            function: what to do; a module has to hold it.
-            arguments: its own.
-            seconds: that it may take, once the process has started.
+            function: the work, a function at the top level of a module.
+            arguments: its arguments, which can be pickled.
+            seconds: time that it may take once the process has started [s].
         """
         assert not self.busy
         if self._process is not None and not self.channel.is_quiet():
-            self.stop()  # it has spoken without being asked
+            self.stop()  # it has sent something without being asked
         if self._process is None:
             self._start()
         self.busy = True
@@ -183,9 +183,9 @@ class Child:
             kind: type of the result, for ``messages.decode_value``; it must not be None.
 
         Raises:
-            ChildError: where there is none.
-            RaisedError: where the work raised an exception.
-            UserError: where the work says that its input is bad.
+            ChildError: if there is no result.
+            RaisedError: if the work raised an exception.
+            UserError: if the work raised one about bad input.
         """
         assert self.busy and self._process is not None
         try:
@@ -210,7 +210,7 @@ class Child:
         return None
 
     def wait(self, kind: Any) -> Any:
-        """The result of the work, once there is one; raises as ``poll``."""
+        """Wait for the result of the work; raises as ``poll``."""
         while (result := self.poll(kind)) is None:
             self.channel.wait(TICK)
         return result
@@ -221,7 +221,7 @@ class Child:
         return self.wait(kind)
 
     def stop(self) -> None:
-        """Kill the process with all that it started."""
+        """Kill the process and all its descendants."""
         if self._process is not None:
             kill_family(self._process.pid)
             self._process.wait()
@@ -234,7 +234,7 @@ class Child:
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
-        # Draws that the user has played are no estimator's business either.
+        # An estimator must not see the draws that the user has played either.
         hidden = [str(f.resolve()) for f in (self._hidden, draws_folder()) if f is not None]
         options = f"memory={self._memory}, hidden={hidden!r}, restricted={self._restricted}"
         options += f", guarded={adopts_orphans()}"
@@ -256,7 +256,7 @@ class Child:
                 cwd=self._folder.name if self._folder else None,
                 env=environment,
                 pass_fds=[theirs.fileno()],
-                start_new_session=True,  # it gets no Ctrl-C of the terminal's
+                start_new_session=True,  # it gets no Ctrl-C from the terminal
             )
         self._channel = Channel(ours)
         self._ready = False
@@ -265,7 +265,7 @@ class Child:
     def _take(self, message: Message, kind: Any) -> Any:
         if isinstance(message, Ready | Stage) or message.token != self._token:
             self.stop()
-            raise MisspokeError("sent a message that nobody asked for")
+            raise MisspokeError("sent an unexpected message")
         self.busy = False
         self.served += 1
         assert self._process is not None
@@ -289,7 +289,7 @@ class Child:
             self.stop()
 
     def _look_after(self) -> None:
-        """End the work where it takes too long or too much."""
+        """End the work if it takes too much time or memory."""
         now = time.monotonic()
         if now > self._deadline:
             started, stage = self._ready, self.stage

@@ -1,7 +1,7 @@
-"""Descendants of a process: found and killed, also those that left its session or its parent.
+"""Find and kill the descendants of a process, even those that left its session or their parent.
 
-On Linux a process can adopt what its descendants leave behind (a "child subreaper"), so nothing
-escapes by ``setsid`` or by a parent that ends. Elsewhere such orphans are not found.
+On Linux a process can adopt the orphans of its descendants (as a "child subreaper"), so no process
+escapes by ``setsid`` or when its parent ends. Elsewhere such orphans are not found.
 """
 
 import ctypes
@@ -18,9 +18,9 @@ import psutil
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _PR_SET_CHILD_SUBREAPER = 36
 _IN_MEMORY = ("/memfd:", "/dev/shm/")
-#: Nothing is left when so many looks in a row have found nothing.
+#: Nothing is left after this number of searches in a row without a find.
 _QUIET_LOOKS = 3
-#: A family that forks faster than it is killed is given up after this time [s].
+#: After this time [s], a family that forks faster than it can be killed is given up.
 _KILL_SECONDS = 10.0
 
 
@@ -28,7 +28,7 @@ _adopts = False
 
 
 def adopts_orphans() -> bool:
-    """Whether this process is the parent of descendants whose parents end."""
+    """Whether this process becomes the parent of descendants whose parents end."""
     return _adopts
 
 
@@ -41,10 +41,10 @@ def adopt_orphans() -> None:
 
 
 def end_with_parent(parent: int) -> None:
-    """Let this process be killed when its parent, of this process id, ends."""
+    """Have this process killed when its parent, of this process id, ends."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
-        if os.getppid() != parent:  # it was faster
+        if os.getppid() != parent:  # it has ended already
             os._exit(1)
 
 
@@ -56,7 +56,7 @@ def has_descendants(pid: int) -> bool:
 def kill_family(pid: int) -> None:
     """Kill the descendants of a process, and then the process itself.
 
-    The process is stopped first. As it adopts orphans, all that is left is found below it.
+    The process is stopped first. As it adopts orphans, all of them are found below it.
     """
     with suppress(ProcessLookupError, PermissionError):
         os.kill(pid, signal.SIGSTOP)
@@ -82,8 +82,8 @@ def kill_descendants(pid: int, keep: frozenset[int] = frozenset()) -> None:
 def held_memory(pid: int, *, descendants: bool = True) -> int:
     """Memory [bytes] that a process and its descendants hold, shared memory included.
 
-    Memory that several of them share counts once for each. On Linux, open files that lie in
-    memory count as well, and once more where they are mapped.
+    Memory that several processes share counts once for each. On Linux, open files in memory count
+    as well, and count again if they are mapped.
     """
     total = 0
     files: dict[tuple[int, int], int] = {}
@@ -99,7 +99,7 @@ def held_memory(pid: int, *, descendants: bool = True) -> int:
 
 
 def _files_in_memory(pid: int) -> dict[tuple[int, int], int]:
-    """Sizes [bytes] of a process's open files that lie in memory, by device and number."""
+    """Sizes [bytes] of a process's open files in memory, by device and inode number."""
     found = {}
     with suppress(OSError):
         for link in Path(f"/proc/{pid}/fd").iterdir():
@@ -120,7 +120,7 @@ def _below(pid: int, keep: frozenset[int]) -> Iterator[psutil.Process]:
 
 
 def _kill(process: psutil.Process) -> bool:
-    """Kill a process; False where it is dead already."""
+    """Kill a process; False if it is dead already."""
     with suppress(psutil.Error):
         if process.status() != psutil.STATUS_ZOMBIE:
             process.kill()
@@ -129,7 +129,7 @@ def _kill(process: psutil.Process) -> bool:
 
 
 def _children(pid: int) -> Iterator[int]:
-    """Children of a process. Asked after every trial, so the fast way comes first."""
+    """Children of a process. Called after every trial, so the fast way comes first."""
     tasks = Path(f"/proc/{pid}/task")
     try:
         for task in tasks.iterdir():

@@ -1,7 +1,7 @@
-"""The inside of a child process: take a piece of work, do it, answer; again until the parent ends.
+"""The loop of a child process: take a piece of work, do it and answer, until the parent ends.
 
-A child outlives its work, as solvers are slow to build. One that is in a doubtful state afterwards
-says so and is replaced.
+A child is kept after its work, because solvers are slow to build. If it is in a doubtful state
+afterwards, it says so and is replaced.
 """
 
 import contextlib
@@ -28,12 +28,12 @@ from olne_bench.bench.process.sandbox import restrict
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.errors import UserError
 
-#: Share of the memory limit that a process may hold on to between two pieces of work.
+#: Share of the memory limit that a process may keep between two pieces of work.
 _KEPT_MEMORY = 0.5
 #: How long a parent may take to read a message [s].
 _SEND_SECONDS = 60.0
 
-#: How often a process looks whether it has a parent [s].
+#: How often a process checks that it has a parent [s].
 _PARENT_SECONDS = 1.0
 
 _say: Callable[[Any], None] | None = None
@@ -42,7 +42,7 @@ _say: Callable[[Any], None] | None = None
 def announce(stage: str, seconds: float) -> None:
     """Tell the parent that another stage of the work begins, and how long it may take [s].
 
-    Without a parent, as in tests, nothing is told.
+    Without a parent, as in tests, this does nothing.
     """
     if _say is not None:
         _say(Stage(stage, seconds))
@@ -60,13 +60,13 @@ def serve(
     """Serve a parent until it closes the connection.
 
     Args:
-        descriptor: of the connection to it.
-        parent: its process id.
+        descriptor: descriptor of the connection to the parent.
+        parent: the parent's process id.
         memory: limit [bytes] of this process's data, None for no limit.
         hidden: folders that a restricted process cannot read.
-        restricted: whether to give up all rights that work does not need (``sandbox``); the
-            present folder stays writable.
-        guarded: whether the parent takes care of what this process leaves behind, so that it may
+        restricted: whether to give up all rights that the work does not need (``sandbox``); the
+            current folder stays writable.
+        guarded: whether the parent adopts the orphans of this process, so that this process may
             be killed with the parent.
     """
     global _say
@@ -74,10 +74,10 @@ def serve(
     if restricted and guarded:
         end_with_parent(parent)
     threading.Thread(target=_end_without_parent, args=(parent,), daemon=True).start()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, which ends this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
     if memory is not None:
         _limit_memory(memory, files=restricted)
-    # A log that cannot be written to is no failure.
+    # A log that cannot be written to is not a failure.
     sys.stdout = sys.stderr = io.TextIOWrapper(_BestEffort(1, "w"), write_through=True)
     own = os.getpid()
     channel = Channel(socket.socket(fileno=descriptor))
@@ -97,26 +97,26 @@ def serve(
 
 def _limit_memory(memory: int, *, files: bool) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-    if files:  # which may lie in memory
+    if files:  # they may be in memory
         resource.setrlimit(resource.RLIMIT_FSIZE, (memory, memory))
 
 
 def _work(channel: Channel, say: Callable[[Any], None], memory: int | None) -> None:
-    """Take work until the connection is closed, which is a ``ClosedError``."""
+    """Take work until the connection is closed, which raises ``ClosedError``."""
     ready = False
     while True:
         while (request := channel.poll()) is None:
             channel.wait(3600.0)
         token, function, arguments = pickle.loads(request)
         if not ready:  # the function's module is imported only now
-            gc.freeze()  # what is imported stays; to look through it again takes time
+            gc.freeze()  # imported objects stay; collecting through them would take time
             say(Ready())
             ready = True
         say(_answer(token, function, arguments, memory))
 
 
 def _end_without_parent(parent: int) -> None:
-    """End this process, and what it has started, once its parent is gone."""
+    """End this process and its descendants once its parent is gone."""
     own = os.getpid()
     while os.getppid() == parent:
         time.sleep(_PARENT_SECONDS)
@@ -134,7 +134,7 @@ def _answer(
         return Raised(token, "user", clip(str(error)))
     except MemoryError as error:
         return Raised(token, "memory", describe_error(error))
-    except BaseException as error:  # of foreign code: no child hears of Ctrl-C
+    except BaseException as error:  # foreign code may raise anything; no child gets Ctrl-C
         return Raised(token, "other", describe_error(error))
     left_threads = threading.active_count() > threads
     full = memory is not None and _held_memory() > _KEPT_MEMORY * memory
@@ -149,7 +149,7 @@ class _BestEffort(io.FileIO):
 
 
 def _held_memory() -> int:
-    """Memory [bytes] that counts towards ``RLIMIT_DATA``; 0 where the system does not tell."""
+    """Memory [bytes] that counts towards ``RLIMIT_DATA``; 0 if the system does not provide it."""
     try:
         pages = Path("/proc/self/statm").read_text().split()[5]
     except OSError:

@@ -1,7 +1,7 @@
-"""What a child says to its parent: data of a fixed form, checked when it is read.
+"""Messages of a child to its parent: data of a fixed form, checked when it is read.
 
-The parent trusts its child with nothing. What it reads is MessagePack against a schema, which
-cannot execute anything, so a forged message is at worst a wrong answer.
+The parent does not trust its child. Messages are MessagePack, read against a schema, and cannot
+execute anything, so a forged message is at worst a wrong answer.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ class Ready(msgspec.Struct, tag="ready", forbid_unknown_fields=True):
 
 
 class Stage(msgspec.Struct, tag="stage", forbid_unknown_fields=True):
-    """Another stage of the work begins and has so many seconds."""
+    """Another stage of the work begins; ``seconds`` is its time limit."""
 
     name: str
     seconds: float
@@ -48,7 +48,7 @@ class Array(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def pack(array: np.ndarray) -> Array:
-    """An array as a message has it."""
+    """Turn an array into the form that messages have."""
     dense = np.asarray(array, dtype=np.float64, order="C")
     return Array(dense.shape, dense.tobytes())
 
@@ -57,7 +57,7 @@ def unpack(array: Array) -> np.ndarray:
     """The array of a message.
 
     Raises:
-        ValueError: where shape and data do not belong together.
+        ValueError: if shape and data do not fit each other.
     """
     if min(array.shape, default=0) < 0:
         raise ValueError(f"negative dimensions in the shape {array.shape}")
@@ -70,7 +70,7 @@ def encode(value: Any) -> bytes:
 
 
 def decode_message(frame: bytes) -> Message:
-    """A message out of a frame.
+    """Read a message from a frame.
 
     Raises:
         ValueError: if the frame holds no message.
@@ -78,14 +78,14 @@ def decode_message(frame: bytes) -> Message:
     try:
         return _DECODER.decode(frame)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"sent something that is no message: {error}") from error
+        raise ValueError(f"sent something that is not a message: {error}") from error
 
 
 def decode_value(value: msgspec.Raw, kind: Any) -> Any:
-    """The value of a result.
+    """Read the value of a result.
 
     Raises:
-        ValueError: where it is not of that kind.
+        ValueError: if it is not of that kind.
     """
     try:
         return msgspec.msgpack.decode(value, type=kind)

@@ -1,10 +1,9 @@
-"""What foreign code may reach: Linux's Landlock, which a process imposes on itself for good.
+"""A sandbox for foreign code: Linux's Landlock, which a process imposes on itself permanently.
 
-Restricted code has no privileges of a superuser. It reads any file but those below hidden
-folders, writes below one folder of its own, opens no TCP connection, and can neither send signals
-to processes outside of the sandbox nor look into them. Kernels before 5.13 and other systems have
-no Landlock, older kernels know only a part of this (``restrictions`` says which); see
-docs/isolation.md.
+Restricted code has no superuser privileges. It can read any file except those below hidden folders,
+and write below one folder. It cannot open TCP connections, send signals to processes outside the
+sandbox or look into them. Kernels before 5.13 and other systems have no Landlock. Older kernels
+support a part of this (``restrictions`` says which); see docs/isolation.md.
 """
 
 import ctypes
@@ -26,7 +25,7 @@ _NO_NEW_PRIVS = 38  # linux/prctl.h
 _CAPABILITY_VERSION = 0x20080522  # linux/capability.h
 _FIRST_WITH_NET, _FIRST_WITH_SCOPES = 4, 6
 
-#: Written to by ordinary programs.
+#: Devices that ordinary programs write to.
 _DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/tty", "/dev/shm")
 
 
@@ -40,14 +39,14 @@ class _PathBeneath(ctypes.Structure):
 
 
 def landlock_version() -> int:
-    """Version of Landlock's interface; 0 where there is none."""
+    """Version of Landlock's interface; 0 if there is none."""
     if sys.platform != "linux":
         return 0
     return max(0, int(_libc().syscall(_CREATE_RULESET, None, 0, _VERSION_FLAG)))
 
 
 def restrictions() -> tuple[str, ...]:
-    """What ``restrict`` keeps from foreign code on this machine."""
+    """What ``restrict`` denies foreign code on this machine."""
     version = landlock_version()
     found = ["the run folder", "writing outside of its folder"] if version else []
     found += ["TCP connections"] if version >= _FIRST_WITH_NET else []
@@ -60,17 +59,17 @@ class _CapabilityHeader(ctypes.Structure):
 
 
 def drop_capabilities() -> None:
-    """Give up what a superuser may do beyond an ordinary user, such as reading other processes."""
+    """Give up the privileges of a superuser, such as reading other processes."""
     if sys.platform == "linux":
         header = _CapabilityHeader(_CAPABILITY_VERSION, 0)
         _libc().capset(ctypes.byref(header), (ctypes.c_uint32 * 6)())
 
 
 def restrict(hidden: Sequence[Path], writable: Path) -> None:
-    """Restrict this process, and all that it starts, as far as the kernel can.
+    """Restrict this process and its descendants as far as the kernel can.
 
     Args:
-        hidden: folders of which nothing can be read, even if they are made later.
+        hidden: folders whose files cannot be read, even if they are created later.
         writable: the only folder that can be written to.
     """
     drop_capabilities()
@@ -106,7 +105,7 @@ def _around(hidden: Sequence[Path]) -> list[Path]:
 
 
 def _outside(place: Path, hidden: list[Path]) -> list[Path]:
-    """What there is of a place besides the hidden folders, which are below it or itself."""
+    """The parts of a place outside the hidden folders, which are below it or the place itself."""
     if not hidden:
         return [place]
     if place in hidden:
@@ -114,7 +113,7 @@ def _outside(place: Path, hidden: list[Path]) -> list[Path]:
     try:
         # A link is not followed: it may lead into a hidden folder.
         entries = [entry for entry in place.iterdir() if not entry.is_symlink()]
-    except OSError:  # not there yet, or not for us to list
+    except OSError:  # it does not exist yet, or cannot be listed
         return []
     return [
         found

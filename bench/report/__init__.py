@@ -1,1 +1,1 @@
-"""What a run says: tables, statistics, figures and the page."""
+"""Reports of runs: tables, statistics, figures and the page."""

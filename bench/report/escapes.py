@@ -1,4 +1,4 @@
-"""Names and messages of foreign origin, as tables of all kinds can take them."""
+"""Escape names and messages of foreign origin for tables of all kinds."""
 
 import pandas as pd
 import pyarrow as pa
@@ -6,10 +6,10 @@ import pyarrow.compute as pc
 
 from olne_bench.bench.text import one_line
 
-#: A spreadsheet takes a cell that starts with one of these for a formula.
+#: Spreadsheets read a cell that starts with one of these as a formula.
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _FORMULA_PATTERN = r"^[=+\-@\t\r]"
-#: What Markdown, or HTML in it, would act on.
+#: Characters that have a meaning in Markdown, or in HTML within it.
 _MARKDOWN = "\\`*_[]<>|#&~"
 
 
@@ -19,13 +19,13 @@ def markdown_text(text: str) -> str:
 
 
 def csv_text(text: str) -> str:
-    """A cell of text that no spreadsheet takes for a formula, and no reader for two rows."""
+    """A text cell that no spreadsheet reads as a formula, and no reader as two rows."""
     safe = f"'{text}" if text.startswith(_FORMULA) else text
     return safe.replace("\r", " ")
 
 
 def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
-    """A table whose cells of text no spreadsheet takes for formulas."""
+    """A table whose text cells no spreadsheet reads as formulas."""
     texts = [name for name in table if not pd.api.types.is_numeric_dtype(table[name])]
     return table.assign(
         **{
@@ -36,7 +36,7 @@ def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def csv_safe_arrow(table: pa.Table) -> pa.Table:
-    """The same of an Arrow table."""
+    """An Arrow table whose text cells no spreadsheet reads as formulas."""
     for place, field in enumerate(table.schema):
         if pa.types.is_string(field.type) or pa.types.is_large_string(field.type):
             column = table.column(place)

@@ -1,4 +1,4 @@
-"""Formats that figures can be written in, apart from what draws them and is slow to import."""
+"""Formats of figures, apart from the code that draws them, which is slow to import."""
 
 from olne_bench.errors import UserError
 
@@ -7,7 +7,7 @@ USUAL_FORMATS = ("png", "svg")
 
 
 def read_formats(text: str) -> tuple[str, ...]:
-    """Formats from their names with commas in between.
+    """Formats from a comma-separated list of names.
 
     Raises:
         UserError: on one that is not known.

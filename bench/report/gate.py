@@ -1,4 +1,4 @@
-"""Acceptance: a run against the limits of its suite."""
+"""Check a run against the limits of its suite."""
 
 import math
 from collections import Counter
@@ -20,17 +20,17 @@ from olne_bench.errors import UserError
 
 _KEY = ["estimator", "scenario", "sensor", "sigma", "seed"]
 
-#: Columns of the leaderboard that limits are on whatever the metrics of a run.
+#: Columns of the leaderboard that can be limited in every run, whatever its metrics.
 _COUNTS = ("limit_ratio", "failures", "published_failures")
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a run set out to do.
+    """What a run was asked to do.
 
     Attributes:
-        suite: the part of its suite that was asked for.
-        seeds: the first so many noise draws.
+        suite: the selected part of its suite.
+        seeds: number of noise draws.
     """
 
     suite: Suite
@@ -44,15 +44,15 @@ def task_of(run: Provenance) -> Task:
 
 @dataclass(frozen=True)
 class LimitOutcome:
-    """What became of one limit in one scenario and sensor.
+    """The outcome of one limit in one scenario and sensor.
 
     Attributes:
-        estimator: its label.
+        estimator: label of the estimator.
         scenario: label of the scenario.
-        sensor: name of the sensor.
-        limit: what is limited, as in ``GateLimits``.
-        value: what the run has; not a number where it does not say.
-        bound: what it may be at most.
+        sensor: label of the sensor.
+        limit: name of the limit, as in ``GateLimits``.
+        value: value in the run; NaN if it is unknown.
+        bound: largest value allowed.
     """
 
     estimator: str
@@ -64,23 +64,23 @@ class LimitOutcome:
 
     @property
     def passed(self) -> bool:
-        """Whether the limit is kept; what is not known does not keep it."""
+        """Whether the limit is kept; an unknown value does not keep it."""
         return self.value <= self.bound
 
 
 def check_limits(
     table: pd.DataFrame, gate: Mapping[str, GateLimits], study: Study = USUAL
 ) -> list[LimitOutcome]:
-    """What became of every limit.
+    """The outcome of every limit.
 
     Args:
         table: a leaderboard.
         gate: limits by estimator label.
-        study: of the run.
+        study: study of the run.
 
     Raises:
-        UserError: where the run has nothing that a limit is about, so nothing passes unseen, or a
-            limit is on what no gate may limit.
+        UserError: if the run has no trial that a limit applies to, so that no limit passes
+            unchecked, or if a limit is not allowed.
     """
     for estimator, limits in gate.items():
         _refuse_unknown_limits(estimator, limits, study.metrics)
@@ -99,17 +99,17 @@ def _refuse_unknown_limits(
     for name in limits.bounds:
         if name not in known:
             raise UserError(
-                f"[gate.{estimator}] limits {name!r}, which is no metric of the run that a gate "
+                f"[gate.{estimator}] limits {name!r}, which is not a metric of the run that a gate "
                 f"may limit; there are: {', '.join(known)}"
             )
 
 
 def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task]) -> list[str]:
-    """What has not been done of what was set out to be done, in words.
+    """Which trials of the tasks are missing, one line per estimator, scenario and sensor.
 
     Args:
         trials: rows of a run.
-        tasks: of all that wrote to it; what they share counts once.
+        tasks: tasks of all runs that wrote these rows; a trial of several tasks counts once.
     """
     planned = {key for task in tasks for key in _keys(task)}
     done = set(trials[_KEY].itertuples(index=False, name=None))
@@ -122,7 +122,7 @@ def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task]) -> list[str]:
 
 
 def _keys(task: Task) -> Iterator[tuple[str, str, str, float, int]]:
-    """The trials of a task, as ``plan.trial.expand`` has them; unknown names are no error."""
+    """The trials of a task, as ``plan.trial.expand`` has them; unknown plugins are allowed."""
     suite = task.suite
     for scenario, estimator in suite.pairs():
         seeds = range(min(task.seeds, suite.seeds_of(scenario, estimator)))
@@ -157,7 +157,7 @@ def _time(table: pd.DataFrame, row: dict, reference: str) -> float:
     _require("time_reference", [reference], table["estimator"])
     same = (table["scenario"] == row["scenario"]) & (table["sensor"] == row["sensor"])
     found = table.loc[same & (table["estimator"] == reference), "solve_seconds_median"]
-    # More than half of the reference's attempts without an end are no measure of anything.
+    # The median is infinite if more than half of the reference's attempts did not end.
     return float(found.iloc[0]) if len(found) and np.isfinite(found.iloc[0]) else math.nan
 
 

@@ -20,8 +20,8 @@ from olne_bench.bench.report.statistics.estimator_comparison import ranks
 from olne_bench.bench.report.statistics.intervals import mean_by_seed
 from olne_bench.bench.report.study import USUAL, Study
 
-#: Noise up to which errors are compared with the statistical limit, which is a small-noise
-#: expansion. Where a study has none so small, the least that it has is taken.
+#: Largest noise level [m] at which errors are compared with the statistical limit, which is a
+#: small-noise expansion. If a study has no level as small, its smallest one is used.
 LIMIT_SIGMA = 0.01
 
 _KEY = ["scenario", "sensor", "estimator"]
@@ -33,21 +33,22 @@ def leaderboard(
     """Summarise trials.
 
     Args:
-        trials: rows as in ``trials.parquet``; ``identifiable_cosine_error`` may be among them, of
-            which only rows that have one count.
+        trials: rows as in ``trials.parquet``, optionally with ``identifiable_cosine_error``, for
+            which only rows with a value count.
         comparisons: from ``bench.report.statistics.estimator_comparison``, for ranks.
-        study: of the run.
+        study: study of the run.
 
     Returns:
         One row per (scenario, sensor, estimator): ``trials``, ``failures`` and
         ``published_failures`` (rows counted with their ``count``), ``skipped`` and
-        ``harness_errors`` (which are no attempts); of each metric with values the median, quartiles
-        and mean with its 95 % interval over seeds, or ``_share`` and ``_trials`` (how many have a
-        value); ``limit_ratio`` (mean cosine error over its statistical limit for small noise), the
-        median time, infinite for attempts that never came to an end, and ranks with ties by the
-        metrics that are compared. In means, a failure has the largest error there is, such as 1 for
-        angles and infinity for positions. Within a scenario and sensor the best rank by the primary
-        metric, the position error, comes first; of equal ranks, or without any, the least median.
+        ``harness_errors`` (which are not attempts); for each metric with values the median,
+        quartiles and mean with its 95 % interval over seeds, or ``_share`` and ``_trials`` (number
+        of trials with a value); ``limit_ratio`` (mean cosine error over its statistical limit for
+        small noise); the median time, in which attempts that did not end are infinite; and ranks
+        with ties by the metrics that are compared. In means, a failure counts as the largest
+        possible error, such as 1 for angles and infinity for positions. Rows of a scenario and
+        sensor are sorted by their rank in the primary metric, the position error, then by its
+        median.
     """
     metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
     about = {metric.name: measured(trials, metric, study) for metric in metrics}
@@ -115,22 +116,22 @@ def _error(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float
 
 
 def published_failures(attempts: pd.DataFrame) -> np.ndarray:
-    """Which rows the published study would count as failed.
+    """Which rows the published study would count as failed, (rows,) bool.
 
-    Either the estimator fails, or the study's one solve for the forward game does not converge,
-    whether or not a root exists.
+    Either the estimator fails, or the study's single solve of the forward game does not converge,
+    even if a root exists.
     """
     failed = attempts["status"].ne("ok") | attempts["published_forward"].eq(0)
     return failed.to_numpy(bool)
 
 
 def _times(attempts: pd.DataFrame) -> np.ndarray:
-    """Times [s]; infinite for attempts that were stopped or broke off, as they never got there."""
+    """Times [s]; infinite for attempts that were stopped or crashed."""
     return attempts["solve_seconds"].fillna(np.inf).to_numpy(float)
 
 
 def _share(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float | int]:
-    """Share of attempts with a value, and how many these are."""
+    """Mean of a share over attempts that have a value, and the number of these attempts."""
     told = attempts[attempts[metric.name].notna()]
     number = int(told["count"].sum())
     share = np.average(told[metric.name].to_numpy(float), weights=told["count"]) if number else None

@@ -1,4 +1,4 @@
-"""The leaderboard as text for a terminal, with what there is to say of it."""
+"""The leaderboard as text for a terminal, with a legend and notes."""
 
 import math
 from functools import partial
@@ -49,15 +49,15 @@ def format_leaderboard(table: pd.DataFrame, study: Study = USUAL) -> str:
 
 
 def format_notes(tables: RunTables, notes: list[str]) -> str:
-    """What the harness did wrong, and what could not be drawn; empty where there is neither.
+    """Errors of the harness, and what could not be drawn; empty if there is neither.
 
     Args:
-        tables: of the run.
+        tables: tables of the run.
         notes: what could not be drawn, and why.
     """
     wrong = in_words(tables.harness_errors)
     parts = [
-        ("The harness itself failed; these trials are no attempts of the estimators:", wrong),
+        ("The harness itself failed; these trials do not count as attempts:", wrong),
         ("Not shown, and why:", notes),
     ]
     return "\n".join(

@@ -14,17 +14,17 @@ from olne_bench.bench.report.statistics.estimator_comparison import leaders
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.text import one_line
 
-_ROUNDING = 1e-9  # below, errors are a solver's rounding
+_ROUNDING = 1e-9  # errors below this are rounding of solvers
 
 
 @dataclass(frozen=True)
 class _Markup:
-    """How a language writes what is not a name.
+    """How a language writes cells.
 
     Attributes:
-        number: a number, infinite or missing ones too.
-        bold: text in bold.
-        text: a name, with nothing in it that the language would act on.
+        number: writes a number, which may be infinite or missing.
+        bold: writes text in bold.
+        text: writes a name, with the language's special characters escaped.
     """
 
     number: Callable[[float], str]
@@ -48,7 +48,7 @@ def latex(table: pd.DataFrame, study: Study = USUAL) -> str:
 
 
 def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
-    """All cells as text, in the language's own words; so are the heads of columns."""
+    """All cells and column heads as text of the language."""
     number, text = markup.number, markup.text
     columns = {
         head: table[name].map(text)
@@ -136,5 +136,5 @@ _LATEX = {
 
 
 def _latex_text(text: str) -> str:
-    """A name as text: nothing that LaTeX would act on."""
+    """A name with LaTeX's special characters escaped."""
     return "".join(_LATEX.get(c, c) for c in one_line(text))

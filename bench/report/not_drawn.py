@@ -1,5 +1,5 @@
-"""What a report could not draw, and why: said, not passed over."""
+"""The error for what a report cannot draw."""
 
 
 class NotDrawnError(Exception):
-    """There is nothing to draw, or it cannot be drawn here; the message says why in a few words."""
+    """There is nothing to draw, or it cannot be drawn here; the message says why."""

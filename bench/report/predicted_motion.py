@@ -1,8 +1,8 @@
-"""Predictions of stored trials, made again for pictures.
+"""Predictions of stored trials, computed again for pictures.
 
-A store keeps of each prediction its error alone, so the same motion is looked for again, cheapest
-way first, and known by that error. What a few dozen iterations do not find is not drawn, nor is
-what the published step does not find, as in the study's own figures.
+A store keeps only the error of each prediction. So the motion is searched again, the cheapest way
+first, and recognised by its error. A motion that a few dozen iterations do not find is not drawn,
+nor is one that the published step does not find, as in the published figures.
 """
 
 from collections.abc import Mapping
@@ -28,15 +28,15 @@ def predict_again(draw: Draw, trial: Mapping[Any, Any]) -> np.ndarray | None:
     """The predicted states (T, N, n) of a trial.
 
     Args:
-        draw: of the trial.
+        draw: draw of the trial.
         trial: its row, with ``seed, status, weights, position_error, published_forward``.
 
     Returns:
-        None where the trial has no prediction by the published step, or none with its error is
-        found again.
+        None if the trial has no prediction by the published step, or no motion with its error is
+        found.
 
     Raises:
-        NotDrawnError: where its weights do not fit the scenario.
+        NotDrawnError: if its weights do not fit the scenario.
     """
     game = true_recording(draw).scenario.game
     weights = estimated_weights(trial["weights"], game)
@@ -47,10 +47,10 @@ def predict_again(draw: Draw, trial: Mapping[Any, Any]) -> np.ndarray | None:
 
 
 def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
-    """Weights (N, K) of a row; None where the trial left none.
+    """Weights (N, K) of a row; None if it has none.
 
     Raises:
-        NotDrawnError: on weights that the game cannot take, as of another version of it.
+        NotDrawnError: on weights that the game does not accept, such as those of another version.
     """
     if value is None or (isinstance(value, float) and np.isnan(value)) or value is pd.NA:
         return None
@@ -59,7 +59,7 @@ def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
         game.check_weights(rows)
     except (TypeError, ValueError) as error:
         raise NotDrawnError(f"stored weights do not fit the scenario: {error}") from error
-    return rows  # to the last digit: scaled once more, the published step may end elsewhere
+    return rows  # unscaled: rounding can change where the published step ends
 
 
 @lru_cache(maxsize=4096)  # the page and the figures show the same trials

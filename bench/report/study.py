@@ -1,4 +1,4 @@
-"""What the labels in a run's tables stand for, out of the suites that are stored with it."""
+"""The entries behind the labels in a run's tables, from the suites stored with the run."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.errors import UserError
 from olne_bench.games.sensor import SensorModel
 
-#: Errors where a label is of another version, or its truth cannot be computed.
+#: Errors raised if a label is of another version, or its truth cannot be computed.
 UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)
 
 
@@ -24,10 +24,10 @@ class Study:
     """Scenarios, sensors, estimators and metrics of a run.
 
     Attributes:
-        metrics: what its metrics declare, those of this package first.
+        metrics: declarations of its metrics, the built-in ones first.
         scenarios: entries by label.
         sensors: entries by label.
-        salt: that draws and noise were seeded with.
+        salt: salt that seeded draws and noise.
         estimators: entries by label.
     """
 
@@ -38,20 +38,20 @@ class Study:
     estimators: Mapping[str, EstimatorEntry] = field(default_factory=dict)
 
     def scenario(self, label: str) -> ScenarioEntry:
-        """The scenario with a label; nothing says that it still exists.
+        """The scenario with a label; its plugin may not exist any more.
 
         Raises:
-            UserError: where the study has none.
+            UserError: if the study has none.
         """
         return _of_label("scenario", label, self.scenarios)
 
     def is_family(self, label: str) -> bool:
-        """Whether every seed of the scenario with this label has a draw of its own."""
+        """Whether each seed of the scenario with this label has its own draw."""
         known = self.scenarios.get(label)
         return known is None or known.family  # the careful choice
 
     def draw(self, label: str, seed: int) -> Draw:
-        """The draw that trials of a scenario's label and a seed are about.
+        """The draw of the trials with a scenario's label and a seed.
 
         Raises:
             UserError: where the study has no such scenario.
@@ -59,17 +59,17 @@ class Study:
         return Draw.of(self.scenario(label), seed, self.salt)
 
     def sensor_model(self, sensor: str, draw: Draw) -> SensorModel:
-        """What is known of the sensor with a label that looks at a draw.
+        """The model of the sensor with a label on a draw.
 
         Raises:
-            UserError: where the study has none, or it cannot be made here.
-            ValueError: where it does not fit the scenario.
+            UserError: if the study has no such sensor, or it cannot be constructed here.
+            ValueError: if it does not fit the scenario.
         """
         layers = layers_of(_of_label("sensor", sensor, self.sensors))
         return sensor_model(true_recording(draw).scenario, layers)
 
     def noise_seed(self, label: str, sigma: float, seed: int) -> int:
-        """What the noise of trials is drawn from.
+        """Seed of the noise of trials.
 
         Raises:
             UserError: where the study has no such scenario.
@@ -86,15 +86,15 @@ def _of_label(what: str, label: str, known: Mapping[str, T]) -> T:
     return known[label]
 
 
-#: The metrics of this package, of no suite in particular.
+#: A study with the built-in metrics only.
 USUAL = Study()
 
 
 def study_of(suites: Iterable[Suite]) -> Study:
-    """The study of a run, whose suites may have grown from one to the next.
+    """The study of a run, from all its suites: a suite may grow when a run continues.
 
     Args:
-        suites: as stored with the run. One that names no metrics has those of this package.
+        suites: suites stored with the run. If none names metrics, the built-in ones are used.
     """
     metrics: dict[str, MetricDeclaration] = {}
     scenarios: dict[str, ScenarioEntry] = {}
@@ -112,7 +112,7 @@ def study_of(suites: Iterable[Suite]) -> Study:
 
 
 def _declaration(entry: Any) -> MetricDeclaration:
-    """What a suite's entry of a metric says; what is not stored is as this package has it."""
+    """The declaration of a suite's metric; missing fields are those of the built-in metric."""
     usual = next((one.stored() for one in BUILT_IN if one.name == entry.column), {})
     told = {key: value for key, value in entry.declaration.items() if value is not None}
     return declaration_from(usual | told | {"name": entry.column})
@@ -124,6 +124,6 @@ def _ordered(found: Mapping[str, MetricDeclaration]) -> tuple[MetricDeclaration,
 
 
 def why_unknown(error: Exception) -> str:
-    """What is wrong, in words; some exceptions say only what they looked for."""
+    """The message of an error; some exceptions need their type or argument instead."""
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
     return text or type(error).__name__

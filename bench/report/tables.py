@@ -1,4 +1,4 @@
-"""All tables of a run, made once."""
+"""All tables of a run, computed once."""
 
 from dataclasses import dataclass
 
@@ -18,15 +18,15 @@ from olne_bench.bench.report.study import USUAL, Study
 
 @dataclass(frozen=True)
 class RunTables:
-    """Tables of a run; their columns are described where they are made.
+    """Tables of a run; their columns are described at the functions that make them.
 
     Attributes:
         leaderboard: one row per scenario, sensor and estimator.
-        comparisons: of estimators, in pairs.
-        identifiability: of each weight in each scenario and sensor.
+        comparisons: comparisons of estimators, in pairs.
+        identifiability: identifiability of each weight in each scenario and sensor.
         bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
-        harness_errors: what the harness itself did wrong.
-        notes: what could not be worked out, and why.
+        harness_errors: errors of the harness.
+        notes: what could not be computed, and why.
     """
 
     leaderboard: pd.DataFrame
@@ -37,7 +37,7 @@ class RunTables:
     notes: tuple[str, ...] = ()
 
     def by_name(self) -> dict[str, pd.DataFrame]:
-        """Those that every run has, by name."""
+        """The tables that are written to the run folder, by name."""
         return {
             "leaderboard": self.leaderboard,
             "comparisons": self.comparisons,
@@ -47,8 +47,8 @@ class RunTables:
 
 
 def tabulate(trials: pd.DataFrame, study: Study = USUAL) -> RunTables:
-    """Work out all tables from a run's trials."""
-    # Of a million trials the weights take longest to copy, and most tables do without.
+    """Compute all tables from a run's trials."""
+    # The weights of a million trials are slow to copy, and most tables do not need them.
     plain = trials.drop(columns="weights")
     comparisons = compare_estimators(plain, study)
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))

@@ -1,4 +1,4 @@
-"""What a run leaves to take home: tables and figures, made from the store alone."""
+"""Write the report of a run: tables, page and figures, made from the store alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ class Report:
     """What was written.
 
     Attributes:
-        tables: of the run.
-        study: of the run.
+        tables: tables of the run.
+        study: study of the run.
         notes: what could not be shown, and why.
     """
 
@@ -47,8 +47,8 @@ def write_report(
 
     Args:
         folder: a run folder.
-        formats: of the figures; none are drawn where it is empty.
-        playable: noise levels and seeds of trials that the page is to play, whatever else it does.
+        formats: formats of the figures; if empty, no figure is drawn.
+        playable: noise levels and seeds of trials that the page must be able to play.
 
     Raises:
         UserError: if the folder holds no run, or cannot be written.

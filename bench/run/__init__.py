@@ -1,1 +1,1 @@
-"""Running trials: processes, clusters, the store, and going on where a run stopped."""
+"""Running trials: processes, clusters, the store, and continuing an interrupted run."""

@@ -1,8 +1,8 @@
 """Run trials on a Dask cluster.
 
-Each task is a few trials, which a Dask worker hands to a process of its own
-(``referee_process``). So a hanging or dying trial costs the cluster nothing, limits are the
-same as on one machine, and so are the rows. Only the driver, which is here, writes the store.
+Each task is a few trials, which a Dask worker hands to a child process (``referee_process``). So a
+hanging or dying trial does not harm the cluster, and limits and rows are the same as on one
+machine. Only the driver, which runs here, writes the store.
 """
 
 import importlib.util
@@ -29,22 +29,22 @@ from olne_bench.bench.run.executor import never
 from olne_bench.bench.run.referee_process import RefereeProcess
 from olne_bench.errors import UserError
 
-#: Trials go out in chunks, as a task costs a scheduler several milliseconds. A worker answers
-#: after this time [s] with what it has done of one.
+#: Trials are sent in chunks, as a task costs the scheduler several milliseconds. After this time
+#: [s] a worker answers with the part of its chunk that it has done.
 _CHUNK_SECONDS = 0.5
 _LARGEST_CHUNK = 64
-#: Chunks under way per thread of the cluster.
+#: Number of chunks in progress per thread of the cluster.
 _AHEAD = 3
-#: How often the cluster's threads are counted anew [s].
+#: How often the cluster's threads are counted again [s].
 _COUNT_SECONDS = 5.0
-#: A scheduler that has not answered for so long is given up [s].
+#: A scheduler that has not answered for this time [s] is given up.
 _SILENCE_SECONDS = 60.0
-#: How often a chunk may be lost with its Dask workers, of which each time several have died.
+#: How often a chunk may be lost; each time, several of its Dask workers have died.
 _LOSSES = 20
 _CONNECT_SECONDS = 20.0
 #: A scheduler that accepts a connection and then says nothing is given up after this time [s].
 _GREETING_SECONDS = 60.0
-#: How often a cluster of one's own is started, at most.
+#: How often starting a local cluster is tried.
 _STARTS = 4
 #: How long Dask may take to close while a user waits [s].
 _STOP_SECONDS = 1.5
@@ -62,20 +62,20 @@ def run_on_dask(
     hidden: Path | None = None,
     stop: Callable[[], bool] = never,
 ) -> Iterator[tuple[Trial, Outcome]]:
-    """Run trials on a cluster; yields each with its outcome as it ends.
+    """Run trials on a cluster; yield each with its outcome as it ends.
 
     Args:
         trials: what to run; read lazily.
         cluster: address of a scheduler such as ``tcp://host:8786``, or ``local:N`` for one of N
             workers on this machine.
-        log: file for whatever estimators print on a local cluster; workers elsewhere print to
+        log: file for what estimators print on a local cluster; workers elsewhere print to
             their standard error.
-        memory: limit [bytes] of the memory of each process that runs foreign code, None for none.
+        memory: memory limit [bytes] of each process that runs foreign code, None for no limit.
         hidden: folder that foreign code cannot read, as it holds the run.
-        stop: asked several times a second; once true, what has ended is yielded and no more.
+        stop: called several times a second; once it is true, only ended trials are yielded.
 
     Raises:
-        UserError: where the cluster cannot be reached or is lost, processes do not start on it, or
+        UserError: if the cluster cannot be reached or is lost, processes do not start on it, or
             its code is not the same as here.
     """
     local = cluster.startswith("local:")
@@ -86,10 +86,10 @@ def run_on_dask(
 
 
 def check_cluster(cluster: str) -> None:
-    """Refuse a cluster that cannot be meant, before any work is done.
+    """Refuse an invalid cluster address before any work is done.
 
     Raises:
-        UserError: on another form of address, or where Dask is not installed.
+        UserError: on an address of another form, or if Dask is not installed.
     """
     kind, _, rest = cluster.partition(":")
     if kind == "local":
@@ -104,7 +104,7 @@ def check_cluster(cluster: str) -> None:
 def run_chunk(
     trials: list[Trial], log: Path | None, memory: int | None, hidden: Path | None
 ) -> tuple[list[Outcome], float]:
-    """Run trials one after the other; the part of a task that is executed on the cluster.
+    """Run trials one after the other: the task that is executed on the cluster.
 
     Args:
         trials: what to run.
@@ -113,8 +113,8 @@ def run_chunk(
         hidden: as in ``run_on_dask``.
 
     Returns:
-        Outcomes of as many of the first trials as fit into a moment, one at least, and the
-        seconds that they took.
+        Outcomes of the first trials, at least one and as many as fit into ``_CHUNK_SECONDS``, and
+        the time that they took [s].
     """
     try:
         referee = _idle.get_nowait()
@@ -180,7 +180,7 @@ class _Run:
         future.add_done_callback(self._ended.put)
 
     def _collect(self, future: Any) -> list[tuple[Trial, Outcome]]:
-        """What a task has brought; what it has not is put back."""
+        """Outcomes of a task; its trials without an outcome are queued again."""
         chunk = self._running.pop(future)
         if future.status != "finished":
             self._lose(future, chunk)
@@ -205,7 +205,7 @@ class _Run:
         if chunk.losses >= _LOSSES:
             raise UserError(
                 "Dask workers keep dying; their logs say why. All that has ended is stored: "
-                "run the same command again to go on"
+                "run the same command again to continue"
             )
         self._submit(_Chunk(chunk.trials, chunk.losses + 1))
 
@@ -213,20 +213,20 @@ class _Run:
         if self._client.status not in ("running", "connecting"):
             raise UserError(
                 "the connection to the Dask scheduler is lost. All that has ended is stored: "
-                "run the same command again to go on"
+                "run the same command again to continue"
             )
         if self._census.silence > _SILENCE_SECONDS:
             raise UserError(
                 f"the Dask scheduler has not answered for {_SILENCE_SECONDS:g} s. All that has "
-                "ended is stored: run the same command again to go on"
+                "ended is stored: run the same command again to continue"
             )
 
 
 class _Census:
-    """Counts the cluster's threads again and again, beside the run: a call may never return.
+    """Count the cluster's threads repeatedly, in a thread, because a call may never return.
 
     Attributes:
-        threads: as counted last, at least 1.
+        threads: last count, at least 1.
     """
 
     def __init__(self, client: Any) -> None:
@@ -237,7 +237,7 @@ class _Census:
 
     @property
     def silence(self) -> float:
-        """Seconds since the scheduler has answered."""
+        """Time since the scheduler has answered [s]."""
         return time.monotonic() - self._answered
 
     def _count(self) -> None:
@@ -250,7 +250,7 @@ class _Census:
 
 @dataclass(frozen=True)
 class _Places:
-    """What ``run_chunk`` is told beside its trials."""
+    """Arguments of ``run_chunk`` besides its trials."""
 
     log: Path | None
     memory: int | None
@@ -259,7 +259,7 @@ class _Places:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Trials of one task, and how often its worker has died."""
+    """Trials of one task, and how often they were lost with their worker."""
 
     trials: list[Trial]
     losses: int = 0
@@ -269,8 +269,8 @@ class _Chunk:
 def _client(cluster: str, stop: Callable[[], bool]) -> Iterator[Any]:
     """A client of the cluster; None if asked to stop before there is one.
 
-    Dask's connecting and closing may take long and cannot be interrupted. Once asked to stop,
-    whatever takes too long is left to the end of this process.
+    Connecting and closing may take Dask long and cannot be interrupted. After a request to stop,
+    what takes too long is left to the end of this process.
     """
     connected: Future[tuple[Any, ExitStack]] = Future()
     resource_tracker.ensure_running()  # if Dask starts it, signals are unblocked
@@ -294,12 +294,12 @@ def _client(cluster: str, stop: Callable[[], bool]) -> Iterator[Any]:
 
 def _connect(cluster: str, connected: "Future[tuple[Any, ExitStack]]") -> None:
     """Set a future's result to a client and what closes it, or to the error."""
-    # Blocked signals are inherited by the processes that Dask starts: Ctrl-C at a terminal reaches
-    # all of them, and is for the driver alone.
+    # Ctrl-C at a terminal reaches all processes, but only the driver must act on it. The processes
+    # that Dask starts inherit the blocked signal.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     from distributed import Client  # an optional dependency, and slow to import
 
-    # What Dask says about workers that come and go would run into the progress bar.
+    # Dask's messages about workers that come and go would disturb the progress bar.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     kind, _, rest = cluster.partition(":")
     with ExitStack() as stack:
@@ -318,7 +318,7 @@ def _connect(cluster: str, connected: "Future[tuple[Any, ExitStack]]") -> None:
 
 
 def _local_cluster(workers: int) -> Any:
-    """A cluster on this machine; another try where one of its processes dies as it starts."""
+    """A cluster on this machine; tried again if one of its processes dies as it starts."""
     from distributed import LocalCluster
 
     for left in reversed(range(_STARTS)):

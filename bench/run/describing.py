@@ -1,6 +1,6 @@
-"""What plugins say of themselves, asked in processes that may hang or die of it.
+"""Describe plugins in processes that may hang or die.
 
-The driver imports no plugin: what it needs to know of one is a ``Description``, plain data.
+The driver imports no plugin. What it needs to know about one is a ``Description``, plain data.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,26 +19,26 @@ from olne_bench.bench.process.child import (
 from olne_bench.errors import UserError
 from olne_bench.plugins import Description, Kind
 
-#: Seconds that importing and making one plugin may take.
+#: Time that importing and constructing one plugin may take [s].
 LOAD_LIMIT = 60.0
-#: How often a plugin is asked whose process was killed from outside.
+#: How often a plugin is asked if its process is killed from outside.
 ATTEMPTS = 3
-#: Memory [bytes] that it may take.
+#: Memory that this may take [bytes].
 LOAD_MEMORY = 4 * 2**30
 
-#: Kind (None where it is to be found out), reference and parameters of a plugin.
+#: Kind (None if unknown), reference and parameters of a plugin.
 Request = tuple[Kind | None, str, Mapping[str, Any]]
 
 
 def describe_all(requests: Sequence[Request], hidden: Path | None = None) -> list[Description]:
-    """Describe plugins: built-in ones here, foreign ones each file in a process of its own.
+    """Describe plugins: built-in ones in this process, foreign ones in one process per file.
 
     Args:
         requests: what to describe.
         hidden: folder that foreign code cannot read.
 
     Returns:
-        One description per request; its ``error`` is one line where there is something wrong.
+        One description per request; its ``error`` is one line if something is wrong.
     """
     children: dict[str, Child] = {}
     try:
@@ -74,7 +74,7 @@ def _describe(
 
 
 def _ask(child: Child, *question: Any) -> Description:
-    """What a plugin's process says; where somebody else killed it, another one is asked."""
+    """Describe a plugin in a process; if it is killed from outside, another process is asked."""
     for attempt in range(ATTEMPTS):
         try:
             found: Description = child.call(

@@ -1,7 +1,7 @@
 """Run trials in processes of this machine, each with a hard time limit.
 
-A trial that hangs is killed at its limit and one that takes its process down loses only itself:
-the process is replaced and the others go on.
+A trial that hangs is killed at its limit. If a trial takes its process down, only that trial is
+lost: the process is replaced and the others continue.
 """
 
 import itertools
@@ -16,7 +16,7 @@ from olne_bench.bench.run.referee_process import RefereeProcess
 
 
 def never() -> bool:
-    """Never asks a run to stop."""
+    """A ``stop`` that never asks a run to stop."""
     return False
 
 
@@ -29,18 +29,18 @@ def run_trials(
     hidden: Path | None = None,
     stop: Callable[[], bool] = never,
 ) -> Iterator[tuple[Trial, Outcome]]:
-    """Run trials in parallel; yields each with its outcome as it ends.
+    """Run trials in parallel; yield each with its outcome as it ends.
 
     Args:
         trials: what to run; read lazily.
-        jobs: number of trials at a time.
-        log: file for whatever estimators print; standard error where absent.
-        memory: limit [bytes] of the memory of each process that runs foreign code, None for none.
+        jobs: number of trials at the same time.
+        log: file for what estimators print. Default: standard error.
+        memory: memory limit [bytes] of each process that runs foreign code, None for no limit.
         hidden: folder that foreign code cannot read, as it holds the run.
-        stop: asked several times a second; once true, what has ended is yielded and no more.
+        stop: called several times a second; once it is true, only ended trials are yielded.
 
     Raises:
-        UserError: where processes do not start, or the code changes meanwhile.
+        UserError: if processes do not start, or the code changes during the run.
     """
     source = iter(trials)
     referees = [RefereeProcess(log=log, memory=memory, hidden=hidden) for _ in range(jobs)]

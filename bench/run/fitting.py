@@ -1,4 +1,4 @@
-"""Whether the sensors of a suite fit its scenarios, found out before anything is run."""
+"""Check before a run that the sensors of a suite fit its scenarios."""
 
 from itertools import product
 from pathlib import Path
@@ -21,20 +21,20 @@ from olne_bench.games.sensor import SensorModel
 
 
 class Fit(msgspec.Struct):
-    """What is wrong with a sensor in a scenario; empty where nothing is."""
+    """What is wrong with a sensor in a scenario; empty if nothing is."""
 
     problem: str
 
 
 def check_fit(suite: Suite, hidden: Path | None = None) -> None:
-    """Refuse sensors that do not fit a scenario, such as one of a component that states lack.
+    """Refuse sensors that do not fit a scenario, such as one for a component that states lack.
 
     Args:
-        suite: to be run.
+        suite: suite to be run.
         hidden: folder that foreign code cannot read.
 
     Raises:
-        UserError: naming the first such pair.
+        UserError: with a message that names the first such pair.
     """
     for scenario, sensor in product(suite.scenarios, suite.sensors):
         if not foreign_worlds(scenario, sensor):
@@ -49,14 +49,14 @@ def check_fit(suite: Suite, hidden: Path | None = None) -> None:
 
 
 def _asked(scenario: ScenarioEntry, sensor: SensorEntry, hidden: Path | None) -> str:
-    """The problem as a process of its own sees it, which foreign code may take down."""
+    """The problem as a child process finds it, which foreign code may take down."""
     child = Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden)
     try:
         found: Fit = child.call(fit, scenario, sensor, kind=Fit, seconds=LOAD_LIMIT)
     except StartError:
         raise
     except (ChildError, RaisedError, UserError):
-        return ""  # it is the scenario's draw that fails, which trials will tell
+        return ""  # the scenario's draw fails, which its trials will show
     finally:
         child.stop()
     return found.problem
@@ -70,10 +70,10 @@ def fit(scenario: ScenarioEntry, sensor: SensorEntry) -> Fit:
 
 
 def _problem(sensor: SensorEntry, scenario: ScenarioEntry | None) -> str:
-    """One line; states are those of this package's scenarios where none is given.
+    """The problem on one line; without a scenario, for the states of built-in scenarios.
 
-    A draw of those may take long, as it is solved to be certified, and their states have the same
-    components.
+    Their states all have the same components, and a draw may take long, as it is solved and
+    certified.
     """
     dynamics, scale = UNICYCLE, np.ones(UNICYCLE.state_size)
     if scenario is not None:

@@ -1,4 +1,4 @@
-"""Ctrl-C and its like: what is at work ends in order, instead of wherever it happens to be."""
+"""Handle Ctrl-C and SIGTERM, so that a run ends in order."""
 
 import signal
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ class StopRequest:
     """A callable that says whether the run was asked to end.
 
     Attributes:
-        signal: the first one that came; None before.
+        signal: the first signal that arrived; None before.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class StopRequest:
         return self.signal is not None
 
     def note(self, number: int, frame: FrameType | None) -> None:
-        """A signal handler: the second signal does not wait for anything."""
+        """Signal handler: the first signal is noted, the second one interrupts at once."""
         if self():
             raise KeyboardInterrupt
         self.signal = signal.Signals(number)
@@ -28,7 +28,7 @@ class StopRequest:
 
 @contextmanager
 def stop_request() -> Iterator[StopRequest]:
-    """Within it, the first Ctrl-C or SIGTERM (batch systems send it) asks to stop."""
+    """Within this context, the first Ctrl-C or SIGTERM (sent by batch systems) asks to stop."""
     request = StopRequest()
     former = {n: signal.signal(n, request.note) for n in (signal.SIGINT, signal.SIGTERM)}
     try:

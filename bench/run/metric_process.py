@@ -1,4 +1,4 @@
-"""Metrics of foreign code, each in a process of its own: what it changes there stays there."""
+"""Foreign metrics, each in its own process, so that it cannot affect anything else."""
 
 import pickle
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from olne_bench.errors import UserError
 
 
 class Score(msgspec.Struct):
-    """What a metric says of a trial."""
+    """The score of a trial; None if the metric does not apply."""
 
     value: float | None
 
@@ -27,30 +27,30 @@ class MetricProcess:
     """The processes of a run's foreign metrics."""
 
     def __init__(self, *, memory: int | None, hidden: Path | None) -> None:
-        """Nothing is started yet; arguments as of ``PlayerProcess``."""
+        """Nothing is started yet; arguments as in ``PlayerProcess``."""
         self._memory, self._hidden = memory, hidden
         self._children: dict[str, Child] = {}
 
     def score(
         self, metric: MetricEntry, case: Judged, homes: Sequence[str], seconds: float
     ) -> float | None:
-        """What a metric says of a trial.
+        """The score of a trial; None if the metric does not apply.
 
         Args:
             metric: its entry in the suite.
             case: what is scored.
-            homes: files of plugins whose classes the case is made of.
-            seconds: that it may take.
+            homes: files of plugins whose classes the case contains.
+            seconds: time that it may take [s].
 
         Raises:
-            MetricError: where it says nothing that could be kept.
+            MetricError: if the metric fails or returns no valid score.
         """
         known = metric.model_dump_json()
         child = self._children.get(known)
         if child is None:
             child = Child(memory=self._memory, restricted=True, hidden=self._hidden)
             self._children[known] = child
-        # What works out held-out predictions stays here; the predictions go.
+        # The metric's process gets the held-out predictions, not the code that computes them.
         plain = replace(case, held_out=partial(_known, case.held_out()))
         call = (metric.name, metric.parameters, tuple(homes), pickle.dumps(plain))
         try:
@@ -63,14 +63,14 @@ class MetricProcess:
         return found.value
 
     def stop(self) -> None:
-        """Kill the processes with all that they started."""
+        """Kill the processes and all their descendants."""
         for child in self._children.values():
             child.stop()
         self._children.clear()
 
 
 def score(reference: str, parameters: dict[str, Any], homes: Sequence[str], case: bytes) -> Score:
-    """Score a trial in this process; arguments as of ``MetricProcess.score``."""
+    """Score a trial in this process; arguments as in ``MetricProcess.score``."""
     for home in homes:
         plugins.import_file(home)
     metric: Any = plugins.make(plugins.METRIC, reference, parameters)

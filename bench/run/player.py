@@ -1,4 +1,4 @@
-"""The inside of a player process: one estimator, given a problem and observations, nothing else."""
+"""The code inside a player process: one estimator with a problem and observations, nothing else."""
 
 import pickle
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from olne_bench.estimators.protocol import Observation, Problem
 
 
 class Prepared(msgspec.Struct):
-    """Ready to estimate, or the reason why the estimator does not take the problem."""
+    """Ready to estimate, or the reason why the estimator declines the problem."""
 
     declined: str | None
 
@@ -43,14 +43,14 @@ def prepare(
     problem: bytes,
     trajectories: int,
 ) -> Prepared:
-    """Make the estimator and let it set up what it needs for a problem.
+    """Construct the estimator and let it prepare for a problem.
 
     Args:
-        reference: of the estimator.
-        parameters: of its class.
-        homes: files of other plugins whose classes the problem is made of.
-        problem: pickled, by the referee.
-        trajectories: how many observations will follow.
+        reference: name or file of the estimator.
+        parameters: parameters of the estimator.
+        homes: files of other plugins whose classes the problem contains.
+        problem: the problem, pickled by the referee.
+        trajectories: number of observations that will follow.
     """
     global _seat
     for home in homes:
@@ -70,18 +70,18 @@ def prepare(
 
 
 def estimate(observations: tuple[Observation, ...], seed: int, budget: float) -> Answered:
-    """One estimate for the problem that was prepared.
+    """Make one estimate for the prepared problem.
 
     Args:
         observations: one for each trajectory.
-        seed: of the estimator's random numbers.
-        budget: seconds until it is stopped.
+        seed: seed of the estimator's random numbers.
+        budget: time until it is stopped [s].
     """
     assert _seat is not None
     for one in observations:
         for array in (one.y, one.extra):
             if array is not None:
-                array.setflags(write=False)  # what writes into its input gets an exception
+                array.setflags(write=False)  # writing into its input raises an exception
     with plugins.at_home(_seat.estimator):
         result = _seat.estimator.estimate(
             _seat.problem,

@@ -18,21 +18,21 @@ from olne_bench.bench.process.child import (
 from olne_bench.bench.run.player import Answered, Prepared, estimate, prepare
 from olne_bench.errors import UserError
 
-#: How often an estimate is tried whose process something else may have killed.
+#: How often an estimate is tried if something else may have killed its process.
 ATTEMPTS = 3
 
 
 class PlayerProcess:
-    """One process after the other, each for one plugin or for the built-in estimators.
+    """Player processes, one after the other, each for one plugin or the built-in estimators.
 
-    Foreign code gets a process of its own, in a sandbox: what it changes there is not for others.
+    Foreign code gets its own process, in a sandbox, so that it cannot affect others.
     """
 
     def __init__(self, *, memory: int | None, hidden: Path | None) -> None:
         """Nothing is started yet.
 
         Args:
-            memory: limit [bytes] of a process, None for no limit.
+            memory: memory limit [bytes] of a process, None for no limit.
             hidden: folder that foreign code cannot read.
         """
         self._memory, self._hidden = memory, hidden
@@ -40,10 +40,10 @@ class PlayerProcess:
         self._child = Child()
 
     def estimate(self, task: PlayerTask) -> Answer:
-        """Let an estimator answer.
+        """Set up an estimator and make an estimate.
 
         Raises:
-            PlayerFault: where there is no estimate.
+            PlayerFault: if there is neither an estimate nor a reason why it declines.
         """
         if task.plugin != self._plugin:
             self.stop()
@@ -55,13 +55,13 @@ class PlayerProcess:
             try:
                 return self._attempt(task)
             except DiedError as error:
-                # It may have died of what another trial has left behind.
+                # A previous trial may have damaged the process.
                 if not (error.outside or used) or attempt == ATTEMPTS:
                     raise PlayerFault("crash", str(error)) from error
         raise AssertionError
 
     def stop(self) -> None:
-        """Kill the process with all that it started."""
+        """Kill the process and all its descendants."""
         self._child.stop()
 
     def _attempt(self, task: PlayerTask) -> Answer:

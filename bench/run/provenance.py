@@ -1,4 +1,4 @@
-"""Where rows come from: software, commit, machine and the suite as it was."""
+"""Provenance of rows: software, commit, machine and the suite of the run."""
 
 import json
 import os
@@ -25,16 +25,16 @@ class Provenance:
     """One ``olne-bench run``.
 
     Attributes:
-        started: wall-clock time, UTC, ISO 8601; for people, nothing is ordered by it.
+        started: wall-clock time, UTC, ISO 8601; for people only, nothing is ordered by it.
         suite: the suite with all plugins, as JSON.
-        suite_text: the suite's file, as it was.
-        selection: what was asked of it.
+        suite_text: text of the suite's file.
+        selection: the selected part of the suite.
         seeds: number of noise draws; draw ``k`` has the seed ``k``.
         executor: where trials ran.
-        versions: of Python and the packages that this benchmark requires.
-        environment: what ``Versions.environment`` is made of.
-        commit: git commit of this benchmark, with ``-dirty`` after it where files were changed;
-            empty where it was not run from a repository.
+        versions: versions of Python and the packages that this benchmark requires.
+        environment: versions that ``Versions.environment`` covers.
+        commit: git commit of this benchmark, with the suffix ``-dirty`` if files were changed;
+            empty if it was not run from a repository.
         machine: system, processor, cores and memory of the driver.
     """
 
@@ -69,16 +69,16 @@ def provenance(
 
 
 def provenance_json(source: Provenance) -> str:
-    """A provenance as a store holds it."""
+    """A provenance as JSON, as stores hold it."""
     data = {f.name: getattr(source, f.name) for f in fields(Provenance)}
     return json.dumps(data | {"selection": source.selection.model_dump()})
 
 
 def read_provenance(text: str) -> Provenance:
-    """A provenance as a run has stored it; what later versions add to it is left out.
+    """Read a stored provenance; fields that later versions add are ignored.
 
     Raises:
-        UserError: where it is none.
+        UserError: if the text is not a provenance.
     """
     try:
         stored = json.loads(text)

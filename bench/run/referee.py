@@ -1,4 +1,4 @@
-"""The inside of a referee process: it judges trials and has players for the estimates."""
+"""The code inside a referee process: it judges trials and has players for the estimates."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from olne_bench.errors import UserError
 
 
 class OtherCodeError(UserError):
-    """This process has other code than the driver, so its rows would be of another study."""
+    """This process has other code than the driver, so its rows would belong to another study."""
 
 
 @dataclass
@@ -31,12 +31,12 @@ def run_trial(trial: Trial, memory: int | None, hidden: Path | None) -> Outcome:
 
     Args:
         trial: what to judge.
-        memory: limit [bytes] of each process of foreign code, None for no limit.
+        memory: memory limit [bytes] of each process of foreign code, None for no limit.
         hidden: folder that foreign code cannot read.
 
     Raises:
         OtherCodeError: if the code here is not the same.
-        StartError: where processes do not start.
+        StartError: if processes do not start.
     """
     global _staff
     difference = explain_difference(trial)

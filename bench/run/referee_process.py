@@ -16,26 +16,26 @@ from olne_bench.bench.process.child import (
 )
 from olne_bench.bench.run.referee import run_trial
 
-#: How often a trial is judged whose referee has died.
+#: How often a trial is tried if its referee dies.
 ATTEMPTS = 3
 
 
 class RefereeProcess:
     """One referee; its process is started with its first trial and replaced when it dies.
 
-    It is replaced, too, before a trial with other plugins among its scenarios and sensors: what
-    they have changed in the process is not for others.
+    It is also replaced before a trial whose scenario or sensor is another plugin, so that plugins
+    cannot affect each other.
 
     Attributes:
-        trial: what it is at, None while idle.
+        trial: the trial that it judges, None while idle.
     """
 
     def __init__(self, *, log: Path | None, memory: int | None, hidden: Path | None) -> None:
         """Nothing is started yet.
 
         Args:
-            log: file for whatever estimators print; this process's standard error where absent.
-            memory: limit [bytes] of each process, None for no limit.
+            log: file for what estimators print. Default: this process's standard error.
+            memory: memory limit [bytes] of each process, None for no limit.
             hidden: folder that foreign code cannot read, as it holds the run.
         """
         self.trial: Trial | None = None
@@ -47,7 +47,7 @@ class RefereeProcess:
 
     @property
     def channel(self) -> Channel:
-        """Readable when there may be something for ``poll`` to find."""
+        """The connection; it is readable when ``poll`` may find something."""
         return self._child.channel
 
     def assign(self, trial: Trial) -> None:
@@ -60,7 +60,7 @@ class RefereeProcess:
         """The outcome of the trial, or None while it runs. Never waits.
 
         Raises:
-            UserError: where processes do not start, or see other code than the trial was made for.
+            UserError: if processes do not start, or have other code than the trial was made for.
         """
         assert self.trial is not None
         try:
@@ -81,13 +81,13 @@ class RefereeProcess:
         return outcome
 
     def wait(self) -> Outcome:
-        """The outcome of the trial, once there is one."""
+        """Wait for the outcome of the trial."""
         while (outcome := self.poll()) is None:
             self.channel.wait(TICK)
         return outcome
 
     def stop(self) -> None:
-        """Kill the process with all that it started."""
+        """Kill the process and all its descendants."""
         self._child.stop()
         self.trial = None
 
@@ -100,7 +100,7 @@ class RefereeProcess:
         self._child.submit(run_trial, *arguments, seconds=own_seconds(trial))
 
     def _for(self, trial: Trial) -> Child:
-        """A process that runs foreign scenarios and sensors is in a sandbox, as players are."""
+        """A process for a trial; foreign scenarios and sensors run in a sandbox, as players do."""
         if not trial.home_plugins:
             return Child(log=self._log, may_announce=True)
         return Child(

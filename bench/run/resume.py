@@ -1,4 +1,4 @@
-"""What of a suite is done already, and whether a run may go on where another one stopped."""
+"""Which trials of a suite are done already, and whether a run may continue another one."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cached_property
@@ -11,28 +11,28 @@ from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import Record
 from olne_bench.errors import UserError
 
-#: What ``--retry`` takes: all failures of estimators, one kind of them, or faults of the harness.
+#: Values of ``--retry``: all failures of estimators, one kind of them, or errors of the harness.
 RETRIES = ("failed", *FAILURES, "harness_error")
 
-#: What can be stored of a trial: a valid result, or that the estimator declined; an attempt that
-#: failed; a fault of the harness; rows of other code or parameters only; nothing.
+#: States of a trial: a valid result, or declined by the estimator; a failed attempt; an error of
+#: the harness; only rows of other code or parameters; no row.
 STATES = ("done", "failed", "harness_error", "stale", "missing")
 
 _PLACE = [k for k, name in enumerate(KEY_COLUMNS) if name != "parameters"]
 
 
 class Stored:
-    """What a store holds, to be asked about one trial after the other."""
+    """The stored status of trials."""
 
     def __init__(self, records: Iterable[Record]) -> None:
         self._statuses = {(record.key, record.versions): record.status for record in records}
 
     def status(self, trial: Trial) -> str | None:
-        """The status of a trial with the present code; None where it has no row."""
+        """The status of a trial with the present code; None if it has no row."""
         return self._statuses.get((trial.key, trial.versions)) if self._statuses else None
 
     def state(self, trial: Trial) -> str:
-        """One of ``STATES``."""
+        """The state of a trial, one of ``STATES``."""
         status = self.status(trial)
         if status is None:
             return "stale" if _place(trial.key) in self._places else "missing"
@@ -52,11 +52,11 @@ def _place(key: tuple[str, ...]) -> tuple[str, ...]:
 def pending(
     trials: Iterable[Trial], stored: Stored, retry: Collection[str] = ()
 ) -> Iterator[Trial]:
-    """Trials that have no row with the present code, or one that is to be tried again.
+    """Trials without a row of the present code, and trials to run again.
 
     Args:
-        trials: what is to be done.
-        stored: what is stored.
+        trials: trials to run.
+        stored: status of stored trials.
         retry: some of ``RETRIES``.
     """
     again = {*retry, *(FAILURES if "failed" in retry else ())}
@@ -67,7 +67,7 @@ def pending(
 
 
 def last_suite(runs: Sequence[Provenance], place: object) -> Suite:
-    """The suite of the latest of the runs in a place.
+    """The suite of the latest run in a place.
 
     Raises:
         UserError: if there is none.
@@ -80,19 +80,19 @@ def last_suite(runs: Sequence[Provenance], place: object) -> Suite:
 def check_same_suite(
     suite: Suite, runs: Iterable[Provenance], place: object, instead: str = "use another --out"
 ) -> None:
-    """Refuse to go on where the suite has changed in a way that would mix two studies.
+    """Refuse to continue if the suite has changed so that two studies would be mixed.
 
     A suite may gain scenarios, sensors, noise levels and estimators. Another metric makes all
     rows stale.
 
     Args:
-        suite: the present one.
-        runs: former ones.
-        place: where they are.
-        instead: what else could be done.
+        suite: the present suite.
+        runs: former runs.
+        place: where the runs are.
+        instead: advice in the error message.
 
     Raises:
-        UserError: if it differs in anything else from that of a former run, with the difference.
+        UserError: if anything else differs from the suite of a former run; the message names it.
     """
     for run in runs:
         former = read_suite_json(run.suite)

@@ -1,4 +1,4 @@
-"""The store of a run: finished trials, one committed row each, and where they come from."""
+"""The store of a run: finished trials, one committed row each, and their provenance."""
 
 import sqlite3
 import sys
@@ -26,16 +26,16 @@ from olne_bench.bench.run.store_layout import (
 from olne_bench.bench.run.store_merge import merge_stores
 
 if TYPE_CHECKING:
-    # To import them takes longer than all else that a run does before its first trial.
+    # Importing them takes longer than all else that a run does before its first trial.
     import pandas as pd
     import pyarrow as pa
 
-#: A message in a row is no longer than this [bytes].
+#: Longest message in a row [bytes].
 MESSAGE_SIZE = 1024
 
 
 class Record(NamedTuple):
-    """What a store knows of one trial with one version of the code."""
+    """The stored status of one trial with one version of the code."""
 
     key: tuple[str, ...]
     versions: Versions
@@ -51,12 +51,12 @@ class Store:
         self._metrics = metric_columns(connection)
 
     def begin_run(self, source: Provenance, trials: Iterable[Trial]) -> None:
-        """Note where the rows that follow come from, and which versions are the current ones.
+        """Note the provenance of the rows that follow, and the current versions.
 
         Args:
-            source: of the run.
-            trials: at least one of each scenario, sensor and estimator that the run is about,
-                done or not.
+            source: provenance of the run.
+            trials: at least one trial of each scenario, sensor and estimator of the run, whether
+                it is done or not.
         """
         current = {}
         for trial in trials:
@@ -99,7 +99,7 @@ class Store:
             self._metrics = metric_columns(self._connection)
 
     def records(self) -> Iterator[Record]:
-        """Everything that is stored, former versions of the code too."""
+        """All stored trials, including those of former versions of the code."""
         names = quoted((*KEY_COLUMNS, *VERSION_COLUMNS, "status"))
         width = len(KEY_COLUMNS)
         version = cache(Versions)  # a million equal objects would fill the memory, as would texts
@@ -115,7 +115,7 @@ class Store:
     def table(self) -> "pa.Table":
         """Current rows, in an order that does not depend on when they were written.
 
-        Metrics have a column each, after all others. The weights are JSON text.
+        Each metric has a column, after all others. The weights are JSON text.
         """
         from olne_bench.bench.run.store_table import as_table
 
@@ -130,7 +130,7 @@ class Store:
         return as_table(cursor, columns)
 
     def frame(self) -> "pd.DataFrame":
-        """``table()`` for pandas, with weights as nested lists."""
+        """``table()`` as a pandas table, with weights as nested lists."""
         from olne_bench.bench.run.store_table import parse_weights, to_frame
 
         return to_frame(parse_weights(self.table()))
@@ -148,11 +148,11 @@ class Store:
 
 @contextmanager
 def open_store(folder: Path) -> Iterator[Store]:
-    """Open a run folder's store for writing; makes folder and file where they are missing.
+    """Open a run folder's store for writing; create folder and file if they are missing.
 
     Raises:
-        UserError: if the folder cannot be written, another run uses it, or the file in it is not
-            a store of ours, or damaged.
+        UserError: if the folder cannot be written, another run uses it, or its file is damaged or
+            not a store.
     """
     with writing(folder) as connection:
         yield Store(connection)
@@ -163,7 +163,7 @@ def read_store(folder: Path) -> Iterator[Store]:
     """Open an existing run folder's store.
 
     Raises:
-        UserError: if there is none, or it is not one of ours, or damaged.
+        UserError: if there is none, or its file is damaged or not a store.
     """
     with reading(folder) as connection:
         yield Store(connection)

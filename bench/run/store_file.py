@@ -1,7 +1,7 @@
-"""The file of a store: found, locked, checked for damage, connected to.
+"""The file of a store: find it, lock it, check it for damage and connect to it.
 
-The file is in WAL mode, so a run that is killed at any moment leaves every finished trial behind
-and nothing half written.
+The file is in WAL mode, so a run that is killed at any moment leaves all finished trials and no
+half-written one.
 """
 
 import os
@@ -21,13 +21,13 @@ _HEADER = 100  # bytes; sqlite.org/fileformat.html
 
 @contextmanager
 def writing(folder: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to a run folder's store, with exclusive writing.
+    """A connection for writing to a run folder's store, which locks out other writers.
 
-    Makes folder and file where they are missing.
+    Folder and file are created if they are missing.
 
     Raises:
-        UserError: if the folder cannot be written, another run uses it, or the file in it is not
-            a store of ours, or damaged.
+        UserError: if the folder cannot be written, another run uses it, or its file is damaged or
+            not a store.
     """
     try:
         if folder.exists() and not folder.is_dir():
@@ -50,10 +50,10 @@ def writing(folder: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def reading(folder: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to an existing run folder's store that changes nothing.
+    """A read-only connection to an existing run folder's store.
 
     Raises:
-        UserError: if there is none, or it is not one of ours, or damaged.
+        UserError: if there is none, or its file is damaged or not a store.
     """
     path = folder / FILE_NAME
     try:
@@ -74,7 +74,7 @@ def _reader(path: Path) -> sqlite3.Connection:
         connection = _writer(path)
         connection.execute("PRAGMA query_only = 1")
         return connection
-    # SQLite would keep notes beside the file.
+    # SQLite would write files beside it.
     return sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", timeout=30, uri=True)
 
 
@@ -113,7 +113,7 @@ def _damaged(path: Path, cause: object) -> UserError:
 
 
 def _refuse_truncated(path: Path) -> None:
-    """Find a file that has lost its end: SQLite takes what is left of it for whole."""
+    """Refuse a file that has lost its end, which SQLite does not notice."""
     if not path.exists() or not path.stat().st_size:
         return
     with path.open("rb") as file:
@@ -122,7 +122,7 @@ def _refuse_truncated(path: Path) -> None:
         raise _damaged(path, "file is not a database")
     log = path.with_name(f"{path.name}-wal")
     if log.exists() and log.stat().st_size:
-        return  # a run was killed, or is at work: pages may be in the log only
+        return  # a run was killed or is running: pages may be in the log only
     (size,) = struct.unpack(">H", header[16:18])
     (pages,) = struct.unpack(">I", header[28:32])
     whole = pages * (65536 if size == 1 else size)
@@ -131,7 +131,7 @@ def _refuse_truncated(path: Path) -> None:
 
 
 def _refuse_damaged(connection: sqlite3.Connection) -> None:
-    """Find damage before anything is read, or added to it."""
+    """Refuse a damaged file before anything is read or added."""
     (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
     if result != "ok":
         raise sqlite3.DatabaseError(" ".join(result.split()))
@@ -151,7 +151,7 @@ def _refuse_foreign(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:
-    """Create what is not there."""
+    """Create the tables if they are missing."""
     if not connection.execute("SELECT 1 FROM sqlite_master").fetchone():
         connection.execute("PRAGMA journal_mode = WAL")
         with connection:

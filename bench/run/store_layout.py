@@ -1,7 +1,7 @@
-"""How a store is laid out: one SQLite file per run folder, one row per trial.
+"""Layout of a store: one SQLite file per run folder, one row per trial.
 
-Rows of former versions of the code stay; ``current`` says which version was run last under a name.
-A metric has a column of its own, which appears with the first run that has it.
+Rows of former versions of the code stay; ``current`` holds the version that was last run under a
+name. Each metric has a column, which is added by the first run that has it.
 """
 
 import sqlite3
@@ -12,19 +12,19 @@ from olne_bench.bench.plan.trial import KEY_COLUMNS, LABEL_COLUMNS
 from olne_bench.bench.plan.versions import VERSION_COLUMNS
 
 FILE_NAME = "trials.sqlite"
-#: Marks the file as ours, and which layout it has.
+#: Mark the file as a store, and its layout.
 APPLICATION_ID = 0x4F4C4E45  # "OLNE"
 VERSION = 4
 
 #: Columns of every store, and their types.
 COLUMNS = LABEL_COLUMNS | OUTCOME_COLUMNS | VERSION_COLUMNS
-#: Rows are current where what was run last under the same names had the same of the others.
+#: Rows are current if their values of ``CURRENT`` are those last run under the same ``NAMED``.
 NAMED = ("scenario", "sensor", "estimator")
 CURRENT = ("parameters", *VERSION_COLUMNS)
 
 
 def create(connection: sqlite3.Connection) -> None:
-    """Make the tables of an empty store."""
+    """Create the tables of an empty store."""
     columns = ", ".join(f'"{name}" {kind}' for name, kind in COLUMNS.items())
     key = quoted((*KEY_COLUMNS, *VERSION_COLUMNS))
     connection.execute(f"CREATE TABLE trials ({columns}, run INTEGER, PRIMARY KEY ({key}))")
@@ -44,11 +44,11 @@ def metric_columns(connection: sqlite3.Connection, schema: str = "main") -> list
 
 
 def add_metric_columns(connection: sqlite3.Connection, names: Iterable[str]) -> None:
-    """Make columns for metrics that have none; of older rows they are not known."""
+    """Add columns for metrics that have none; older rows have no value in them."""
     for name in sorted(set(names) - set(metric_columns(connection))):
         connection.execute(f'ALTER TABLE trials ADD COLUMN "{name}" REAL')
 
 
 def quoted(columns: Iterable[str], prefix: str = "") -> str:
-    """Names of columns for a statement."""
+    """Quoted names of columns for a statement."""
     return ", ".join(f'{prefix}"{name}"' for name in columns)

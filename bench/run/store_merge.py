@@ -1,4 +1,4 @@
-"""Rows and runs of one store added to another."""
+"""Add the rows and runs of one store to another."""
 
 import sqlite3
 from pathlib import Path
@@ -16,14 +16,14 @@ from olne_bench.errors import UserError
 
 
 def merge_stores(connection: sqlite3.Connection, other: Path) -> tuple[int, int]:
-    """Add the rows and runs of another store, one commit for all.
+    """Add the rows and runs of another store in one commit.
 
     Args:
-        connection: to the store that is written to.
-        other: the other store's file; it is only read.
+        connection: connection to the store that is written to.
+        other: file of the other store, which is only read.
 
     Returns:
-        How many rows are new, and how many were here already and have been left as they are.
+        Number of new rows, and number of rows that were here already and are unchanged.
 
     Raises:
         UserError: if the two have run different code, or parameters, under the same name.
@@ -57,7 +57,7 @@ def _refuse_other_versions(connection: sqlite3.Connection, other: Path) -> None:
 
 
 def _environments(connection: sqlite3.Connection) -> str:
-    """What differs between the environments of the last runs, in parentheses."""
+    """Differences between the environments of the last runs, in parentheses."""
     here, there = _last_run(connection, "main"), _last_run(connection, "other")
     if here is None or there is None:
         return ""

@@ -1,4 +1,4 @@
-"""Rows of a store as tables of Arrow and pandas."""
+"""Rows of a store as Arrow and pandas tables."""
 
 import json
 import sqlite3
@@ -16,11 +16,11 @@ _BATCH = 50_000
 
 
 def as_table(rows: sqlite3.Cursor, columns: Mapping[str, str]) -> pa.Table:
-    """The rows of a query.
+    """The rows of a query as an Arrow table.
 
     Args:
-        rows: its cursor.
-        columns: names of the columns and their types in SQL, in the order of the query.
+        rows: cursor of the query.
+        columns: names and SQL types of the columns, in the order of the query.
     """
     schema = pa.schema([(name, _TYPES[kind]) for name, kind in columns.items()])
     batches = []
@@ -35,12 +35,12 @@ def parse_weights(table: pa.Table) -> pa.Table:
     """``Store.table()`` with weights as nested lists.
 
     Raises:
-        UserError: on weights that are none.
+        UserError: on weights that cannot be read.
     """
     place = table.schema.get_field_index("weights")
     try:
         chunks = [
-            # One call of the parser for a whole chunk takes a fraction of the time.
+            # One call of the parser per chunk is much faster than one per row.
             pa.array(
                 json.loads(f"[{','.join(t or 'null' for t in chunk.to_pylist())}]"), type=WEIGHTS
             )
@@ -52,6 +52,6 @@ def parse_weights(table: pa.Table) -> pa.Table:
 
 
 def to_frame(table: pa.Table) -> pd.DataFrame:
-    """A table for pandas: nested lists stay in Arrow's compact form."""
+    """A table as a pandas table, in which nested lists stay in Arrow's compact form."""
     types = {WEIGHTS: pd.ArrowDtype(WEIGHTS)}
     return table.to_pandas(types_mapper=types.get)

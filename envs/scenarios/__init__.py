@@ -1,9 +1,9 @@
 """Scenarios: games with ground truth. One file each; the file's name is the scenario's name.
 
-A scenario is a class with a ``name``, fields that are its options, and ``draw``. A family, of which
-every seed draws another member, has ``draw(self, seed)``; a fixed scenario has ``draw(self)``. The
-class refuses bad options as it is made, without drawing. Put a new file into this folder and
-``get_scenario`` knows it; it knows those of installed packages and of files too.
+A scenario is a class with a ``name``, fields that are its options, and ``draw``. A family, in which
+each seed draws another member, has ``draw(self, seed)``; a fixed scenario has ``draw(self)``. The
+constructor refuses bad options, without drawing. ``get_scenario`` finds new files in this folder,
+installed packages and other files.
 """
 
 import numpy as np
@@ -42,7 +42,7 @@ def scenario_names() -> list[str]:
 
 
 def is_family(name: str) -> bool:
-    """Whether another seed gives another member; a fixed scenario is the same for all.
+    """Whether a scenario is a family: each seed draws another member.
 
     Raises:
         PluginError: on an unknown name, or a scenario that cannot be imported.
@@ -64,14 +64,14 @@ def get_scenario(name: str, seed: int | None = None, **options: object) -> Scena
 
     Args:
         name: one of ``scenario_names()``, or ``path.py`` / ``path.py:Class``.
-        seed: which member of a family, 0 where absent; a fixed scenario ignores it.
+        seed: member of a family, 0 by default; a fixed scenario ignores it.
         **options: the scenario's own options, such as ``num_players`` of ``random``.
 
     Raises:
         PluginError: on an unknown name or option (the message names the alternatives), a value
-            that the scenario refuses, or a foreign scenario that draws none.
-        ValueError: on a seed that is none.
-        NoEquilibriumError: where a family finds no member that can be played.
+            that the scenario refuses, or a foreign scenario that does not draw a ``Scenario``.
+        ValueError: on an invalid seed.
+        NoEquilibriumError: if a family finds no member that can be played.
     """
     plugin = check_options(name, **options)
     arguments = (checked_seed(seed),) if takes_seed(type(plugin)) else ()
@@ -93,7 +93,7 @@ def get_scenario(name: str, seed: int | None = None, **options: object) -> Scena
 
 
 def check_options(name: str, **options: object) -> object:
-    """The plugin, ready to draw; refuses options without the seconds that a draw may take.
+    """The plugin, ready to draw. It checks options without a draw, which may take seconds.
 
     Raises:
         PluginError: on an unknown name or option, or a value that the scenario refuses.
@@ -107,7 +107,7 @@ def check_options(name: str, **options: object) -> object:
 
 
 def checked_seed(seed: int | None) -> int:
-    """The seed of a draw, 0 where absent.
+    """The seed of a draw, 0 by default.
 
     Raises:
         ValueError: unless it is an integer of at least 0 and below 2**63.

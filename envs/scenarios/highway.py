@@ -29,7 +29,7 @@ QUICK = (27.0, 29.0)  # [m/s]
 
 @dataclass(frozen=True)
 class Highway(RoadFamily):
-    """Pairs of a fast car behind a slow one; every seed draws others.
+    """Pairs of a fast car behind a slow one; each seed draws others.
 
     Attributes:
         num_players: N, 3 to 8.

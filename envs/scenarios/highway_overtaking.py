@@ -17,13 +17,13 @@ from olne_bench.games.game import Game, Player
 HORIZON = 20
 DT = 1.0  # [s]
 ROAD_HEADING = np.pi / 2  # [rad]
-#: Controls well beyond what equilibria use; states that these can reach.
+#: Controls well beyond those of equilibria, and states that they can reach.
 LIMITS = Limits(controls=(1.0, 0.5), states=(100.0, 100.0, 21.0, 10.0))
 
 
 @dataclass(frozen=True)
 class Car:
-    """One car: where it starts, where it wants to be, how much distance it keeps."""
+    """One car: its start, its target lane and speed, and its proximity weight."""
 
     px: float
     py: float

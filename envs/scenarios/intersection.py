@@ -25,10 +25,10 @@ SPACING = 8.0  # [m] that each further car is farther away
 
 @dataclass(frozen=True)
 class Intersection(RoadFamily):
-    """Cars that cross or turn; every seed draws others.
+    """Cars that cross or turn; each seed draws others.
 
     Attributes:
-        num_players: N, 2 to 4, each from an arm of its own.
+        num_players: N, 2 to 4, each from another arm.
     """
 
     name: ClassVar[str] = "intersection"

@@ -26,7 +26,7 @@ LEFT_SPEED = (25.0, 28.0)  # [m/s], target on the left lane
 
 @dataclass(frozen=True)
 class Merge(RoadFamily):
-    """Cars on a ramp join the right lane of a highway; every seed draws others.
+    """Cars on a ramp join the right lane of a highway; each seed draws others.
 
     Attributes:
         num_players: N, 2 to 6.

@@ -1,7 +1,7 @@
 """A seeded family of crossings: N vehicles with random goals, weights and speeds.
 
-The players start around a circle and head, roughly, for the other side, so that they meet in the
-middle. Same cost features and units as ``two_player``.
+The players start around a circle and head roughly for the other side, so that they meet in the
+middle. Cost features and units are those of ``two_player``.
 """
 
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ from olne_bench.games.game import Game, Player
 
 HORIZON = 25
 DT = 0.25  # [s]
-PLAYERS = (2, 3, 4)  # drawn from these where the number is not given
+PLAYERS = (2, 3, 4)  # numbers to draw from if none is given
 MOST_PLAYERS = 50  # more take hours to solve
 WEIGHT_RANGE = (0.2, 1.0)
 SPEED_RANGE = (0.05, 0.3)  # [m/s]
 RADIUS_RANGE = (0.9, 1.3)  # [m] of starts and goals
 GOAL_SPREAD = np.deg2rad(35)  # [rad] around the opposite side
 HEADING_SPREAD = np.deg2rad(15)  # [rad] around the direction to the goal
-#: Controls well beyond what equilibria use; states that these can reach.
+#: Controls well beyond those of equilibria, and states that they can reach.
 LIMITS = Limits(controls=(2 * np.pi, 2.0), states=(38.0, 38.0, 42.0, 13.0))
 
 
 @dataclass(frozen=True)
 class Random:
-    """Players who cross; every seed draws others.
+    """Players that cross; each seed draws others.
 
     Attributes:
-        num_players: N, 1 to 50; drawn as well where absent.
+        num_players: N, 1 to 50; drawn if None.
     """
 
     name: ClassVar[str] = "random"

@@ -27,7 +27,7 @@ RING_PLACE = (0.0, 12.0)  # [m] along the ring's segment before the entry
 
 @dataclass(frozen=True)
 class Roundabout(RoadFamily):
-    """Cars on the ring and cars that enter it; every seed draws others.
+    """Cars on the ring and cars that enter it; each seed draws others.
 
     Attributes:
         num_players: N, 2 to 4: alternately on the ring west of an entry and on the entry.
@@ -52,13 +52,13 @@ def propose(rng: np.random.Generator, count: int) -> Scenario:
 
 
 def _circling(rng: np.random.Generator, side: str) -> Driver:
-    """On the ring, two segments before the entry of that side; leaves two or four exits on."""
+    """A car on the ring, two segments before a side's entry; it takes the second or third exit."""
     first = (RING.index(f"{side}e") - 2) % len(RING)
     return _drive(rng, [], first, 3 + 2 * int(rng.integers(2)), RING_PLACE, RING_SPEED)
 
 
 def _entering(rng: np.random.Generator, side: str) -> Driver:
-    """On the access road of that side."""
+    """A car on the access road of a side."""
     access = [(f"{side}er", f"{side}es", 0), (f"{side}es", f"{side}e", 0)]
     first = RING.index(f"{side}e")
     return _drive(rng, access, first, 1 + 2 * int(rng.integers(2)), ENTRY_DISTANCE, ENTRY_SPEED)

@@ -1,4 +1,4 @@
-"""What a scenario is."""
+"""The data of a scenario."""
 
 from dataclasses import dataclass
 
@@ -8,14 +8,14 @@ from olne_bench.games.game import Game
 
 
 class NoEquilibriumError(Exception):
-    """A scenario for which no certified equilibrium was found; it must not serve as truth."""
+    """No certified equilibrium was found for a scenario, so it cannot serve as ground truth."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How far controls and states can go, the same for every draw of a family.
+    """Bounds of controls and states, the same for every draw of a family.
 
-    Worlds build their spaces from it, which have to be finite and must not change with the seed.
+    Worlds build their spaces from them. Spaces must be finite and must not change with the seed.
 
     Attributes:
         controls: (m,) largest magnitude of each control that a world accepts.
@@ -33,14 +33,14 @@ class Scenario:
     ``solve_olne(scenario.game, scenario.weights, scenario.initial_state)`` is the true motion.
 
     Attributes:
-        name: name under which ``get_scenario`` knows it.
-        game: the game without its truth.
+        name: name for ``get_scenario``.
+        game: the game, without weights and initial state.
         weights: (N, K) true weights, rows sum to one.
         initial_state: (N, n) true x_1.
-        limits: sizes of a world's spaces; needed to play the scenario.
+        limits: bounds of a world's spaces; required to play the scenario.
         world: module of ``envs`` whose ``parallel_env`` plays the scenario.
         noise_scale: (n,) standard deviation of a sensor's noise on each component of the state,
-            relative to that on a position [m]; ones where absent, as in the paper.
+            relative to that on a position [m]. Default: ones, as in the paper.
 
     Raises:
         ValueError: on arrays of a wrong shape, or noise scales that are not positive.

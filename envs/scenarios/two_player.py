@@ -20,7 +20,7 @@ DT = 0.25  # [s]
 DIRECTIONS = (0.0, np.pi / 2)  # [rad] from start to goal
 HEADING_OFFSET = np.deg2rad(10)  # [rad]
 INITIAL_SPEED = 0.1  # [m/s]
-#: Controls well beyond what equilibria use; states that these can reach.
+#: Controls well beyond those of equilibria, and states that they can reach.
 LIMITS = Limits(controls=(1.0, 1.0), states=(20.0, 20.0, 8.0, 7.0))
 
 

@@ -28,11 +28,11 @@ QUICK = (24.0, 27.0)  # [m/s]
 
 @dataclass(frozen=True)
 class TwoWay(RoadFamily):
-    """One car overtakes against oncoming traffic; every seed draws others.
+    """One car overtakes against oncoming traffic; each seed draws others.
 
     Attributes:
-        num_players: N, 3 to 5: one that overtakes, one slow, one oncoming; a fourth drives behind
-            the slow one's place in the queue, a fifth is oncoming as well.
+        num_players: N, 3 to 5: one that overtakes, one slow, one oncoming; the fourth starts behind
+            the overtaking one in the same lane, the fifth is oncoming as well.
     """
 
     name: ClassVar[str] = "two_way"

@@ -9,16 +9,16 @@ from olne_bench.games.sensor import CorrelatedNoise, CovarianceNoise, Layer
 
 @dataclass(frozen=True)
 class Correlated:
-    """Noise with a correlation between components, or with a covariance of its own.
+    """Noise with a correlation between components, or with a given covariance.
 
     Attributes:
-        correlation: between each two of the components.
-        components: names, all that are seen where empty.
+        correlation: correlation between any two of the components.
+        components: names of the components. Default: all that are seen.
         covariance: (d, d) rows, relative to sigma^2, in place of the other two.
 
     Raises:
-        ValueError: on values that are no numbers; whether they are those of a covariance shows
-            once it is known what is seen.
+        ValueError: on values that are not numbers. Whether they are a covariance is checked once
+            it is known what is seen.
     """
 
     name: ClassVar[str] = "correlated"

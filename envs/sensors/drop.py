@@ -1,4 +1,4 @@
-"""Occlusion: players are missed now and then."""
+"""Occlusion: players are missed at random."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -26,5 +26,5 @@ class Drop:
         self.layers()
 
     def layers(self) -> tuple[Layer, ...]:
-        """One gaps layer; what is seen otherwise is for other layers to say."""
+        """One gaps layer; other layers define what is seen otherwise."""
         return (Drops(float(self.p)),)

@@ -13,10 +13,10 @@ class Partial:
     """The named components only, by default those of the paper: no speed.
 
     Attributes:
-        components: their names, at least one.
+        components: names of the components, at least one.
 
     Raises:
-        ValueError: on anything but different names.
+        ValueError: if these are not different names.
     """
 
     name: ClassVar[str] = "partial"

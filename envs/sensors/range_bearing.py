@@ -10,15 +10,15 @@ from olne_bench.games.sensor import Layer
 
 @dataclass(frozen=True)
 class RangeBearing:
-    """Range [m] and bearing [rad] of every player. It has to face the scene (``RangeBearingView``).
+    """Range [m] and bearing [rad] of each player. It must face the scene (``RangeBearingView``).
 
     Attributes:
-        position: px and py [m].
+        position: px and py of the sensor [m].
         facing: direction of bearing zero [rad].
         bearing_scale: noise of the bearing over that of the range [rad/m].
 
     Raises:
-        ValueError: on a position that is no pair of numbers, or numbers out of range.
+        ValueError: on a position that is not a pair of numbers, or numbers out of range.
     """
 
     name: ClassVar[str] = "range_bearing"

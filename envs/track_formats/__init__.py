@@ -1,4 +1,4 @@
-"""Formats of track files: one file each, and the file's name is the format's name.
+"""Formats of track files, one module each, named after the format.
 
 A format is a module with a ``DESCRIPTION`` of one line and a function
 ``read(path, part) -> envs.tracks.table.Tracks``, where ``part`` names one part of a file in which
@@ -15,12 +15,12 @@ from olne_bench.errors import UserError
 
 
 class TrackFormat(Protocol):
-    """A module of this folder."""
+    """A module for one format."""
 
     DESCRIPTION: str
 
     def read(self, path: Path, part: str | None) -> Tracks:
-        """Read a file, in metres, seconds and radians, with the centres of cars.
+        """Read a file; convert to metres, seconds, radians and the centres of cars.
 
         Raises:
             UserError: on a file that is not of this format, or an unknown part.
@@ -33,10 +33,10 @@ def format_names() -> list[str]:
 
 
 def get_format(name: str) -> TrackFormat:
-    """The format of that name.
+    """The format with a name.
 
     Raises:
-        UserError: on an unknown one; the message names all.
+        UserError: on an unknown name; the message lists the known ones.
     """
     if name not in format_names():
         raise UserError(f"unknown format {name!r}; known are: {', '.join(format_names())}")

@@ -43,10 +43,10 @@ def read(path: Path, part: str | None) -> Tracks:
 
 
 def commonroad_io() -> None:
-    """Make sure that commonroad-io is there.
+    """Make sure that commonroad-io is installed.
 
     Raises:
-        UserError: says how to install it.
+        UserError: if it is not; the message says how to install it.
     """
     try:
         import commonroad  # noqa: F401
@@ -69,7 +69,7 @@ def _scenario(path: Path) -> Any:
 
 
 def _row(path: Path, dt: float, obstacle: Any, state: Any) -> tuple[Any, ...]:
-    """One row of the table; a shape may have its origin elsewhere than in its centre."""
+    """One row of the table; the origin of a shape may differ from its centre."""
     position, number = state.position, obstacle.obstacle_id
     if not isinstance(position, np.ndarray) or not isinstance(state.time_step, int):
         raise UserError(f"{path}: obstacle {number} has uncertain states; expected exact ones")

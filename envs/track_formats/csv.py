@@ -1,4 +1,4 @@
-"""Plain tables: time [s], player, x [m], y [m], and where known heading [rad] and speed [m/s]."""
+"""Plain tables: time [s], player, x [m], y [m], and, if known, heading [rad] and speed [m/s]."""
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
-"""The highD data set: a German motorway from above, ``NN_tracks.csv`` with its recording's data.
+"""The highD data set: German motorways from above, ``NN_tracks.csv`` with ``NN_recordingMeta.csv``.
 
-Positions are upper left corners of boxes in an image, whose y axis points down. Lanes lie between
-the markings that ``NN_recordingMeta.csv`` gives; upper ones lead against the x axis.
+Positions are upper left corners of boxes in an image whose y axis points down. Lanes are between
+the markings in ``NN_recordingMeta.csv``. Upper lanes run against the x axis.
 """
 
 from itertools import pairwise
@@ -26,7 +26,7 @@ from olne_bench.games.lanes import StraightLane
 
 DESCRIPTION = "highD: NN_tracks.csv, with NN_recordingMeta.csv beside it; lanes from its markings"
 _NUMBERS = ("frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
-_BEYOND = 50.0  # [m] that lanes go on at both ends
+_BEYOND = 50.0  # [m] by which lanes extend beyond the tracks at both ends
 
 
 def read(path: Path, part: str | None) -> Tracks:
@@ -58,7 +58,7 @@ def read(path: Path, part: str | None) -> Tracks:
 
 
 def _lanes(path: Path, markings: object, side: str, low: float, high: float) -> list[RoadLane]:
-    """Lanes between markings, a list of y [m] parted by semicolons."""
+    """Lanes between markings, given as a list of y [m] separated by semicolons."""
     try:
         values = [float(value) for value in str(markings).split(";")]
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""The inD data set and its kin (rounD, exiD, uniD): ``NN_tracks.csv`` with its recording's data.
+"""The data sets inD, rounD, exiD and uniD: ``NN_tracks.csv`` with ``NN_recordingMeta.csv``.
 
 Positions are centres of boxes. Headings are in degrees from the x axis towards the y axis.
 """
@@ -45,7 +45,7 @@ def read(path: Path, part: str | None) -> Tracks:
 
 
 def _origin(path: Path, meta: pd.DataFrame) -> tuple[float, float] | None:
-    """UTM east and north [m] of the recording's origin, where its metadata tell them."""
+    """UTM east and north [m] of the recording's origin; None if its metadata do not have them."""
     if not set(_ORIGIN) <= set(meta.columns):
         return None
     east, north = numbers(path, meta, _ORIGIN)[list(_ORIGIN)].iloc[0]

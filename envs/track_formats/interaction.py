@@ -1,4 +1,4 @@
-"""The INTERACTION data set: ``vehicle_tracks_NNN.csv`` or a file of many cases.
+"""The INTERACTION data set: ``vehicle_tracks_NNN.csv``, or a file with many cases.
 
 Times are in milliseconds, positions are centres, headings are in radians.
 """

@@ -1,7 +1,7 @@
 """The NGSIM data set: US motorways, in feet and tenths of a second.
 
-Local_Y counts along the road and Local_X across it, so they become x and y; both are those of the
-middle of the front. Headings are not told. A lane lies where the cars with its Lane_ID drive.
+Local_Y runs along the road and Local_X across it, so they become x and y; both are those of the
+centre of the front. There are no headings. A lane is where the cars with its Lane_ID drive.
 Files are CSV with a header, or the original text files without one.
 """
 
@@ -31,8 +31,8 @@ _TEXT_COLUMNS = (
     *("Global_X", "Global_Y", "v_Length", "v_Width", "v_Class", "v_Vel", "v_Acc", "Lane_ID"),
     *("Preceding", "Following", "Space_Headway", "Time_Headway"),
 )
-_BEYOND = 50.0  # [m] that lanes go on at both ends
-_WIDTH = 12 * FOOT  # of a lane of a US motorway
+_BEYOND = 50.0  # [m] by which lanes extend beyond the tracks at both ends
+_WIDTH = 12 * FOOT  # [m], lane of a US motorway
 
 
 def read(path: Path, part: str | None) -> Tracks:
@@ -57,5 +57,5 @@ def read(path: Path, part: str | None) -> Tracks:
         f"lane_{name}": RoadLane((StraightLane((low, float(y)), (1.0, 0.0), high - low),), _WIDTH)
         for name, y in table["y"].groupby(player_names(rows["Lane_ID"])).median().items()
     }
-    note = "lanes lie at the median Local_X of the cars with their Lane_ID"
+    note = "lanes are at the median Local_X of the cars with their Lane_ID"
     return Tracks(table[list(COLUMNS)], Road(lanes), (note,))

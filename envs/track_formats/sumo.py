@@ -1,6 +1,6 @@
 """SUMO's floating car data (``--fcd-output``): XML with a row per vehicle and time step.
 
-Positions are those of the middle of the front bumper, angles in degrees clockwise from north.
+Positions are those of the centre of the front bumper; angles are in degrees clockwise from north.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from olne_bench.envs.tracks.table import COLUMNS, Tracks
 from olne_bench.errors import UserError
 
 DESCRIPTION = "SUMO: XML of --fcd-output; lanes from its network by --road FILE.net.xml"
-LENGTH = 5.0  # [m], SUMO's default of a passenger car
+LENGTH = 5.0  # [m], SUMO's default length of a passenger car
 
 
 def read(path: Path, part: str | None) -> Tracks:
@@ -34,7 +34,7 @@ def read(path: Path, part: str | None) -> Tracks:
         x=rows["x"] - LENGTH / 2 * np.cos(heading),
         y=rows["y"] - LENGTH / 2 * np.sin(heading),
     )
-    note = f"SUMO tells where front bumpers are; cars are taken to be {LENGTH:g} m long"
+    note = f"SUMO gives positions of front bumpers; cars are assumed to be {LENGTH:g} m long"
     return Tracks(table[list(COLUMNS)], notes=(note,))
 
 

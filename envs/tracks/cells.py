@@ -11,11 +11,11 @@ from olne_bench.errors import UserError
 REQUIRED = ("time", "player", "x", "y")
 OPTIONAL = ("heading", "speed")
 _MISSING = {"", "nan", "na", "n/a", "null"}
-_FIRST_LINE = 2  # of data, after the header
+_FIRST_LINE = 2  # the first line of data, after the header
 
 
 def read_numbers(path: Path) -> pd.DataFrame:
-    """The columns of tracks, the optional ones NaN where absent, by line number."""
+    """The columns of tracks, indexed by line number; absent optional columns are NaN."""
     cells = read_cells(path)
     absent = [name for name in REQUIRED if name not in cells.columns]
     if absent:
@@ -35,7 +35,7 @@ def read_numbers(path: Path) -> pd.DataFrame:
 
 
 def read_cells(path: Path) -> pd.DataFrame:
-    """The cells as text, by line number, without blank lines."""
+    """The cells as text, indexed by line number, without blank lines."""
     if not path.is_file():
         raise UserError(f"no tracks file {str(path)!r}")
     try:
@@ -54,10 +54,10 @@ def read_cells(path: Path) -> pd.DataFrame:
         raise UserError(f"{path} is not a CSV file: {error}") from error
     names = cells.iloc[0].fillna("").str.strip()
     if names.duplicated().any():
-        raise UserError(f"{path}: column {names[names.duplicated()].iloc[0]!r} is there twice")
+        raise UserError(f"{path}: column {names[names.duplicated()].iloc[0]!r} appears twice")
     rows = cells.iloc[1:].fillna("").set_axis(list(names), axis=1)
     rows.index += _FIRST_LINE - 1  # line numbers, so that messages can name them
-    return rows[(rows != "").any(axis=1)]  # blank lines say nothing
+    return rows[(rows != "").any(axis=1)]  # without blank lines
 
 
 def _numbers(path: Path, cells: pd.Series, name: str) -> pd.Series:

@@ -1,4 +1,4 @@
-"""Checks of tracks: every one raises a ``UserError`` that names the place, or does nothing."""
+"""Checks of tracks: each raises a ``UserError`` that names the place, or does nothing."""
 
 from pathlib import Path
 
@@ -8,18 +8,18 @@ import pandas as pd
 from olne_bench.errors import UserError
 
 FEWEST_STEPS = 3
-FASTEST = 100.0  # [m/s]; beyond it something is not in metres and seconds
-LONGEST_STEP = 10.0  # [s]; beyond it times are not in seconds
-LARGEST_HEADING = 8 * np.pi  # [rad], four full turns; beyond it these are degrees
-STEP_TOLERANCE = 0.05  # of a step, for times that were rounded when written
-UNIT_FACTOR = 2.0  # by which speeds may differ from displacements; miles per hour differ by 2.2
-UNIT_WINDOW = 1.0  # [s] over which displacements are taken, as noise would swell shorter ones
-DRIVING = 1.0  # [m/s] above which a heading has to agree with where positions go
-STANDSTILL = 0.05  # [m/s] below which the two are not compared
+FASTEST = 100.0  # [m/s]; above it, something is not in metres and seconds
+LONGEST_STEP = 10.0  # [s]; above it, times are not in seconds
+LARGEST_HEADING = 8 * np.pi  # [rad], four full turns; above it, headings are in degrees
+STEP_TOLERANCE = 0.05  # as a share of a step, for times that were rounded when written
+UNIT_FACTOR = 2.0  # largest ratio of speeds to displacements; miles per hour differ by 2.2
+UNIT_WINDOW = 1.0  # [s] for displacements; noise would dominate shorter ones
+DRIVING = 1.0  # [m/s] above which headings must agree with the direction of motion
+STANDSTILL = 0.05  # [m/s] below which speeds and displacements are not compared
 
 
 def check_times(path: Path, table: pd.DataFrame) -> None:
-    """Refuse players who are at two places at one time."""
+    """Refuse players with two rows at one time."""
     again = table.duplicated(["player", "time"]).to_numpy()
     if again.any():
         row = table.iloc[int(again.argmax())]
@@ -53,11 +53,11 @@ def check_positions(path: Path, states: np.ndarray, players: list[str]) -> None:
 
 
 def check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) -> None:
-    """Refuse states (T, N, 4) px, py, heading, speed not in metres, seconds and radians."""
+    """Refuse states (T, N, 4), px, py, heading, speed, not in metres, seconds and radians."""
     window = min(len(states) - 1, max(1, round(UNIT_WINDOW / dt)))
     steps = states[window:, :, :2] - states[:-window, :, :2]
     from_positions = np.linalg.norm(steps, axis=-1) / (window * dt)
-    # Cosine between heading and motion; a car in reverse has a negative speed.
+    # Cosine of the angle between heading and motion; a car in reverse has a negative speed.
     off = states[:-window, :, 2] - np.arctan2(steps[..., 1], steps[..., 0])
     agreement = np.cos(off) * np.where(states[:-window, :, 3] < 0, -1, 1)
     agreement[~(from_positions > DRIVING)] = np.nan
@@ -90,13 +90,13 @@ def _check_directions(who: str, agreement: np.ndarray) -> None:
     told = agreement[np.isfinite(agreement)]
     if told.size and told.mean() < 0:
         raise UserError(
-            f"{who} has headings that point away from where its positions go; expected "
+            f"{who} has headings that point away from its motion; expected "
             "radians, from the x axis towards the y axis"
         )
 
 
 def _check_speeds(who: str, speeds: np.ndarray, from_positions: np.ndarray) -> None:
-    """Compare told speeds (T,) with those over windows of positions (T - window,)."""
+    """Compare given speeds (T,) with those over windows of positions (T - window,)."""
     window = len(speeds) - len(from_positions)
     both = np.isfinite(speeds[window:]) & np.isfinite(from_positions)
     if not both.any():

@@ -1,4 +1,4 @@
-"""Straight lines and arcs along a centre line of points, as costs need lanes with curvature."""
+"""Fit straight lines and arcs to a centre line of points, as costs need lanes with curvature."""
 
 from collections.abc import Sequence
 
@@ -6,17 +6,17 @@ import numpy as np
 
 from olne_bench.games.lanes import ArcLane, Lane, StraightLane
 
-TOLERANCE = 0.1  # [m] that a curve may lie beside the points
+TOLERANCE = 0.1  # [m], largest distance between a curve and the points
 _FLATTEST = 1e4  # [m]; an arc of a larger radius is a straight line
 
 
 def curves_through(points: np.ndarray | Sequence[Sequence[float]]) -> tuple[Lane, ...]:
-    """Few curves that lie within ``TOLERANCE`` of points (P, 2), from the first to the last.
+    """A few curves within ``TOLERANCE`` of points (P, 2), from the first to the last point.
 
-    Each is the longest that fits, a straight line where one reaches as far as an arc does.
+    Each is the longest curve that fits: a straight line if one reaches as far as an arc.
 
     Raises:
-        ValueError: unless there are two different points.
+        ValueError: if the points are not finite pairs, or fewer than two are different.
     """
     line = np.asarray(points, dtype=float)
     if line.ndim != 2 or line.shape[1] != 2 or not np.isfinite(line).all():
@@ -34,7 +34,7 @@ def curves_through(points: np.ndarray | Sequence[Sequence[float]]) -> tuple[Lane
 
 
 def _reach(line: np.ndarray, first: int) -> int:
-    """The last point that one curve from ``first`` on goes through: by doubling, then halving."""
+    """Index of the last point that one curve from ``first`` fits, by doubling and bisection."""
     good, step = first + 1, 1
     while good < len(line) - 1 and _fits(line[first : min(good + step, len(line) - 1) + 1]):
         good, step = min(good + step, len(line) - 1), 2 * step
@@ -69,7 +69,7 @@ def _straight(points: np.ndarray) -> StraightLane:
 
 
 def _arc(points: np.ndarray) -> ArcLane | None:
-    """The arc through the first, the middle and the last point; None where they are in line."""
+    """The arc through the first, middle and last point; None if they are in line."""
     a, b, c = points[0], points[len(points) // 2], points[-1]
     (bx, by), (cx, cy) = b - a, c - a
     cross = bx * cy - by * cx
@@ -88,7 +88,7 @@ def _arc(points: np.ndarray) -> ArcLane | None:
 
 
 def _error(curve: StraightLane | ArcLane, points: np.ndarray) -> float:
-    """How far the points and the middles between them lie beside the curve [m]."""
+    """Largest distance of the points and the midpoints between them from the curve [m]."""
     dense = np.concatenate([points, (points[1:] + points[:-1]) / 2])
     if isinstance(curve, ArcLane):
         return float(np.abs(np.linalg.norm(dense - curve.centre, axis=1) - curve.radius).max())

@@ -1,14 +1,14 @@
-"""A scenario's costs as an explanation of a recording, with all that had to be assumed for it.
+"""Explain a recording by a scenario's costs, and note all assumptions.
 
-What a player is drawn to (a target speed, a lane, a goal) is taken, in this order,
+The targets of a player (speed, lane, goal) are taken, in this order,
 
-- from the ``file``, where the recording tells it;
-- from the ``draw``, where the scenario has a player who starts where this one does;
-- from the ``scenario``, where all of its players have the same;
+- from the ``file``, if the recording has them;
+- from the ``draw``, if the scenario has a player with the same start;
+- from the ``scenario``, if all of its players have the same;
 - from the ``data``: the median speed, the lanes that were driven, the last position.
 
-Costs are sums over steps. Where tracks have another step than the scenario, efforts and goals are
-rescaled, so that a weight means the same at every step.
+Costs are sums over steps. If tracks have another time step than the scenario, efforts and goals are
+rescaled, so that weights keep their meaning.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ from olne_bench.games.features import ControlEffort, Feature, FinalGoal, StateDe
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import LaneKeeping, StraightLane
 
-START_TOLERANCE = 0.25  # [m] from a drawn player's start, beyond three times the noise
+START_TOLERANCE = 0.25  # [m] from a drawn player's start, in addition to three times the noise
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class Explained:
     """A game that may explain a recording.
 
     Attributes:
-        scenario: it carries the game, whose players are those of the recording, and the noise
-            scales; its weights and initial state mean nothing.
-        assumptions: what every player is taken to want, and why.
-        noise: upper estimate of the noise on positions from the data [m]; NaN where unknown.
+        scenario: holds the game, whose players are those of the recording, and the noise scales;
+            its weights and initial state are placeholders.
+        assumptions: the assumed targets of each player, with their sources.
+        noise: upper estimate of the noise on positions from the data [m]; NaN if unknown.
         warnings: one line each.
     """
 
@@ -64,14 +64,14 @@ def explain(
     """Make the game of a recording's episode.
 
     Args:
-        name: of the scenario whose costs the players have.
-        seed: the draw that the tracks are of; None where they are of none.
+        name: name of the scenario whose costs the players have.
+        seed: the draw that the tracks show; None if they do not show a draw.
         known: the recording.
-        episode: which one.
-        noise: of positions [m], where it is known.
+        episode: index of the episode.
+        noise: noise of positions [m], if known.
 
     Raises:
-        UserError: where scenario and recording do not go together.
+        UserError: if scenario and recording do not fit each other.
     """
     states, entry = known.states[episode], known.metadata.episodes[episode]
     names, dt = known.metadata.state_names, known.metadata.dt
@@ -107,10 +107,10 @@ def explain(
 
 
 def costs_of(name: str, seed: int | None, count: int) -> Scenario:
-    """The scenario whose players have the costs; a draw of it need not be playable.
+    """A scenario whose players have the costs; without a seed, its draw may be unplayable.
 
     Raises:
-        UserError: on an unknown scenario, or a number of players that the draw does not hold.
+        UserError: on an unknown scenario, or a number of players that it does not hold.
     """
     try:
         if seed is None and is_family(name):
@@ -132,7 +132,7 @@ def _drawn(
     told: RoadFile,
     noise: float,
 ) -> tuple[list[int] | None, list[str]]:
-    """Which player of the scenario each of the recording is; None where they are of no draw."""
+    """The scenario's player for each player of the recording, or None, and warnings."""
     players = scenario.game.players
     alike = len({_without_targets(player) for player in players}) == 1
     if alike and all(player in told.players for player in names):
@@ -161,7 +161,7 @@ def _drawn(
 
 
 def _by_start(starts: np.ndarray, seen: np.ndarray, tolerance: float) -> list[int] | None:
-    """The players (of starts (P, 2)) who start where N are seen (N, 2); None if any does not."""
+    """For each seen position (N, 2) the player with that start (P, 2); None if any has none."""
     if not np.isfinite(seen).all():
         return None
     apart = np.linalg.norm(seen[:, None] - starts, axis=-1)
@@ -185,7 +185,7 @@ def _without_targets(player: Player) -> Player:
 
 
 def _road(scenario: Scenario, told: RoadFile) -> Road | None:
-    """Where lanes matter, those of the file, else those of the scenario's road."""
+    """The lanes of the file, else of the scenario's road; None if no cost depends on lanes."""
     terms = [term for player in scenario.game.players for term in player.task]
     if not any(isinstance(term, LaneKeeping) for term in terms):
         return None
@@ -199,7 +199,7 @@ def _road(scenario: Scenario, told: RoadFile) -> Road | None:
 
 
 def _at_step(player: Player, ratio: float) -> Player:
-    """The player's costs at a step that is ``ratio`` times the scenario's."""
+    """The player's costs at a time step that is ``ratio`` times the scenario's."""
 
     def rescaled(term: Feature) -> Feature:
         if isinstance(term, ControlEffort):

@@ -1,4 +1,4 @@
-"""A recording's motion as a file that others read, with a road file beside it."""
+"""Write a recording's motion in formats that other programs read, with a road file beside it."""
 
 import warnings
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from olne_bench.envs.tracks.table import STATE_NAMES
 from olne_bench.files import whole_file
 
 CAR_LENGTH, CAR_WIDTH = 5.0, 2.0  # [m], HighwayEnv's
-_DECIMALS = 12  # of positions in XML
+_DECIMALS = 12  # digits of positions in XML
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class Episode:
     """One episode of a recording.
 
     Attributes:
-        players: N names.
-        times: (T,) [s].
-        states: (T, N, n).
-        state_names: of the n components.
-        dt: [s].
-        road: lanes and targets, as far as they are known.
+        players: names of the N players.
+        times: (T,) times [s].
+        states: (T, N, n) states.
+        state_names: names of the n components.
+        dt: time step [s].
+        road: lanes and targets, as far as known.
     """
 
     players: list[str]
@@ -42,7 +42,7 @@ class Episode:
 
     @classmethod
     def of(cls, known: RecordingFile, index: int) -> "Episode":
-        """The episode of that index."""
+        """The episode with an index."""
         metadata = known.metadata
         entry = metadata.episodes[index]
         road = entry.road
@@ -59,10 +59,10 @@ class Episode:
 
 
 def write_csv(path: Path, episode: Episode) -> None:
-    """Write what ``import --format csv`` reads, numbers with all of their digits.
+    """Write a file that ``import --format csv`` reads; numbers keep all digits.
 
     Raises:
-        OSError: if that is not possible.
+        OSError: if the file cannot be written.
     """
     steps, count, _ = episode.states.shape
     columns = {
@@ -83,8 +83,8 @@ def write_commonroad(path: Path, episode: Episode) -> dict[str, str]:
         The obstacles' numbers, by name of the player.
 
     Raises:
-        UserError: without commonroad-io.
-        OSError: if that is not possible.
+        UserError: if commonroad-io is not installed.
+        OSError: if the file cannot be written.
     """
     commonroad_io()
     from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile
@@ -117,7 +117,7 @@ def write_commonroad(path: Path, episode: Episode) -> dict[str, str]:
 
 
 def renamed(road: RoadFile, names: dict[str, str]) -> RoadFile:
-    """The road file with other names of players."""
+    """The road file with other names of players; ``names`` maps old to new ones."""
     players = {names.get(name, name): entry for name, entry in road.players.items()}
     return road.model_copy(update={"players": players})
 
@@ -149,7 +149,7 @@ def _obstacle(number: int, motion: Motion) -> Any:
 
 
 def _filled(values: np.ndarray) -> np.ndarray:
-    """Values (T,) with gaps filled, as CommonRoad has none; zeros where nothing is known."""
+    """Values (T,) with gaps filled, as CommonRoad allows none; zeros if all are unknown."""
     known = np.flatnonzero(np.isfinite(values))
     if not known.size:
         return np.zeros_like(values)
@@ -170,7 +170,7 @@ def _lanelets(road: Road, first: int) -> list[Any]:
 
 
 def _bounds(lane: RoadLane) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, 2) to the left and to the right of the centre line, half a width away."""
+    """Points (P, 2) half a width to the left and to the right of the centre line."""
     line = lane.line
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Tracks in another frame: mirrored, turned, shifted."""
+"""Transform tracks to another frame: mirror, rotate, shift."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,12 @@ import pandas as pd
 
 @dataclass(frozen=True)
 class Frame:
-    """How positions change, in this order; headings follow.
+    """A change of frame, applied in this order; headings change accordingly.
 
     Attributes:
-        flip_y: whether y counts in the other direction.
+        flip_y: whether to reverse the direction of y.
         rotate: angle [rad] from the x axis towards the y axis.
-        shift: [m] in x and y.
+        shift: shift in x and y [m].
     """
 
     flip_y: bool = False
@@ -21,7 +21,7 @@ class Frame:
     shift: tuple[float, float] = (0.0, 0.0)
 
     def apply(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The table of tracks in that frame."""
+        """The table of tracks in the new frame."""
         if self == Frame():
             return table
         sign = -1.0 if self.flip_y else 1.0

@@ -10,20 +10,20 @@ from olne_bench.envs.tracks.checks import FEWEST_STEPS, STEP_TOLERANCE, check_st
 from olne_bench.envs.tracks.table import STATE_NAMES, listed
 from olne_bench.errors import UserError
 
-MOST_PLAYERS = 20  # a game of more takes hours
-_ROUNDING = 1e-6  # [s], of times that were computed
-_BRIDGED = 1.5  # steps of the data that interpolation may bridge
-_SAME = 0.25  # of a step, within which a sample belongs to a time of the data's own grid
+MOST_PLAYERS = 20  # larger games take hours
+_ROUNDING = 1e-6  # [s], tolerance of computed times
+_BRIDGED = 1.5  # largest gap that is interpolated, in steps of the data
+_SAME = 0.25  # tolerance of times on the data's own grid, as a share of a step
 
 
 @dataclass(frozen=True)
 class Excerpt:
-    """What is wanted of a file.
+    """Which part of a file to use.
 
     Attributes:
-        window: first and last time [s]; all times where absent.
-        players: their names, in that order; all of them where empty.
-        step: [s], of the result; that of the data where absent.
+        window: first and last time [s]. Default: all times.
+        players: names in the wanted order. Default: all that are seen often enough.
+        step: time step of the result [s]. Default: that of the data.
     """
 
     window: tuple[float, float] | None = None
@@ -33,11 +33,11 @@ class Excerpt:
 
 @dataclass(frozen=True)
 class Grid:
-    """Tracks on equal times.
+    """Tracks on common, equally spaced times.
 
     Attributes:
-        times: (T,) [s].
-        players: N names.
+        times: (T,) times [s].
+        players: names of the N players.
         states: (T, N, 4) in the order of ``STATE_NAMES``, NaN where unknown; headings unwrapped.
         notes: what was left out, one line each.
     """
@@ -54,10 +54,10 @@ class Grid:
 
 
 def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
-    """The excerpt of a table of tracks.
+    """Put an excerpt of a table of tracks on a common time grid.
 
     Raises:
-        UserError: names the file, what is wrong and the alternatives.
+        UserError: with a message that names the file, the problem and the alternatives.
     """
     table = _window(path, table, excerpt.window)
     table, notes = _chosen(path, table, excerpt.players)
@@ -66,7 +66,7 @@ def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
     names = list(excerpt.players) or list(table["player"].unique())
     if len(names) > MOST_PLAYERS:
         raise UserError(
-            f"{path}: {len(names)} players, at most {MOST_PLAYERS} make a game; choose a shorter "
+            f"{path}: {len(names)} players, a game has at most {MOST_PLAYERS}; choose a shorter "
             f"--window or --players; there are: {listed(names)}"
         )
     by_player = dict(list(table.groupby("player", sort=False)))
@@ -97,19 +97,21 @@ def _window(path: Path, table: pd.DataFrame, window: tuple[float, float] | None)
 def _chosen(
     path: Path, table: pd.DataFrame, players: tuple[str, ...]
 ) -> tuple[pd.DataFrame, list[str]]:
-    """The rows of the players that were asked for, or of all who are seen long enough."""
+    """Rows of the chosen players, or of all that are seen often enough, and notes."""
     seen = table[table[["x", "y"]].notna().all(axis=1)].groupby("player", sort=False).size()
     known = list(table["player"].unique())
     for player in players:
         if player not in known:
             raise UserError(f"--players {player!r}: {path} has, at these times: {listed(known)}")
         if seen.get(player, 0) == 0:
-            raise UserError(f"--players {player!r}: {path} has no position of it at these times")
+            raise UserError(
+                f"--players {player!r}: {path} has no position of this player at these times"
+            )
     if players:
         return table[table["player"].isin(players)], []
     brief = [name for name in known if seen.get(name, 0) < FEWEST_STEPS]
     if len(brief) == len(known):
-        return table, []  # there is nothing to choose from; the checks say what is wrong
+        return table, []  # nothing to choose from; the checks report the problem
     kept = table[~table["player"].isin(brief)]
     return kept, [
         f"left out, seen less than {FEWEST_STEPS} times: {listed(brief)}"
@@ -134,7 +136,7 @@ def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
 
 
 def _merged(times: np.ndarray) -> np.ndarray:
-    """Times without those that another player's clock rounded a little differently."""
+    """Times without those that differ from their predecessor by rounding only."""
     if len(times) < 2:
         return times
     steps = np.diff(times)
@@ -142,7 +144,7 @@ def _merged(times: np.ndarray) -> np.ndarray:
 
 
 def _resampled(rows: pd.DataFrame, times: np.ndarray, rounding: float) -> np.ndarray:
-    """States (T, 4) at times, straight between neighbouring samples, NaN within gaps."""
+    """States (T, 4) at times, interpolated linearly between samples; NaN within gaps."""
     result = np.full((len(times), len(STATE_NAMES)), np.nan)
     rows = rows.sort_values("time")
     every = np.diff(rows["time"].to_numpy())
@@ -161,7 +163,7 @@ def _resampled(rows: pd.DataFrame, times: np.ndarray, rounding: float) -> np.nda
 def _between(
     at: np.ndarray, values: np.ndarray, times: np.ndarray, bridged: float, rounding: float
 ) -> np.ndarray:
-    """Values at times; a sample serves times that differ from its own by rounding."""
+    """Values at times; a sample also counts for times that differ from its own by rounding."""
     after = np.searchsorted(at, times).clip(0, len(at) - 1)
     before = (after - 1).clip(0)
     nearest = np.where(np.abs(at[after] - times) <= np.abs(at[before] - times), after, before)

@@ -1,4 +1,4 @@
-"""Lanes of a lanelet2 map (``.osm``), as INTERACTION, inD and rounD have it."""
+"""Lanes of a lanelet2 map (``.osm``), as INTERACTION, inD and rounD have them."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,23 +13,23 @@ from olne_bench.errors import UserError
 from olne_bench.games.lanes import Lane
 
 FOR_CARS = ("road", "highway")  # subtypes; a lanelet without one is a road
-MEET = 0.05  # [m] between the ends of two borders, at most
-_DIGITS = 4  # of fractions of a border: closer points are one
+MEET = 0.05  # [m], largest distance between the ends of two borders that meet
+_DIGITS = 4  # of fractions of a border's length: points that round to the same are merged
 
 _Borders = tuple[np.ndarray, np.ndarray]
 
 
 def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road:
-    """The lanelets for cars, and where each leads; one for both directions becomes two lanes.
+    """Read the lanelets for cars and their successors; a two-way lanelet becomes two lanes.
 
     Args:
-        path: of the map.
-        origin: UTM east and north [m] that are (0, 0) in the tracks. Where absent, it is the
-            point at latitude 0 and longitude 0, as in INTERACTION. Unused where all nodes of
-            borders have the tags ``local_x`` and ``local_y``.
+        path: path of the map.
+        origin: UTM east and north [m] of (0, 0) in the tracks. Default: the point at latitude 0 and
+            longitude 0, as in INTERACTION. Unused if all nodes of borders have the tags
+            ``local_x`` and ``local_y``.
 
     Raises:
-        UserError: on a file that is missing or no map, and without pyproj where it is needed.
+        UserError: if the file is missing or not a map, or if pyproj is needed and not installed.
     """
     if not path.is_file():
         raise UserError(f"no road file {str(path)!r}")
@@ -47,7 +47,7 @@ def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road
 
 
 def _borders(root: ElementTree.Element, origin: tuple[float, float] | None) -> dict[str, _Borders]:
-    """Points of the left and the right border of every lane, in driving direction."""
+    """Points of the left and the right border of each lane, in driving direction."""
     relations = _by_id(root, "relation")
     tags = {name: _tags(relation) for name, relation in relations.items()}
     lanelets = [name for name in relations if tags[name].get("type") == "lanelet"]
@@ -87,7 +87,7 @@ def _side(
     ways: Mapping[str, ElementTree.Element],
     nodes: Mapping[str, ElementTree.Element],
 ) -> list[str]:
-    """Numbers of the nodes of a lanelet's left or right border: one way, or several in a row."""
+    """Ids of the nodes of a lanelet's left or right border: one way, or several in a row."""
     line: list[str] = []
     for way in (m.attrib["ref"] for m in relation.iter("member") if m.get("role") == side):
         if way not in ways:
@@ -108,7 +108,7 @@ def _side(
 
 
 def _joined(line: list[str], refs: list[str]) -> list[str] | None:
-    """Two ways as one, where they share an end; either may run against the other."""
+    """Two ways joined at a shared end, in any direction; None if they share none."""
     for first in (line, line[::-1]):
         for second in (refs, refs[::-1]):
             if first[-1] == second[0]:
@@ -130,7 +130,7 @@ def _points(
 
 
 def _pairs(values: Mapping[str, Mapping[str, str]], names: tuple[str, str]) -> np.ndarray:
-    """Two numbers of each node, (P, 2)."""
+    """Two numbers of each node (P, 2)."""
     rows = []
     for ref, known in values.items():
         try:
@@ -164,7 +164,7 @@ def _projected(degrees: np.ndarray, origin: tuple[float, float] | None) -> np.nd
 
 
 def _aligned(left: np.ndarray, right: np.ndarray) -> _Borders:
-    """Both borders from their start to their end: driving on, the left one is to the left."""
+    """Both borders in driving direction, such that the left one is to the left."""
     alike = np.linalg.norm(left[[0, -1]] - right[[0, -1]], axis=1).sum()
     against = np.linalg.norm(left[[0, -1]] - right[[-1, 0]], axis=1).sum()
     if against < alike:
@@ -175,9 +175,9 @@ def _aligned(left: np.ndarray, right: np.ndarray) -> _Borders:
 
 
 def _area(left: np.ndarray, right: np.ndarray) -> float:
-    """Between the borders [m²], positive where the right one is to the right."""
+    """Area between the borders [m²], positive if the right one is to the right."""
     ring = np.concatenate([right, left[::-1]])
-    x, y = (ring - ring[0]).T  # numbers of a far origin would cost digits
+    x, y = (ring - ring[0]).T  # relative to a near origin, to keep digits
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
@@ -194,7 +194,7 @@ def _curves_and_width(
 
 
 def _fractions(line: np.ndarray) -> np.ndarray:
-    """How much of a line's length lies before each of its points, from 0 to 1."""
+    """Share of a line's length before each of its points (P,), from 0 to 1."""
     along = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(line, axis=0), axis=1)])
     if not along[-1] > 0:
         raise ValueError("a border has no length")
@@ -207,7 +207,7 @@ def _at(line: np.ndarray, fractions: np.ndarray) -> np.ndarray:
 
 
 def _following(borders: Mapping[str, _Borders]) -> dict[str, tuple[str, ...]]:
-    """Names of the lanes whose borders start where both borders of a lane end."""
+    """Successors of each lane: lanes whose borders start where both of its borders end."""
     names = list(borders)
     starts, ends = (
         np.array([np.r_[left[k], right[k]] for left, right in borders.values()]) for k in (0, -1)

@@ -1,8 +1,9 @@
-"""Which lanes a car drives on: the likeliest sequence, by position and heading.
+"""Match a car to lanes: the likeliest sequence, by position and heading.
 
-A lane costs the squared distance [m] to it and how far the heading is off. Going on to a lane that
-the present one leads to is free, changing to any other is dear, so noise does not look like a lane
-change. The likeliest sequence is found by dynamic programming (Viterbi).
+The cost of a lane is the squared distance [m] to it and the deviation from its heading. A
+transition to a lane that the present one leads to is almost free. A change to any other lane is
+expensive, so that noise does not look like a lane change. The cheapest sequence is found by dynamic
+programming (Viterbi).
 """
 
 from collections.abc import Sequence
@@ -14,20 +15,20 @@ from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane, locate
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
-HEADING_UNIT = 0.3  # [rad] that cost as much as a metre
+HEADING_UNIT = 0.3  # [rad], heading deviation that costs as much as a metre
 CHANGE = 25.0  # cost of a lane change
-_HOP = 0.1  # cost of going on, so that no lane is skipped for nothing
-_MOST_HOPS = 4  # lanes ahead between two samples
+_HOP = 0.1  # cost of a transition to a following lane, so that none is skipped needlessly
+_MOST_HOPS = 4  # largest number of transitions between two samples
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch on one lane.
+    """A part of a car's way, on one lane.
 
     Attributes:
-        lane: its name.
-        until: distance along the lane at which it was left [m].
-        changed: whether the next leg's lane lies beside this one, rather than ahead of it.
+        lane: name of the lane.
+        until: distance along the lane at which the car left it [m].
+        changed: whether the car changed to the next leg's lane, instead of following this one.
     """
 
     lane: str
@@ -36,7 +37,7 @@ class Leg:
 
 
 def driven(road: Road, motion: Motion) -> list[Leg]:
-    """The lanes that a car was on, in order; lanes passed between two samples included."""
+    """The lanes that a car was on, in order, including lanes passed between two samples."""
     names = list(road.lanes)
     seen = motion.seen
     positions, headings = motion.positions[seen], motion.headings[seen]
@@ -62,10 +63,10 @@ def driven(road: Road, motion: Motion) -> list[Leg]:
 
 
 def route(road: Road, legs: Sequence[Leg]) -> tuple[tuple[Lane, ...], list[str]]:
-    """The curves that a car with these legs keeps to, and the names of their lanes.
+    """The curves of the lanes that a car with these legs keeps to, and the names of these lanes.
 
-    A car that changes lanes keeps to the lane that it ends in. One that comes back to its lane
-    first keeps to the other until it left that.
+    A car that changes lanes keeps to the lane in which it ends. A car that returns to this lane
+    keeps to the other one until it leaves that.
     """
     curves: list[Lane] = []
     names: list[str] = []
@@ -81,7 +82,7 @@ def route(road: Road, legs: Sequence[Leg]) -> tuple[tuple[Lane, ...], list[str]]
 
 
 def _append(curves: list[Lane], curve: Lane) -> None:
-    """Add a curve; one that goes on like the last is joined with it, as blending costs time."""
+    """Add a curve; a curve that continues the last one is joined with it, as blending is slow."""
     last = curves[-1] if curves else None
     if isinstance(last, ArcLane) and isinstance(curve, ArcLane):
         turn = curve.end_phase - curve.start_phase
@@ -98,7 +99,7 @@ def _append(curves: list[Lane], curve: Lane) -> None:
 
 
 def _cheapest(costs: np.ndarray, step_cost: np.ndarray) -> list[int]:
-    """The lanes, one per row of costs (S, L), of the cheapest sequence."""
+    """The cheapest sequence of lanes, one index per row of costs (S, L)."""
     total, chosen = costs[0], []
     for row in costs[1:]:
         through = total[:, None] + step_cost
@@ -111,7 +112,7 @@ def _cheapest(costs: np.ndarray, step_cost: np.ndarray) -> list[int]:
 
 
 def _ways(road: Road) -> dict[tuple[str, str], tuple[str, ...]]:
-    """Which lanes lead to which, a few lanes ahead, and the lanes between."""
+    """Pairs of lanes of which one leads to the other in a few transitions, and those between."""
     result: dict[tuple[str, str], tuple[str, ...]] = {}
     for start in road.lanes:
         ahead: list[tuple[str, tuple[str, ...]]] = [(start, ())]
@@ -127,7 +128,7 @@ def _ways(road: Road) -> dict[tuple[str, str], tuple[str, ...]]:
 
 
 def _groups(legs: Sequence[Leg]) -> list[list[Leg]]:
-    """Legs that lane changes connect."""
+    """Groups of legs that are connected by lane changes."""
     groups: list[list[Leg]] = [[]]
     for leg in legs:
         groups[-1].append(leg)
@@ -137,7 +138,7 @@ def _groups(legs: Sequence[Leg]) -> list[list[Leg]]:
 
 
 def _until(lane: RoadLane, along: float) -> list[Lane]:
-    """The lane's curves up to a distance along it [m], with a metre at least."""
+    """The lane's curves up to a distance along it [m], at least one metre."""
     kept: list[Lane] = []
     left = max(along, 1.0)
     for curve in lane.curves:
@@ -149,7 +150,7 @@ def _until(lane: RoadLane, along: float) -> list[Lane]:
 
 
 def shortened(curve: Lane, length: float) -> Lane:
-    """The first metres of a curve.
+    """The first ``length`` metres of a curve.
 
     Raises:
         TypeError: on a curve of another kind than those of ``games.lanes``.

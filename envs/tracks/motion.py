@@ -1,4 +1,4 @@
-"""What a track says about a car: where it is, where it points, how fast it is, how noisy it is."""
+"""Motion of a car from its track: positions, headings, speeds and their noise."""
 
 from dataclasses import dataclass
 
@@ -12,12 +12,12 @@ _ROUGHNESS_NORM = 20.0  # 1 + 9 + 9 + 1, squared coefficients of a third differe
 
 @dataclass(frozen=True)
 class Motion:
-    """One player's track; NaN where unknown.
+    """One player's motion; NaN where unknown.
 
     Attributes:
-        positions: (T, 2) [m].
-        headings: (T,) [rad], told or from the positions.
-        speeds: (T,) [m/s], told or from the positions.
+        positions: (T, 2) positions [m].
+        headings: (T,) headings [rad], given or computed from the positions.
+        speeds: (T,) speeds [m/s], given or computed from the positions.
     """
 
     positions: np.ndarray
@@ -26,7 +26,7 @@ class Motion:
 
     @classmethod
     def of(cls, states: np.ndarray, names: list[str], dt: float) -> "Motion":
-        """The motion in states (T, n) whose components have those names."""
+        """The motion in states (T, n) with these names of components."""
         positions = states[:, :2]
         velocity = _velocity(positions, dt)
         speeds = np.linalg.norm(velocity, axis=1)
@@ -47,11 +47,11 @@ class Motion:
 
 
 def roughness(positions: np.ndarray) -> float:
-    """Noise of positions (T, N, 2) [m] as far as they are rougher than a smooth motion.
+    """Estimate the noise of positions (T, N, 2) [m] from their roughness.
 
-    White noise has third differences of variance 20 sigma^2, and a motion whose acceleration
-    hardly changes within a few steps has none. What the motion itself adds makes this an upper
-    estimate. NaN where there are no four samples in a row.
+    The third differences of white noise have the variance 20 sigma^2; those of a motion whose
+    acceleration hardly changes within a few steps are about zero. The motion can only add to them,
+    so this is an upper estimate. It is NaN if there are no four samples in a row.
     """
     rough = np.diff(positions, n=_ROUGHNESS_ORDER, axis=0)
     rough = rough[np.isfinite(rough)]
@@ -59,7 +59,7 @@ def roughness(positions: np.ndarray) -> float:
 
 
 def _velocity(positions: np.ndarray, dt: float) -> np.ndarray:
-    """(T, 2) from neighbouring samples, where there are any."""
+    """Velocities (T, 2) [m/s] from neighbouring samples; NaN where there are none."""
     seen = np.flatnonzero(np.isfinite(positions).all(axis=1))
     velocity = np.full(positions.shape, np.nan)
     if len(seen) > 1:

@@ -22,11 +22,11 @@ from olne_bench.games.features import FinalGoal, StateDeviation
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import Lane, LaneKeeping
 
-_BESIDE = 1.5  # lane widths from the end of a lane to one that goes on
+_BESIDE = 1.5  # largest gap between a lane's end and a following lane, in lane widths
 
 
 def road_of_scenario(scenario: Scenario) -> Road | None:
-    """The lanes of the HighwayEnv road that a scenario is played on; None elsewhere."""
+    """The lanes of a scenario's HighwayEnv road; None if it is not on one."""
     if scenario.world != "highway_v0" or scenario.name not in ROAD_NAMES:
         return None
     return highway_road(scenario.name)
@@ -61,16 +61,16 @@ def _name(index: tuple[str, str, int]) -> str:
 
 
 def _goes_on(lane: RoadLane, after: RoadLane) -> bool:
-    """Whether a car at the end of a lane can drive on to another, perhaps beside its own."""
+    """Whether a car at the end of a lane can continue on another one, ahead or beside it."""
     gap = after.line[0] - lane.line[-1]
     turn = (after.line[1] - after.line[0]) @ (lane.line[-1] - lane.line[-2])
     return bool(turn > 0 and np.linalg.norm(gap) < _BESIDE * lane.width)
 
 
 def road_file(scenario: Scenario) -> RoadFile:
-    """What is known of a scenario's players besides their weights.
+    """The road and the targets of a scenario's players, without their weights.
 
-    Routes over lanes of a kind that has no plain numbers are left out.
+    Routes over lanes that cannot be written as plain numbers are left out.
     """
     road = road_of_scenario(scenario)
     lanes = lane_entries(road) if road else {}
@@ -82,7 +82,7 @@ def road_file(scenario: Scenario) -> RoadFile:
 
 
 def _player(player: Player, name: str, lanes: dict[str, LaneEntry]) -> PlayerEntry:
-    """The player's targets; lanes that its route has for itself join ``lanes``."""
+    """The player's targets; lanes that only its route has are added to ``lanes``."""
     terms = (*player.preferences, *player.task)
     goals = [term.goal for term in terms if isinstance(term, FinalGoal)]
     routes = [term for term in terms if isinstance(term, LaneKeeping)]
@@ -100,7 +100,7 @@ def _player(player: Player, name: str, lanes: dict[str, LaneEntry]) -> PlayerEnt
 
 
 def _named(curve: Lane, player: str, lanes: dict[str, LaneEntry]) -> str:
-    """The name of a lane with exactly that curve, a new one where there is none."""
+    """The name of the lane with exactly this curve, which is added if there is none."""
     entry = curve_entry(curve)
     for name, lane in lanes.items():
         if lane.curves == [entry]:

@@ -1,4 +1,4 @@
-"""Whether cars are on a road and drive along it."""
+"""Check that cars are on a road and drive along its lanes."""
 
 from collections.abc import Sequence
 
@@ -10,11 +10,11 @@ from olne_bench.errors import UserError
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import LaneKeeping
 
-MARGIN = 1.0  # [m] beside a lane that a car may still be
-TOLERATED = 0.2  # of a car's samples that may be off the road, or against the lanes
+MARGIN = 1.0  # [m], largest distance beside a lane
+TOLERATED = 0.2  # share of a car's samples that may be off the road, or against the lanes
 _FAR = 1e4  # [m]
 _HINT = (
-    "'olne-bench import' changes frames by --shift, --flip-y and --rotate, leaves players out by "
+    "'olne-bench import' changes the frame by --shift, --flip-y and --rotate, selects players by "
     "--players, and takes other lanes by --road"
 )
 
@@ -22,10 +22,10 @@ _HINT = (
 def check_on_road(
     road: Road, names: Sequence[str], motions: Sequence[Motion], noise: float
 ) -> None:
-    """Refuse players who are off the road, or drive against its lanes.
+    """Refuse players that are off the road, or drive against its lanes.
 
     Raises:
-        UserError: names the player, where it is, and what can be done.
+        UserError: with a message that names the player, its position, and what can be done.
     """
     for name, motion in zip(names, motions, strict=True):
         positions, headings = motion.positions[motion.seen], motion.headings[motion.seen]
@@ -58,7 +58,7 @@ def check_on_road(
 def lane_warnings(
     names: Sequence[str], motions: Sequence[Motion], players: Sequence[Player], noise: float
 ) -> list[str]:
-    """Players who end beside the lanes that they are taken to keep, one line each."""
+    """Warnings on players that end beside the lanes they are assumed to keep."""
     warnings = []
     for name, motion, player in zip(names, motions, players, strict=True):
         last = motion.positions[motion.seen][-1:]
@@ -69,12 +69,12 @@ def lane_warnings(
             beside = float(locate(_extended(lane.line), last).distance[0])
             if beside > lane.width / 2 + MARGIN + 2 * noise:
                 warnings.append(
-                    f"player {name!r} ends {beside:.1f} m beside the lanes that it is taken to keep"
+                    f"player {name!r} ends {beside:.1f} m beside the lanes it is assumed to keep"
                 )
     return warnings
 
 
 def _extended(line: np.ndarray) -> np.ndarray:
-    """A line of points (P, 2) that goes straight on: the last lane of a route has no end."""
+    """A line of points (P, 2), extended straight: the last lane of a route has no end."""
     onward = line[-1] - line[-2]
     return np.vstack([line, line[-1] + _FAR * onward / np.linalg.norm(onward)])

@@ -1,4 +1,4 @@
-"""From a file of tracks to a recording without truth."""
+"""Read a file of tracks into a recording without ground truth."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,10 +23,10 @@ ROAD_SUFFIXES = (".toml", ".xml", ".osm")
 
 @dataclass(frozen=True)
 class Imported:
-    """What became of a file.
+    """An imported file.
 
     Attributes:
-        recording: one episode.
+        recording: recording of one episode.
         notes: what was assumed or left out, one line each.
     """
 
@@ -46,16 +46,16 @@ def read_tracks(
     """Read a file of tracks.
 
     Args:
-        path: of the file.
+        path: path of the file.
         format_name: one of ``track_formats.format_names()``.
-        excerpt: times, players and step; everything as it is where absent.
-        frame: how positions and headings change, after reading; lanes do not change.
-        road: TOML file of lanes and targets, SUMO's network or a lanelet2 map. Where absent,
-            a TOML file of the same name beside ``path`` is taken.
-        part: which part of a file whose player names repeat.
+        excerpt: times, players and step. Default: all of the file.
+        frame: change of frame of positions and headings after reading; lanes do not change.
+        road: TOML file of lanes and targets, SUMO network or lanelet2 map. Default: the TOML file
+            of the same name beside ``path``, if there is one.
+        part: part of a file in which player names repeat.
 
     Raises:
-        UserError: names file, place, value and what is expected.
+        UserError: with a message that names file, place, value and what is expected.
     """
     tracks = get_format(format_name).read(path, part)
     table = (frame or Frame()).apply(tracks.table)
@@ -69,7 +69,7 @@ def read_tracks(
 def _road(
     path: Path, road: Path | None, tracks: Tracks, grid: Grid
 ) -> tuple[RoadFile | None, list[str]]:
-    """Lanes and targets, and where they come from."""
+    """Lanes and targets, and notes on where they come from."""
     beside = path.with_suffix(".toml")
     if road is None and beside.is_file():
         road = beside
@@ -89,7 +89,8 @@ def _road(
         if player not in set(tracks.table["player"]):
             there = listed(list(tracks.table["player"].unique()))
             raise UserError(
-                f"{road} has targets of player {player!r}, who is not in {path}; there are: {there}"
+                f"{road} has targets of player {player!r}, which is not in {path}; there are: "
+                f"{there}"
             )
     players = {name: entry for name, entry in known.players.items() if name in grid.players}
     lanes = known.lanes or (lane_entries(tracks.road) if tracks.road else {})
@@ -101,13 +102,17 @@ def _road(
     return known, [f"lanes and targets: {len(known.lanes)} lanes, {len(players)} players of {road}"]
 
 
-#: Lanes of a map that are farther from everybody are left out [m].
+#: Lanes of a map that are farther from all players are left out [m].
 _NEAR = 30.0
 _NOWHERE = np.empty((0, 2))
 
 
 def _near_part(path: Path, origin: tuple[float, float] | None, positions: np.ndarray) -> Road:
-    """Those lanes of a map that somebody comes near to."""
+    """The lanes of a map that are near a player.
+
+    Raises:
+        UserError: if there are none.
+    """
     whole = read_net(path) if path.suffix.lower() == ".xml" else read_lanelets(path, origin)
     near = whole.near(positions, _NEAR)
     if not near.lanes:

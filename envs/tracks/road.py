@@ -1,4 +1,4 @@
-"""Lanes of a road as a map: where they lie, and which lane is near a car."""
+"""Lanes of a road as a map: their geometry, and which lane is near a car."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ import numpy as np
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
 DEFAULT_WIDTH = 4.0  # [m]
-_ARC_STEP = np.deg2rad(2)  # between points that stand for an arc, at most
-_SAGITTA = 0.01  # [m] that an arc bulges over the chord between two of them, at most
+_ARC_STEP = np.deg2rad(2)  # [rad], largest angle between neighbouring points on an arc
+_SAGITTA = 0.01  # [m], largest distance between an arc and the chord of neighbouring points
 _SINE_STEP = 1.0  # [m] along the axis
 
 
@@ -19,8 +19,8 @@ class RoadLane:
     """One lane: curves in driving order.
 
     Attributes:
-        curves: at least one.
-        width: [m].
+        curves: curves of the centre line, at least one.
+        width: width [m].
         following: names of the lanes that it leads to.
     """
 
@@ -38,7 +38,7 @@ class RoadLane:
 
     @property
     def length(self) -> float:
-        """Of the centre line [m]."""
+        """Length of the centre line [m]."""
         return float(np.linalg.norm(np.diff(self.line, axis=0), axis=1).sum())
 
 
@@ -49,7 +49,7 @@ class Road:
     lanes: Mapping[str, RoadLane]
 
     def near(self, positions: np.ndarray, within: float) -> "Road":
-        """The lanes that pass within so many metres of any of positions (S, 2)."""
+        """The lanes that pass within ``within`` [m] of any of the positions (S, 2)."""
         kept = {
             name: lane
             for name, lane in self.lanes.items()
@@ -60,12 +60,12 @@ class Road:
 
 @dataclass(frozen=True)
 class Place:
-    """Where positions are with respect to a line; every array is (S,).
+    """Positions relative to a line; every array is (S,).
 
     Attributes:
-        along: distance along it [m].
-        distance: from its nearest point [m].
-        heading: of the line there [rad].
+        along: distance along the line [m].
+        distance: distance from the nearest point of the line [m].
+        heading: heading of the line at this point [rad].
     """
 
     along: np.ndarray
@@ -74,7 +74,7 @@ class Place:
 
 
 def locate(line: np.ndarray, positions: np.ndarray) -> Place:
-    """Project positions (S, 2) on a line of points (P, 2)."""
+    """Project positions (S, 2) onto a line of points (P, 2)."""
     start, step = line[:-1], np.diff(line, axis=0)
     length = np.linalg.norm(step, axis=1)
     unit = step / length[:, None]

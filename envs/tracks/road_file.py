@@ -8,12 +8,12 @@
     width = 3.5                       # [m]
 
     [players.car_1]
-    targets = { speed = 28.0 }        # what components of the state are drawn to
+    targets = { speed = 28.0 }        # target values of components of the state
     lanes = ["left"]                  # its route, in driving order
-    goal = [80, 0]                    # where it wants to be at the end [m]
+    goal = [80, 0]                    # goal position at the end [m]
 
 A lane is given by ``points``, or exactly by ``curves``: straight lines, sines and arcs with their
-numbers, as ``olne-bench export`` writes them.
+parameters, as ``olne-bench export`` writes them.
 """
 
 import tomllib
@@ -112,13 +112,13 @@ class LaneEntry(_Strict):
 
 
 class PlayerEntry(_Strict):
-    """What one player is known to want.
+    """The known targets of one player.
 
     Attributes:
-        targets: values that components of the state are drawn to, by component.
+        targets: target values by component of the state.
         lanes: names of the lanes of its route, in driving order.
-        blend: length [m] of the passage between these.
-        goal: position [m] at the end.
+        blend: length of the passage between these lanes [m].
+        goal: goal position at the end [m].
     """
 
     targets: dict[str, float] = {}
@@ -128,12 +128,12 @@ class PlayerEntry(_Strict):
 
 
 class RoadFile(_Strict):
-    """Lanes and players' targets; see the module.
+    """Lanes and players' targets, as described above.
 
     Attributes:
         scenario: name of the scenario whose costs the players have.
-        lanes: by name.
-        players: by name.
+        lanes: lanes by name.
+        players: targets by name of the player.
     """
 
     scenario: str | None = None
@@ -147,10 +147,10 @@ class RoadFile(_Strict):
         return self
 
     def check_lanes(self) -> None:
-        """Refuse names of lanes that are not there.
+        """Refuse names of unknown lanes.
 
         Raises:
-            ValueError: naming who names it, and the lanes that there are.
+            ValueError: with a message that says where the name is used and which lanes are known.
         """
         named = [
             *((f"lane {name!r}", lane.following) for name, lane in self.lanes.items()),
@@ -163,7 +163,7 @@ class RoadFile(_Strict):
                     raise ValueError(f"{who} names the lane {lane!r}; there are: {known}")
 
     def road(self) -> Road | None:
-        """The lanes as a road; None where there are none."""
+        """The lanes as a road; None if there are none."""
         if not self.lanes:
             return None
         return Road({name: entry.lane() for name, entry in self.lanes.items()})
@@ -173,7 +173,7 @@ def read_road_file(path: Path) -> RoadFile:
     """Read a TOML file of lanes and targets.
 
     Raises:
-        UserError: in one line, naming the place.
+        UserError: with a one-line message that names the place.
     """
     if not path.is_file():
         raise UserError(f"no road file {str(path)!r}")
@@ -191,7 +191,7 @@ def read_road_file(path: Path) -> RoadFile:
 
 
 def write_road_file(path: Path, content: RoadFile) -> None:
-    """Write a TOML file, whole or not at all."""
+    """Write a TOML file, completely or not at all."""
     data = content.model_dump(exclude_none=True)
     text = tomli_w.dumps({name: value for name, value in data.items() if value})
     with whole_file(path) as unfinished:
@@ -226,9 +226,9 @@ def curve_entry(curve: Lane) -> StraightEntry | SineEntry | ArcEntry:
 
 
 def lane_entries(road: Road) -> dict[str, LaneEntry]:
-    """The lanes of a road as plain data, with their exact curves.
+    """The lanes of a road as plain data, with exact curves.
 
-    Names of lanes that the road does not hold are left out of ``following``.
+    ``following`` has only names of lanes of this road.
     """
     return {
         name: LaneEntry(

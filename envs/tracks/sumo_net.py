@@ -7,14 +7,14 @@ from olne_bench.envs.tracks.curve_fit import curves_through
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.errors import UserError
 
-WIDTH = 3.2  # [m], SUMO's default of a lane
+WIDTH = 3.2  # [m], SUMO's default width of a lane
 
 
 def read_net(path: Path) -> Road:
-    """The lanes for cars, with those inside junctions, and where each leads.
+    """Read the lanes for cars, including those inside junctions, and their successors.
 
     Raises:
-        UserError: on a file that is missing or no network.
+        UserError: if the file is missing or not a network.
     """
     if not path.is_file():
         raise UserError(f"no road file {str(path)!r}")
@@ -40,7 +40,7 @@ def read_net(path: Path) -> Road:
 
 
 def _following(net: ElementTree.Element) -> dict[str, list[str]]:
-    """Names of the lanes that each leads to, through the junction where one lies between."""
+    """Successors of each lane; before a junction, the lane that leads through it."""
     result: dict[str, list[str]] = {}
     for link in net.iter("connection"):
         start = f"{link.attrib['from']}_{link.attrib['fromLane']}"

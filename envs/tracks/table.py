@@ -1,4 +1,4 @@
-"""What a format reads out of a file: rows of motion, and the road where the file has one."""
+"""The result of reading a track file: rows of motion, and the road if the file has one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from olne_bench.errors import UserError
 COLUMNS = ("time", "player", "x", "y", "heading", "speed")
 #: Component of the state that a column holds.
 STATE_NAMES = {"x": "px", "y": "py", "heading": "heading", "speed": "speed"}
-SLOWEST = 0.1  # [m/s] at which a velocity still has a direction
+SLOWEST = 0.1  # [m/s]; slower velocities have no reliable direction
 _SHOWN = 8  # names in a message
 
 
@@ -24,9 +24,9 @@ class Tracks:
 
     Attributes:
         table: one row per player and time, with ``COLUMNS``; NaN where unknown.
-        road: lanes, where the format has a map.
+        road: lanes, if the format has a map.
         notes: what the reader had to assume or leave out, one line each.
-        origin: UTM east and north [m] of position (0, 0), where the file tells them.
+        origin: UTM east and north [m] of position (0, 0), if the file has them.
     """
 
     table: pd.DataFrame
@@ -38,10 +38,10 @@ class Tracks:
 def read_columns(
     path: Path, needed: Sequence[str], optional: Sequence[str] = (), **settings: object
 ) -> pd.DataFrame:
-    """Columns of a data set's CSV file, under the names asked for, whatever their case.
+    """Read columns of a data set's CSV file; the case of their names does not matter.
 
     Raises:
-        UserError: on a file that is missing, is no CSV or lacks a column.
+        UserError: if the file is missing, is not CSV or lacks a column.
     """
     if not path.is_file():
         raise UserError(f"no tracks file {str(path)!r}")
@@ -61,10 +61,10 @@ def read_columns(
 
 
 def numbers(path: Path, frame: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
-    """The frame with those of its columns as numbers.
+    """The table with the named columns as numbers.
 
     Raises:
-        UserError: naming the row and the value that is none.
+        UserError: with a message that names the row and the value that is not a number.
     """
     frame = frame.copy()
     for name in names:
@@ -81,10 +81,10 @@ def numbers(path: Path, frame: pd.DataFrame, names: Sequence[str]) -> pd.DataFra
 
 
 def companion(path: Path, suffix: str, purpose: str) -> Path:
-    """The file beside ``NN_tracks.csv`` that is named ``NN_<suffix>.csv``.
+    """The file ``NN_<suffix>.csv`` beside ``NN_tracks.csv``.
 
     Raises:
-        UserError: if it is not there.
+        UserError: if it does not exist.
     """
     stem = path.stem.removesuffix("_tracks")
     beside = path.with_name(f"{stem}_{suffix}.csv")
@@ -94,7 +94,7 @@ def companion(path: Path, suffix: str, purpose: str) -> Path:
 
 
 def frame_rate(meta: pd.DataFrame, path: Path) -> float:
-    """Frames per second out of a recording's metadata.
+    """Frames per second from a recording's metadata.
 
     Raises:
         UserError: unless it is positive.
@@ -106,10 +106,10 @@ def frame_rate(meta: pd.DataFrame, path: Path) -> float:
 
 
 def choose_part(path: Path, frame: pd.DataFrame, column: str, part: str | None) -> pd.DataFrame:
-    """The rows of one part of a file whose player names repeat from part to part.
+    """The rows of one part of a file in which player names repeat.
 
     Raises:
-        UserError: where there are several and none, or an unknown one, is chosen.
+        UserError: if an unknown part is chosen, or none although there are several.
     """
     if column not in frame:
         if part is not None:
@@ -125,7 +125,7 @@ def choose_part(path: Path, frame: pd.DataFrame, column: str, part: str | None) 
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names for a message, the first few of them."""
+    """The first few names as text, for messages."""
     more = len(names) - _SHOWN
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
@@ -136,7 +136,7 @@ def player_names(ids: pd.Series) -> pd.Series:
 
 
 def direction(vx: pd.Series, vy: pd.Series) -> np.ndarray:
-    """Heading (R,) [rad] of velocities; NaN where a car hardly moves."""
+    """Headings (R,) [rad] of velocities; NaN where a car hardly moves."""
     moving = np.hypot(vx, vy) > SLOWEST
     return np.where(moving, np.arctan2(vy, vx), np.nan)
 

@@ -1,4 +1,4 @@
-"""What one player is drawn to, and where that is known from."""
+"""The targets of one player, and their sources."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -19,14 +19,14 @@ FILE, DRAW, SCENARIO, DATA = "file", "draw", "scenario", "data"
 
 @dataclass(frozen=True)
 class Assumption:
-    """One thing that a player is taken to want.
+    """An assumed target of a player.
 
     Attributes:
-        player: its name.
-        what: target of a component, such as ``speed``; ``lanes`` or ``goal``.
-        value: as people read it.
+        player: name of the player.
+        what: a component of the state, such as ``speed``, or ``lanes`` or ``goal``.
+        value: the target as text.
         source: ``file``, ``draw``, ``scenario`` or ``data``.
-        how: what was made of the data; empty for other sources.
+        how: how it was computed from the data; empty for other sources.
     """
 
     player: str
@@ -38,12 +38,12 @@ class Assumption:
 
 @dataclass(frozen=True)
 class Known:
-    """Where targets are looked up.
+    """The sources of targets.
 
     Attributes:
-        file: what the recording tells.
-        road: lanes, where they matter.
-        players: of the scenario.
+        file: road file of the recording.
+        road: lanes, if costs depend on them.
+        players: players of the scenario.
     """
 
     file: RoadFile
@@ -52,10 +52,10 @@ class Known:
 
 
 def check_told(scenario: str, known: Known) -> list[str]:
-    """What the file tells and the scenario's costs make no use of, one line each.
+    """Warnings on entries of the file that the scenario's costs do not use.
 
     Raises:
-        UserError: on a target of a component that no cost looks at, which is a slip.
+        UserError: on a target of a component that no cost has, which is a mistake.
     """
     terms = [term for player in known.players for term in (*player.preferences, *player.task)]
     components = sorted({term.component for term in terms if isinstance(term, StateDeviation)})
@@ -80,14 +80,14 @@ def check_told(scenario: str, known: Known) -> list[str]:
 
 @dataclass
 class Targets:
-    """Looks up one player's targets and keeps account of where they came from.
+    """Look up one player's targets and note their sources.
 
     Attributes:
-        player: its name.
-        motion: its track.
-        known: where to look.
-        drawn: the player of the scenario who starts where this one does, or None.
-        assumptions: made so far.
+        player: name of the player.
+        motion: motion of the player.
+        known: sources of targets.
+        drawn: the scenario's player with the same start, or None.
+        assumptions: assumptions made so far.
     """
 
     player: str
@@ -139,18 +139,18 @@ class Targets:
         return replace(term, target=float(target))
 
     def _from_data(self, name: str, everybody: list[float]) -> tuple[float, str]:
-        """The target of a component that nothing but the track tells, and how.
+        """The target of a component from the track, and how it was computed.
 
         Raises:
-            UserError: where the track does not tell it either.
+            UserError: if the track does not give it either.
         """
         told = {"speed": self.motion.speeds, "heading": self.motion.headings}.get(name)
         if told is not None and np.isfinite(told).any():
             return float(np.nanmedian(told)), f"median {name}"
         if name not in ("px", "py"):
             raise UserError(
-                f"nothing tells the target of {name!r} of player {self.player!r}; give it in a "
-                "TOML file to 'olne-bench import --road'"
+                f"the target of {name!r} of player {self.player!r} is unknown; give it in a TOML "
+                "file to 'olne-bench import --road'"
             )
         column = ("px", "py").index(name)
         last = float(self.motion.positions[self.motion.seen][-1, column])
@@ -185,7 +185,7 @@ class Targets:
         return replace(term, route=curves, blend=told.blend or self._usual_blend())
 
     def _usual_blend(self) -> float:
-        """The longest passage between lanes that a player of the scenario has [m]."""
+        """The longest passage between lanes of any player of the scenario [m]."""
         return max(
             term.blend
             for player in self.known.players

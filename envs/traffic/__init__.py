@@ -4,20 +4,20 @@ Use it from a stock configuration::
 
     gym.make("highway-v0", config={"other_vehicles_type": "olne_bench.envs.traffic.NashVehicle"})
 
-Every ``PLAN_STEP`` seconds, the Nash vehicles near each other solve one open-loop game over the
-next ``STEPS`` plan steps. The games of a road are solved at once. The solver starts from previous
-plans, and each vehicle drives the first step of the solution. HighwayEnv still decides which lane
-a vehicle takes (MOBIL and the planned route). The game decides how the vehicle gets there among
-others who plan as well.
+Every ``PLAN_STEP`` seconds, Nash vehicles near each other solve one open-loop game over the next
+``STEPS`` plan steps. All games of a road are solved at once. The solver starts from previous plans,
+and each vehicle drives the first step of the solution. HighwayEnv still decides which lane a
+vehicle takes (MOBIL and the planned route). The game decides how the vehicle gets there among the
+other planning vehicles.
 
-The ego vehicle, and every other vehicle that does not plan, is predicted to keep its lane and
-speed. It is not a player: its cost is unknown, and a driver who counted on the ego's cooperation
-would drive into an ego that does not cooperate. Nash vehicles of another group are predicted to
-go on with their previous plans.
+The ego vehicle, and any other vehicle that does not plan, is predicted to keep its lane and speed.
+It is not a player: its cost is unknown, and a vehicle that relied on the ego's cooperation would
+collide with an ego that does not cooperate. Nash vehicles of another group are predicted to follow
+their previous plans.
 
-A vehicle without a new plan goes on with the rest of its previous one. It drives by the
-Intelligent Driver Model until the next try where that rest is used up, and where its equilibrium
-runs into something: costs are finite, so some equilibria do. ``traffic_report`` counts the cases.
+A vehicle without a new plan follows the rest of its previous one. If that is used up, or if its
+equilibrium collides with something, it drives by the Intelligent Driver Model until the next
+attempt. Some equilibria do collide, as costs are finite. ``traffic_report`` counts the cases.
 """
 
 from typing import Any
@@ -45,7 +45,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """HighwayEnv looks up ``other_vehicles_type`` here: say what there is instead."""
+    """Name the known vehicles when HighwayEnv looks up an unknown ``other_vehicles_type``."""
     if name.startswith("_"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     presets = sorted(known for known in __all__ if known.endswith("NashVehicle"))

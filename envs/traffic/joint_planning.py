@@ -1,4 +1,4 @@
-"""Games for all vehicles of a road whose plans are due, solved at once, and a plan for each."""
+"""Plan for all vehicles of a road whose plans are due: solve their games at once."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ from olne_bench.envs.traffic.surroundings import (
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
 from olne_bench.games.reference_game import Plan, ReferenceGame, Situation
 
-MAX_SHIFTS = 3  # plan steps for which an old plan may serve
-BETWEEN = 3  # places between two plan steps at which contact is looked for
+MAX_SHIFTS = 3  # plan steps for which an old plan may be used
+BETWEEN = 3  # number of points between two plan steps at which contact is checked
 #: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
 SMALL_CHANGE = (2e-3, 0.1)
 
@@ -33,7 +33,7 @@ Starts = list[VehiclePlan | None]
 
 
 def plan_together(road: Road) -> None:
-    """Give a plan to every vehicle whose plan is due, in games of those near each other."""
+    """Give a plan to each vehicle whose plan is due, in games of neighbours."""
     groups = planning_groups(road)
     for group in groups:
         for member in group:
@@ -56,7 +56,7 @@ def plan_together(road: Road) -> None:
 
 
 def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
-    """Start from previous plans; games that fail start once more, from a pursuit of the lanes."""
+    """Solve from previous plans; games that fail are tried again from a pursuit of the lanes."""
     warm = [
         np.stack(
             [
@@ -87,7 +87,7 @@ def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
 
 
 def _pursuits(situation: Situation) -> np.ndarray:
-    """Controls (T-1, N, 2) with which everybody pursues its lane."""
+    """Controls (T-1, N, 2) with which all players pursue their lanes."""
     pairs = zip(situation.initial_state, situation.references, strict=True)
     return np.stack([pursuit_controls(*pair) for pair in pairs], axis=1)
 
@@ -99,7 +99,7 @@ def _next_plan(
     start: VehiclePlan | None,
     report: TrafficReport,
 ) -> VehiclePlan | None:
-    """What one player drives next; None stands for the Intelligent Driver Model.
+    """The next plan of one player; None means the Intelligent Driver Model.
 
     The case is counted in the report.
     """
@@ -115,11 +115,11 @@ def _next_plan(
 
 
 def _run_into_something(states: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Which players' plans bring them into contact ahead of them: a mask (N,).
+    """Which players' plans lead to contact with something ahead of them, as a mask (N,).
 
     Args:
-        states: (T, N, 4) of all players.
-        others: (N, M, T-1, 2) predicted positions of what else each player avoids.
+        states: (T, N, 4) planned states of all players.
+        others: (N, M, T-1, 2) predicted positions of the other objects that each player avoids.
     """
     own = states[1:].swapaxes(0, 1)  # (N, T-1, 4)
     players = np.broadcast_to(own[..., :2], (len(own), *own[..., :2].shape))
@@ -127,14 +127,14 @@ def _run_into_something(states: np.ndarray, others: np.ndarray) -> np.ndarray:
     cos, sin = np.cos(own[:, None, :, 2]), np.sin(own[:, None, :, 2])
     ahead = offsets[..., 0] * cos + offsets[..., 1] * sin  # a player is not ahead of itself
     beside = offsets[..., 1] * cos - offsets[..., 0] * sin
-    # A car passes its own length in less than a step: look between the steps as well.
+    # A car covers its own length in less than a step, so points between steps count as well.
     ahead, beside = _with_steps_between(ahead), _with_steps_between(beside)
     contact = (ahead > 0) & (ahead < Vehicle.LENGTH) & (np.abs(beside) < 0.9 * Vehicle.WIDTH)
     return np.asarray(contact.any(axis=(1, 2)))
 
 
 def _with_steps_between(values: np.ndarray) -> np.ndarray:
-    """Values (..., S) at steps, and BETWEEN more after each but the last, as they change evenly."""
+    """Values (..., S) at steps, and BETWEEN interpolated ones after each but the last."""
     parts = np.linspace(0.0, 1.0, BETWEEN + 1, endpoint=False)
     change = np.diff(values)[..., None] * parts
     between = values[..., :-1, None] + change
@@ -160,7 +160,7 @@ def _situations(road: Road, groups: list[Group], starts: Sequence[Starts]) -> li
 
 
 def _references(vehicles: list[PlanningVehicle], starts: Starts) -> np.ndarray:
-    """Points and speeds (N, T-1, 4) of the target lanes, and what follows, where vehicles pass."""
+    """Reference points, directions and speeds (N, T-1, 4) along the vehicles' target lanes."""
     speeds = np.stack(
         [
             np.full(STEPS, vehicle.speed) if start is None else start.states[:-1, 3]

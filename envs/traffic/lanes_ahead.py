@@ -1,10 +1,10 @@
-"""The lanes ahead of a vehicle: where it will pass, and how fast it may."""
+"""The lanes ahead of a vehicle: points on them, and speeds."""
 
 import numpy as np
 from highway_env.road.lane import AbstractLane, SineLane, StraightLane
 from highway_env.road.road import LaneIndex, RoadNetwork
 
-CURVE_ACCELERATION = 5.0  # [m/s^2] across, for which drivers slow down in curves
+CURVE_ACCELERATION = 5.0  # [m/s^2], largest lateral acceleration in curves
 MAX_CURVATURE = 0.1  # [1/m]
 
 
@@ -45,7 +45,7 @@ def points_along_lanes(
         limits[here] = np.inf if lane.speed_limit is None else lane.speed_limit
         done += count
         if following != index:
-            # Lanes need not touch, hence the place of the old one's end on the new one.
+            # Lanes need not touch, so the old lane's end is located on the new one.
             passed = lane.length - before
             index, lane = following, network.get_lane(following)
             before = lane.local_coordinates(end)[0] - passed
@@ -69,7 +69,7 @@ def curve_speeds(points: np.ndarray) -> np.ndarray:
     offsets = np.diff(points[..., :2], axis=1)
     step = np.hypot(offsets[..., 0], offsets[..., 1])
     turn = np.abs(np.diff(np.unwrap(points[..., 2])))
-    # A vehicle that hardly moves sees no curve; lanes that do not touch make none either.
+    # A vehicle that hardly moves has no curve ahead, and a gap between lanes is not a curve.
     curvature = np.clip(turn / np.maximum(step, 1.0), 1e-6, MAX_CURVATURE)
     speeds = np.sqrt(CURVE_ACCELERATION / curvature)
     return np.concatenate([speeds, speeds[:, -1:]], axis=1)

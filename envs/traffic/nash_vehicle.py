@@ -1,4 +1,4 @@
-"""The vehicles that HighwayEnv takes as ``other_vehicles_type``."""
+"""Vehicles for HighwayEnv's ``other_vehicles_type``."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ class NashVehicle(PlanningVehicle):
     """
 
     def act(self, action: dict | str | None = None) -> None:
-        """Drive the plan, and make a new one when it is due; actions are ignored as in IDM."""
+        """Follow the plan, and make a new one when it is due; actions are ignored, as in IDM."""
         if self.crashed:
             return
         if self.is_due():
@@ -28,7 +28,7 @@ class NashVehicle(PlanningVehicle):
             super().act()
             return
         steering, acceleration = self.plan.controls[0].tolist()
-        # Plans may end in reverse where that is the only way out; cars on these roads stop.
+        # Plans may end in reverse if that is the only way out; these cars stop instead.
         acceleration = max(acceleration, -max(self.speed, 0.0) / PLAN_STEP)
         limit = self.MAX_STEERING_ANGLE
         Vehicle.act(
@@ -53,7 +53,7 @@ class CautiousNashVehicle(NashVehicle):
 
 
 class MixedNashVehicle(NashVehicle):
-    """A Nash vehicle of a temperament drawn from the road's random stream."""
+    """A Nash vehicle whose temperament is drawn from the road's random stream."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

@@ -1,4 +1,4 @@
-"""A vehicle of HighwayEnv that follows a plan made elsewhere."""
+"""A vehicle of HighwayEnv that follows a given plan."""
 
 from typing import Any, ClassVar
 
@@ -15,7 +15,7 @@ class PlanningVehicle(IDMVehicle):
 
     Attributes:
         temperament: its cost weights.
-        plan: what it drives, or None where it drives by the Intelligent Driver Model.
+        plan: its plan, or None if it drives by the Intelligent Driver Model.
         plan_age: time since the plan was made [s].
 
     Raises:
@@ -43,7 +43,7 @@ class PlanningVehicle(IDMVehicle):
         super().step(dt)
 
     def handle_collisions(self, other: RoadObject, dt: float = 0) -> None:
-        """Collide as HighwayEnv has it; what is far away is told sooner."""
+        """Handle collisions as HighwayEnv does, but skip distant objects early."""
         if not (self.check_collisions or other.check_collisions):
             return
         reach = (self.diagonal + other.diagonal) / 2 + self.speed * dt
@@ -61,7 +61,7 @@ class PlanningVehicle(IDMVehicle):
             self.change_lane_policy()
 
     def adopt(self, plan: VehiclePlan | None) -> None:
-        """Drive a plan from now on, or without one."""
+        """Follow a plan from now on; None means the Intelligent Driver Model."""
         self.plan, self.plan_age = plan, 0.0
 
     def state(self) -> np.ndarray:
@@ -69,5 +69,5 @@ class PlanningVehicle(IDMVehicle):
         return np.array([*self.position, self.heading, self.speed])
 
     def remaining_plan(self) -> VehiclePlan | None:
-        """The plan as it goes on from now."""
+        """The rest of the plan from now on."""
         return self.plan.rest if self.plan else None

@@ -1,4 +1,4 @@
-"""Controls for the start of a plan where there is no previous one."""
+"""Initial controls of a plan if there is no previous one."""
 
 import numpy as np
 from highway_env.utils import wrap_to_pi
@@ -6,11 +6,11 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS
 
-PURSUIT_TIME = 1.2  # [s] in which a start without a plan goes back to the lane
+PURSUIT_TIME = 1.2  # [s] in which a vehicle without a plan returns to the lane
 
 
 def pursuit_controls(state: np.ndarray, references: np.ndarray) -> np.ndarray:
-    """Controls (T-1, 2) that lead to references (T-1, 4) at constant speed.
+    """Controls (T-1, 2) that pursue references (T-1, 4) at constant speed.
 
     The law is that of HighwayEnv's ``ControlledVehicle``, with gains for steps this long.
     """

@@ -1,4 +1,4 @@
-"""How the plans of the Nash vehicles on a road came about."""
+"""Counts of the outcomes of planning on a road."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -9,13 +9,13 @@ from highway_env.road.road import Road
 
 @dataclass
 class TrafficReport:
-    """How the plans on one road came about.
+    """Counts of the outcomes of planning on one road.
 
     Attributes:
-        solved: vehicle plans that are equilibria.
-        shifted: times a vehicle went on with its previous plan.
-        braked: times a vehicle fell back on the Intelligent Driver Model, as it had no plan,
-            or none that keeps clear of the others.
+        solved: number of vehicle plans that are equilibria.
+        shifted: number of times a vehicle continued its previous plan.
+        braked: number of times a vehicle fell back on the Intelligent Driver Model, as it had no
+            plan or only one that collides.
         seconds: the latest solving times [s], by number of vehicles that planned at once.
     """
 

@@ -1,4 +1,4 @@
-"""Who plans together with whom, and what everybody else is predicted to do."""
+"""Groups of vehicles that plan together, and predictions of all others."""
 
 import numpy as np
 from highway_env.road.road import Road
@@ -13,13 +13,13 @@ from olne_bench.games.reference_game import FAR_AWAY
 MAX_PLAYERS = 5  # in one game
 NEIGHBOURHOOD = 50.0  # [m] around a vehicle in which others plan with it
 NUM_OTHERS = 3  # predicted vehicles and obstacles that each player avoids besides the players
-SIGHT = 80.0  # [m] up to which these are looked for
+SIGHT = 80.0  # [m], largest distance of these
 
 
 def planning_groups(road: Road) -> list[list[PlanningVehicle]]:
-    """All vehicles that plan now, in groups of neighbours, MAX_PLAYERS in each at most.
+    """All vehicles that plan now, in groups of at most MAX_PLAYERS neighbours.
 
-    The first vehicle on the road that is in no group takes the nearest that are in none.
+    The first vehicle on the road without a group forms one with the nearest others without one.
     """
     due = [
         vehicle
@@ -41,9 +41,9 @@ def planning_groups(road: Road) -> list[list[PlanningVehicle]]:
 
 
 def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.ndarray:
-    """What each of the N members of groups avoids besides its group: (N, M, T-1, 2) positions.
+    """Positions (N, M, T-1, 2) that each of the N members of groups avoids besides its group.
 
-    These are the predictions that begin nearest to it.
+    These are the predictions that start nearest to it.
     """
     around = [entry for entry in (*road.vehicles, *road.objects) if not isinstance(entry, Landmark)]
     paths = np.stack([predicted_positions(other) for other in around])

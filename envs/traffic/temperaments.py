@@ -1,4 +1,4 @@
-"""What the drivers of Nash vehicles want: cost weights, and presets of them."""
+"""Cost weights of the drivers of Nash vehicles, and presets."""
 
 from dataclasses import dataclass
 
@@ -10,11 +10,11 @@ class Temperament:
     """A driver's cost weights, in the units of ``games.reference_game.Units``.
 
     Attributes:
-        proximity: distance from others.
-        speed: the target speed.
-        acceleration: comfort along.
-        turning: comfort across.
-        lane: keeping the middle of the target lane.
+        proximity: weight of proximity to others.
+        speed: weight of deviations from the target speed.
+        acceleration: weight of longitudinal comfort.
+        turning: weight of lateral comfort.
+        lane: weight of deviations from the centre of the target lane.
         haste: factor on the target speed.
     """
 
@@ -27,7 +27,7 @@ class Temperament:
 
     @property
     def weights(self) -> np.ndarray:
-        """(5,) in the order of ``games.reference_game.WEIGHT_NAMES``."""
+        """Weights (5,) in the order of ``games.reference_game.WEIGHT_NAMES``."""
         return np.array([self.proximity, self.speed, self.acceleration, self.turning, self.lane])
 
 
@@ -40,7 +40,7 @@ TEMPERAMENTS: dict[str, Temperament] = {
 
 
 def temperament(preset: str | Temperament) -> Temperament:
-    """A preset by its name. A temperament is returned as it is.
+    """A preset by its name; a ``Temperament`` is returned unchanged.
 
     Raises:
         ValueError: on an unknown name.

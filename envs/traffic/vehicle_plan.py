@@ -1,4 +1,4 @@
-"""What one Nash vehicle means to do."""
+"""The plan of one Nash vehicle."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,9 +15,9 @@ class VehiclePlan:
     """Planned motion of one vehicle.
 
     Attributes:
-        states: (T, 4), the first is where the plan began.
+        states: (T, 4) px [m], py [m], heading [rad], speed [m/s], from the start of the plan on.
         controls: (T-1, 2) steering [rad], acceleration [m/s^2].
-        shifts: plan steps since it was solved.
+        shifts: number of plan steps since it was solved.
     """
 
     states: np.ndarray
@@ -26,7 +26,7 @@ class VehiclePlan:
 
     @cached_property
     def rest(self) -> "VehiclePlan":
-        """The plan without its first step, with one of coasting at the end."""
+        """The plan without its first step, with a step of coasting at the end."""
         states, controls = np.empty_like(self.states), np.zeros_like(self.controls)
         states[:-1], controls[:-1] = self.states[1:], self.controls[1:]
         px, py, heading, speed = self.states[-1].tolist()

@@ -4,7 +4,7 @@ import sys
 
 
 def main() -> None:
-    """Entry point."""
+    """Run the command line."""
     if sys.platform == "win32":
         print(
             "olne-bench: error: Windows has no process groups and limits that trials need; "
@@ -13,7 +13,7 @@ def main() -> None:
         )
         sys.exit(2)
     try:
-        # The import takes a moment, in which Ctrl-C is no error.
+        # Ctrl-C during the slow import is not an error.
         from olne_bench.bench.commands.cli import main as command
     except KeyboardInterrupt:
         sys.exit(130)

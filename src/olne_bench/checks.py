@@ -1,4 +1,4 @@
-"""Checks of numbers that suites and callers give as they like."""
+"""Checks of numbers in the input of suites and callers."""
 
 from numbers import Integral, Real
 from typing import Any
@@ -7,10 +7,10 @@ _MOST = 10**6
 
 
 def check_number(name: str, value: Any, least: float = 1e-6, most: float = 1e3) -> None:
-    """Refuse what is not a number within bounds.
+    """Refuse a value that is not a number within bounds.
 
     Raises:
-        ValueError: naming parameter, value and range.
+        ValueError: with a message that names parameter, value and range.
     """
     number = isinstance(value, Real) and not isinstance(value, bool)
     if not (number and least <= value <= most):
@@ -18,32 +18,32 @@ def check_number(name: str, value: Any, least: float = 1e-6, most: float = 1e3) 
 
 
 def check_count(name: str, value: Any, least: int = 1, most: int = _MOST) -> None:
-    """Refuse what is not a whole number within bounds.
+    """Refuse a value that is not a whole number within bounds.
 
     Raises:
-        ValueError: naming parameter, value and range.
+        ValueError: with a message that names parameter, value and range.
     """
     if not (is_whole(value) and least <= value <= most):
         raise ValueError(f"{name} must be an integer of {least} to {most}, got {as_text(value)}")
 
 
 def check_whole(name: str, value: Any) -> None:
-    """Refuse what is not a whole number; for bounds that need words of their own.
+    """Refuse a value that is not a whole number; the caller checks bounds.
 
     Raises:
-        ValueError: naming parameter and value.
+        ValueError: with a message that names parameter and value.
     """
     if not is_whole(value):
         raise ValueError(f"{name} must be a whole number, got {as_text(value)}")
 
 
 def is_whole(value: Any) -> bool:
-    """Whether a value is a whole number, of Python or NumPy; True and False are none."""
+    """Whether a value is an integer of Python or NumPy; booleans are not."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def as_text(value: Any) -> str:
-    """A value as text; Python refuses to write out numbers beyond some thousand digits."""
+    """A value as text; huge integers are described, as Python refuses to print them."""
     if is_whole(value) and abs(int(value)) >= 10**20:
         return f"a number of {int(value).bit_length()} bits"
     return str(value) if is_whole(value) else repr(value)

@@ -1,4 +1,4 @@
-"""The one exception that the command line turns into a line and exit code 2."""
+"""The exception that the command line turns into one line and exit code 2."""
 
 
 class UserError(Exception):

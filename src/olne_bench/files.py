@@ -1,4 +1,4 @@
-"""Files that are written: named well, written whole, users' own never overwritten."""
+"""Write files: check their names, write them completely, and never overwrite a user's file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,10 +8,10 @@ from olne_bench.errors import UserError
 
 
 def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
-    """Refuse a file that must not or cannot be written, before any work is done.
+    """Refuse a new file that must not or cannot be written, before any work is done.
 
     Raises:
-        UserError: on another suffix, a file that exists, or a folder that does not.
+        UserError: on another suffix, a file that exists, or a folder that does not exist.
     """
     if path.suffix.lower() not in suffixes:
         raise UserError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
@@ -23,9 +23,9 @@ def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A path to write to; the file takes its name, and its predecessor's place, once it is whole.
+    """A temporary path to write to; when it is complete, it replaces the file at ``path``.
 
-    So an interrupt or a full disk leaves the former file as it was.
+    An interrupt or a full disk leaves the former file unchanged.
     """
     unfinished = path.with_name(f".{path.name}.unfinished")
     try:

@@ -1,4 +1,4 @@
-"""Code of a plugin's file: loaded under a name of its own, with the modules that lie beside it."""
+"""Load the file of a plugin under a unique module name, with the helper modules beside it."""
 
 import importlib
 import importlib.util
@@ -16,11 +16,11 @@ from typing import Any
 
 
 class Home:
-    """A plugin's folder, whose modules can be imported while the plugin's code runs.
+    """The folder of a plugin, whose modules can be imported while the plugin's code runs.
 
-    Outside, neither the folder nor a module from it is to be found, so two plugins with a helper
-    of one name each get their own, and no helper comes before a module that others look for.
-    Python's own and installed modules come before those of the folder.
+    At other times neither the folder nor its modules can be found. So two plugins with helpers of
+    the same name each get their own, and no helper hides a module that others import. Python's own
+    and installed modules take precedence over those of the folder.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -30,14 +30,14 @@ class Home:
         self._path: list[str] = []
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        """As a finder of Python's: the module of the folder that has this name, if any."""
+        """Find a module of the folder by its name (the interface of Python's finders)."""
         if path is None and name in self._names:
             return PathFinder.find_spec(name, [self._folder])
         return None
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """Within, the plugin's helper modules and what it put on ``sys.path`` are in place."""
+        """Within this context, the plugin's helper modules and its ``sys.path`` are in place."""
         if any(finder is self for finder in sys.meta_path):
             yield
             return
@@ -56,9 +56,9 @@ class Home:
             sys.modules.update(others)
 
     def _take_modules(self) -> dict[str, ModuleType]:
-        """Remove from ``sys.modules`` what has a name of the folder's."""
+        """Remove from ``sys.modules`` all modules with names of the folder, and return them."""
         if not any(name in sys.modules for name in self._names):
-            return {}  # to go through all modules takes long, and this happens in every trial
+            return {}  # searching all modules is slow, and this happens in every trial
         own = [name for name in sys.modules if name.partition(".")[0] in self._names]
         return {name: sys.modules.pop(name) for name in own}
 
@@ -72,14 +72,14 @@ def module_name(path: Path) -> str:
     return f"olne_bench_plugin_{re.sub(r'[^0-9A-Za-z_]', '_', path.stem)}_{digest}"
 
 
-@lru_cache(maxsize=64)  # so that what a plugin keeps in its module lasts
+@lru_cache(maxsize=64)  # so that a plugin's module keeps its state
 def load_file(path: Path) -> ModuleType:
-    """The module of a plugin's file (an absolute path). Raises whatever the file raises."""
+    """The module of a plugin's file, an absolute path; raises whatever the file raises."""
     name = module_name(path)
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    importlib.invalidate_caches()  # files beside it may be younger than the folder's listing
+    importlib.invalidate_caches()  # files beside it may be newer than the cached listing
     home = _homes[name] = Home(path.parent)
     sys.modules[name] = module  # dataclasses and pickle look for it there
     try:
@@ -92,10 +92,10 @@ def load_file(path: Path) -> ModuleType:
 
 
 def at_home(plugin: object) -> AbstractContextManager[None]:
-    """Within, helper modules beside a plugin's file can be imported; others' are out of the way.
+    """Within this context, helper modules beside a plugin's file can be imported, and no others.
 
     Args:
-        plugin: a class from a plugin's file, or an instance; with any other nothing happens.
+        plugin: a class from a plugin's file, or an instance; any other object has no effect.
     """
     kind = plugin if issubclass(type(plugin), type) else type(plugin)
     try:

@@ -1,11 +1,11 @@
 """Plugins: estimators, scenarios, sensors and metrics, from this package and from others.
 
-A plugin is a class with a class attribute ``name`` and the one method of its kind; the arguments
-of its constructor are its parameters. It is
+A plugin is a class with a class attribute ``name`` and the method of its kind. The arguments of its
+constructor are its parameters. It is
 
-- built in: the file of its name in the folder of its kind;
-- installed: an entry point of the group of its kind, under the plugin's name;
-- in a file: ``path.py:ClassName``, or ``path.py`` where the file defines one only.
+- built in: a file with its name in the folder of its kind;
+- installed: an entry point with its name in the group of its kind;
+- in a file: ``path.py:ClassName``, or ``path.py`` if the file defines only one.
 """
 
 import inspect
@@ -62,10 +62,10 @@ class Kind:
     """A kind of plugin.
 
     Attributes:
-        name: in messages.
-        package: whose modules are the built-in plugins of this kind.
-        method: that makes a class a plugin of this kind.
-        declares: attributes that tables and pages need to know of it.
+        name: name in messages.
+        package: package whose modules are the built-in plugins of this kind.
+        method: method that makes a class a plugin of this kind.
+        declares: attributes that tables and pages need to know.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Kind:
 
     @property
     def group(self) -> str:
-        """Of entry points."""
+        """Group of entry points."""
         return f"olne_bench.{self.name}s"
 
 
@@ -105,17 +105,17 @@ class PluginError(UserError, ValueError):
 
 @dataclass(frozen=True)
 class Description:
-    """What there is to know of a plugin without importing it, as plain data.
+    """What other processes need to know about a plugin, as plain data.
 
     Attributes:
-        kind: name of its kind; empty where it is not known.
-        reference: that can be used from any folder.
+        kind: name of its kind; empty if unknown.
+        reference: reference that can be used from any folder.
         label: its name.
         parameters: names of its parameters.
-        family: of a scenario: whether every seed draws another one.
-        several: of an estimator: whether it takes several trajectories.
-        declaration: what it declares (``Kind.declares``) as text, numbers and truth values.
-        error: one line on what is wrong with it; empty where nothing is.
+        family: for a scenario, whether each seed draws another member.
+        several: for an estimator, whether it takes several trajectories at once.
+        declaration: its declared attributes (``Kind.declares``) as text, numbers and booleans.
+        error: one line on what is wrong with it; empty if nothing is.
     """
 
     kind: str = ""
@@ -129,7 +129,7 @@ class Description:
 
 
 def names(kind: Kind) -> list[str]:
-    """Names of the built-in and the installed plugins of a kind; imports none of them."""
+    """Names of the built-in and the installed plugins of a kind, without importing them."""
     return sorted({*_built_in(kind), *_installed(kind)})
 
 
@@ -144,10 +144,10 @@ def is_built_in(kind: Kind, reference: str) -> bool:
 
 
 def absolute(reference: str) -> str:
-    """The reference as it can be used from another folder as well.
+    """The reference in a form that can be used from any folder.
 
     Raises:
-        PluginError: on a path that no file can have.
+        PluginError: on an impossible path.
     """
     parts = _split(reference)
     if parts is None:
@@ -160,7 +160,7 @@ def source(kind: Kind, reference: str) -> tuple[str, Path]:
     """Name and file of the module that defines a plugin, found without running it.
 
     Raises:
-        PluginError: where the plugin is unknown or its module has no file.
+        PluginError: if the plugin is unknown or its module has no file.
     """
     parts = _split(reference)
     if parts is not None:
@@ -177,7 +177,7 @@ def find_class(kind: Kind, reference: str) -> type[Any]:
     """Import a plugin's class.
 
     Args:
-        kind: of the plugin.
+        kind: kind of the plugin.
         reference: a name from ``names(kind)``, or ``path.py`` / ``path.py:ClassName``.
 
     Raises:
@@ -192,10 +192,10 @@ def find_class(kind: Kind, reference: str) -> type[Any]:
 
 
 def make(kind: Kind, reference: str, parameters: Mapping[str, Any] | None = None) -> Any:
-    """Make a plugin with parameters.
+    """Construct a plugin with parameters.
 
     Raises:
-        PluginError: as ``find_class``, and where the class refuses its parameters.
+        PluginError: as ``find_class``, and if the class refuses its parameters.
     """
     found = find_class(kind, reference)
     caught = (TypeError, ValueError) if is_built_in(kind, reference) else BaseException
@@ -229,9 +229,7 @@ def kind_of(reference: str) -> Kind:
     """
     parts = _split(reference)
     if parts is None:
-        raise PluginError(
-            f"{reference!r} is no file of a plugin: expected path.py or path.py:Class"
-        )
+        raise PluginError(f"{reference!r} is not a plugin file: expected path.py or path.py:Class")
     path, class_name = _file("plugin", parts[0]), parts[1]
     module = _load(path)
     found = [
@@ -245,7 +243,7 @@ def kind_of(reference: str) -> Kind:
     methods = ", ".join(f"{kind.method} ({kind.name})" for kind in KINDS)
     if not found:
         where = f"{class_name!r} in {str(path)!r}" if class_name else f"{str(path)!r}"
-        raise PluginError(f"{where} is no plugin: expected a class with one method of {methods}")
+        raise PluginError(f"{where} is not a plugin: expected a class with one method of {methods}")
     choice = ", ".join(f"{name} ({kind.name})" for name, kind in found)
     raise PluginError(
         f"{str(path)!r} holds several plugins, name one as {path}:Class, with one method of "
@@ -256,12 +254,12 @@ def kind_of(reference: str) -> Kind:
 def describe(
     kind: Kind | None, reference: str, parameters: Mapping[str, Any] | None = None
 ) -> Description:
-    """Everything about a plugin that its class has to be imported for. Never raises.
+    """Describe a plugin by importing and constructing it. Never raises.
 
     Args:
-        kind: of the plugin; what its file holds where absent.
-        reference: of the plugin.
-        parameters: that it has to accept.
+        kind: kind of the plugin; None for a file, whose kind is then found out.
+        reference: name or file of the plugin.
+        parameters: parameters that it has to accept.
     """
     try:
         kind = kind or kind_of(reference)
@@ -282,7 +280,7 @@ def describe(
 def import_file(reference: str) -> None:
     """Import a plugin's file, so that objects of its classes can be unpickled.
 
-    Raises whatever the file raises; a name that is no file's is imported by pickle itself.
+    Raises whatever the file raises. Other plugins are imported by pickle itself.
     """
     place = _split(reference)
     if place is not None:
@@ -290,27 +288,27 @@ def import_file(reference: str) -> None:
 
 
 def parameter_names(found: type[Any]) -> list[str]:
-    """Names of the parameters of a plugin's class; none where it does not tell."""
+    """Names of the parameters of a plugin's class; empty if it has no readable signature."""
     try:
         return [str(name) for name in inspect.signature(found).parameters]
-    except BaseException:  # foreign code may answer
+    except BaseException:  # this may run foreign code
         return []
 
 
 def takes_seed(scenario: type[Any]) -> bool:
-    """Whether a scenario's class is a family, of which every seed draws another member."""
+    """Whether a scenario's class is a family: each seed draws another member."""
     try:
         return "seed" in inspect.signature(scenario.draw).parameters
-    except BaseException:  # foreign code may answer
+    except BaseException:  # this may run foreign code
         return False
 
 
 def describe_foreign_error(error: BaseException, file: Path | None = None) -> str:
-    """What was raised, and where; runs no foreign code but the exception's ``__str__``.
+    """What was raised, and where; the only foreign code it runs is the exception's ``__str__``.
 
     Args:
         error: what was raised.
-        file: that was being imported, as some syntax errors do not know of which file they are.
+        file: file that was being imported, as some syntax errors do not name it.
     """
     text, where = _text(error), ""
     trace = error.__traceback__
@@ -325,7 +323,7 @@ def describe_foreign_error(error: BaseException, file: Path | None = None) -> st
 
 def _split(reference: str) -> tuple[str, str] | None:
     """Path and class name of a file's reference; None for a name."""
-    if not isinstance(reference, str):  # callers give what they like
+    if not isinstance(reference, str):  # callers may pass anything
         return None
     if reference.endswith(".py"):
         return reference, ""
@@ -348,7 +346,7 @@ def _file(what: str, path: str) -> Path:
 
 @cache
 def _built_in(kind: Kind) -> dict[str, Path]:
-    """Files that define a plugin of their own name, told by their text: an import takes long."""
+    """Files that define a plugin of their own name, found in their text, as imports are slow."""
     folder = _PACKAGE.joinpath(*kind.package.split(".")[1:])
     line = r'^    name(: ClassVar\[str\])? = "{}"$'
     return {
@@ -412,7 +410,7 @@ def _known_class(kind: Kind, reference: str, _path: tuple[str, ...]) -> type[Any
     what = f"{kind.name} {reference!r} {_owner(place)}"
     loaded = _guarded(f"{what} cannot be imported", place.load)
     if not issubclass(type(loaded), type):
-        raise PluginError(f"{what} ({place.value}) is no class")
+        raise PluginError(f"{what} ({place.value}) is not a class")
     if not _has_method(kind, loaded, what):
         raise PluginError(f"{what} ({place.value}) has no method {kind.method!r}")
     name = _checked_name(loaded, what)
@@ -447,9 +445,9 @@ def _load(path: Path) -> ModuleType:
 
 
 def _plugin_classes(kind: Kind, module: ModuleType, path: Path) -> dict[str, type[Any]]:
-    """Classes that a file defines and that have the method of a kind, by name.
+    """Classes of a file that have the method of a kind, by name.
 
-    Where some have a ``name`` and some have none, the others are helpers.
+    If some of them have a ``name``, those without one are helpers and left out.
     """
     what = f"file {str(path)!r}"
     own = [
@@ -472,8 +470,8 @@ def _has_method(kind: Kind, found: type[Any], what: str) -> bool:
 
 
 def _attribute(owner: object, name: str, what: str) -> Any:
-    """An attribute, None where it is absent; a metaclass or property may raise anything."""
-    return _guarded(f"{what} does not tell its {name!r}", lambda: getattr(owner, name, None))
+    """An attribute, None if absent; a metaclass or property may raise anything."""
+    return _guarded(f"{what}: {name!r} cannot be read", lambda: getattr(owner, name, None))
 
 
 def _checked_name(found: type[Any], what: str) -> str:
@@ -517,7 +515,7 @@ def _first_paragraph(doc: object) -> str:
 
 
 def _guarded(what: str, call: Callable[[], T], file: Path | None = None) -> T:
-    """Run foreign code; turn whatever it raises into one line with its place."""
+    """Run foreign code; turn what it raises into a ``PluginError`` of one line with its place."""
     try:
         return call()
     except BaseException as error:
@@ -537,12 +535,12 @@ def _text(error: BaseException) -> str:
 
 
 def _module_file(kind: Kind, point: EntryPoint) -> Path:
-    """File of an entry point's module, without importing what contains it."""
+    """File of an entry point's module, without importing the packages that contain it."""
     what = f"{kind.name} {point.name!r} {_owner(point)}"
     places: list[str] | None = None
     full = ""
     spec = None
-    module = _guarded(f"{what} is no reference to a class", lambda: point.module)
+    module = _guarded(f"{what} does not refer to a class", lambda: point.module)
     for part in module.split("."):
         full = f"{full}.{part}" if full else part
         spec, places = _spec_below(full, places)
@@ -554,7 +552,7 @@ def _module_file(kind: Kind, point: EntryPoint) -> Path:
 
 
 def _spec_below(full: str, places: list[str] | None) -> tuple[ModuleSpec | None, list[str] | None]:
-    """Where a module is, as Python's finders tell, and where modules within it are."""
+    """Spec of a module from Python's finders, and the folders of its submodules."""
     for finder in sys.meta_path:
         try:
             spec = finder.find_spec(full, places)

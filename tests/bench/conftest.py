@@ -1,4 +1,4 @@
-"""A small study with estimators of its own, and a way to run it as a user would."""
+"""A small study with its own estimators, and a way to run it as a user would."""
 
 import io
 import os
@@ -61,7 +61,7 @@ class Hangs(Drawn):
             time.sleep(0.1)
 """
 
-#: What a process reads but once.
+#: Functions that cache the code which they have read.
 READ_ONCE = (
     fingerprint._imports,
     fingerprint._tree,
@@ -92,9 +92,9 @@ class Study:
         )
 
     def call(self, *arguments: object, code: int = 0) -> str:
-        """Run a command in this process, which has imported all; returns what it says."""
+        """Run a command in this process, which has imported everything; return its output."""
         for function in READ_ONCE:
-            function.cache_clear()  # a command of its own would read the code as it is now
+            function.cache_clear()  # a new process would read the present code
         said = io.StringIO()
         with redirect_stdout(said), redirect_stderr(said):
             try:
@@ -106,7 +106,7 @@ class Study:
         return said.getvalue()
 
     def call_alone(self, *arguments: object, code: int = 0, **options: object) -> str:
-        """Run a command in a process of its own."""
+        """Run a command in a new process."""
         process = self.start(*arguments, **options)
         try:
             said, errors = process.communicate(timeout=120)
@@ -123,18 +123,18 @@ class Study:
         return words
 
     def run(self, out: str, *plugins: str, options: tuple[str, ...] = (), code: int = 0) -> str:
-        """Run the suite, as one job unless options say otherwise: processes take long to start."""
+        """Run the suite, by default with one job, because processes are slow to start."""
         return self.call(*self.arguments(out, *plugins), "--jobs", 1, *options, code=code)
 
     def rows(self, out: str) -> pd.DataFrame:
-        """What a run has stored, but for times; weights as text, which can be compared."""
+        """The rows of a run without times; weights are text, which can be compared."""
         with read_store(self.folder / out) as store:
             rows = store.table().to_pandas()
         return rows.drop(columns="solve_seconds")
 
 
 class PlayerHere:
-    """A player without a process: for estimators that do nothing evil."""
+    """A player without a process, for harmless estimators."""
 
     def estimate(self, task: PlayerTask) -> Answer:
         given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))

@@ -23,7 +23,7 @@ def raised(error: BaseException) -> BaseException:
 
 
 class MuteError(Exception):
-    """Has nothing to say."""
+    """An error without a text."""
 
     def __str__(self) -> str:
         raise KeyboardInterrupt

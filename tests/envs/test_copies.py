@@ -1,4 +1,4 @@
-"""Copies and pickles of worlds go on from where the original was, and share nothing with it."""
+"""Copies and pickles of worlds continue where the original was, and share nothing with it."""
 
 import copy
 import pickle
@@ -38,7 +38,7 @@ def step(world, rng):
 
 
 def finish(world, seed):
-    """All that a world tells in the rest of its episode and in the two that follow."""
+    """All outputs of a world in the rest of its episode and in the next two."""
     rng = np.random.default_rng(seed)
     told = []
     for _ in range(3):

@@ -30,7 +30,7 @@ def test_the_equilibrium_is_replayed(recorded: Callable[..., Recording]) -> None
 
 
 def _costs(recording: Recording) -> np.ndarray:
-    """What a recording costs each player, summed here."""
+    """Cost of a recording for each player, summed here."""
     scenario = recording.scenario
     costs = stage_costs(scenario.game)
     total = np.array(costs.final(recording.states[-1].T, scenario.weights.T)).ravel()

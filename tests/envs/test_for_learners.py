@@ -1,4 +1,4 @@
-"""``highway_v0`` for learners: bounded, ego-relative, and nobody leaves early."""
+"""``highway_v0`` for learners: bounded, ego-relative, and no player leaves early."""
 
 import cloudpickle
 import numpy as np
@@ -67,7 +67,7 @@ def test_observations_are_relative_to_the_player():
     own, others = parts(observations["player_1"])
     assert own["speed"] == pytest.approx(states[1, 3] / SPEED)
     assert own["time_left"] == 1
-    offsets = np.delete(states, 1, axis=0)[:, :2] - states[1, :2]  # everybody heads along x
+    offsets = np.delete(states, 1, axis=0)[:, :2] - states[1, :2]  # all cars head along x
     offsets = offsets[np.argsort(np.hypot(*offsets.T))]
     expected = np.clip(offsets / DISTANCE, -1, 1)
     np.testing.assert_allclose(others[:, 1:3], expected, atol=1e-6)
@@ -101,7 +101,7 @@ def test_a_car_beside_its_lane_sees_how_far():
 
 
 def test_crashed_players_stay_blind_and_idle():
-    """Everybody brakes but the cars behind, who run into them."""
+    """All cars brake except those behind, which run into them."""
     world = make("highway", draws=1, crash_reward=-7.0)
     world.reset(seed=0)
     front = {p for p in world.agents if int(p[-1]) % 2 == 0}
@@ -134,7 +134,7 @@ def test_a_crash_costs_once():
         world.reset(seed=0)
         total = dict.fromkeys(world.agents, 0.0)
         while world.agents:
-            action = np.array([1.0, 1.0], dtype=np.float32)  # into whoever is beside
+            action = np.array([1.0, 1.0], dtype=np.float32)  # into the car beside it
             _, rewards, _, _, infos = world.step(dict.fromkeys(world.agents, action))
             total = {player: total[player] + rewards[player] for player in total}
         returns.append(total)

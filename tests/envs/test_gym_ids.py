@@ -30,7 +30,7 @@ def make(name, **arguments):
 @pytest.mark.filterwarnings("ignore:.*A Box observation space")
 @pytest.mark.parametrize("name", GYM_IDS)
 def test_gymnasium_conformance(name):
-    """With every render mode: the checker makes the environment anew in each."""
+    """The checker makes the environment again in each render mode."""
     check_env(make(name).unwrapped)
 
 

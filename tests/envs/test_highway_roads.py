@@ -84,7 +84,7 @@ def test_draws_are_seeded_and_playable():
 
 
 def test_plans_that_the_simulator_would_interfere_with_are_seen():
-    """Two cars side by side: apart as they are, in contact with a margin."""
+    """Two cars side by side that are apart without a margin, and in contact with one."""
     initial = np.array([[100, 0, 0, 20.0], [100, 2.3, 0, 20.0]])
     controls = np.zeros((3, 2, 2))
     free = replay("highway", initial, controls)
@@ -104,7 +104,7 @@ def test_a_road_has_its_players_and_nobody_else(name):
     assert len(set(colours)) == 3
     assert all(0 <= part <= 255 for colour in colours for part in colour)
     assert not road.crashed().any()
-    # Controls come as they are, however large, and nothing ends an episode.
+    # Controls are not clipped, however large, and nothing ends an episode.
     before = road.states()
     control = np.array([[MAX_STEERING, -MAX_ACCELERATION], [0, 0], [0, MAX_ACCELERATION]])
     road.apply(control)
@@ -133,7 +133,7 @@ def test_cars_that_touch_have_crashed():
     [(0.3, 0.0, False), (0.3, 0.1, False), (0.3, 0.2, True), (1.9, 0.9, False), (1.9, 1.0, True)],
 )
 def test_a_margin_widens_a_car_on_every_side(heading, gap, margin, crashed):
-    """Two cars in line, so far apart, at the same speed."""
+    """Two cars in line, at a given distance and the same speed."""
     along = (5 + gap) * np.array([np.cos(heading), np.sin(heading)])
     states = np.array([[100, 4, heading, 10.0], [100, 4, heading, 10.0]])
     states[1, :2] += along

@@ -58,7 +58,7 @@ def test_plan_replays_exactly_and_returns_are_the_costs(name, seed):
 
 @pytest.mark.parametrize("name", ["highway", "intersection"])
 def test_plan_replays_exactly_in_the_stock_environment(name):
-    """HighwayEnv as it is installed, with nothing of ours but the configuration."""
+    """HighwayEnv as installed, with only the configuration changed."""
     scenario = drawn(name)
     truth = certified_equilibrium(scenario)
     count = scenario.game.num_players
@@ -95,7 +95,7 @@ def test_plan_replays_exactly_in_the_stock_environment(name):
 
 @pytest.mark.parametrize("name", ROAD_NAMES)
 def test_no_small_unilateral_deviation_gains(name):
-    """Few here; ``scripts/highway_deviations.py`` plays a thousand per scenario."""
+    """A few deviations; ``scripts/highway_deviations.py`` plays a thousand per scenario."""
     world = highway_v0.parallel_env(drawn(name))
     _, olne_returns = play(world)
     certificate = certified_equilibrium(drawn(name)).certificate

@@ -1,4 +1,4 @@
-"""Draws kept on disk: the same to the last bit, only of played worlds, and nobody else's."""
+"""Draws kept on disk: exact to the last bit, only of played worlds, only of this user."""
 
 import os
 import subprocess
@@ -21,7 +21,7 @@ ARRAYS = ("states", "controls", "costates")
 
 @pytest.fixture(autouse=True)
 def folder(monkeypatch, tmp_path: Path) -> Path:
-    """An own folder, and a process that has solved nothing."""
+    """A new folder, and empty caches, as in a new process."""
     monkeypatch.setenv("OLNE_BENCH_CACHE", str(tmp_path / "cache"))
     equilibrium._solve.cache_clear()
     found = draws_folder()
@@ -100,7 +100,7 @@ def test_a_road_is_read_in_another_process(folder):
 
 
 def test_only_what_a_world_draws_itself_is_kept(scenario, folder, monkeypatch):
-    """The referee draws scenarios, solves them and hands them to worlds: no truth is left."""
+    """The referee draws and solves scenarios and hands them to worlds: no truth is kept."""
     get_scenario("merge", 0, num_players=2)
     certified_equilibrium(scenario)
     make_world(scenario).reset()
@@ -132,7 +132,7 @@ def test_another_game_start_weight_or_code_is_another_file(scenario, monkeypatch
 
 @dataclass(frozen=True)
 class Own:
-    """A feature with something in it that has no text of its own."""
+    """A feature with a field that has no text."""
 
     table: np.ndarray
 

@@ -1,4 +1,4 @@
-"""How observation vectors are made up."""
+"""The layout of observation vectors."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
-"""The recipes of docs/learning.md run as written, but for the number of steps, on all roads.
+"""The recipes of docs/learning.md run on all roads as written, except for the number of steps.
 
-They run in a process of their own: PyTorch may crash where a window has been opened (see the page).
+They run in another process: PyTorch may crash in one that has opened a window (see the page).
 """
 
 import importlib.util
@@ -45,7 +45,7 @@ def changed(recipe: str, *changes: tuple[str, str]) -> str:
 
 @pytest.fixture(scope="module")
 def outcomes() -> dict[str, tuple[int, int]]:
-    """Steps that each recipe has trained for, and its number of players."""
+    """The number of steps that each recipe trained for, and its number of players."""
     if importlib.util.find_spec("stable_baselines3") is None:
         pytest.skip("the extra 'rl' is not installed")
     recipes = {name: changed(EGO, ("olne/NashMerge-v0", name)) for name in GYM_IDS}

@@ -66,7 +66,7 @@ def play(world, controls):
 
 
 def played_actions(world, infos):
-    """The controls (T-1, N, m) of the OLNE, as infos hand them out."""
+    """The controls (T-1, N, m) of the OLNE, from infos."""
     actions = []
     while world.agents:
         actions.append(plan(infos, world.agents))
@@ -345,7 +345,7 @@ def test_converted_world_follows_a_change_of_scenario():
 
 
 def never_settles() -> Scenario:
-    """A player who gains without bound from going faster: no equilibrium."""
+    """A player that gains without bound from going faster: no equilibrium."""
     player = Player((StateDeviation("vx", scale=-1.0), ControlEffort("ax", scale=1e-3)))
     return Scenario(
         name="never_settles",
@@ -405,7 +405,7 @@ def test_scenario_without_equilibrium():
     with pytest.raises(NoEquilibriumError, match="no certified equilibrium of 'never_settles'"):
         world.reset(options={"scenario": never_settles()})
     assert_usable(world)
-    # It can be played all the same by those who need no truth.
+    # It can still be played without the truth.
     free = olne_v0.parallel_env(never_settles(), reveal_truth=False)
     assert_usable(free)
 
@@ -460,7 +460,7 @@ def test_calls_out_of_order():
     world.step(idle)
     with pytest.raises(ResetNeeded, match=r"call reset\(\)"):
         world.step(idle)
-    assert world.step({}) == ({}, {}, {}, {}, {})  # nobody is left, nothing happens
+    assert world.step({}) == ({}, {}, {}, {}, {})  # no player is left, and nothing happens
     assert_usable(world)
 
 

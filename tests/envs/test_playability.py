@@ -16,7 +16,7 @@ DRAW = get_scenario("highway", 0, num_players=3)
 
 @pytest.fixture
 def planned(monkeypatch):
-    """Let the equilibrium be what a test wants."""
+    """Set the equilibrium that a test needs."""
 
     def plan(change):
         from olne_bench.envs import playability
@@ -76,7 +76,7 @@ def test_a_plan_that_the_simulator_does_not_follow_is_rejected(planned) -> None:
 
 
 def test_cars_too_close_to_each_other_are_rejected() -> None:
-    """Side by side, their middles one car's width and less than two margins apart."""
+    """Two cars side by side, with a gap of less than two margins."""
     lane = DRAW.game.players[0].task[0].route
     y = DRAW.initial_state[0, 1]
     drivers = [Driver((100.0, y + dy, 0.0, 20.0), lane, 20.0) for dy in (0.0, 2.3)]

@@ -20,7 +20,7 @@ def test_the_recording_is_shown_with_its_extra_state_and_the_time(recording) -> 
     world = RecordedWorld(recording)
     game = recording.scenario.game
     expected = [*recording.states, recording.extra_state]
-    for _ in range(2):  # as often as one likes
+    for _ in range(2):  # repeatedly
         shown, infos = world.reset(seed=3)
         assert infos == {"player_0": {}}
         for step, states in enumerate(expected):

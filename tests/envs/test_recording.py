@@ -1,4 +1,4 @@
-"""Recordings are what worlds do; files keep them."""
+"""Recordings of worlds, and their files."""
 
 from dataclasses import replace
 

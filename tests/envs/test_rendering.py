@@ -1,4 +1,4 @@
-"""Frames show the scene: never blank, every player in its colour, and in view."""
+"""Frames show the scene: never blank, with every player in view and in its colour."""
 
 import itertools
 
@@ -25,7 +25,7 @@ def frames(world, actions=None):
 
 
 def shows(frame, player):
-    """Number of pixels in exactly that player's colour, the legend apart."""
+    """Number of pixels in exactly a player's colour, without the legend."""
     scene = frame[view.HEADER :]
     return int((scene == rendering._colour(player)).all(axis=-1).sum())
 
@@ -67,7 +67,7 @@ def test_view_widens_for_players_who_leave():
 
 
 def drift(*tasks) -> Scenario:
-    """Players with a velocity, each with a task or nowhere to go."""
+    """Players with a velocity, each with a task or without a goal."""
     players = tuple(
         Player((StateDeviation("vx"), ControlEffort("ax")), task) for task in tasks or [()]
     )
@@ -108,7 +108,7 @@ def test_trails_fade_and_lead_to_the_car():
     red = frame[rows, columns, 0].astype(int)  # the car's blue has none, the ground most
     assert (np.diff(red) <= 0).all()
     assert red[-1] < red[0] - 60
-    assert red[0] < rendering.BACKGROUND[0] - 30  # the oldest part is seen all the same
+    assert red[0] < rendering.BACKGROUND[0] - 30  # the oldest part is still visible
 
 
 def test_models_without_a_heading_point_along_their_velocity():
@@ -129,7 +129,7 @@ def test_window_shows_the_frame(monkeypatch):
     window = pygame.surfarray.array3d(pygame.display.get_surface())
     assert window.std() > 5
     assert world.render() is None
-    world.reset()  # the same window goes on
+    world.reset()  # the same window is used again
     assert pygame.display.get_surface() is not None
     world.close()
     assert pygame.display.get_surface() is None

@@ -77,7 +77,7 @@ def test_straight_is_what_bends_by_less_than_a_thousandth(slope):
     x = 2.0 * np.arange(9)
     length = 16 * np.hypot(1, slope)
     for bend, points in ((0.0, 2), (0.9e-3, 2), (1.1e-3, 9), (-1.1e-3, 9)):
-        # A millimetre aside, across the line from end to end.
+        # A millimetre beside the line from end to end.
         y = slope * x + bend * np.hypot(1, slope) * (np.arange(9) == 3)
         simple = shape(y).simplified()
         assert [len(edge) for edge in simple.edges] == [points, points], length

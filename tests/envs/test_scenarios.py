@@ -1,4 +1,4 @@
-"""Scenarios as plugins: what is refused before anything is drawn, and those from files."""
+"""Scenarios as plugins: what is refused before a draw, and scenarios from files."""
 
 import textwrap
 

@@ -1,4 +1,4 @@
-"""What there is to see of a scenario besides its vehicles."""
+"""What pictures of a scenario show besides its motion."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ def test_goals_are_those_of_the_players() -> None:
     scenario = get_scenario("two_player")
     found = goals(scenario)
     assert sorted(found) == [0, 1]
-    # Both cross: a goal is on the other side of the middle.
+    # Both cross: each goal is on the other side of the centre.
     for i, goal in found.items():
         assert goal.shape == (2,)
         assert np.linalg.norm(goal - scenario.initial_state[i, :2]) > 1

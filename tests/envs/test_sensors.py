@@ -25,7 +25,7 @@ def world():
 
 
 def shown(env, seed=1):
-    """The blocks (T, N, d) that player_1 sees while nobody acts."""
+    """The blocks (T, N, d) that player_1 sees while no player acts."""
     observations, _ = env.reset(seed=seed)
     frames = [observations["player_1"]]
     while env.agents:
@@ -113,7 +113,7 @@ def test_layers_that_do_not_fit_the_world():
 
 
 class Far(GapsLayer):
-    """Players right of a line are not seen."""
+    """A sensor that does not see players to the right of a line."""
 
     def missed(self, rng, blocks):
         return blocks[:, 0] > -0.5

@@ -37,7 +37,7 @@ SIZES = {
 
 @pytest.fixture(autouse=True)
 def own_parameters(monkeypatch):
-    """HighwayEnv's intersection changes parameters of the class; no test may lean on that."""
+    """Set HighwayEnv's own parameters, which an intersection in another test may have changed."""
     for name in ("DISTANCE_WANTED", "COMFORT_ACC_MAX", "COMFORT_ACC_MIN"):
         monkeypatch.setattr(NashVehicle, name, getattr(IDMVehicle, name))
 
@@ -256,7 +256,7 @@ def test_what_is_avoided_is_near_and_not_in_the_group():
 
 
 def test_collisions_are_highway_envs():
-    """Nash vehicles tell sooner what is far; what is near collides as IDM vehicles do."""
+    """Nash vehicles skip distant objects early, and collide with near ones as IDM vehicles do."""
     rng = np.random.default_rng(0)
     seen = set()
     for _ in range(300):

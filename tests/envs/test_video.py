@@ -1,4 +1,4 @@
-"""Frames to a video file."""
+"""Video files of frames."""
 
 import subprocess
 import sys

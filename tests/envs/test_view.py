@@ -1,4 +1,4 @@
-"""From positions in the world to pixels."""
+"""Positions in the world as pixels."""
 
 import numpy as np
 import pytest
@@ -72,5 +72,5 @@ def test_a_view_is_widened_where_it_must_be_and_frames_stay_as_large() -> None:
     assert view.scale < scale
     assert view.high[0] > high[0] + 30
     assert (view.low < low).all()
-    # Widened by a hair only: the margin was there before.
+    # Widened only slightly: the margin was there before.
     assert view.high[0] < high[0] + 30 + 0.05 * (view.high - view.low)[0]

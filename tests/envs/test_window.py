@@ -1,4 +1,4 @@
-"""Worlds in a window: upstream's tests in both render modes, one window, signals left alone."""
+"""Worlds in a window: PettingZoo's tests in both render modes, one window, signals unchanged."""
 
 import copy
 import os
@@ -98,10 +98,10 @@ def test_a_world_closes_its_own_window_only(name):
     assert pygame.display.get_surface() is not None  # the twin has not drawn
     twin.render()
     world.close()
-    assert pygame.display.get_surface() is not None  # the twin's by now
+    assert pygame.display.get_surface() is not None  # it is the twin's window now
     twin.close()
     assert pygame.display.get_surface() is None
-    world.render()  # opens it anew
+    world.render()  # opens it again
     assert shown().std() > 5
     world.close()
 
@@ -139,7 +139,7 @@ def test_the_users_own_handler_stays():
 
 def end(**values):
     """The exit code of a process that draws and is then terminated."""
-    # The child must choose for itself what this process chose when it imported the worlds.
+    # The child must make the same settings as this process did when it imported the worlds.
     environment = {k: v for k, v in os.environ.items() if k != "SDL_NO_SIGNAL_HANDLERS"}
     command = [sys.executable, "-c", DRAW.format(**values)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)

@@ -1,4 +1,4 @@
-"""Sensors: they see what observation models say, and change nothing else."""
+"""Sensors: they show what observation models define, and change nothing else."""
 
 import itertools
 import pickle
@@ -73,11 +73,11 @@ def episode(env, seed=1):
 
 
 def blocks(env, shown, player="player_0"):
-    """What that player saw, as estimators take it: (T, N, d)."""
+    """What a player saw, in the form of estimators' input: (T, N, d)."""
     return np.array([env.observation_layout.by_index(o[player], player) for o in shown])
 
 
-# -- the traffic is left alone ---------------------------------------------------------------
+# -- the traffic does not change -------------------------------------------------------------
 
 
 def test_no_stack_changes_the_traffic(stack):
@@ -198,7 +198,7 @@ def test_streams_follow_the_seed_and_are_independent_of_each_other():
     env = AWGN(world(), 1.0)
     assert np.array_equal(noise_of(env, 1), noise_of(env, 1))
     assert not np.allclose(noise_of(env, 1), noise_of(env, 2))
-    seeded, unseeded = noise_of(env, 1), noise_of(env, None)  # the stream goes on
+    seeded, unseeded = noise_of(env, 1), noise_of(env, None)  # the stream continues
     assert not np.allclose(seeded, unseeded)
     env.reset(seed=1)
     episode(env, 1)
@@ -298,13 +298,13 @@ def test_range_never_exceeds_its_bound():
 def test_stacks_conform_to_pettingzoo(stack):
     parallel_api_test(stack(world()), num_cycles=30)
     observation = stack(world()).reset(seed=42)[0]["player_0"]
-    if np.isfinite(observation).all():  # upstream's comparison takes no gap for equal to a gap
+    if np.isfinite(observation).all():  # upstream's comparison does not treat gaps as equal
         parallel_seed_test(lambda: stack(world()))
 
 
 def test_same_seed_same_observations_over_whole_episodes(stack):
     first, second = stack(world()), stack(world())
-    for seed in (1, None):  # the second episode goes on with the streams of the first
+    for seed in (1, None):  # the second episode continues the streams of the first
         shown, again = (
             blocks(first, episode(first, seed)[0]),
             blocks(second, episode(second, seed)[0]),
@@ -403,7 +403,7 @@ def test_supersuit_vector_env_for_learners():
 
 
 class Doubled(BaseParallelWrapper):
-    """Repeats observations, which no sensor can take apart."""
+    """Repeats observations, so that no sensor can split them."""
 
     def observation_space(self, agent):
         below = self.env.observation_space(agent)

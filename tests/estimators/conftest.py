@@ -22,7 +22,7 @@ def _short(game: Game) -> Game:
 def seen() -> Seen:
     """``seen(seed, sigma, view, count)``: a short random crossing with known weights.
 
-    Returns the problem, observations from so many initial states, and the true weights.
+    Returns the problem, observations from ``count`` initial states, and the true weights.
     """
 
     def make(

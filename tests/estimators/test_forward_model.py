@@ -1,4 +1,4 @@
-"""The forward game as methods play it."""
+"""The forward game as estimators use it."""
 
 from dataclasses import replace
 from types import SimpleNamespace

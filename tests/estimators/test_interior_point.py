@@ -22,7 +22,7 @@ from olne_bench.games.olne import solve_olne
 def sequence(
     name: str, view: View, sigma: float, seed: int, **options: int
 ) -> tuple[Game, np.ndarray, JointPoint]:
-    """A game, a noisy observation of its equilibrium, and the start that reads it off."""
+    """A game, a noisy observation of its equilibrium, and a start computed from it."""
     scenario = get_scenario(name, 1, **options)
     game = scenario.game
     states = solve_olne(game, scenario.weights, scenario.initial_state).states
@@ -123,7 +123,7 @@ def test_hopeless_data_get_an_honest_answer(what: str) -> None:
 
 
 def test_weights_at_the_bound() -> None:
-    """A player that does not mind others, in data good enough to tell."""
+    """A player without a weight on others, in data with little noise."""
     scenario = get_scenario("two_player")
     game, view = scenario.game, VIEWS["full"]
     weights = np.array([[0.0, 1, 1, 1], [1, 1, 1, 0.0]])
@@ -165,7 +165,7 @@ def test_the_shortest_horizons(horizon: int) -> None:
 
 
 def test_players_in_the_same_place() -> None:
-    """Two players with one start and one goal: whatever it says, it says it honestly."""
+    """Two players with the same start and goal: the outcome must be reported truthfully."""
     scenario = get_scenario("two_player")
     game = replace(scenario.game, players=scenario.game.players[:1] * 2)
     states = solve_olne(scenario.game, scenario.weights, scenario.initial_state).states

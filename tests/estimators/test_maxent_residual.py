@@ -136,7 +136,7 @@ def test_the_motion_that_it_believes_in_is_the_filtered_one(seen):
 
 
 def test_without_speeds_one_more_sample_is_needed():
-    """Otherwise the last control shows in the last speed only, which nobody sees."""
+    """Otherwise the last control affects only the last speed, which is not observed."""
     recording = record(get_scenario("random", 1, num_players=2))
     scenario = recording.scenario
     problem = Problem(scenario.game, VIEWS["partial"])

@@ -1,4 +1,4 @@
-"""The particle filter: posteriors that are known otherwise, lost particles, small games."""
+"""The particle filter: posteriors with known values, lost particles, small games."""
 
 import filterpy.monte_carlo.resampling as filterpy_resampling
 import numpy as np

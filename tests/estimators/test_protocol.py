@@ -1,4 +1,4 @@
-"""What the built-in estimators refuse, and what they take."""
+"""What the built-in estimators refuse, and what they accept."""
 
 import numpy as np
 import pytest

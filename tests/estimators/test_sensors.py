@@ -1,4 +1,4 @@
-"""Every estimator takes every sensor, or says why it does not."""
+"""Each estimator accepts each sensor, or says why it does not."""
 
 from dataclasses import replace
 

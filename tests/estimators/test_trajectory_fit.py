@@ -1,4 +1,4 @@
-"""Trajectories read off observations."""
+"""Trajectories fitted to observations."""
 
 import numpy as np
 import pytest

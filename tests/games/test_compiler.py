@@ -1,4 +1,4 @@
-"""Compiled libraries: what is kept, what is never loaded, and what is said where nothing works."""
+"""Compiled libraries: what is kept, what is never loaded, and the messages if nothing works."""
 
 import ctypes
 import os
@@ -16,7 +16,7 @@ SOURCE = '__attribute__((visibility("default"))) int answer(void) { return 42; }
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cache folder that does not exist yet, in a home of its own."""
+    """A cache folder that does not exist yet, in a new home folder."""
     folder = tmp_path / "cache"
     monkeypatch.setenv("OLNE_BENCH_CACHE", str(folder))
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)

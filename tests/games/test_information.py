@@ -106,7 +106,7 @@ def test_noise_scales_count(crossing: Crossing, crossing_equilibrium: Equilibriu
 
 
 def test_what_cannot_be_known_is_said_so() -> None:
-    """Alone and without a task, the weight on proximity changes nothing that could be seen."""
+    """For a single player, the weight on proximity has no visible effect."""
     preferences = (Proximity(), StateDeviation("speed"), ControlEffort("acceleration"))
     game = Game((Player((*preferences, ControlEffort("yaw_rate"))),), UNICYCLE, 8, 0.25)
     weights = np.full((1, 4), 0.25)

@@ -41,7 +41,7 @@ def test_other_weights_give_their_own_root(
 
 
 def test_an_equilibrium_far_away_predicts_nothing() -> None:
-    """An estimate of the kind that the paper calls ill-conditioned: acceleration comes free.
+    """An estimate of the kind that the paper calls ill-conditioned: acceleration costs nothing.
 
     The game has an equilibrium, but metres from anything that was seen.
     """

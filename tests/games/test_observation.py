@@ -100,7 +100,7 @@ def test_a_view_of_ones_own_needs_one_method():
 
 @pytest.mark.parametrize("view", [FullView(), VIEWS["partial"], LIDAR])
 def test_solvers_start_near_the_truth(view):
-    """A car on a circle, seen through each view: guessed states are those it went through."""
+    """A car on a circle, seen through each view: guessed states equal the true ones."""
     game = Game((Player((ControlEffort("yaw_rate"),)),), UNICYCLE, horizon=40, dt=0.1)
     heading = 2.9 + 0.05 * np.arange(40)  # across the branch cut of atan2
     position = np.cumsum(0.1 * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)

@@ -84,7 +84,7 @@ def test_predicted_others_are_avoided(game):
     free = situation(1)
     start = np.zeros((STEPS, 1, 2))
     straight = game.solve(free, start).states[:, 0]
-    beside = straight[1:, :2] + [0.0, 2.5]  # somebody who drives along on the right
+    beside = straight[1:, :2] + [0.0, 2.5]  # a car that drives alongside on the right
     aside = game.solve(replace(free, others=beside[None, None]), start).states[:, 0]
     assert aside[-1, 1] < straight[-1, 1] - 0.1
 
@@ -95,7 +95,7 @@ def test_unsolvable_situations_are_reported(game):
 
 
 def turned(here: Situation, angle: float, shift: np.ndarray) -> Situation:
-    """The same situation elsewhere, seen from another side."""
+    """The same situation, shifted and rotated."""
     rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
 
     def moved(rows: np.ndarray) -> np.ndarray:
@@ -131,7 +131,7 @@ def step_cost(game: ReferenceGame, state, control=(0.0, 0.0), other=(1e3, 1e3)) 
 
 
 def at(beside: float = 0.0, off: float = 0.0, speed: float = 20.0) -> tuple[float, ...]:
-    """Two metres on from the reference, so far beside and off its heading."""
+    """A state two metres ahead of the reference, with given offsets beside it and in heading."""
     cos, sin = np.cos(0.3), np.sin(0.3)
     return 10 + 2 * cos - beside * sin, 5 + 2 * sin + beside * cos, 0.3 + off, speed
 
@@ -177,7 +177,7 @@ def test_steps_of_the_search_are_limited(game):
 
 
 def test_games_at_once_are_those_one_by_one(game):
-    """Games of every size, one of which cannot be solved: nobody disturbs another game."""
+    """Games of all sizes, one of which cannot be solved: no game affects another."""
     broken = replace(situation(2), initial_state=np.full((2, 4), np.nan))
     here = [situation(3), situation(1), broken, situation(2), situation(3)]
     starts = [np.zeros((STEPS, len(one.weights), 2)) for one in here]

@@ -10,7 +10,7 @@ from olne_bench.games.newton import Root
 from olne_bench.games.olne import solve_olne
 
 WEIGHTS = np.array([[0.2, 0.3, 0.3, 0.2], [0.3, 0.3, 0.2, 0.2]])
-HOPELESS = np.array([[1.0, 0, 0, 0]] * 2)  # nothing but to avoid each other, whatever the speed
+HOPELESS = np.array([[1.0, 0, 0, 0]] * 2)  # players only avoid each other, at any speed
 
 Known = tuple[Game, Root, np.ndarray]
 

@@ -1,4 +1,4 @@
-"""Stacks of layers, and what they tell an estimator."""
+"""Stacks of layers, and the sensor models that estimators get."""
 
 import numpy as np
 import pytest

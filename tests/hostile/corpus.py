@@ -1,4 +1,4 @@
-"""Hostile plugins, what becomes of each, and a phrase of the message that says so."""
+"""Hostile plugins, with the outcome of each and a phrase of its message."""
 
 from dataclasses import dataclass
 from textwrap import dedent, indent
@@ -33,13 +33,13 @@ class Hostile:
     """One estimator.
 
     Attributes:
-        name: of its class.
-        status: of its trial; ``refused`` where the run does not start with it.
-        phrase: in the message.
+        name: name of its class.
+        status: status of its trial; ``refused`` if the run does not start with it.
+        phrase: part of the message.
         work: body of ``estimate``; a good estimate follows it.
         members: other members of the class.
-        module: code of its module, which is then a file of its own.
-        beside: names and contents of files beside that one.
+        module: code of its module, which is then a separate file.
+        beside: names and contents of files beside this file.
     """
 
     name: str
@@ -52,11 +52,11 @@ class Hostile:
 
     @property
     def alone(self) -> bool:
-        """Whether it has a file of its own."""
+        """Whether it has a separate file."""
         return bool(self.module or self.beside)
 
     def code(self) -> str:
-        """Of its class."""
+        """The code of its class."""
         work = indent(dedent(self.work).strip(), " " * 8)
         members = indent(dedent(self.members).strip(), " " * 4)
         return (
@@ -608,7 +608,7 @@ MESSAGES = [
     Hostile(
         "ForgesAResult",
         "invalid",
-        "nobody asked for",
+        "unexpected message",
         """
         from olne_bench.bench.process.messages import Result, encode
         import msgspec
@@ -620,7 +620,7 @@ MESSAGES = [
     Hostile(
         "ForgesAStage",
         "invalid",
-        "nobody asked for",
+        "unexpected message",
         """
         from olne_bench.bench.process.messages import Stage, encode
         body = encode(Stage("estimate", 1e6))
@@ -631,7 +631,7 @@ MESSAGES = [
     Hostile(
         "SaysReadyAgain",
         "invalid",
-        "nobody asked for",
+        "unexpected message",
         """
         from olne_bench.bench.process.messages import Ready, encode
         body = encode(Ready())
@@ -642,7 +642,7 @@ MESSAGES = [
     Hostile(
         "SendsAPickle",
         "invalid",
-        "no message",
+        "not a message",
         """
         class Evil:
             def __reduce__(self): return os._exit, (99,)

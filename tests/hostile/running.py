@@ -37,12 +37,12 @@ MARK = "OLNE_BENCH_HOSTILE"
 
 
 class Run:
-    """A run with plugins, and what it leaves.
+    """A run with plugins, and its results.
 
     Attributes:
-        code: of its exit.
-        said: on standard output and error.
-        rows: by estimator's label; empty where it was refused.
+        code: exit code.
+        said: text on standard output and error.
+        rows: rows by the estimator's label; empty if the run was refused.
         left: command lines of processes that are left.
     """
 
@@ -81,12 +81,12 @@ class Run:
             self.rows = rows.set_index("estimator", drop=False)
 
     def neighbours(self) -> pd.DataFrame:
-        """Rows of the estimators that do nothing evil."""
+        """Rows of the harmless estimators."""
         return self.rows.loc[["uniform", "Zebra"]]
 
 
 def write(folder: Path, group: Sequence[Hostile]) -> list[str]:
-    """Write plugins of a group into files; returns their references."""
+    """Write plugins of a group into files; return their references."""
     folder.mkdir(parents=True, exist_ok=True)
     together = [one for one in group if not one.alone]
     shared = folder / "hostile.py"
@@ -104,7 +104,7 @@ def write(folder: Path, group: Sequence[Hostile]) -> list[str]:
 
 
 def _left(mark: str) -> list[str]:
-    """Processes of a run that are still there, but for those that end at this moment."""
+    """Processes of a run that still run, except those that are just ending."""
     end = time.monotonic() + 5
     while (found := _alive(mark)) and time.monotonic() < end:
         time.sleep(0.2)

@@ -1,4 +1,4 @@
-"""An estimator that looks for the truth wherever it can, and says where it looked."""
+"""An estimator that searches for the truth wherever it can, and reports where it looked."""
 
 import gc
 import itertools
@@ -17,7 +17,7 @@ MOST_BYTES = 20_000_000
 
 
 class Spy:
-    """Returns the weights of whatever looks like the truth; uniform ones where nothing does."""
+    """Returns the weights of anything that looks like the truth, else uniform ones."""
 
     name = "Spy"
 
@@ -115,7 +115,7 @@ def _with(secrets, problem):
 
 
 def _noise(problem, observation, shape):
-    """Draws the noise again as it was drawn before there were salts; it would leave no noise."""
+    """Draws the noise again as it was drawn before there were salts, which would remove it."""
     for seed in range(10):
         key = [zlib.crc32(b"random"), round(problem.sigma * 1e9), seed]
         states = observation.y - problem.sigma * np.random.default_rng(key).standard_normal(

@@ -1,4 +1,4 @@
-"""Hostile estimators in a run: each has its row, and its neighbours never notice."""
+"""Hostile estimators in a run: each has its row, and no other row changes."""
 
 import corpus
 import pandas as pd
@@ -59,7 +59,7 @@ QUICK = [
 
 @pytest.fixture(scope="session")
 def alone(tmp_path_factory) -> pd.DataFrame:
-    """Rows of the good estimators in a run of their own."""
+    """Rows of the good estimators in a run without hostile ones."""
     return Run(tmp_path_factory.mktemp("alone"), []).neighbours()
 
 
@@ -90,7 +90,7 @@ def test_each_kind_of_hostility_is_a_row_of_its_own(tmp_path, alone):
 @pytest.mark.corpus
 @pytest.mark.parametrize("name", GROUPS)
 def test_every_hostile_estimator_is_a_row_of_its_own(tmp_path, alone, name):
-    # To fill memory takes long on a busy machine, and ends at its limit.
+    # Filling the memory takes long on a busy machine, and ends at the limit.
     check(tmp_path, GROUPS[name], alone, limit=30.0 if name == "MEMORY" else 4.0)
 
 

@@ -1,4 +1,4 @@
-"""Hostile scenarios, sensors and metrics: faults of theirs are no estimator's."""
+"""Hostile scenarios, sensors and metrics: their faults do not count against an estimator."""
 
 from textwrap import dedent, indent
 

@@ -1,4 +1,4 @@
-"""A plugin that looks everywhere does not learn the weights of a drawn scenario."""
+"""A plugin that searches everywhere does not find the weights of a drawn scenario."""
 
 import json
 from pathlib import Path

@@ -1,8 +1,8 @@
-"""Metrics, one file each: a class with ``name``, what it declares of itself, and ``score``.
+"""Metrics, one file each: a class with ``name``, further declared attributes, and ``score``.
 
-``judged.Judged`` is what a metric is given, ``declaration.MetricDeclaration`` what it may declare,
-and ``scoring.score_all`` asks all of them. What a scenario identifies at all is no metric: it is a
-property of the scenario, worked out once for all trials (``bench.report.statistics``).
+A metric is given a ``judged.Judged``. ``declaration.MetricDeclaration`` lists what it may declare.
+``scoring.score_all`` computes all metrics. Which weights a scenario identifies is not a metric: it
+is a property of the scenario, computed once for all trials (``bench.report.statistics``).
 """
 
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
@@ -12,7 +12,7 @@ from olne_bench.bench.judge.metrics.held_out_error import HeldOutError
 from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.judge.metrics.reconstruction_error import ReconstructionError
 
-#: In the order in which a report shows them; others follow.
+#: Built-in metrics in the order in which a report shows them; others follow.
 BUILT_IN: tuple[MetricDeclaration, ...] = tuple(
     declare(metric)
     for metric in (PositionError, HeldOutError, CosineError, ReconstructionError, CoversTruth)

@@ -9,7 +9,7 @@ class CosineError:
 
     name = "cosine_error"
     label = "cosine error"
-    worst = 1.0  # no weight is negative, so angles end at 90 degrees
+    worst = 1.0  # weights are not negative, so angles are at most 90 degrees
     gated = True
     compared = True
     negligible = 1e-7

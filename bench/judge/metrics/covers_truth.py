@@ -1,4 +1,4 @@
-"""Whether an estimator knows how much it does not know."""
+"""Whether the covariance of an estimate covers the truth."""
 
 from olne_bench.bench.judge.metrics import formulas
 from olne_bench.bench.judge.metrics.judged import Judged
@@ -13,7 +13,7 @@ class CoversTruth:
     summary = "share"
 
     def score(self, case: Judged) -> float | None:
-        """1 where the ellipsoid holds the truth, else 0; None without a covariance or noise."""
+        """1 if the ellipsoid holds the truth, else 0; None without a covariance or noise."""
         covariance = case.estimate.covariance
         if covariance is None or case.sigma == 0:
             return None

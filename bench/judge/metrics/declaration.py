@@ -1,4 +1,4 @@
-"""What a metric says of itself, once, for all tables, figures, pages, gates and comparisons."""
+"""Declarations of metrics, used by all tables, figures, pages, gates and comparisons."""
 
 import math
 from collections.abc import Mapping
@@ -13,19 +13,19 @@ SUMMARIES = ("error", "share")
 
 @dataclass(frozen=True)
 class MetricDeclaration:
-    """A metric as a report needs to know it. All fields are plain data.
+    """What a report needs to know about a metric. All fields are plain data.
 
     Attributes:
         name: column in tables of trials, and name of limits in a suite's gate.
-        label: what people read; the name, with spaces, where a metric does not say.
-        unit: of the values, such as ``m``; empty without.
-        worst: largest value there is; a mean counts a failure with it.
-        needs_prediction: whether it is a property of the forward game at the estimated weights,
-            so that an attempt without one fails it.
+        label: name for people. Default: ``name`` with spaces.
+        unit: unit of the values, such as ``m``; empty if they have none.
+        worst: largest possible value; means count each failure as this value.
+        needs_prediction: whether it is computed from the forward game at the estimated weights; a
+            trial without a prediction then counts as a failure.
         gated: whether a suite's gate may limit it.
         compared: whether estimators, and runs, are compared and ranked by it.
         summary: one of ``SUMMARIES``.
-        negligible: errors below are a solver's rounding; figures draw them at their lower edge.
+        negligible: errors below this are rounding of solvers; figures draw them at the lower edge.
         description: one sentence.
     """
 
@@ -64,7 +64,7 @@ class MetricDeclaration:
 
 
 def declare(metric: Any) -> MetricDeclaration:
-    """The declaration of a metric: the attributes of its class that have a meaning here.
+    """The declaration of a metric, read from the attributes and docstring of its class.
 
     Args:
         metric: a class with ``name`` and ``score``, or an instance of one.
@@ -85,7 +85,7 @@ def declare(metric: Any) -> MetricDeclaration:
 
 
 def declaration_from(stored: Mapping[str, Any]) -> MetricDeclaration:
-    """A declaration as a suite has stored it; what other versions added is left out.
+    """A declaration that a suite stored; fields that other versions added are ignored.
 
     Raises:
         UserError: on a value that a declaration cannot have.
@@ -96,9 +96,9 @@ def declaration_from(stored: Mapping[str, Any]) -> MetricDeclaration:
 
 
 def _problem(declared: MetricDeclaration) -> str:
-    """What is wrong with a declaration; empty where nothing is."""
+    """What is wrong with a declaration; empty if nothing is."""
     if not isinstance(declared.name, str) or not declared.name.isidentifier():
-        return "its name is to be a column, so letters, digits and underscores"
+        return "its name becomes a column, so it has letters, digits and underscores only"
     for field, kinds in _KINDS.items():
         value = getattr(declared, field)
         if not isinstance(value, kinds) or (bool not in kinds and isinstance(value, bool)):

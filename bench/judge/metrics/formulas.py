@@ -27,16 +27,17 @@ def cosine_error(weights: np.ndarray, estimated: np.ndarray) -> float:
 def identifiable_cosine_error(
     weights: np.ndarray, estimated: np.ndarray, projections: np.ndarray
 ) -> np.ndarray:
-    """Cosine errors that remain where errors the data cannot show are forgiven.
+    """Cosine errors without the errors in directions that the data do not identify.
 
-    Of each player's error, on the simplex, only the part in directions that the data identify
-    (``games.information.identifiability``) is kept; what is left is measured like ``cosine_error``,
-    and equal to it where all directions are identified.
+    Each player's weights are scaled to sum to one, and their error is projected onto the
+    identified directions (``games.information.identifiability``). The result equals
+    ``cosine_error`` if all directions are identified.
 
     Args:
         weights: (N, K) true weights.
         estimated: (S, N, K) estimates.
-        projections: (N, K, K) on the identified directions, which lie in the simplex.
+        projections: (N, K, K) matrices that project onto the identified directions, in the tangent
+            space of the simplex.
 
     Returns:
         (S,) one error per estimate.
@@ -64,18 +65,18 @@ def covers_truth(
 ) -> bool:
     """Whether the truth lies in the ellipsoid of an estimate's covariance.
 
-    Weights of a player sum to one, so the ellipsoid is taken on the tangent of the sums, in
-    N*(K-1) dimensions; its size is the chi-squared quantile of the level.
+    Each player's weights sum to one, so the ellipsoid lies in the tangent space of the simplex,
+    which has N*(K-1) dimensions. Its size is the chi-squared quantile of the level.
 
     Args:
         weights: (N, K) true weights, rows sum to one.
         estimated: (N, K), rows sum to one.
         covariance: (N*K, N*K) of the estimate.
-        level: probability that an ellipsoid should hold the truth.
+        level: probability with which an ellipsoid should hold the truth.
 
     Returns:
-        Whether the truth is inside. Directions of the tangent in which the covariance is singular
-        say that the estimate is exact, so one that is wrong there is outside.
+        Whether the truth is inside. A direction without variance means that the estimate is exact
+        there, so any error in this direction puts the truth outside.
     """
     players, count = weights.shape
     tangent = simplex_tangent(players, count)

@@ -1,4 +1,4 @@
-"""How far motions are off that no estimator has seen."""
+"""Error of predicted motions that no estimator has seen."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ class HeldOutError:
     negligible = 1e-5
 
     def score(self, case: Judged) -> float | None:
-        """None where nothing is held out, or a prediction is lost on the way."""
+        """Mean over the held-out starts [m]; None if there are none or a prediction fails."""
         found = case.held_out()
         if not found:
             return None

@@ -1,4 +1,4 @@
-"""A trial as metrics see it: the truth beside the estimate."""
+"""A trial as metrics see it: truth and estimate."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,21 +23,21 @@ class HeldOut:
 
 
 def nothing_held_out() -> None:
-    """There is no other initial state to predict from."""
+    """Held-out predictions of a trial that has none: None."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One trial to be scored. Its arrays cannot be written to, as trials share the truth.
+    """One trial to score. Its arrays are read-only, because trials share the truth.
 
     Attributes:
-        recordings: what happened, one per trajectory that was shown; predictions are of the first.
-        estimate: what the estimator returned, well-formed.
+        recordings: the true motions, one per observed trajectory; ``prediction`` is for the first.
+        estimate: the well-formed estimate.
         prediction: (T, N, n) states of the forward game at the estimated weights, from the first
-            recording's start; None where there is none.
+            recording's start; None if there is none.
         sigma: noise level of the observations [m].
-        held_out: works out predictions from other initial states; None where nothing could be
-            held out, or the game has no root at one of them.
+        held_out: computes predictions from other initial states; returns None if there are none,
+            or if the game has no root at one of them.
     """
 
     recordings: tuple[Recording, ...]

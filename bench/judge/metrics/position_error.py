@@ -1,4 +1,4 @@
-"""How far the predicted motion is off."""
+"""Error of the predicted motion."""
 
 from olne_bench.bench.judge.metrics import formulas
 from olne_bench.bench.judge.metrics.judged import Judged
@@ -16,7 +16,7 @@ class PositionError:
     negligible = 1e-5
 
     def score(self, case: Judged) -> float | None:
-        """Of the first recording, whose start the prediction has."""
+        """Error of the first recording [m], from whose start the prediction begins."""
         if case.prediction is None:
             return None
         return formulas.position_error(case.states, case.prediction)

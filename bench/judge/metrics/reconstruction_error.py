@@ -1,4 +1,4 @@
-"""How far the estimator's own trajectory is off."""
+"""Error of the estimator's own trajectory."""
 
 from olne_bench.bench.judge.metrics import formulas
 from olne_bench.bench.judge.metrics.judged import Judged
@@ -14,7 +14,7 @@ class ReconstructionError:
     negligible = 1e-5
 
     def score(self, case: Judged) -> float | None:
-        """None for an estimator that returns no trajectory."""
+        """Error of the first recording [m]; None if the estimator returned no trajectory."""
         if case.estimate.states is None:
             return None
         return formulas.position_error(case.states, case.estimate.states)

@@ -13,7 +13,7 @@ from olne_bench.bench.text import one_line
 
 
 class MetricError(Exception):
-    """A metric failed, which is the harness's fault and never the estimator's."""
+    """A metric failed. This is a fault of the harness, never of the estimator."""
 
 
 def score_all(metrics: Iterable[Any], case: Judged) -> dict[str, float | None]:
@@ -26,11 +26,11 @@ def score_all(metrics: Iterable[Any], case: Judged) -> dict[str, float | None]:
         case: what is scored.
 
     Returns:
-        Finite numbers; None where a metric has nothing to say.
+        Finite numbers; None where a metric does not apply.
 
     Raises:
-        MetricError: where a metric raises, or returns what is neither a finite number nor None.
-            The message is one line and names the metric.
+        MetricError: if a metric raises, or returns neither a finite number nor None. The message
+            is one line and names the metric.
     """
     scores: dict[str, float | None] = {}
     for metric in metrics:

@@ -1,7 +1,7 @@
 """Figures of a study, drawn from its table of trials.
 
-One module per kind of figure. Each has ``draw(trials, study) -> Figure``, given the trials of one
-scenario; it raises ``NotDrawnError`` where it cannot show them.
+There is one module per kind of figure, with a function ``draw(trials, study) -> Figure`` that takes
+the trials of one scenario. It raises ``NotDrawnError`` if it cannot draw them.
 """
 
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class Drawn:
-    """What became of figures.
+    """The result of drawing figures.
 
     Attributes:
-        files: written.
+        files: paths of the files that were written.
         notes: what could not be drawn, and why.
     """
 
@@ -44,18 +44,18 @@ def draw_figures(
     formats: Sequence[str] = USUAL_FORMATS,
     study: Study = USUAL,
 ) -> Drawn:
-    """Draw every figure that the trials allow, for each scenario on its own.
+    """Draw every figure that the trials allow, for each scenario separately.
 
     Args:
         trials: one row per trial, with the columns ``scenario, sensor, sigma, seed, estimator,
             status, observation_error, count, weights`` and one per metric. Any part of a study
             will do.
-        directory: where ``<kind>_<scenario>.png`` and so on go; made if absent.
+        directory: folder for ``<kind>_<scenario>.png`` and so on; created if absent.
         formats: some of ``FORMATS``.
-        study: of the run.
+        study: study of the run.
 
     Returns:
-        The files written, of which the same trials give the same bytes, and what is missing.
+        The files written, and what is missing. The same trials give files with the same bytes.
     """
     directory.mkdir(parents=True, exist_ok=True)
     drawn = Drawn()
@@ -74,5 +74,5 @@ def draw_figures(
 
 
 def _file_name(label: str) -> str:
-    """A label as part of a file's name, on any system."""
+    """A label as part of a file name that any system allows."""
     return "".join(c if c.isprintable() and c not in '/\\:*?"<>|' else "_" for c in label)

@@ -28,8 +28,8 @@ from olne_bench.bench.report.figures.series import Series, contenders
 #: Points per rolling window, as in the paper.
 WINDOW = 60
 
-_MANY = 150  # points of a series, from which on they are drawn small and faint
-_MOST = 4000  # points and windows of a series that are drawn; more would look no different
+_MANY = 150  # points of a series above which they are drawn small and faint
+_MOST = 4000  # points and windows of a series that are drawn; more would look the same
 
 _COLUMNS = 2  # of panels
 _ABSCISSA = "Mean absolute position observation error [m]"
@@ -40,7 +40,7 @@ _TRIANGLES_HEIGHT = 0.3  # of the panel's height, at most, for all rows
 def draw_curves(
     series: Sequence[Series], metrics: Sequence[MetricDeclaration]
 ) -> tuple[Figure, Entries]:
-    """A panel per metric, and what its legend says."""
+    """A figure with a panel per metric, and the entries of its legend."""
     rows = -(-len(metrics) // _COLUMNS)
     figure = Figure(figsize=(9.2, 0.5 + 3.6 * rows))
     panels = figure.subplots(rows, min(_COLUMNS, len(metrics)), squeeze=False).ravel()
@@ -53,7 +53,7 @@ def draw_curves(
 
 
 def _share_panel(axes: Axes, series: Sequence[Series], metric: MetricDeclaration) -> None:
-    """The share at each noise level, where there is one."""
+    """The share at each noise level that has one."""
     _abscissa(axes, series)
     for s in series:
         told = s.trials[s.trials[metric.name].notna()]
@@ -105,12 +105,12 @@ def _points(axes: Axes, series: Series, metric: MetricDeclaration, bottom: float
         alpha=alpha,
         rasterized=True,
         clip_on=False,  # the outermost are drawn whole
-        in_layout=False,  # they lie in the panel, and take no room beside it
+        in_layout=False,  # inside the panel, so it needs no room beside it
     )
 
 
 def _thinned(mask: np.ndarray) -> np.ndarray:
-    """Places where a mask holds; of many, some all along it."""
+    """Places where a mask is true; if there are many, an even selection."""
     places = np.flatnonzero(mask)
     return places[:: 1 + len(places) // _MOST]
 
@@ -120,7 +120,7 @@ def rolling_errors(
 ) -> RollingStatistics:
     """Rolling median and quartiles of an error over the observation error, in windows of 60.
 
-    ``most`` is that of ``rolling_statistics``.
+    ``most`` is as in ``rolling_statistics``.
     """
     about = series.measured(metric)
     return rolling_statistics(
@@ -167,7 +167,7 @@ def _triangles(axes: Axes, series: Series, metric: MetricDeclaration, height: fl
         alpha=0.6,
         rasterized=True,
         clip_on=False,  # the outermost are drawn whole
-        in_layout=False,  # they lie in the panel, and take no room beside it
+        in_layout=False,  # inside the panel, so it needs no room beside it
     )
 
 

@@ -1,4 +1,4 @@
-"""What panels of errors have in common: scales, the floor, which trials failed, legends."""
+"""What panels of errors share: scales, the floor, which trials failed, legends."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures.series import Series
 from olne_bench.bench.report.statistics.attempts import quantile
 
-#: Of a legend.
+#: Entries of a legend.
 Entries = list[tuple[Artist, str]]
 
 
@@ -24,7 +24,7 @@ def share_scale(axes: Axes) -> None:
 
 
 def lower_limit(series: Sequence[Series], metric: MetricDeclaration) -> float:
-    """Power of ten below the errors under noise; those without noise are about zero."""
+    """Power of ten below the errors of trials with noise; errors without noise are about zero."""
     values = np.concatenate([s.error(metric)[s.trials["sigma"] > 0] for s in series])
     values = values[np.isfinite(values) & (values > metric.negligible)]
     return float(10 ** np.floor(np.log10(values.min()))) if values.size else metric.negligible
@@ -41,10 +41,10 @@ def upper_limit(
 
 
 def draw_floor(axes: Axes, series: Series, metric: MetricDeclaration, bottom: float) -> None:
-    """One line at its median: it looks at no observation, so noise changes nothing."""
+    """One line at the floor's median: it uses no observation, so noise does not matter."""
     median = floor_error(series, metric)
     if np.isfinite(median):
-        # Above the axis, on which it lies where the floor happens to be the truth.
+        # Drawn over the axis, where the line lies if the floor happens to be the truth.
         axes.axhline(max(median, bottom), clip_on=False, zorder=3, **line_style(series))
 
 
@@ -55,7 +55,7 @@ def floor_error(series: Series, metric: MetricDeclaration) -> float:
 
 
 def failed_rows(series: Series, metric: MetricDeclaration) -> np.ndarray:
-    """The published definition of failure speaks of predictions; weights are there anyhow."""
+    """Which rows failed; the published definition counts only if a metric needs a prediction."""
     without = np.isinf(series.error(metric)) & series.measured(metric)
     return without | series.published_failed if metric.needs_prediction else without
 
@@ -68,14 +68,14 @@ def line_style(series: Series) -> dict[str, Any]:
 
 
 def floor_entry(series: Series) -> tuple[Artist, str]:
-    """What the legend says of the floor."""
+    """The legend's entry for the floor."""
     return Line2D([], [], **line_style(series)), series.name
 
 
 def failed_entry(
     drawn: Sequence[Series], metrics: Sequence[MetricDeclaration], text: str
 ) -> Entries:
-    """What the legend says of triangles; nothing where no trial failed."""
+    """The legend's entry for triangles; empty if no trial failed."""
     errors = [metric for metric in metrics if not metric.is_share]
     if not any(failed_rows(s, metric).any() for s in drawn for metric in errors):
         return []

@@ -1,7 +1,7 @@
 """Errors of the estimates over the noise: the paper's main figure.
 
-A study of many noise levels and trials has rolling medians over the observation error, as in the
-paper. One of few has its trials, medians and quartiles level by level.
+A study with many noise levels and trials gets rolling medians over the observation error, as in the
+paper. A smaller study gets its trials, medians and quartiles level by level.
 """
 
 import pandas as pd
@@ -18,10 +18,10 @@ from olne_bench.bench.report.study import USUAL, Study
 
 
 def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
-    """A panel for each metric that the trials of one scenario have values of.
+    """A figure with a panel for each metric that has values in the trials of one scenario.
 
     Raises:
-        NotDrawnError: without attempts, or metrics.
+        NotDrawnError: if there are no attempts or no metrics.
     """
     series = split(trials, study)
     metrics = in_table(study.metrics, pd.concat([s.trials for s in series]))

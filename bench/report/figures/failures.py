@@ -21,12 +21,12 @@ _SPREAD = 0.27  # of the distance between two noise levels
 
 
 def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
-    """Share of failures by the published definition.
+    """Share of failures by the published definition, with 95 % Wilson intervals.
 
-    With 95 % Wilson intervals. The legend says how many trials are left without any prediction.
+    The legend gives the number of trials without any prediction.
 
     Raises:
-        NotDrawnError: without attempts.
+        NotDrawnError: if there are no attempts.
     """
     series = split(trials, study)
     figure = Figure(figsize=(8.4, 4.1))
@@ -39,7 +39,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
         axes.plot(places, share["share"], **line(s))
         if not s.is_floor:
             _intervals(axes, s, share, places)
-    # Levels are set apart evenly, as half of them lie in the lowest tenth of the range.
+    # Levels are spaced evenly, as half of them lie in the lowest tenth of the range.
     axes.set_xticks(range(len(levels)), [f"{sigma:g}" for sigma in levels], rotation=60)
     axes.yaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0))
     highest = max(0.05, *(share["high"].max() for share in shares))
@@ -59,8 +59,8 @@ def _offsets(count: int) -> np.ndarray:
 def failure_shares(series: Series) -> pd.DataFrame:
     """Per noise level: ``share`` of failed trials and its interval ``low, high``.
 
-    Rows that stand for several equal sequences (sigma = 0) have nothing random in them, hence
-    no interval: low and high are the share itself.
+    Rows that stand for several equal sequences (sigma = 0) are not random and have no interval: low
+    and high are the share itself.
     """
     levels = []
     for sigma, rows in series.trials.groupby("sigma"):
@@ -83,7 +83,7 @@ def _intervals(axes: Axes, series: Series, shares: pd.DataFrame, places: list[fl
 
 
 def _line(series: Series, joined: bool) -> dict[str, Any]:
-    """Few levels or trials have points only; the floor is a line."""
+    """Style of a series: points, joined by a line if there are many levels; the floor is a line."""
     line = {"color": series.colour, "linestyle": series.line_style if joined else "none"}
     if series.is_floor:
         return line | {"linewidth": 0.8, "linestyle": "-"}

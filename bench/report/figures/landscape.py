@@ -23,21 +23,21 @@ from olne_bench.games.features import Stage
 
 _CELLS = 160  # along the longer side of the slice
 _LEVELS = 11
-#: Of a road, what a car can reach within a second or two [m]. Far away the cost of its lane, a
-#: square, is all that shows, and the lane is not defined: opposite to an arc its heading jumps.
+#: On a road, the distance that a car can cover within a second or two [m]. Farther away only the
+#: squared cost of its lane is visible, and opposite to an arc the lane's heading jumps.
 _ROAD_REACH = 18.0
-_ROAD_NEAR = 3.5  # [m] within which costs set the scale of the colours
+_ROAD_NEAR = 3.5  # [m] from the player; costs within it set the colour scale
 
 
 def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     """Cost of a position for one player, where and when it passes another most closely.
 
-    One panel for the truth and one per estimator, at the median of its weights at the largest
-    noise level that all estimators have in common, with the full sensor where there is one. Titles
-    give the weights that a position's cost depends on: panels differ by nothing else.
+    There is one panel for the truth and one per estimator, at the median of its weights at the
+    largest noise level that all estimators share, with the full sensor if there is one. Titles give
+    the weights that the cost of a position depends on: panels differ in nothing else.
 
     Raises:
-        NotDrawnError: as ``scene_of``, and without weights, or weights that fit the scenario.
+        NotDrawnError: as ``scene_of``, and if no trial has weights that fit the scenario.
     """
     scene = scene_of(trials, study)
     sensor = sensors_in(scene.trials)[0]
@@ -74,7 +74,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
 def closest_pass(states: np.ndarray) -> tuple[int, int]:
     """Step and player where two players of (T, N, n) are nearest each other.
 
-    The first step is not looked at, as no player chose its start.
+    The first step does not count, as no player chose its start.
     """
     pairs = list(combinations(range(states.shape[1]), 2))
     if not pairs:
@@ -89,18 +89,18 @@ def closest_pass(states: np.ndarray) -> tuple[int, int]:
 def position_cost(
     scene: Scene, weights: np.ndarray, step: int, player: int, px: np.ndarray, py: np.ndarray
 ) -> np.ndarray:
-    """Cost of one step for one player at other positions than its own, above the least of them.
+    """Cost of one step for one player at other positions, minus the least of these costs.
 
-    All else (its heading, speed and control, the other players) is as in the truth, and what does
-    not depend on the position drops out.
+    All else (its heading, speed and control, the other players) is as in the truth. Terms that do
+    not depend on the position drop out.
 
     Args:
         scene: the truth.
-        weights: (K,) of this player.
+        weights: (K,) weights of this player.
         step: index of the step.
-        player: its index.
+        player: index of the player.
         px: positions [m], any shape.
-        py: of the same shape.
+        py: positions [m], of the same shape.
     """
     position, stage = _at_any_position(scene, step, player)
     model, theta = scene.recording.scenario.game.players[player], ca.SX(ca.DM(weights))
@@ -147,7 +147,7 @@ def median_weights(series: Series, scene: Scene, sigma: float) -> np.ndarray | N
 
 
 def _common_sigma(series: Sequence[Series], scene: Scene) -> float:
-    """Largest noise level at which every estimator left weights, else at which any did."""
+    """Largest noise level at which every estimator has weights, else at which any has."""
     game = scene.recording.scenario.game
 
     def left_weights(one: Series, sigma: float) -> bool:
@@ -218,7 +218,7 @@ def _largest(
     step: int,
     player: int,
 ) -> float:
-    """What the colours end at: on a road the largest cost near the player, as its square grows."""
+    """Upper end of the colours; on a road the largest cost near the player, as others are huge."""
     if not scene.on_road:
         return float(max(cost.max() for cost in costs))
     x, y = scene.plane(scene.recording.states[step, player])
@@ -227,7 +227,7 @@ def _largest(
 
 
 def _players(axes: Axes, scene: Scene, step: int, player: int) -> None:
-    """True paths and, at the step, true positions; a star for the player whose cost it is."""
+    """True paths and true positions at the step; a star marks the player whose cost is drawn."""
     states = scene.recording.states
     for i in range(states.shape[1]):
         axes.plot(*scene.plane(states[:, i]), color="white", linewidth=0.9, alpha=0.8)

@@ -1,4 +1,4 @@
-"""Errors level by level, a row per metric and a column per sensor: few levels or trials."""
+"""Errors level by level, a row per metric and a column per sensor: for few levels or trials."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,7 +36,7 @@ _COUNTS_HEIGHT = 0.12  # of the panel's height, for triangles with numbers
 def draw_level_panels(
     series: Sequence[Series], metrics: Sequence[MetricDeclaration]
 ) -> tuple[Figure, Entries]:
-    """A row per metric and a column per sensor, and what their legend says."""
+    """A figure with a row per metric and a column per sensor, and the entries of its legend."""
     drawn = [_in_own_colour(s) for s in contenders(list(series)) if not s.is_floor]
     floor = next((s for s in series if s.is_floor), None)
     sensors = list(dict.fromkeys(s.sensor for s in drawn or series))
@@ -64,12 +64,12 @@ def draw_level_panels(
 
 
 def _in_own_colour(series: Series) -> Series:
-    """Sensors have panels of their own, so an estimator has one colour."""
+    """A series in its estimator's colour: each sensor has its own panel."""
     return replace(series, colour=style.estimator_colours(series.estimator)[0], line_style="-")
 
 
 def _limits(series: Sequence[Series], metric: MetricDeclaration) -> tuple[float, float]:
-    """Of the ordinate, the same for all sensors."""
+    """Limits of the ordinate, the same for all sensors."""
     bottom = lower_limit(series, metric)
     some_failed = any(failed_rows(s, metric).any() for s in series if not s.is_floor)
     reserved = _COUNTS_HEIGHT if some_failed else 0.03

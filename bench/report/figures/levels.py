@@ -12,12 +12,12 @@ from olne_bench.bench.report.figures.series import Series, contenders
 from olne_bench.bench.report.statistics.attempts import quantile
 from olne_bench.bench.report.statistics.intervals import share_interval
 
-#: From so many noise levels and trials of an estimator on, a rolling curve has something to show.
+#: Least number of noise levels, and of trials of an estimator, for a rolling curve.
 CURVE_LEVELS, CURVE_TRIALS = 10, 120
 
-_FEWEST = 4  # trials of a level that have quartiles
+_FEWEST = 4  # trials of a level for quartiles
 _SPREAD, _STEP = 0.76, 0.18  # of the distance between two levels: for all slots, and at most each
-_MANY = 40  # points of a level, from which on they are drawn fainter
+_MANY = 40  # points of a level above which they are drawn fainter
 _COUNT_SIZE = 6.5  # [pt] of the number of failures
 _FAILED_HEIGHT, _BAR_HEIGHT = 0.955, 0.875  # of the panel's height
 
@@ -29,7 +29,7 @@ class LevelStatistics:
     Attributes:
         sigma: (L,) noise levels.
         x: (L,) mean observation error [m].
-        lower: (L,) first quartile; not a number where a level has too few trials for it.
+        lower: (L,) first quartile; NaN where a level has too few trials.
         median: (L,) median.
         upper: (L,) third quartile, as ``lower``.
         failed: (L,) number of trials that failed.
@@ -61,9 +61,9 @@ def level_statistics(
     """Median and quartiles of an error at each noise level that has any.
 
     Args:
-        series: of one estimator and sensor.
-        metric: the error.
-        failed: which rows count as failed.
+        series: series of one estimator and sensor.
+        metric: metric of the error.
+        failed: (rows,) which rows count as failed.
     """
     errors, about, count = series.error(metric), series.measured(metric), series.count
     sigmas = series.trials["sigma"].to_numpy(float)
@@ -84,8 +84,8 @@ class Slots:
     """Places side by side for the series of a panel, at every noise level.
 
     Args:
-        series: of all panels that share the levels.
-        estimators: their labels, in the order in which they stand.
+        series: series of all panels that share the levels.
+        estimators: their labels, from left to right.
     """
 
     def __init__(self, series: Sequence[Series], estimators: Sequence[str]) -> None:
@@ -96,11 +96,11 @@ class Slots:
         self._index = {sigma: k for k, sigma in enumerate(self.levels)}
 
     def places(self, series: Series, sigmas: np.ndarray) -> np.ndarray:
-        """Abscissae of rows or levels of a series."""
+        """Abscissae of a series at these noise levels."""
         return np.array([self._index[float(s)] for s in sigmas]) + self._offsets[series.estimator]
 
     def frame(self, axes: Axes) -> None:
-        """Limits and ticks of the abscissa, where levels are set apart evenly."""
+        """Set limits and ticks of the abscissa, with evenly spaced levels."""
         axes.set_xlim(-0.55, len(self.levels) - 0.45)
         crowded = len(self.levels) > 8
         labels = [f"{sigma:g}" for sigma in self.levels]
@@ -119,7 +119,7 @@ def draw_levels(
     bottom: float,
     top: float,
 ) -> None:
-    """Points, quartiles and median of each level, and how many failed."""
+    """Draw points, quartiles and median of each level, and the number of failures."""
     error = series.error(metric)
     shown = np.isfinite(error) & series.measured(metric)
     axes.plot(
@@ -148,7 +148,7 @@ def draw_levels(
 
 
 def draw_shares(axes: Axes, series: Series, slots: Slots, metric: MetricDeclaration) -> None:
-    """The share at each level, with its 95 % interval where there are enough trials."""
+    """Draw the share at each level, with its 95 % interval if there are enough trials."""
     told = series.trials[series.measured(metric) & series.trials[metric.name].notna().to_numpy()]
     for sigma, rows in told.groupby("sigma"):
         values = rows[metric.name].to_numpy(float)
@@ -165,7 +165,7 @@ def _bar_style(series: Series) -> dict[str, Any]:
 
 
 def median_style(series: Series) -> dict[str, Any]:
-    """How a level's middle is marked."""
+    """Marker style of a level's median or share."""
     return {
         "linestyle": "none",
         "marker": series.marker,

@@ -1,4 +1,4 @@
-"""Panels that show the same piece of the plane."""
+"""Panels that show the same part of the plane."""
 
 import math
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ def scene_panels(
     """A figure with a panel at each (row, column), framed by the scene.
 
     Args:
-        scene: what will be shown.
-        places: of the panels; the grid may have gaps.
+        scene: the scene that the panels show.
+        places: rows and columns of the panels; the grid may have gaps.
         margin: width and height [inch] for what lies around the panels.
         lanes: whether a road is drawn.
     """

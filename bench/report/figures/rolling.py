@@ -28,15 +28,15 @@ def rolling_statistics(
 ) -> RollingStatistics:
     """Median and quartiles over a window of points ordered by x.
 
-    Quantiles are order statistics, the higher one where two would do: a value that occurred,
-    never a mean of a number and a failure.
+    Quantiles are order statistics, the higher one of two: a value that occurred, never the mean of
+    a number and a failure.
 
     Args:
         x: (P,) abscissae.
         y: (P,) ordinates; a failure is infinite, hence worse than all others.
         count: (P,) how often each point occurs.
         window: points per window. Fewer points than that give no statistics (W = 0).
-        most: windows wanted; where there are more, as many are taken, evenly. All where absent.
+        most: largest number of windows, which are then evenly selected. Default: all.
     """
     order = np.argsort(x, kind="stable")
     x, y = (np.repeat(values[order], count[order]) for values in (x, y))

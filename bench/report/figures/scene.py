@@ -25,11 +25,11 @@ from olne_bench.games.observation import FullView
 if TYPE_CHECKING:
     from olne_bench.envs.road_shapes import LaneShape
 
-_MARGIN = 0.12  # of its own extent, on each side
+_MARGIN = 0.12  # of the extent, on each side
 _LEAST_MARGIN = 0.05  # of the larger extent
-_ELONGATED = 2.0  # ratio of extents from which a scene is drawn along the page
+_ELONGATED = 2.0  # ratio of extents above which a scene is drawn along the page
 _ROAD_MARGIN = 7.0  # [m] on each side of a road's cars
-_FLATTEST, _MOST_STRETCH = 6.0, 3.0  # ratio of extents from which a road is stretched, and how far
+_FLATTEST, _MOST_STRETCH = 6.0, 3.0  # ratio of extents of a stretched road, and largest stretch
 
 _ASPHALT, _LANE_MARK = "#DADBDE", "#FFFFFF"
 _MARK_WIDTH = 1.1  # [pt]
@@ -43,11 +43,11 @@ class Scene:
     Attributes:
         entry: the scenario with its options.
         recording: the truth.
-        trials: rows of the scenario with this truth: all of them in a fixed scenario, one draw's
-            in a seeded family.
-        axes_order: which position component is drawn to the right and which upwards.
+        trials: rows of the scenario with this truth: all rows of a fixed scenario, or those of
+            one draw of a family.
+        axes_order: indices of the position components drawn to the right and upwards.
         limits: ((low, high) to the right, (low, high) upwards) [m].
-        lanes: of HighwayEnv's road, if it is on one.
+        lanes: lanes of HighwayEnv's road, if it is on one.
     """
 
     study: Study
@@ -65,14 +65,14 @@ class Scene:
 
     @property
     def stretch(self) -> float:
-        """How many times larger the ordinate's metres are drawn: a long road would be a line."""
+        """Stretch of the ordinate against the abscissa, as a long road would look like a line."""
         width, height = self.extents
         wanted = round(2 * width / height / _FLATTEST) / 2
         return float(np.clip(wanted, 1, _MOST_STRETCH)) if self.on_road else 1.0
 
     @property
     def stretch_note(self) -> str:
-        """What to say of the stretching, empty where there is none."""
+        """A note on the stretch; empty if there is none."""
         name = self.recording.scenario.game.dynamics.state_names[self.axes_order[1]]
         return f" ({name} stretched × {self.stretch:g})" if self.stretch > 1 else ""
 
@@ -84,7 +84,7 @@ class Scene:
 
     @property
     def is_wide(self) -> bool:
-        """Whether panels belong below rather than beside each other."""
+        """Whether panels are placed below each other rather than side by side."""
         width, height = self.extents
         return width > _ELONGATED * height
 
@@ -94,7 +94,7 @@ class Scene:
         return observe((self.recording,), (FullView(),), sigma, noise)[0].y
 
     def predicted(self, trial: Mapping[Any, Any]) -> np.ndarray | None:
-        """The predicted states (T, N, n) of a trial's row, None where it has none."""
+        """The predicted states (T, N, n) of a trial's row; None if it has none."""
         return predict_again(self.study.draw(self.name, int(trial["seed"])), trial)
 
     def shows(self, state: np.ndarray) -> bool:
@@ -103,7 +103,7 @@ class Scene:
         return all(low <= value <= high for value, (low, high) in pairs)
 
     def around(self, position: np.ndarray, reach: float) -> "Scene":
-        """The same scene, cut to what is within a reach [m] of a position (2,)."""
+        """The scene with its limits cut to within ``reach`` [m] of a position (2,)."""
         cut = []
         for axis, (low, high) in zip(self.axes_order, self.limits, strict=True):
             cut.append((max(low, position[axis] - reach), min(high, position[axis] + reach)))
@@ -114,7 +114,7 @@ class Scene:
         return states[..., self.axes_order[0]], states[..., self.axes_order[1]]
 
     def frame(self, axes: Axes, lanes: bool = True) -> None:
-        """Limits, aspect, axis labels and, unless they are to be left out, lanes."""
+        """Set limits, aspect and axis labels, and draw the lanes unless told not to."""
         names = self.recording.scenario.game.dynamics.state_names
         right, up = self.axes_order
         vertical = self.limits[1][::-1] if self.on_road else self.limits[1]
@@ -125,14 +125,14 @@ class Scene:
             self.draw_marks(axes, _LANE_MARK)
 
     def draw_asphalt(self, axes: Axes) -> None:
-        """The lanes as areas."""
+        """Draw the lanes as areas."""
         areas = [np.vstack([shape.edges[0], shape.edges[1][::-1]]) for shape in self.lanes]
         axes.set_facecolor("#F6F6F3")
         axes.grid(visible=False)
         axes.add_collection(PolyCollection(areas, facecolor=_ASPHALT, linewidth=0, zorder=0.5))
 
     def draw_marks(self, axes: Axes, colour: str) -> None:
-        """The lines between lanes and beside them."""
+        """Draw the lines between lanes and at their edges."""
         for kind, dashes in (("solid", "-"), ("dashed", _DASHES)):
             lines = [
                 edge
@@ -149,7 +149,7 @@ class Scene:
     def draw_car(
         self, axes: Axes, state: np.ndarray, colour: str, label: str = "", filled: bool = True
     ) -> None:
-        """A vehicle at a state (n,): a car on a road, elsewhere a dot, as games know points."""
+        """Draw a vehicle at a state (n,): a car on a road, elsewhere a dot."""
         x, y = (float(value) for value in self.plane(state))
         if self.on_road:
             face = to_rgba(colour, 1.0 if filled else 0.15)
@@ -168,12 +168,12 @@ class Scene:
 
 
 def scene_of(trials: pd.DataFrame, study: Study = USUAL) -> Scene:
-    """The scene of one scenario's attempts; of a seeded family it is one draw.
+    """The scene of one scenario's attempts; for a family, the scene of one draw.
 
-    The draw is the one whose trials tell methods apart (``telling.telling_trial``).
+    The draw is the one in which methods differ most (``telling.telling_trial``).
 
     Raises:
-        NotDrawnError: without attempts, or where the scenario cannot be played here.
+        NotDrawnError: if there are no attempts, or the scenario cannot be played here.
     """
     trials = attempts_of(trials)
     if trials.empty:

@@ -1,4 +1,4 @@
-"""The trials of one scenario, taken apart into what a figure draws as one thing."""
+"""The trials of one scenario, split into the series of a figure."""
 
 from dataclasses import dataclass
 
@@ -19,13 +19,13 @@ class Series:
     """All attempts of one estimator with one sensor.
 
     Attributes:
-        estimator: its label, arbitrary text.
+        estimator: label of the estimator, arbitrary text.
         sensor: name of the sensor.
-        trials: its rows; trials that the estimator declined (``skipped``) are not among them.
-        colour: of lines and points.
-        line_style: tells sensors apart without colour.
-        marker: tells estimators apart where colours repeat.
-        study: of the run.
+        trials: rows of the attempts, without trials that the estimator declined (``skipped``).
+        colour: colour of lines and points.
+        line_style: distinguishes sensors without colour.
+        marker: distinguishes estimators if colours repeat.
+        study: study of the run.
     """
 
     estimator: str
@@ -38,7 +38,7 @@ class Series:
 
     @property
     def name(self) -> str:
-        """What the legend says."""
+        """Name of the series in the legend."""
         if self.is_floor:
             return f"{self.estimator} (floor)"
         return f"{style.printable(self.estimator)}, {style.printable(self.sensor)}"
@@ -52,7 +52,7 @@ class Series:
     def observation_error(self) -> np.ndarray:
         """Mean absolute position noise [m] of each row.
 
-        Where an attempt left no such number, its expectation sigma * sqrt(2 / pi).
+        If a row has no such number, it is the expectation sigma * sqrt(2 / pi).
         """
         expected = self.trials["sigma"].to_numpy(float) * np.sqrt(2 / np.pi)
         measured = self.trials["observation_error"].to_numpy(float)
@@ -63,12 +63,12 @@ class Series:
         return errors_of(self.trials, metric)
 
     def measured(self, metric: MetricDeclaration) -> np.ndarray:
-        """Which rows a metric is about."""
+        """Which rows a metric applies to."""
         return measured(self.trials, metric, self.study).to_numpy(bool)
 
     @property
     def count(self) -> np.ndarray:
-        """How many trials each row stands for."""
+        """Number of trials that each row stands for."""
         return self.trials["count"].to_numpy(int)
 
     @property
@@ -83,10 +83,10 @@ class Series:
 
 
 def split(trials: pd.DataFrame, study: Study = USUAL) -> list[Series]:
-    """Series of one scenario, contenders first, the floor last.
+    """The series of one scenario, the floor last.
 
     Raises:
-        NotDrawnError: without attempts.
+        NotDrawnError: if there are no attempts.
     """
     attempts = attempts_of(trials)
     if attempts.empty:
@@ -100,7 +100,7 @@ def split(trials: pd.DataFrame, study: Study = USUAL) -> list[Series]:
             if rows.empty:
                 continue
             if estimator == style.FLOOR and any(s.is_floor for s in series):
-                continue  # it looks at no observation, so one sensor tells all
+                continue  # it uses no observation, so one sensor is enough
             series.append(
                 Series(
                     estimator,

@@ -1,4 +1,4 @@
-"""Looks that all figures share: colours, text, legends, and how a figure is saved."""
+"""Style of all figures: colours, text, legends, and how a figure is saved."""
 
 import math
 import warnings
@@ -21,9 +21,9 @@ from matplotlib.typing import LineStyleType
 from olne_bench.bench.report.formats import USUAL_FORMATS
 from olne_bench.bench.report.statistics.attempts import FLOOR
 
-#: One (strong, light) pair per estimator of this package, for the paper's two sensors: shades of
-#: one hue out of Okabe and Ito's, which colour-blind readers can tell apart. A name keeps its pair
-#: in every study. No player has one of these colours (``envs.scene.PLAYER_COLOURS``).
+#: One (strong, light) pair per built-in estimator, for the paper's two sensors: shades of one hue
+#: of Okabe and Ito, which colour-blind readers can distinguish. A name keeps its pair in every
+#: study. No player has one of these colours (``envs.scene.PLAYER_COLOURS``).
 ESTIMATOR_COLOURS = {
     "kkt_constrained": ("#0072B2", "#56B4E9"),
     "kkt_residual": ("#D55E00", "#E69F00"),
@@ -32,7 +32,7 @@ ESTIMATOR_COLOURS = {
     "particle": ("#7A6A00", "#CFC22B"),
     "ukf": ("#3B2A1A", "#A98F76"),
 }
-#: Those of all other estimators; the name decides which.
+#: Pairs of all other estimators, chosen by name.
 FOREIGN_COLOURS = (
     ("#463983", "#C6BFDE"),
     ("#7B242E", "#C48E94"),
@@ -53,7 +53,7 @@ MARKERS = ("o", "s", "D", "v", "P", "X")
 
 _DPI = 130
 _SAVING: dict[str, dict[str, Any]] = {
-    # The resolution is that of the rasterised parts, points and ribbons, which keeps files small.
+    # Points and ribbons are rasterised at this resolution, which keeps files small.
     "png": {},
     "svg": {"metadata": {"Date": None}, "dpi": 100},
     "pdf": {"metadata": {"CreationDate": None}, "dpi": 200},
@@ -78,7 +78,7 @@ _RC = {
     "legend.frameon": False,
     "lines.linewidth": 1.6,
     "path.simplify_threshold": 0.4,
-    "pdf.fonttype": 42,  # fonts that publishers take
+    "pdf.fonttype": 42,  # fonts that publishers accept
     "svg.fonttype": "path",
     "svg.hashsalt": "olne-bench",  # element ids that do not change from run to run
     "text.parse_math": False,  # names come from authors: a dollar is a dollar
@@ -89,7 +89,7 @@ _RC = {
 
 @contextmanager
 def applied() -> Iterator[None]:
-    """The project's settings, whatever the user's own are."""
+    """Use the project's settings instead of the user's."""
     with matplotlib.style.context(["default", _RC]), warnings.catch_warnings():
         # A name may hold characters that the font lacks; a box in their place is fine.
         warnings.filterwarnings("ignore", message=r"Glyph .* missing from", category=UserWarning)
@@ -101,7 +101,7 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> 
     equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
     for _ in range(2 if equal else 1):  # panels of equal aspect settle in the second round
         figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # worked out once, not anew for each file
+    figure.set_layout_engine("none")  # computed once, not for each file
     paths = []
     for name in formats:
         path = stem.with_name(f"{stem.name}.{name}")
@@ -111,13 +111,13 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> 
 
 
 def printable(name: str) -> str:
-    """A name as it can be drawn: on one line, not too long, nothing that XML forbids."""
+    """A name that can be drawn: one line, of bounded length, without what XML forbids."""
     name = "".join(c if c.isprintable() else " " for c in name).strip() or "(no name)"
     return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
 
 
 def estimator_order(names: Sequence[str]) -> list[str]:
-    """Distinct names, those with a colour of their own first, the floor last."""
+    """Distinct names, built-in estimators first, the floor last."""
     own = list(ESTIMATOR_COLOURS)
     return sorted(set(names), key=lambda n: (n == FLOOR, own.index(n) if n in own else len(own), n))
 
@@ -130,7 +130,7 @@ def estimator_colours(name: str) -> tuple[str, str]:
 
 
 def estimator_marker(name: str) -> str:
-    """An estimator's marker, the same in every study; it tells apart two of one colour."""
+    """An estimator's marker, the same in every study; it distinguishes two of one colour."""
     own = list(ESTIMATOR_COLOURS)
     place = own.index(name) if name in own else _digest(name) // len(FOREIGN_COLOURS)
     return MARKERS[place % len(MARKERS)]
@@ -141,11 +141,11 @@ def _digest(name: str) -> int:
 
 
 def sensor_slots(labels: Sequence[str], known_only: bool = False) -> dict[str, int]:
-    """A number per sensor, the same for the paper's two in any company.
+    """A number per sensor; the paper's two sensors always have the same.
 
     Args:
-        labels: of sensors, in any order and number.
-        known_only: leave out the paper's where they are not among the labels.
+        labels: labels of sensors, in any order.
+        known_only: leave out the paper's sensors if they are not among the labels.
     """
     others = sorted(set(labels) - set(_PAPER_SENSORS))
     slots = {label: slot for slot, label in enumerate([*_PAPER_SENSORS, *others])}
@@ -153,10 +153,10 @@ def sensor_slots(labels: Sequence[str], known_only: bool = False) -> dict[str, i
 
 
 def shade(pair: tuple[str, str], slot: int) -> str:
-    """An estimator's colour for a sensor, each slot another one.
+    """An estimator's colour for a sensor; each slot has another one.
 
-    The first two are the pair itself; others lie between the strong one made darker and the light
-    one made lighter, as far from their predecessors as they can.
+    The first two are the pair itself. Others lie between a darker shade of the strong colour and a
+    lighter shade of the light one, as far from their predecessors as possible.
     """
     if slot < len(pair):
         return pair[slot]
@@ -170,13 +170,13 @@ def shade(pair: tuple[str, str], slot: int) -> str:
 
 
 def is_light(colour: str) -> bool:
-    """Whether a colour stands out on a dark ground as it is."""
+    """Whether a colour is visible on a dark background."""
     red, green, blue = to_rgb(colour)
     return 0.299 * red + 0.587 * green + 0.114 * blue > 0.55
 
 
 def _halvings(number: int) -> float:
-    """Van der Corput's sequence less its ends: 1/2, 1/4, 3/4, 1/8, ... for 1, 2, 3, 4, ..."""
+    """Van der Corput's sequence without its ends: 1/2, 1/4, 3/4, 1/8, ... for 1, 2, 3, 4, ..."""
     value, weight = 0.0, 0.5
     while number:
         value += weight * (number & 1)

@@ -1,29 +1,29 @@
-"""Which trial a picture shows: one in which methods differ as far as one can see."""
+"""Choose the trial that a picture shows: one in which methods differ visibly."""
 
 import numpy as np
 import pandas as pd
 
 from olne_bench.bench.report.statistics.attempts import FLOOR
 
-#: A difference below this share of the largest one cannot be seen in the same picture.
+#: A difference below this share of the largest one is not visible in the same picture.
 _VISIBLE = 0.1
 
 
 def telling_trial(trials: pd.DataFrame) -> tuple[float, int]:
-    """Noise level and seed at which the predictions of methods differ most, in sum over the scene.
+    """Noise level and seed at which the position errors of methods differ most.
 
     Args:
         trials: attempts of one scenario.
 
     Returns:
-        Of the visible differences one at which as many methods as possible have a prediction. The
-        largest noise level where nothing differs.
+        Among visible differences, one at which as many methods as possible have a prediction. If
+        nothing differs, the largest noise level and the first seed.
     """
     return _best(trials, ["sigma", "seed"])
 
 
 def telling_level(trials: pd.DataFrame) -> float:
-    """The noise level at which the median predictions of methods differ most, as above."""
+    """The noise level at which the median position errors of methods differ most, as above."""
     return _best(trials, ["sigma"])[0]
 
 

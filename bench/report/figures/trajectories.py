@@ -1,4 +1,4 @@
-"""Bundles of predicted trajectories at a noise level at which methods differ visibly."""
+"""Bundles of predicted trajectories, at a noise level at which methods differ visibly."""
 
 from collections.abc import Sequence
 
@@ -21,18 +21,18 @@ from olne_bench.envs.scene import player_colour
 MOST_SEQUENCES = 40
 
 _COLUMNS = 3
-_FEW = 4  # sequences, up to which their lines are strong
+_FEW = 4  # sequences up to which lines are strong
 _TRUTH_STYLE = (0, (3, 1.5))
 
 
 def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     """Truth and observations, then one panel per series.
 
-    Predictions are made again from the estimated weights (``bench.report.predicted_motion``),
-    from the true initial state.
+    Predictions are computed again from the estimated weights and the true initial state
+    (``bench.report.predicted_motion``).
 
     Raises:
-        NotDrawnError: as ``scene_of``, and where weights do not fit the scenario.
+        NotDrawnError: as ``scene_of``, and if weights do not fit the scenario.
     """
     scene = scene_of(trials, study)
     sigma = telling_level(scene.trials)
@@ -55,7 +55,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
 
 
 def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
-    """A row per estimator, a column per sensor; one column where the scene is wide.
+    """A row per estimator and a column per sensor; a single column if the scene is wide.
 
     With a single sensor, the panels follow each other.
     """
@@ -69,7 +69,7 @@ def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
 
 
 def _observations(axes: Axes, scene: Scene, sigma: float, seeds: Sequence[int]) -> None:
-    # All sensors and estimators meet the same noise, and none hides positions.
+    # The noise is the same for all sensors and estimators, and no sensor hides positions.
     for seed in seeds:
         _bundle(
             axes,

@@ -1,5 +1,5 @@
 """The report page: one self-contained HTML file that needs no network.
 
-``data`` and ``scenes`` say what is on it, ``template.html``, ``shared.html``, ``page.css`` and
-``script/`` how it looks, and ``render`` puts them together.
+``data`` and ``scenes`` collect what it shows. ``template.html``, ``shared.html``, ``page.css`` and
+``script/`` define how it looks. ``render`` puts them together.
 """

@@ -16,7 +16,7 @@ from olne_bench.bench.run.provenance import Provenance
 from olne_bench.plugins import ESTIMATOR, is_built_in
 
 _ORDER = ["suite", "scenario", "sensor", "position_error_median"]
-#: What the page shows of a leaderboard; a run without one of them has none in its rows.
+#: Columns of a leaderboard that the page shows; NaN for a run without one of them.
 _NUMBERS = (
     *(f"{name}_median" for name in ("position_error", "held_out_error", "cosine_error")),
     *("identifiable_cosine_error_median", "solve_seconds_median"),
@@ -25,7 +25,7 @@ _NUMBERS = (
 
 @dataclass(frozen=True)
 class Accepted:
-    """A submission that was accepted, and how it was checked, in words."""
+    """A submission that was accepted, and a text on how it was checked."""
 
     submission: Submission
     checked: str
@@ -88,7 +88,7 @@ def _board(submission: Submission) -> pd.DataFrame:
 
 
 def _cards(submission: Submission, board: pd.DataFrame) -> list[tuple[Any, Any]]:
-    """Cards of the estimators that a submission brings, and what they took."""
+    """Cards of the estimators that a submission brings, and their measured cost."""
     (*_, suite) = submission.suites(submission.folder)
     return [
         (
@@ -101,7 +101,7 @@ def _cards(submission: Submission, board: pd.DataFrame) -> list[tuple[Any, Any]]
 
 
 def _named(estimator: str, submission: Submission) -> str:
-    """An estimator's name among those of other submissions."""
+    """An estimator's name that distinguishes it from those of other submissions."""
     return estimator if estimator == submission.name else f"{estimator} of {submission.name}"
 
 

@@ -1,14 +1,14 @@
-"""What estimators say of themselves: a card for each, out of the docstring of its source.
+"""Cards that describe estimators, made from the docstrings of their sources.
 
-The source is read, not run. Its docstring may have, besides paragraphs, equations (indented
-blocks) and the lines
+The source is read, not run. Besides paragraphs, its docstring may have equations (indented blocks)
+and the lines
 
-    Paper: whose method it is.
+    Paper: where the method was published.
     Assumes: what has to hold.
     Cost: what it takes.
-    Trust: when to believe it, and when not.
+    Trust: when to trust it, and when not.
 
-of which each may go on in indented lines.
+each of which may continue in indented lines.
 """
 
 import ast
@@ -35,12 +35,12 @@ _MOST_CHARACTERS = 20_000  # of a docstring
 
 @dataclass(frozen=True)
 class Text:
-    """A docstring in its parts.
+    """The parts of a docstring.
 
     Attributes:
         method: the first paragraph.
         equations: indented blocks.
-        fields: by name, some of ``FIELDS``.
+        fields: texts by name, some of ``FIELDS``.
         more: other paragraphs.
     """
 
@@ -57,9 +57,9 @@ class Card:
     Attributes:
         label: its name in tables.
         text: its docstring.
-        parameters: those that the suite gives it.
-        origin: where its code is: a module of this package or another one, or a file's name.
-        missing: why it says nothing; empty where it does.
+        parameters: parameters that the suite gives it.
+        origin: where its code is: a module of this package or another one, or the name of a file.
+        missing: why there is no text; empty if there is one.
     """
 
     label: str
@@ -71,14 +71,14 @@ class Card:
 
 @dataclass(frozen=True)
 class MeasuredCost:
-    """What an estimator took in a run.
+    """The cost of an estimator in a run.
 
     Attributes:
-        least: least median time [s] in a scenario and sensor; infinite where half of the attempts
+        least: least median time [s] in a scenario and sensor; infinite if half of the attempts
             were stopped.
-        most: the largest.
-        failures: attempts that failed, of ``trials``.
-        trials: attempts.
+        most: largest median time [s].
+        failures: number of attempts that failed.
+        trials: number of attempts.
     """
 
     least: float
@@ -88,12 +88,12 @@ class MeasuredCost:
 
 
 def cards(study: Study, labels: Iterable[str]) -> list[Card]:
-    """Cards of the estimators with these labels, of those that the study knows."""
+    """Cards of the estimators with these labels that the study knows."""
     return [card_of(study.estimators[label]) for label in labels if label in study.estimators]
 
 
 def measured_cost(table: pd.DataFrame, label: str) -> MeasuredCost:
-    """What the estimator with a label took, out of a leaderboard."""
+    """The cost of the estimator with a label, from a leaderboard."""
     rows = table[table["estimator"] == label]
     times = rows["solve_seconds_median"]
     return MeasuredCost(
@@ -121,14 +121,14 @@ def card_of(entry: EstimatorEntry) -> Card:
 
 
 def docstring(path: Path, name: str) -> str:
-    """The docstring of a module, or else of an estimator's class in it; empty without any.
+    """The docstring of a module, or else of an estimator's class in it; empty if there is none.
 
     Args:
-        path: of the module.
-        name: of the class, or that it gives itself.
+        path: path of the module.
+        name: name of the class, or the class's own ``name``.
 
     Raises:
-        OSError, ValueError, SyntaxError: where there is no Python.
+        OSError, ValueError, SyntaxError: if the file cannot be read as Python.
     """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     said = ast.get_docstring(tree)
@@ -146,7 +146,7 @@ def _estimates(node: ast.ClassDef) -> bool:
 
 
 def read_text(doc: str) -> Text:
-    """A docstring in its parts."""
+    """Split a docstring into its parts."""
     paragraphs: list[str] = []
     equations: list[str] = []
     fields: dict[str, str] = {}
@@ -161,7 +161,7 @@ def read_text(doc: str) -> Text:
 
 
 def _take_fields(lines: list[str], fields: dict[str, str]) -> list[str]:
-    """Move the fields of a block's lines into a mapping; returns the other lines."""
+    """Move the fields of a block's lines into a mapping; return the other lines."""
     rest, current = [], ""
     for line in lines:
         found = _FIELD.match(line)
@@ -188,5 +188,5 @@ def _paragraphs(lines: Iterable[str]) -> list[str]:
 
 
 def _marked(text: str) -> str:
-    """Text without the marks of code."""
+    """Text without backticks."""
     return text.replace("`", "").strip()

@@ -21,7 +21,7 @@ from olne_bench.bench.report.page.scenes import Place, scene_data
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.envs.scene import PLAYER_COLOURS
 
-#: Trials drawn as points, on the whole page; beyond, some are left out, evenly.
+#: Largest number of points on the whole page; of more trials, an even selection is drawn.
 _MOST_POINTS = 14_000
 _FEWEST_POINTS = 60  # of a series
 _MOST_NODES = 120  # of a rolling line
@@ -43,12 +43,12 @@ class ChartData:
 def chart_data(
     trials: pd.DataFrame, study: Study = USUAL, wanted: Sequence[Place] = ()
 ) -> ChartData:
-    """Everything that the page's script draws.
+    """Collect what the page's script draws.
 
     Args:
-        trials: of a run.
-        study: of the run.
-        wanted: noise levels and seeds of sequences that are to be playable.
+        trials: trials of a run.
+        study: study of the run.
+        wanted: noise levels and seeds of sequences that must be playable.
     """
     names = sorted(trials["scenario"].unique())
     plain = trials.drop(columns="weights")
@@ -136,7 +136,7 @@ def _series(
 def _points(
     series: Series, metric: MetricDeclaration, shown: np.ndarray
 ) -> list[float | str | None]:
-    """Errors; None for a failure, and a dash where the metric says nothing."""
+    """Errors; None for a failure, and a dash where the metric does not apply."""
     values: list[float | None] = rounded(series.error(metric)[shown])
     about = series.measured(metric)[shown]
     return [value if told else "–" for value, told in zip(values, about, strict=True)]

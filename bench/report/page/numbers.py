@@ -1,4 +1,4 @@
-"""Numbers on their way into the page: short, and without what JSON does not have."""
+"""Numbers for the page: short, and without values that JSON does not have."""
 
 import math
 
@@ -16,7 +16,7 @@ def decimals(values: np.ndarray, places: int) -> list:
 
 
 def human(value: float | None) -> str:
-    """A number for people: two or three digits, a dash where there is none."""
+    """A number for people: two or three digits, or a dash if there is none."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -37,6 +37,6 @@ def _power(value: float) -> str:
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
 
 
-#: Below, errors are a solver's rounding.
+#: Errors below this are rounding of solvers.
 _ROUNDING = 1e-9
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

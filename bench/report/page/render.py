@@ -1,4 +1,4 @@
-"""The page out of its parts."""
+"""Put the page together."""
 
 import json
 import math
@@ -34,7 +34,7 @@ _SMALLEST_SHOWN = 1e-6  # of errors on bars
 
 @dataclass(frozen=True)
 class Bar:
-    """A median and its quartiles on a scale from 0 to 100; None where it is infinite."""
+    """A median and its quartiles on a scale from 0 to 100; an infinite median is None."""
 
     low: float
     mid: float | None
@@ -43,12 +43,12 @@ class Bar:
 
 @dataclass(frozen=True)
 class Extras:
-    """What a page shows beyond what every run's does.
+    """Optional parts of a page.
 
     Attributes:
-        title: instead of the suite's name.
-        playable: noise levels and seeds of sequences that can be played, whatever else can.
-        changes: from ``bench.report.statistics.run_comparison``, on a page of two runs.
+        title: title. Default: the suite's name.
+        playable: noise levels and seeds of sequences that must be playable.
+        changes: table of ``bench.report.statistics.run_comparison``, for a page of two runs.
     """
 
     title: str = ""
@@ -64,8 +64,8 @@ class Page:
     """The page.
 
     Attributes:
-        html: all of it.
-        notes: what it could not show, and why.
+        html: the HTML text.
+        notes: what it cannot show, and why.
     """
 
     html: str
@@ -84,11 +84,11 @@ def render_page(
 
     Args:
         trials: rows of a run.
-        tables: made of them.
-        runs: where the rows come from, the last one last.
-        study: of the run.
-        notes: what else could not be shown, which the page says as well.
-        extras: what else it is to show.
+        tables: tables of these rows.
+        runs: provenance of the rows, the latest run last.
+        study: study of the run.
+        notes: further notes for the page, on what could not be shown.
+        extras: optional parts.
     """
     table = tables.leaderboard
     charts = chart_data(trials, study, extras.playable)
@@ -123,12 +123,12 @@ def render_page(
 
 
 def _texts(tables: RunTables) -> dict[str, str]:
-    """The tables as the run folder has them, to be saved from the page."""
+    """The tables as CSV, as in the run folder, to be saved from the page."""
     return {name: csv_safe(table).to_csv(index=False) for name, table in tables.by_name().items()}
 
 
 def _description(runs: Sequence[Provenance]) -> str:
-    """The suite's own line, where it is known."""
+    """The suite's description, if it is known."""
     return str(json.loads(runs[-1].suite).get("description", "")) if runs else ""
 
 
@@ -139,7 +139,7 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 def _board(
     table: pd.DataFrame, metrics: Sequence[MetricDeclaration], first: MetricDeclaration | None
 ) -> list[dict[str, Any]]:
-    """Rows of the leaderboard with their bars, the floor below those that it measures."""
+    """Rows of the leaderboard with their bars; the floor comes last in its scenario and sensor."""
     ranked = [m.name for m in metrics if f"{m.name}_rank" in table]
     table = table.assign(**{f"{name}_leads": leaders(table, name) for name in ranked})
     table = table.assign(
@@ -160,7 +160,7 @@ def _board(
 
 
 def _bars(table: pd.DataFrame, metric: MetricDeclaration) -> list[Bar]:
-    """A metric of the leaderboard's rows on one logarithmic scale."""
+    """Bars of a metric for the leaderboard's rows, on one logarithmic scale."""
     columns = [f"{metric.name}_{name}" for name in ("q25", "median", "q75")]
     values = table[columns].to_numpy(float)
     logs = [[_log(v) for v in row] for row in values]
@@ -176,7 +176,7 @@ def _log(value: float) -> float:
 
 
 def _weights(tables: RunTables) -> list[dict[str, Any]]:
-    """Identifiability, each row with the estimators' ratios to the bound."""
+    """Rows of the identifiability table, each with the estimators' ratios to the bound."""
     key = ["scenario", "sensor", "player", "weight"]
     ratios: dict[tuple[Any, ...], dict[str, float]] = {}
     for row in _rows(tables.bound_ratios):

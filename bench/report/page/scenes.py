@@ -17,13 +17,13 @@ from olne_bench.bench.report.study import USUAL, Study
 if TYPE_CHECKING:
     from olne_bench.envs.road_shapes import LaneShape
 
-#: Coordinates drawn and predictions made, about, for the whole page.
+#: Approximate number of coordinates and of predictions on the whole page.
 _MOST_COORDINATES = 160_000
 _MOST_PREDICTIONS = 360
-#: Sequences of a scenario that can be played, and those of one noise level that are a bundle.
+#: Number of sequences of a scenario that can be played, and of those in the bundle of one level.
 _FEWEST_SEQUENCES, _MOST_SEQUENCES = 6, 60
 _MOST_IN_BUNDLE = 10
-_MOST_DRAWS = 4  # of a family: each has a truth, and a road, of its own
+_MOST_DRAWS = 4  # of a family: each has its own truth and road
 _PLACES = 3  # millimetres, milliradians
 _LANE_PLACES = 2
 
@@ -34,19 +34,19 @@ Place = tuple[float, int]
 def scene_data(
     trials: pd.DataFrame, *, number: int, study: Study = USUAL, wanted: Sequence[Place] = ()
 ) -> dict[str, Any]:
-    """Truth and the sequences of one scenario that can be played.
+    """The truth, and the sequences of one scenario that can be played.
 
-    They are a bundle at the noise level at which methods differ most, and others of as many levels
-    as there is room for. Predictions are made again (``bench.report.predicted_motion``).
+    These are a bundle at the noise level at which methods differ most, and others at as many levels
+    as fit. Predictions are computed again (``bench.report.predicted_motion``).
 
     Args:
-        trials: of one scenario.
-        number: of scenarios that share the page.
-        study: of the run.
-        wanted: sequences that are to be among them, if the scenario has them.
+        trials: trials of one scenario.
+        number: number of scenarios that share the page.
+        study: study of the run.
+        wanted: sequences that must be among them, if the scenario has them.
 
     Raises:
-        NotDrawnError: where it cannot be played here.
+        NotDrawnError: if the scenario cannot be played here.
     """
     attempts = attempts_of(trials)
     scene = scene_of(attempts, study)
@@ -73,7 +73,7 @@ def scene_data(
 
 
 def _draw_of(scene: Scene, seed: int) -> int:
-    """What tells apart the draw of a seed; a fixed scenario has one."""
+    """The number of a seed's draw; a fixed scenario has only draw 0."""
     return seed if scene.study.is_family(scene.name) else 0
 
 
@@ -93,11 +93,11 @@ def _draw(scene: Scene) -> dict[str, Any]:
 def _chosen(
     attempts: pd.DataFrame, scene: Scene, bundle: float, most: int, wanted: Sequence[Place]
 ) -> list[Place]:
-    """Sequences to show: the bundle's first, those asked for, then one seed of each level, ..."""
+    """Sequences to show: those of the bundle, the wanted ones, then one seed of each level, ..."""
     most = int(np.clip(most, _FEWEST_SEQUENCES, _MOST_SEQUENCES))
     places = attempts[["sigma", "seed"]].drop_duplicates().astype({"sigma": float, "seed": int})
     own = set(scene.trials["seed"])
-    # Seeds of the scene come first: in a family it is one draw, whose truth is at hand.
+    # Seeds of the scene come first: in a family these are one draw, whose truth is known already.
     order = places.assign(other=~places["seed"].isin(own)).sort_values(["other", "seed"])
     order["turn"] = order.groupby("sigma").cumcount()
     order = order.sort_values(["turn", "sigma"], ascending=[True, False])
@@ -115,7 +115,7 @@ def _chosen(
 def _sample(scene: Scene, sigma: float, seed: int, study: Study) -> dict[str, Any]:
     trials = scene.trials
     rows = trials[(trials["sigma"] == sigma) & (trials["seed"] == seed)]
-    # All sensors and estimators meet the same noise, and none hides positions.
+    # The noise is the same for all sensors and estimators, and no sensor hides positions.
     metrics = [m for m in in_table(study.metrics, trials) if not m.is_share]
     return {
         "sigma": sigma,
@@ -155,7 +155,7 @@ def _lane(shape: "LaneShape") -> dict[str, Any]:
 
 
 def _paths(scene: Scene, states: np.ndarray) -> list[list[list[float]]]:
-    """Each player's path (N, T, 2) in the plane of the scene; cars have a third entry, heading."""
+    """Each player's path (N, T, 2) in the scene's plane; on a road (N, T, 3), with the heading."""
     paths = states.swapaxes(0, 1)
     columns = [*scene.plane(paths), *([paths[..., 2]] if scene.on_road else [])]
     return decimals(np.stack(columns, axis=-1), _PLACES)

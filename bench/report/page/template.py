@@ -1,4 +1,4 @@
-"""What pages share: style, script, filters, links."""
+"""What all pages share: style, script, filters, links."""
 
 import math
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ _DISTRIBUTION = "olne-bench"
 
 
 def template(name: str) -> Template:
-    """A template of this folder, with what all of them use."""
+    """A template of this folder, with the shared filters and globals."""
     environment = Environment(
         loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined
     )
@@ -33,13 +33,13 @@ def template(name: str) -> Template:
 
 
 def script(names: Iterable[str]) -> Markup:
-    """Files of ``script/``, one after the other, in a scope of their own."""
+    """Files of ``script/``, joined in one scope."""
     parts = Markup("\n").join(_own(f"script/{name}.js") for name in names)
     return Markup('"use strict";\n(() => {\n') + parts + Markup("})();")
 
 
 def project_links() -> dict[str, str]:
-    """Where the installed package says that its documentation and source are; none if nowhere."""
+    """Project URLs of the installed package by label; empty if it is not installed."""
     try:
         stated = metadata(_DISTRIBUTION).get_all("Project-URL") or []
     except PackageNotFoundError:  # run from a folder that was never installed
@@ -50,7 +50,7 @@ def project_links() -> dict[str, str]:
 
 
 def _own(name: str) -> Markup:
-    """A file of ours, which goes into the page as it is."""
+    """A file of this folder, which goes into the page unescaped."""
     return Markup((_FOLDER / name).read_text(encoding="utf-8"))
 
 
@@ -73,6 +73,6 @@ def _moment(text: str) -> str:
 
 
 def _sort_key(value: float) -> str:
-    """A number as the script's sorting reads it; empty where there is none."""
+    """A number for the script's sorting; empty if there is none."""
     value = float(value)
     return "" if math.isnan(value) else repr(value).replace("inf", "Infinity")

@@ -1,6 +1,6 @@
-"""One page for two runs: the trials that both have, the second run's estimators under other names.
+"""One page for two runs: the trials of both, with the second run's estimators renamed.
 
-Everything that a run's page shows of two estimators it shows of one estimator in two runs.
+The page shows one estimator in two runs as the page of a run shows two estimators.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,16 +27,16 @@ def two_runs_page(
 
     Args:
         first: a run.
-        second: another one, or the same.
+        second: another run, or the same.
         names: estimators to show, label in the first run to label in the second.
-        changes: from ``bench.report.statistics.run_comparison``.
-        study: what labels stand for in both.
+        changes: table of ``bench.report.statistics.run_comparison``.
+        study: study of both runs.
     """
     (name, old, sources), (other, new, others) = first, second
     renamed = {label: after_name(label, names) for label in names.values()}
     old, new = old[old["estimator"].isin(names)], new[new["estimator"].isin(renamed)]
     shared = old[_PLACE].drop_duplicates().merge(new[_PLACE].drop_duplicates())
-    # The floor is the same in both, and must keep its name to be known as the floor.
+    # The floor is the same in both runs, and is recognised by its name.
     new = new.assign(estimator=new["estimator"].map(renamed))
     new = new[new["estimator"] != FLOOR]
     trials = pd.concat([table.merge(shared) for table in (old, new)], ignore_index=True)
@@ -49,5 +49,5 @@ def two_runs_page(
 
 
 def after_name(label: str, names: Mapping[str, str]) -> str:
-    """What the second run's estimator is called beside the first run's."""
+    """The name of a second run's estimator on the page."""
     return f"{label} (second)" if label in names and label != FLOOR else label

@@ -1,4 +1,4 @@
-"""Who comes first, in a few words."""
+"""Verdicts: which estimator comes first, in a few words."""
 
 import math
 from collections.abc import Hashable
@@ -20,12 +20,12 @@ class Line:
     """The outcome with one sensor.
 
     Attributes:
-        sensor: its name.
-        first: the estimator that the leaderboard has first: of the best rank the one with the
-            least median of the primary metric. Empty where half of its attempts fail.
-        error: that error, with its unit.
-        remark: how it compares with the next one.
-        ranked: whether there are enough trials for a rank; if not, nobody is first.
+        sensor: label of the sensor.
+        first: the first estimator of the leaderboard: of those with the best rank the one with the
+            least median of the primary metric. Empty if half of its attempts fail.
+        error: that median, with its unit.
+        remark: how it compares with the next estimator.
+        ranked: whether there are enough trials for a rank; if not, no estimator is first.
     """
 
     sensor: str
@@ -44,12 +44,12 @@ class Verdict:
 
 
 def verdicts(table: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUAL) -> list[Verdict]:
-    """The outcome of every scenario of a leaderboard; none where nothing is compared.
+    """The outcome of every scenario of a leaderboard; empty if no metric is compared.
 
     Args:
         table: a leaderboard.
-        comparisons: of the same trials, from ``bench.report.statistics.estimator_comparison``.
-        study: of the run.
+        comparisons: table of ``bench.report.statistics.estimator_comparison`` for the same trials.
+        study: study of the run.
     """
     metric = primary(in_leaderboard(study.metrics, table))
     if metric is None:
@@ -65,12 +65,12 @@ def verdicts(table: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
 
 
 def _line(rows: pd.DataFrame, beaten: set[tuple[Any, ...]], metric: MetricDeclaration) -> Line:
-    """The floor is first, or next, only if there is no other estimator.
+    """The outcome with one sensor. The floor is first or next only without other estimators.
 
     Args:
-        rows: of one scenario and sensor.
+        rows: rows of one scenario and sensor.
         beaten: scenario, sensor, winner and loser of every significant comparison.
-        metric: that counts.
+        metric: the primary metric.
     """
     median, rank = f"{metric.name}_median", f"{metric.name}_rank"
     rows = rows.assign(floor=rows["estimator"] == FLOOR, unranked=rows[rank].isna())

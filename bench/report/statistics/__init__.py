@@ -1,1 +1,1 @@
-"""What a table of trials lets one say, over all attempts: a failure ranks worst."""
+"""Statistics of trials over all attempts: a failure ranks worst."""

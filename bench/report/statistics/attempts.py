@@ -10,26 +10,26 @@ from olne_bench.bench.report.study import USUAL, Study
 #: The estimator that all others must beat: a reference, not a contender.
 FLOOR = "uniform"
 
-#: What becomes of trials that are no attempts: an estimator declined, or the harness failed.
+#: Statuses of trials that are not attempts: the estimator declined, or the harness failed.
 NO_ATTEMPTS = ("skipped", "harness_error")
 
 
 def attempts_of(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials less those that an estimator declined, and those that the harness itself spoilt."""
+    """Trials without those that an estimator declined or the harness failed to judge."""
     return trials[~trials["status"].isin(NO_ATTEMPTS)]
 
 
 def families(trials: pd.DataFrame, study: Study = USUAL) -> pd.Series:
-    """Which rows are of a family."""
+    """Which rows belong to a family."""
     return trials["scenario"].map({s: study.is_family(s) for s in trials["scenario"].unique()})
 
 
 def weighed(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials with the ``count`` that rows without noise have among those that were run.
+    """Trials in which the ``count`` of rows without noise fits the trials that were run.
 
-    As stored, such a row stands for all noise draws of its suite. Where a run was asked for a part
-    of them, or was stopped, it must not outweigh the others: it counts as often as there are draws
-    of the same scenario, sensor and estimator at other levels, and at least once.
+    As stored, such a row stands for all noise draws of its suite. If only a part of them was run,
+    it must not outweigh the others: it counts as often as there are draws of the same scenario,
+    sensor and estimator at other levels, and at least once.
     """
     shared = trials["count"] > 1
     key = ["scenario", "sensor", "estimator"]
@@ -41,23 +41,23 @@ def weighed(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def noisy(attempts: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """Attempts that chance has a part in: not those without noise, unless of a family's draws."""
+    """Attempts that are random: those with noise, and those of a family's draws."""
     drawn = families(attempts, study).astype(bool)
     return attempts[(attempts["count"] == 1) & ((attempts["sigma"] > 0) | drawn)]
 
 
 def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USUAL) -> pd.Series:
-    """Rows that a metric measures: failures, and estimates for which it has a value.
+    """Which rows a metric measures: failures, and estimates for which it has a value.
 
-    If a metric needs a prediction and has no value, the prediction failed, and the row counts. The
-    exception is a draw for which no estimate has a value, as where no equilibrium is near enough.
+    If a metric needs a prediction and has no value, the prediction failed, and the row counts. A
+    draw for which no estimate has a value does not count, for example if it has no held-out starts.
     A metric that needs no prediction does not measure an estimator for which it never has a value.
     """
     if metric == FAILURES:
         return pd.Series(True, trials.index)
     told = trials[metric.name].notna()
     if metric == IDENTIFIABLE:
-        return told  # failures are told, as infinite
+        return told  # failures have a value, which is infinite
     valid = trials["status"].isin(_valid(metric))
     if metric.needs_prediction:
         draw = trials["seed"].where(families(trials, study).astype(bool), -1)
@@ -71,8 +71,8 @@ def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USU
 def errors_of(attempts: pd.DataFrame, metric: MetricDeclaration) -> np.ndarray:
     """An error of each row, infinite for failures.
 
-    A forward game without a root (``failed_forward``) is a failure of the prediction only: the
-    weights are there and have errors of their own. Of ``FAILURES``, which rows are failures.
+    A forward game without a root (``failed_forward``) is a failure of the prediction only: its
+    weights have errors. The error of ``FAILURES`` is 1 for a failure, else 0.
     """
     if metric == FAILURES:
         return attempts["status"].ne("ok").to_numpy(float)

@@ -1,8 +1,8 @@
-"""Estimators against each other on the same observations.
+"""Comparison of estimators on the same observations.
 
 Every estimator sees the same noise, so two are compared trial by trial: which one has the smaller
-error, whatever its size. Errors within a thousandth of each other are a tie. A failure loses to any
-error, and two failures are a tie.
+error, whatever the difference. Errors within a thousandth of each other are a tie. A failure loses
+to any error, and two failures are a tie.
 """
 
 from collections.abc import Iterator
@@ -25,26 +25,25 @@ from olne_bench.bench.report.statistics.attempts import (
 from olne_bench.bench.report.statistics.intervals import share_interval
 from olne_bench.bench.report.study import USUAL, Study
 
-#: Comparisons with an adjusted p-value below are significant.
+#: Comparisons with an adjusted p-value below this are significant.
 SIGNIFICANCE = 0.05
-#: With fewer independent units no p-value can be that small, whatever they say: 2 / 2**5 is more.
+#: With fewer independent units no p-value can be that small: 2 / 2**5 is larger.
 _LEAST_UNITS = 6
-#: Share of the most trials that anybody has, below which an estimator was run on a part of them.
+#: An estimator with less than this share of the largest number of trials was run on a part of them.
 _WHOLE = 0.8
-#: Differences below are ties: absolute, of rounding; relative to the smaller error, too small to
-#: matter, as of two solvers that end at the same optimum.
+#: Differences below these are ties: an absolute one, for rounding, and one relative to the smaller
+#: error, for solvers that end at the same optimum.
 _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
-#: Entries from which on Fourier transforms are the faster convolution.
+#: Number of entries above which Fourier transforms are the faster convolution.
 _LONG = 500
 _GROUP = ["scenario", "sensor"]
 _PAIR = [*_GROUP, "sigma", "seed"]
 
 
 def compare_estimators(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """All pairs of estimators, by each metric that is compared, in every scenario and sensor.
+    """Compare all pairs of estimators by each compared metric, in every scenario and sensor.
 
-    Rows without noise have nothing random in them and do not take part, unless they are of a
-    family's draws.
+    Rows without noise are not random and do not count, unless they are of a family's draws.
 
     Returns:
         Columns ``error, scenario, sensor, estimator, other``, ``pairs`` (trials that both have
@@ -65,18 +64,18 @@ def compare_estimators(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFra
 def paired_errors(
     first: pd.DataFrame, second: pd.DataFrame, metric: MetricDeclaration
 ) -> pd.DataFrame:
-    """Errors ``a`` and ``b`` of two tables of attempts where both have tried the same trial."""
+    """Errors ``a`` and ``b`` of two tables of attempts for the trials that both have."""
     named = (("a", first), ("b", second))
     tables = [t[_PAIR].assign(**{name: errors_of(t, metric)}) for name, t in named]
     return tables[0].merge(tables[1], on=_PAIR)
 
 
 def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
-    """``pairs, units, wins, wins_low, wins_high, p`` of ``paired_errors`` of one scenario.
+    """Compare ``paired_errors``: ``pairs, units, wins, wins_low, wins_high, p``.
 
     Args:
-        pairs: of the scenario.
-        family: whether it is one, so that the trials of a seed share one draw.
+        pairs: ``paired_errors`` of one scenario.
+        family: whether the scenario is a family, so that the trials of a seed share one draw.
     """
     a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
     with np.errstate(invalid="ignore"):  # two failures
@@ -95,13 +94,13 @@ def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
 
 
 def permutation_p(advantages: np.ndarray) -> float:
-    """Exact two-sided p-value of a sum whose terms would have had either sign with equal chance.
+    """Exact two-sided p-value of a sum whose terms have either sign with equal chance.
 
     Args:
         advantages: whole numbers, one for each independent unit.
 
     Returns:
-        Share of all signs that give a sum at least as far from zero; 1 where all are ties.
+        Share of all sign patterns whose sum is at least as far from zero; 1 if all are ties.
     """
     sizes, numbers = np.unique(np.abs(advantages[advantages != 0]), return_counts=True)
     if not len(sizes):
@@ -115,15 +114,15 @@ def permutation_p(advantages: np.ndarray) -> float:
     for size, number in zip(sizes, numbers, strict=True):
         parts.append(np.zeros(size * number + 1))
         parts[-1][::size] = _heads(number)
-    while len(parts) > 1:  # equal lengths are the fastest
+    while len(parts) > 1:  # equal lengths are fastest
         parts = [reduce(_convolved, parts[k : k + 2]) for k in range(0, len(parts), 2)]
     tail = float(parts[0][: (total - far) // 2 + 1].sum())
-    # The least chance there is; Fourier transforms of long sums round to less than nothing.
+    # Fourier transforms may round below the least possible chance, even below zero.
     return float(np.clip(2 * tail, 2.0 ** (1 - numbers.sum()), 1.0))
 
 
 def _heads(number: int) -> np.ndarray:
-    """Chance of each number of heads, 0 to all, in so many throws of a coin."""
+    """Chance of each number of heads, 0 to ``number``, in ``number`` throws of a coin."""
     heads = np.arange(number + 1)
     ways = gammaln(number + 1) - gammaln(heads + 1) - gammaln(number - heads + 1)
     chances: np.ndarray = np.exp(ways - number * np.log(2))
@@ -131,7 +130,7 @@ def _heads(number: int) -> np.ndarray:
 
 
 def _convolved(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The convolution, by Fourier transforms where it is long (scipy.signal imports slowly)."""
+    """The convolution, by Fourier transforms if it is long (scipy.signal is slow to import)."""
     if min(len(one), len(other)) < _LONG:
         return np.convolve(one, other)
     size = len(one) + len(other) - 1
@@ -139,7 +138,7 @@ def _convolved(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def holm(p: np.ndarray) -> np.ndarray:
-    """P-values adjusted for their number (Holm 1979): all errors of the table count at once."""
+    """P-values adjusted for their number (Holm 1979), over all errors of the table."""
     order = np.argsort(p, kind="stable")
     factors = len(p) - np.arange(len(p))
     adjusted = np.minimum(1.0, np.maximum.accumulate(p[order] * factors))
@@ -161,19 +160,19 @@ def significant_wins(comparisons: pd.DataFrame, error: str) -> pd.DataFrame:
 def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd.Series:
     """Rank of each estimator: one more than the number of contenders significantly better.
 
-    The floor is no contender, nor is an estimator that was run on a part of the trials: neither
-    takes anybody's rank. The floor's own rank says where it would stand.
+    Neither the floor nor an estimator that was run on a part of the trials is a contender. The
+    floor's own rank says where it would be.
 
     Args:
         comparisons: from ``compare_estimators``.
-        estimators: rows with ``scenario, sensor, estimator`` and ``trials``, how many they have.
-        error: which one to rank by.
+        estimators: rows with ``scenario, sensor, estimator`` and their number of ``trials``.
+        error: name of the error to rank by.
 
     Returns:
-        Ranks with the index of ``estimators``; those that cannot be told apart share one. Missing
-        where there is nobody to compare with, where there are so few independent units that nobody
-        could be told apart, and for estimators that were run on a part of the trials only: these
-        are compared on the trials in common, which says less than all of them.
+        Ranks with the index of ``estimators``; estimators without a significant difference share
+        one. A rank is missing if there is no other estimator, if there are too few independent
+        units for any significant difference, and for estimators that were run on a part of the
+        trials only: these are compared on fewer trials than the others.
     """
     of_error = comparisons[comparisons["error"] == error]
     keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
@@ -191,9 +190,10 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
 
 
 def leaders(table: pd.DataFrame, error: str) -> pd.Series:
-    """Which rows of a leaderboard to show as the best ones by an error.
+    """Which rows of a leaderboard to show as the best by an error.
 
-    Those of rank 1 with a median, except the floor, if some estimator is significantly worse.
+    These are the rows of rank 1 with a finite median, except the floor, if some estimator is
+    significantly worse.
     """
     ranked = table[f"{error}_rank"]
     told = ranked.gt(1).fillna(False).groupby([table[name] for name in _GROUP]).transform("any")

@@ -1,4 +1,4 @@
-"""What the harness itself did wrong: no attempts of estimators, so counted apart."""
+"""Errors of the harness, which are not attempts of estimators and are counted separately."""
 
 import pandas as pd
 
@@ -6,7 +6,7 @@ _GROUP = ["scenario", "sensor", "estimator", "message"]
 
 
 def harness_errors(trials: pd.DataFrame) -> pd.DataFrame:
-    """Rows ``scenario, sensor, estimator, message, trials``, the most frequent one first."""
+    """Columns ``scenario, sensor, estimator, message, trials``, the most frequent error first."""
     spoilt = trials[trials["status"] == "harness_error"]
     if spoilt.empty:
         return pd.DataFrame(columns=[*_GROUP, "trials"])
@@ -17,7 +17,7 @@ def harness_errors(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_words(table: pd.DataFrame, most: int = 5) -> list[str]:
-    """The first few of ``harness_errors`` as lines, and how many more there are."""
+    """The first rows of ``harness_errors`` as lines, and the number of further trials."""
     lines = [
         f"{row.trials} x {row.estimator} on {row.scenario}, {row.sensor}: {row.message}"
         for row in table.head(most).itertuples(index=False)

@@ -1,8 +1,8 @@
-"""Which weights a scenario lets one know, and how close estimators come to the limit.
+"""Which weights a scenario identifies, and how close estimators come to the limit.
 
-Fixed scenarios have one truth. Of a family every seed has its own; its first draw stands for it
-here, and only that draw's trials are looked at. Where a scenario shows several trajectories, all
-of them count.
+A fixed scenario has one truth. In a family each seed has its own truth; here its first draw stands
+for it, and only the trials of that draw count. If a scenario has several trajectories, all of them
+count.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ from olne_bench.envs.recording import Recording
 from olne_bench.games.information import Identifiability, identifiability
 from olne_bench.games.sensor import SensorModel
 
-#: Noise level [m] at which parameters are said to be identified or not.
+#: Noise level [m] at which weights are classified as identified or not.
 REFERENCE_SIGMA = LIMIT_SIGMA
 _GROUP = ["scenario", "sensor"]
 
@@ -32,8 +32,8 @@ def identifiability_table(trials: pd.DataFrame, study: Study = USUAL) -> pd.Data
 
     Returns:
         Columns ``scenario, sensor, player`` (from 1), ``weight, truth``, ``bound`` (Cramer-Rao, as
-        a standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that the
-        data leave) and ``identified``. Scenarios that cannot be played here have no rows.
+        a standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that is
+        left given the data) and ``identified``. Scenarios that cannot be played here have no rows.
     """
     return _table(
         ["truth", "bound", "left", "identified"],
@@ -51,8 +51,8 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     Returns:
         Columns ``scenario, sensor, player, weight, estimator, ratio, identified``: the root mean
         squared error of a weight over its bound, for noise above 0 and up to ``REFERENCE_SIGMA``;
-        1 is as good as an unbiased estimator can be, a failure makes it infinite. Where a weight
-        is not ``identified`` the bound exceeds what an error can be, and ratios say nothing.
+        1 is the best that an unbiased estimator can reach; a failure makes it infinite. If a weight
+        is not ``identified``, the bound exceeds any possible error and the ratio means nothing.
     """
     small = attempts_of(trials)
     small = small[small["sigma"].between(0, REFERENCE_SIGMA, inclusive="right")]
@@ -74,7 +74,7 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 def identifiable_errors(trials: pd.DataFrame, study: Study = USUAL) -> np.ndarray:
     """``bench.judge.metrics.formulas.identifiable_cosine_error`` of each row.
 
-    Infinite for failures, and not a number where it is not known what can be identified.
+    It is infinite for failures, and NaN if it is unknown what can be identified.
     """
     errors = np.full(len(trials), np.nan)
     places = pd.Series(np.arange(len(trials)), trials.index)
@@ -91,7 +91,7 @@ def identifiable_errors(trials: pd.DataFrame, study: Study = USUAL) -> np.ndarra
 
 
 def weights_of(rows: pd.DataFrame, shape: tuple[int, ...]) -> np.ndarray:
-    """Weights (R, N, K) of rows, none of which lacks them."""
+    """Weights (R, N, K) of R rows, all of which have them."""
     column = rows["weights"]
     if isinstance(column.dtype, pd.ArrowDtype):
         lists = pa.array(column)
@@ -110,7 +110,7 @@ class _Unknown:
 
 
 def unknown_truths(trials: pd.DataFrame, study: Study = USUAL) -> list[str]:
-    """What has no rows in the tables of this module, and why."""
+    """Which scenarios and sensors have no rows in the tables of this module, and why."""
     return [
         f"what can be known of {scenario}, {sensor}: {found.reason}"
         for scenario, sensor, found in _truths(trials, study)
@@ -121,7 +121,7 @@ def unknown_truths(trials: pd.DataFrame, study: Study = USUAL) -> list[str]:
 def _known_truths(
     trials: pd.DataFrame, study: Study
 ) -> Iterator[tuple[dict[str, str], Recording, Identifiability]]:
-    """Scenario and sensor as columns, the truth, and what can be known of it."""
+    """Scenario and sensor as columns, the truth, and its identifiability."""
     for scenario, sensor, found in _truths(trials, study):
         if not isinstance(found, _Unknown):
             yield {"scenario": scenario, "sensor": sensor}, *found
@@ -133,7 +133,7 @@ def _truths(
     pairs = trials[_GROUP].drop_duplicates().sort_values(_GROUP)
     judged = set(trials.loc[trials["status"] != "harness_error", _GROUP].itertuples(index=False))
     for scenario, sensor in pairs.itertuples(index=False):
-        if (scenario, sensor) not in judged:  # to play it might take this process down as well
+        if (scenario, sensor) not in judged:  # playing it might crash this process as well
             yield scenario, sensor, _Unknown("none of its trials could be judged")
             continue
         first = int(trials.loc[trials["scenario"] == scenario, "seed"].min())
@@ -148,7 +148,7 @@ def _truths(
 
 @lru_cache(maxsize=64)
 def _truth(draw: Draw, model: SensorModel) -> tuple[Recording, Identifiability]:
-    """The truth, and what can be known of it where no sample is missing.
+    """The truth, and its identifiability if no sample is missing.
 
     Raises:
         One of ``UNKNOWN_HERE``: on a scenario of another version, or a truth that cannot be varied.

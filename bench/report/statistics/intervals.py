@@ -7,19 +7,19 @@ import pandas as pd
 from scipy.special import ndtri, stdtrit
 
 CONFIDENCE = 0.95
-#: Fewer seeds say too little of their own spread for an interval that keeps what it promises.
+#: With fewer seeds, the spread between seeds is too uncertain for an honest interval.
 LEAST_SEEDS_OF_MEANS, LEAST_SEEDS_OF_SHARES = 6, 5
-#: Share of the bootstrap on either side of the interval: less than (1 - CONFIDENCE) / 2, as few
-#: seeds see too little of the tail. With it, simulated intervals hold the truth in 90 to 99 %.
+#: Share of the bootstrap on either side of the interval. It is less than (1 - CONFIDENCE) / 2, as
+#: few seeds cover too little of the tail. Simulated intervals then hold the truth in 90 to 99 %.
 _TAIL = 0.015
 _RESAMPLES = 4000
 _BLOCK = 500_000  # numbers drawn at once
-_LEAST_ERROR = 1e-9  # of the standard error; below it is rounding
+_LEAST_ERROR = 1e-9  # as a share of the standard error; smaller ones are rounding
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with its confidence interval; not a number where there is too little data."""
+    """An estimate with its confidence interval; NaN where there are too few data."""
 
     estimate: float
     low: float
@@ -29,15 +29,15 @@ class Interval:
 def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> Interval:
     """Mean of errors with a studentised bootstrap interval that resamples seeds.
 
-    Errors are skewed, which bootstrap-t follows and percentiles of few seeds do not (Efron and
-    Tibshirani 1993, ch. 12). A seed's trials at all noise levels are kept together, as in a
-    family of scenarios they share one draw.
+    Errors are skewed. The bootstrap-t method accounts for this; percentiles of few seeds do not
+    (Efron and Tibshirani 1993, ch. 12). A seed's trials at all noise levels are kept together, as
+    they share one draw in a family of scenarios.
 
     Args:
-        values: (R,) at least 0, one per row; an infinite one makes the mean infinite, without an
-            interval.
-        seeds: (R,) of the rows.
-        count: (R,) how many trials a row stands for, one of each seed where more than one.
+        values: (R,) errors of the rows, at least 0; an infinite one makes the mean infinite and
+            leaves no interval.
+        seeds: (R,) seeds of the rows.
+        count: (R,) number of trials that a row stands for; more than one means one of each seed.
     """
     if not len(values):
         return Interval(np.nan, np.nan, np.nan)
@@ -56,7 +56,7 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
         drawn_sums, drawn_sizes = sums[chosen], sizes[chosen]
         deviations[part] = drawn_sums.sum(axis=1) / drawn_sizes.sum(axis=1) - estimate
         errors[part] = _standard_error(drawn_sums, drawn_sizes)
-    usable = errors > _LEAST_ERROR * error  # the same seed drawn each time tells no spread
+    usable = errors > _LEAST_ERROR * error  # the same seed drawn each time has no spread
     if not usable.any():
         return Interval(estimate, estimate, estimate)
     studentised = deviations[usable] / errors[usable]
@@ -67,13 +67,13 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
 def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
     """Share with Wilson's interval at the effective number of trials.
 
-    That number is what would give independent trials the variance seen between units (Korn and
-    Graubard 1998): at least one per unit, and at most as many as there are. As few units tell
-    little of that variance, one that has all its trials alike is added to them.
+    This is the number of independent trials that would have the variance seen between units (Korn
+    and Graubard 1998). It is at least one per unit, and at most the number of trials. As few units
+    give an uncertain variance, one unit whose trials are all alike is added to them.
 
     Args:
         values: (R,) in [0, 1], one per trial.
-        units: (R,) trials of the same unit depend on each other.
+        units: (R,) unit of each trial; trials of the same unit depend on each other.
     """
     if not len(values):
         return Interval(np.nan, np.nan, np.nan)
@@ -89,7 +89,7 @@ def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
     effective = float(np.clip(min(effective, len(values)) * (z / student) ** 2, number, None))
     centre = (share + z**2 / (2 * effective)) / (1 + z**2 / effective)
     reach = z * np.sqrt(binomial / effective + z**2 / (4 * effective**2)) / (1 + z**2 / effective)
-    # Rounding must not take a share of all or none out of its own interval.
+    # Rounding must not put a share of 0 or 1 outside its own interval.
     low, high = min(share, centre - reach), max(share, centre + reach)
     return Interval(share, max(0.0, low), min(1.0, high))
 

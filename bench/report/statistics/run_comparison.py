@@ -1,4 +1,4 @@
-"""Two runs against each other, on the same observations."""
+"""Comparison of two runs on the same observations."""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -22,22 +22,22 @@ _GROUP = ["scenario", "sensor"]
 def compare_runs(
     before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str], study: Study = USUAL
 ) -> pd.DataFrame:
-    """What became of the estimators, in every scenario and sensor that both runs have.
+    """Compare estimators of two runs in every scenario and sensor that both have.
 
-    Trials without noise have nothing random in them and take no part, unless of a family's draws.
+    Trials without noise are not random and do not count, unless they are of a family's draws.
 
     Args:
         before: trials of one run.
-        after: trials of another one, or the same.
+        after: trials of another run, or the same.
         names: estimators to compare, label in ``before`` to label in ``after``.
-        study: of both runs.
+        study: study of both runs.
 
     Returns:
         Columns ``error`` (a metric that is compared, or ``failures``), ``scenario, sensor,
         estimator, other, pairs``, the medians ``before`` and ``after`` over the pairs (of failures,
         their shares), ``better`` (share of pairs that improved, a tie counting half) with
         ``better_low`` and ``better_high`` (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or
-        ``worse`` where significant, else ``same``.
+        ``worse`` if significant, else ``same``.
     """
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after"]
     columns += ["better", "better_low", "better_high", "p"]
@@ -64,7 +64,7 @@ def _changes(
     metric: MetricDeclaration,
     study: Study,
 ) -> Iterator[dict[str, object]]:
-    """What became of the estimators by one metric, a row per scenario and sensor."""
+    """Changes of the estimators by one metric, a row per estimator, scenario and sensor."""
     before, after = (noisy(attempts_of(trials), study) for trials in runs)
     before, after = (t[measured(t, metric, study)] for t in (before, after))
     middle = np.mean if metric == FAILURES else _median

@@ -1,1 +1,1 @@
-"""Submissions: runs packed for a pull request, and how they are checked before they count."""
+"""Submissions: pack runs for a pull request, and check them before they are accepted."""

@@ -1,11 +1,10 @@
-"""Whether errors with a salt that nobody knew are as small as those that were submitted.
+"""Test whether errors with a fresh salt are as small as those that were submitted.
 
-An estimator that knows the noise of a published salt, and rows that were made up, are better than
-anybody's rows with another draw of the noise. Errors of one scenario, sensor and noise level are
-draws of one distribution whatever the salt, so submitted and fresh ones can be exchanged: a
-permutation test within these cells tells whether the fresh ones are larger. It takes cells for
-independent. Those of a family share their draws, so there the test refuses somewhat more often than
-it says.
+Rows that were made up, or made by an estimator that knows the noise of a published salt, are better
+than rows with other noise can be. Errors of one scenario, sensor and noise level (a cell) have the
+same distribution whatever the salt, so submitted and fresh ones are exchangeable: a permutation
+test within cells tells whether the fresh ones are larger. It assumes independent cells. Cells of a
+family share their draws, so there it refuses somewhat more often than ``LEVEL``.
 """
 
 import math
@@ -30,9 +29,9 @@ class FreshErrors:
     """How an estimator does with a fresh salt.
 
     Attributes:
-        estimator: its label.
-        metric: what is compared.
-        trials: number of fresh ones.
+        estimator: label of the estimator.
+        metric: name of the metric that is compared.
+        trials: number of fresh trials.
         submitted: median error of the submitted rows of the same cells.
         fresh: median error of the fresh trials.
         p: chance of fresh errors this much larger, or more, if the salt makes no difference.
@@ -58,14 +57,14 @@ def compare_fresh(
 ) -> list[FreshErrors]:
     """Compare errors of fresh trials with those submitted, estimator by estimator.
 
-    Failures count as infinitely large. The statistic is the sum of the fresh errors' ranks among
-    all of their cell, each divided by the cell's size, one-sided.
+    Failures count as infinitely large. The statistic is the sum of the fresh errors' ranks within
+    their cell, each divided by the size of the cell. The test is one-sided.
 
     Args:
-        rows: submitted ones.
-        fresh: trials with another salt, of estimators and cells among those of the rows.
-        metric: what is compared.
-        study: of the run.
+        rows: submitted trials.
+        fresh: trials with another salt, of estimators and cells of the rows.
+        metric: metric that is compared.
+        study: study of the run.
     """
     rows, fresh = (noisy(attempts_of(table), study) for table in (rows, fresh))
     found = []

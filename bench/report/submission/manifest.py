@@ -1,4 +1,4 @@
-"""The folder of a submission: its manifest, and the files that the manifest vouches for."""
+"""The folder of a submission: its manifest, and the files that the manifest lists."""
 
 import hashlib
 import json
@@ -13,9 +13,9 @@ from olne_bench.errors import UserError
 MANIFEST = "submission.json"
 ROWS = "trials.parquet"
 LEADERBOARD = "leaderboard.csv"
-#: Sources of plugins lie below, each plugin in a folder of its own.
+#: Folder with the sources of plugins, one folder per plugin.
 PLUGINS = "plugins"
-#: All files of a submission together [bytes]: the repository keeps them for good.
+#: Largest size of all files of a submission together [bytes]: the repository keeps them forever.
 MOST_BYTES = 10_000_000
 
 _FORMAT = 1
@@ -26,10 +26,10 @@ class Submission:
     """A run as it was submitted.
 
     Attributes:
-        folder: where it lies.
-        name: of the submission.
-        runs: where its rows come from; their suites name plugins by their place in the folder.
-        files: SHA-256 of every other file, by its place in the folder.
+        folder: folder of the submission.
+        name: name of the submission.
+        runs: provenance of its rows; their suites name plugins by their path in the folder.
+        files: SHA-256 of every other file, by its path in the folder.
     """
 
     folder: Path
@@ -38,10 +38,10 @@ class Submission:
     files: Mapping[str, str]
 
     def suites(self, home: Path) -> list[Suite]:
-        """Suites of the runs, with plugins in a folder in which ``PLUGINS`` lies.
+        """Suites of the runs, with plugins located in the folder ``home``, which has ``PLUGINS``.
 
         Raises:
-            UserError: on a plugin that is no file of the submission.
+            UserError: on a plugin that is not a file of the submission.
         """
         return [self._at(home, read_suite_json(run.suite)) for run in self.runs]
 
@@ -75,11 +75,11 @@ def manifest_text(name: str, runs: list[Provenance], files: Mapping[str, str]) -
 
 
 def read_submission(folder: Path) -> Submission:
-    """Read a submission, and hold its files against its manifest.
+    """Read a submission, and check its files against its manifest.
 
     Raises:
-        UserError: where there is none, one of another format, or a file is missing, was changed,
-            or is of no submission.
+        UserError: if there is no submission, it has another format, or a file is missing, was
+            changed, or cannot be part of a submission.
     """
     path = folder / MANIFEST
     try:
@@ -94,7 +94,7 @@ def read_submission(folder: Path) -> Submission:
     except OSError as error:
         raise UserError(f"no submission in {folder}: it has no {MANIFEST}") from error
     except (ValueError, TypeError, KeyError) as error:
-        raise UserError(f"{path} is no manifest of a submission: {error!r}") from error
+        raise UserError(f"{path} is not the manifest of a submission: {error!r}") from error
     _check_files(found)
     if not runs or ROWS not in found.files:
         raise UserError(f"{path} names no {'run' if not runs else ROWS}")
@@ -108,14 +108,14 @@ def _check_files(submission: Submission) -> None:
         parts = PurePosixPath(place)
         path = folder / parts
         if parts.is_absolute() or ".." in parts.parts or _is_linked(folder, parts):
-            raise UserError(f"{folder}: {place!r} is no file within a submission")
+            raise UserError(f"{folder}: {place!r} is not a file within a submission")
         if not path.is_file():
             raise UserError(f"{folder}: {place} is missing")
         size += path.stat().st_size
         if digest(path) != expected:
             raise UserError(f"{folder}: {place} was changed after it was submitted")
     if size > MOST_BYTES:
-        raise UserError(f"{folder}: its files have {size} bytes; at most {MOST_BYTES} are taken")
+        raise UserError(f"{folder}: its files have {size} bytes; at most {MOST_BYTES} are allowed")
 
 
 def _is_linked(folder: Path, place: PurePosixPath) -> bool:

@@ -1,4 +1,4 @@
-"""Pack a run for a pull request: its rows, their origin, and the code that made them."""
+"""Pack a run for a pull request: its rows, their provenance, and the code that made them."""
 
 import shutil
 from collections import Counter
@@ -41,15 +41,15 @@ def pack(folder: Path, name: str, out: Path) -> int:
 
     Args:
         folder: a run folder, all trials done with the present code.
-        name: of the submission.
+        name: name of the submission.
         out: the submission's folder, which must not exist.
 
     Returns:
         The number of its rows.
 
     Raises:
-        UserError: where the run is not whole, or is of other code than the present one, or a
-            plugin is no estimator or no file.
+        UserError: if the run is not complete or has rows of other code, or if a plugin is not an
+            estimator or not a file.
     """
     if out.exists():
         raise UserError(f"{out} exists already; remove it, or give another --name or --out")
@@ -72,10 +72,10 @@ def pack(folder: Path, name: str, out: Path) -> int:
 
 
 def _whole(store: Store, runs: Iterable[Provenance], folder: Path) -> pa.Table:
-    """Rows of all that the runs set out to do.
+    """Rows of all trials that the runs were asked for.
 
     Raises:
-        UserError: where some are not there, of other code, or could not be judged.
+        UserError: if some are missing, of other code, or could not be judged.
     """
     stored, states, keys = Stored(store.records()), Counter[str](), set()
     for task in map(task_of, runs):
@@ -87,7 +87,10 @@ def _whole(store: Store, runs: Iterable[Provenance], folder: Path) -> pa.Table:
     for state, what in (
         ("missing", f"are not run yet: {again}"),
         ("stale", f"were run with other code than the present one: {again} again"),
-        ("harness_error", "could not be judged: 'olne-bench run --retry harness_error' tries anew"),
+        (
+            "harness_error",
+            "could not be judged: 'olne-bench run --retry harness_error' tries them again",
+        ),
     ):
         if states[state]:
             raise UserError(f"{states[state]} of {len(keys)} trials in {folder} {what}")
@@ -97,10 +100,10 @@ def _whole(store: Store, runs: Iterable[Provenance], folder: Path) -> pa.Table:
 
 
 def _plugin_places(suites: Iterable[Suite]) -> dict[str, str]:
-    """Where each plugin goes to in the submission, by its reference.
+    """The path of each plugin in the submission, by its reference.
 
     Raises:
-        UserError: on a plugin that is no estimator, or no file.
+        UserError: on a plugin that is not an estimator, or not a file.
     """
     places: dict[str, str] = {}
     for suite in suites:
@@ -158,7 +161,7 @@ def _write_tables(rows: pa.Table, suites: Iterable[Suite], target: Path) -> None
 
 
 def _without_paths(run: Provenance, places: dict[str, str]) -> Provenance:
-    """A run's provenance with plugins where they lie in the submission."""
+    """A run's provenance that names plugins by their path in the submission."""
     suite = read_suite_json(run.suite)
     estimators = tuple(
         entry.model_copy(update={"name": places.get(entry.name, entry.name)})
@@ -173,7 +176,7 @@ def _write_manifest(name: str, runs: list[Provenance], target: Path) -> None:
     size = sum(path.stat().st_size for path in files)
     if size > MOST_BYTES:
         raise UserError(
-            f"the submission would have {size} bytes, at most {MOST_BYTES} are taken: run fewer "
+            f"the submission would have {size} bytes, at most {MOST_BYTES} are allowed: run fewer "
             "noise draws, or a smaller suite"
         )
     digests = {path.relative_to(target).as_posix(): digest(path) for path in files}

@@ -1,4 +1,4 @@
-"""Rows of a submission, what they should be, and what they are when they are run again."""
+"""Rows of a submission: read them, check them, and compare them with trials that are run again."""
 
 import json
 import math
@@ -20,7 +20,7 @@ from olne_bench.errors import UserError
 
 Row = Mapping[str, Any]
 
-#: These may differ from one machine, or one second, to the next and enter no table.
+#: Columns that may differ between machines and runs, and enter no table.
 _FREE = {"solve_seconds", "message", "extras"}
 _TIMEOUT = "timeout"
 
@@ -30,8 +30,8 @@ class Rows:
     """The rows of a submission.
 
     Attributes:
-        table: all of them, as ``Store.frame`` has them.
-        by_key: the same, each by ``Trial.key``.
+        table: the rows, as ``Store.frame`` returns them.
+        by_key: the rows by ``Trial.key``.
     """
 
     table: pd.DataFrame
@@ -42,7 +42,7 @@ def read_rows(submission: Submission) -> Rows:
     """The rows of a submission.
 
     Raises:
-        UserError: on a file that is none of rows, or has two rows of one trial.
+        UserError: if the file does not hold rows, or has two rows of one trial.
     """
     place = submission.folder / ROWS
     try:
@@ -65,10 +65,10 @@ def _key(row: Row) -> tuple[str, ...]:
 
 
 def check_whole(rows: Rows, planned: Mapping[tuple[str, ...], Trial], place: Path) -> None:
-    """Refuse rows that are not those, and all of those, that the runs set out to make.
+    """Refuse rows that are not exactly those that the runs were asked for.
 
     Raises:
-        UserError: where one is missing, or one is too many.
+        UserError: if a row is missing, or one is too many.
     """
     for what, keys in (
         ("lacks the row of", planned.keys() - rows.by_key.keys()),
@@ -82,7 +82,7 @@ def check_whole(rows: Rows, planned: Mapping[tuple[str, ...], Trial], place: Pat
 
 
 def described(row: Row) -> str:
-    """A trial in words."""
+    """A trial as text."""
     place = ", ".join(str(row[name]) for name in ("estimator", "scenario", "sensor"))
     return f"{place}, sigma {row['sigma']}, seed {row['seed']}"
 
@@ -93,7 +93,7 @@ def other_versions(row: Row, trial: Trial) -> list[str]:
 
 
 def explain_versions(kinds: Iterable[str], submission: Submission) -> str:
-    """What differs, in words, for each kind of version (``Versions``)."""
+    """A text on what differs, for each kind of version (``Versions``)."""
     said = []
     there = submission.runs[-1].environment
     for kind in sorted(set(kinds)):
@@ -111,11 +111,11 @@ def explain_versions(kinds: Iterable[str], submission: Submission) -> str:
 
 
 def difference(row: Row, outcome: Outcome) -> str | None:
-    """The first column in which a trial that was run again is not what its row says.
+    """The first difference between a row and its trial run again, as text; None if there is none.
 
-    Compared are status, weights and every number that a table is made of, bit by bit; not times,
-    messages and extras. A trial that ran into its time limit, here or there, tells of the machine:
-    it is not compared.
+    Status, weights and every number that a table uses are compared, bit by bit; times, messages
+    and extras are not. A trial that reached its time limit, here or there, depends on the machine
+    and is not compared.
     """
     if timed_out(row, outcome):
         return None

@@ -1,4 +1,4 @@
-"""Run a sample of a submission's trials again, as they are and with a salt that nobody knew."""
+"""Run a sample of a submission's trials again, as they are and with a fresh salt."""
 
 import os
 import secrets
@@ -45,21 +45,21 @@ from olne_bench.errors import UserError
 
 Key = tuple[str, ...]
 
-#: Tables that another version of a library makes may differ in their last digits.
+#: Tolerance of tables, whose last digits depend on the versions of libraries.
 _TABLE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a submission.
+    """The result of checking a submission.
 
     Attributes:
-        rows: it has so many.
-        identical: rows that were run again and are the same, bit by bit.
+        rows: number of its rows.
+        identical: number of rows that were run again and are the same, bit by bit.
         differing: one line for each row that is not.
-        timed_out: rows that were run again and say nothing, as a time limit was met.
-        other_versions: rows that this code cannot repeat bit by bit.
-        because: what of it is not what the rows were made with; empty where all is.
+        timed_out: number of rows that were run again but not compared, as a time limit was reached.
+        other_versions: number of rows that this code cannot repeat bit by bit.
+        because: which versions differ from those of the rows; empty if none does.
         fresh: errors with a fresh salt, by estimator.
         unjudged: one line for each trial with a fresh salt that could not be judged.
     """
@@ -75,7 +75,7 @@ class Verdict:
 
     @property
     def accepted(self) -> bool:
-        """Whether something was compared, and nothing speaks against it."""
+        """Whether something was compared and no check failed."""
         told = self.identical > 0 or any(one.decides for one in self.fresh)
         refused = self.differing or self.unjudged or not all(f.accepted for f in self.fresh)
         return told and not refused
@@ -86,10 +86,10 @@ class Limits:
     """How a submission is checked.
 
     Attributes:
-        sample: number of trials to run again, and of those to run with a fresh salt.
-        seed: of the choice of trials.
-        jobs: trials at a time.
-        memory: limit [bytes] of each process that runs foreign code.
+        sample: number of trials to run again, and number to run with a fresh salt.
+        seed: seed of the choice of trials.
+        jobs: number of trials at the same time.
+        memory: memory limit [bytes] of each process that runs foreign code.
         strict: whether rows of other versions are refused.
     """
 
@@ -104,12 +104,12 @@ def verify(folder: Path, limits: Limits) -> Verdict:
     """Check a submission.
 
     Args:
-        folder: of the submission.
-        limits: of the check.
+        folder: folder of the submission.
+        limits: limits of the check.
 
     Raises:
-        UserError: where it is none, was changed, is not whole, cannot be run here, or, if the check
-            is strict, has rows of other versions.
+        UserError: if it is not a submission, was changed, is not complete, cannot be run here, or,
+            if the check is strict, has rows of other versions.
     """
     submission = read_submission(folder)
     rows = read_rows(submission)
@@ -138,7 +138,7 @@ def verify(folder: Path, limits: Limits) -> Verdict:
 
 @contextmanager
 def _away_from_rows(submission: Submission) -> Iterator[Path]:
-    """A folder with the plugins alone: a plugin must not find its rows beside itself."""
+    """A folder with the plugins only: a plugin must not find its rows beside itself."""
     with TemporaryDirectory(prefix="olne-verify-") as made:
         home = Path(made)
         for place in submission.files:
@@ -150,7 +150,7 @@ def _away_from_rows(submission: Submission) -> Iterator[Path]:
 
 
 def _learnt(suite: Suite, folder: Path) -> Suite:
-    """The suite with what its plugins say of themselves now, whatever it says of them."""
+    """The suite with the present descriptions of its plugins instead of the stored ones."""
     try:
         return learn(suite, (), partial(describe_all, hidden=folder))
     except UserError as error:
@@ -158,7 +158,7 @@ def _learnt(suite: Suite, folder: Path) -> Suite:
 
 
 def _planned(submission: Submission, suites: list[Suite]) -> dict[Key, Trial]:
-    """All trials that the runs set out to do, in an order in which they run fast."""
+    """All trials that the runs were asked for, in an order in which they run fast."""
     trials: dict[Key, Trial] = {}
     for run, suite in zip(submission.runs, suites, strict=True):
         part = select(suite, run.selection)
@@ -168,7 +168,7 @@ def _planned(submission: Submission, suites: list[Suite]) -> dict[Key, Trial]:
 
 
 def _check_leaderboard(submission: Submission, rows: Rows, study: Study) -> None:
-    """Refuse a leaderboard that the rows do not make."""
+    """Refuse a leaderboard that does not follow from the rows."""
     place = submission.folder / LEADERBOARD
     try:
         stated = pd.read_csv(place)
@@ -195,9 +195,9 @@ def _sample(trials: list[Trial], number: int, rng: np.random.Generator) -> list[
 
 
 def _with_fresh_salt(trials: list[Trial], number: int, rng: np.random.Generator) -> list[Trial]:
-    """Trials like some of these, with a salt that is drawn now, and seeds of their own.
+    """Trials like some of these, with a fresh salt and new seeds.
 
-    They are of estimators that are plugins where there are any, and have some noise, or a draw.
+    They are of estimators that are plugins, if there are any, and have noise or a family's draw.
     """
     salt = secrets.token_hex(16)
     own = [t for t in trials if t.plugin] or [t for t in trials if t.estimator.label != FLOOR]
@@ -222,7 +222,7 @@ def _run(trials: list[Trial], limits: Limits, folder: Path) -> dict[Key, Outcome
 def _as_they_are(
     rows: Rows, trials: list[Trial], outcomes: Mapping[Key, Outcome]
 ) -> tuple[int, list[str], int]:
-    """How many rows are the same, lines on those that are not, and how many say nothing."""
+    """Number of equal rows, lines on differing rows, and number of rows that were not compared."""
     same, silent, differing = 0, 0, []
     for trial in trials:
         row, outcome = rows.by_key[trial.key], outcomes[trial.key]
@@ -239,7 +239,7 @@ def _as_they_are(
 def _fresh_errors(
     rows: Rows, trials: list[Trial], outcomes: Mapping[Key, Outcome], study: Study
 ) -> tuple[list[FreshErrors], list[str]]:
-    """Errors of trials with a fresh salt, and lines on those that have none."""
+    """Errors of trials with a fresh salt, and lines on those that could not be judged."""
     metric = primary(study.metrics)
     if metric is None or not trials:
         return [], []

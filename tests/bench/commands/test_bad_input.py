@@ -1,4 +1,4 @@
-"""Bad input ends in one clear line and exit code 2, at once and whatever its size."""
+"""Bad input gives one clear line and exit code 2, quickly and whatever its size."""
 
 import os
 import resource
@@ -20,7 +20,7 @@ estimators = ["uniform"]
 LONG = "n" * 300
 DIGITS = "9" * 5000
 
-#: Where GOOD is changed, to what, and what is said of it.
+#: What to replace in GOOD, by what, and a part of the message.
 SUITES = {
     "too many seeds": ("seeds = 3", f"seeds = {10**12}", "seeds: Input should be less than"),
     "too many trials": (
@@ -62,13 +62,17 @@ SUITES = {
     "infinity": ("seeds = 3", "seeds = 3\ntime_limit = inf", "time_limit: Input should"),
     "huge noise": ("0.1]", "1e300]", "sigmas.1: Input should be less than"),
     "a long name": ('"tiny"', f'"{LONG}"', "name: String should have at most 120 characters"),
-    "NUL": ('"tiny"', '"ti\\u0000ny"', "name: control characters and line breaks are no part"),
-    "a line break": ('"tiny"', '"ti\\nny"', "name: control characters and line breaks are no part"),
+    "NUL": ('"tiny"', '"ti\\u0000ny"', "name: it cannot contain control characters or line breaks"),
+    "a line break": (
+        '"tiny"',
+        '"ti\\nny"',
+        "name: it cannot contain control characters or line breaks",
+    ),
     "an empty salt": ("seeds = 3", 'seeds = 3\nsalt = "\\t"', "salt: a text that is not empty"),
     "a line break in a label": (
         '"uniform"',
         '{name = "uniform", label = "a\\nb"}',
-        "estimators.0.label: control characters",
+        "estimators.0.label: it cannot contain control characters",
     ),
     "a long sensor label": ('"full"', f'{{name = "full", label = "{LONG}"}}', "sensors.0.label"),
     "an escape in an option": (
@@ -76,7 +80,11 @@ SUITES = {
         '{name = "random", options = {num_players = "\\u001b[2J"}}',
         "control characters",
     ),
-    "NUL in a plugin": ('"uniform"', '"a\\u0000b.py"', "estimators.0.name: control characters"),
+    "NUL in a plugin": (
+        '"uniform"',
+        '"a\\u0000b.py"',
+        "estimators.0.name: it cannot contain control characters",
+    ),
     "a long plugin": ('"uniform"', f'"{LONG}.py"', "no estimator file "),
     "the same twice": ('"full"', '"full", "full"', "sensor 'full' is listed twice"),
     "the same label twice": (
@@ -120,12 +128,12 @@ def suite(tmp_path):
 
 
 def refusal(capsys, *arguments) -> str:
-    """What is said on bad input: one line within seconds, in bounded memory."""
+    """The message on bad input: one line within seconds, in bounded memory."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     started, worked = time.monotonic(), time.process_time()
     with pytest.raises(SystemExit) as ended:
         main([str(argument) for argument in arguments])
-    # Where others work on the machine too, the clock on the wall says less than one's own work.
+    # On a busy machine, processor time is a better measure than wall-clock time.
     worked, seconds = time.process_time() - worked, time.monotonic() - started
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before  # [KiB], on Linux
     said, errors = capsys.readouterr()
@@ -153,12 +161,12 @@ def test_a_bad_suite_is_one_line(capsys, tmp_path, suite, case):
     ("option", "value", "expected"),
     [
         ("--out", "", "'' names no file or folder"),
-        ("--out", "a\0b", "control characters and line breaks are no part of a name"),
-        ("--out", "a\nb", "control characters and line breaks are no part of a name"),
-        ("--out", LONG, "no name is longer than 200 bytes"),
+        ("--out", "a\0b", "a name cannot contain control characters or line breaks"),
+        ("--out", "a\nb", "a name cannot contain control characters or line breaks"),
+        ("--out", LONG, "a name has at most 200 bytes"),
         ("--plugin", "", "'' names no file or folder"),
         ("--plugin", "a\0b.py", "control characters"),
-        ("--plugin", f"{LONG}.py", "no name is longer than 200 bytes"),
+        ("--plugin", f"{LONG}.py", "a name has at most 200 bytes"),
         ("--plugin", "absent.py", "absent.py"),
         ("--jobs", 10**8, "100000000 is not in the range 1<=x<=1024"),
         ("--jobs", DIGITS, "is not a valid integer"),
@@ -211,7 +219,7 @@ def test_a_bad_file_is_one_line(capsys, tmp_path, monkeypatch, name, expected):
     (tmp_path / "secret.toml").write_text(GOOD)
     if name == "secret.toml":
         (tmp_path / name).chmod(0)
-        if os.access(name, os.R_OK):  # root may read it all the same
+        if os.access(name, os.R_OK):  # root may read it anyway
             monkeypatch.setattr("pathlib.Path.open", _refuse)
     assert expected in refusal(capsys, "run", name, "--out", "out")
 

@@ -128,7 +128,7 @@ class Kept:
 
 
 def run_all(monkeypatch, statuses, stop_after=None):
-    """What is stored of trials that end so, and which signal is reported."""
+    """The stored statuses of trials with these outcomes, and the reported signal."""
     module = import_module("olne_bench.bench.commands.run")
 
     def start(todo, _options, stop):

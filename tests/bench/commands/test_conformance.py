@@ -1,4 +1,4 @@
-"""The checks of plugins: each finds what it is there for, and a good one passes them all."""
+"""The checks of plugins: each finds its fault, and a good plugin passes all of them."""
 
 import subprocess
 import sys
@@ -151,7 +151,7 @@ def check(reference, name, budget=0.3, kind=ESTIMATOR, **parameters):
         ("Covariance", "shapes and simplex", "covariance has the shape (3, 3), expected (8, 8)"),
         ("Random", "determinism under a fixed rng", "two estimates with equal generators differ"),
         ("HoldsALambda", "pickling", "it cannot be pickled"),
-        ("Forgets", "pickling", "a pickled copy estimates otherwise"),
+        ("Forgets", "pickling", "a pickled copy gives other weights"),
         ("Writes", "inputs are not mutated", "it writes into observation.y"),
         ("IsLate", "deadline is kept", "it took 0.4"),
         ("PassesGapsOn", "missing samples", "weights are not finite"),
@@ -323,7 +323,7 @@ class WritesTruth(Metric):
         (SENSOR, "Blind", 2, "it shows nothing at all"),
         (METRIC, "Label", 0, "worst is 'far'"),
         (METRIC, "Drifts", 1, "two scores of one case differ"),
-        (METRIC, "Backwards", 2, "less has to be better"),
+        (METRIC, "Backwards", 2, "an error is least at the truth"),
         (METRIC, "Beyond", 2, "it scores 1.0, beyond its worst value 0.5"),
         (METRIC, "Text", 2, "it returned a str"),
         (METRIC, "WritesTruth", 1, "read-only"),

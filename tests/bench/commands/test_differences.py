@@ -1,4 +1,4 @@
-"""What differs between two copies of plain data."""
+"""Differences between two copies of plain data."""
 
 import copy
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from olne_bench.bench.commands.differences import find_change
 
 
 class Thing:
-    """Compares by identity, so it is looked into."""
+    """Compares by identity, so its attributes are compared."""
 
     def __init__(self, size: float) -> None:
         self.size = size

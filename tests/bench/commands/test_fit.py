@@ -1,4 +1,4 @@
-"""Residuals, standard errors and what they say."""
+"""Residuals, standard errors and unexplained players."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ GAME = get_scenario("two_player").game
 
 
 def fit(sigma: float, error: float, *, covariance: bool = True, states: bool = True) -> Fit:
-    """Player 1 is observed ``error`` units of noise away from where the estimate has it."""
+    """A fit in which player 1 is observed ``error`` units of noise away from its estimate."""
     expected = np.random.default_rng(0).normal(size=GAME.state_shape)
     scale = np.array([1.0, 1.0, 0.1, 2.0])
     y = expected.copy()

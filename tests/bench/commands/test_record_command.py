@@ -222,7 +222,7 @@ def _with(row, column, value):
 BAD_TRACKS = {
     "one column": (tracks().drop(columns="y"), "missing column y; it has: time, player, x"),
     "columns": (tracks().drop(columns=["x", "y"]), "missing columns x, y; it has"),
-    "column twice": ("time,player,x,y,x\n0,a,0,0,0\n", "column 'x' is there twice"),
+    "column twice": ("time,player,x,y,x\n0,a,0,0,0\n", "column 'x' appears twice"),
     "empty": ("", "is empty; expected the columns time, player, x, y"),
     "no rows": ("time,player,x,y\n", "has 0 times, expected at least 3"),
     "ragged": ("time,player,x,y\n0,a,0,0,0,0\n", "not a CSV file"),
@@ -245,7 +245,7 @@ BAD_TRACKS = {
     "mph": (tracks(speed=22.4), "mean speed of 22.4, but its positions move at 10 m/s"),
     "standing": (tracks(x=0.0, speed=5.0), "mean speed of 5, but its positions move at 0 m/s"),
     "centimetres": (tracks(x=tracks()["x"] * 100), "moves at 1000 m/s, above 100"),
-    "few degrees": (tracks(heading=3.0), "'car' has headings that point away from where"),
+    "few degrees": (tracks(heading=3.0), "'car' has headings that point away from its motion"),
     "degrees": (tracks(heading=90.0), "has a heading of 90; expected radians"),
     "short": (tracks().iloc[:4], "has 2 times, expected at least 3"),
 }
@@ -347,12 +347,12 @@ def test_players_who_start_as_those_of_a_fixed_scenario_have_their_targets(tmp_p
 
 
 def test_targets_from_the_data_are_named_and_warned_of(tmp_path, capsys):
-    path = tracks_of("highway_overtaking", tmp_path, x=3.0)  # nobody starts there
+    path = tracks_of("highway_overtaking", tmp_path, x=3.0)  # no drawn player starts there
     run("estimate", path, "--scenario", "highway_overtaking", "--estimator", "uniform")
     said = capsys.readouterr()
     assert "the estimator gives no motion to compare" in said.out
     assert "median speed" in said.out and "where it was last seen" in said.out
-    assert "nothing tells the players' px, speed: the weights depend on what the data" in said.err
+    assert "the players' px, speed are guessed from the data (source 'data')" in said.err
 
 
 def test_goals_of_others_are_where_they_were_last_seen(tmp_path, monkeypatch):
@@ -394,8 +394,8 @@ def test_games_that_are_too_long_say_how_to_resample(tmp_path, capsys):
     table = pd.DataFrame({"time": times, "player": "a", "x": 10 * times, "y": 0.0})
     imported(tmp_path, table)
     error = fails(capsys, "estimate", tmp_path / "tracks.parquet", "--scenario", "highway")
-    assert "has 500 steps of 0.04 s, at most 400 make a game" in error
-    assert "--resample 0.1, or with a shorter --window" in error
+    assert "has 500 steps of 0.04 s, a game at most 400" in error
+    assert "--resample 0.1 or a shorter --window" in error
 
 
 RAISES = """class Raises:
@@ -423,7 +423,7 @@ RAISES = """class Raises:
             ["--scenario", "two_player", "--estimator", "RAISES"],
             "RuntimeError: no licence (",
         ),
-        ([], "names no scenario; say by --scenario whose costs there are"),
+        ([], "names no scenario; give one with --scenario"),
     ],
 )
 def test_bad_estimates_are_refused(own_tracks, tmp_path, capsys, arguments, expected):

@@ -45,7 +45,7 @@ def test_neighbours_are_certified_equilibria_from_other_starts():
         root = newton_root(game, one.states, one.controls, one.costates, weights)
         assert root.residual < 1e-9
         np.testing.assert_allclose(one.states, root.states, atol=1e-9)
-        # The one observation beyond the horizon is of a step without control.
+        # The observation beyond the horizon is one step without control later.
         coasted = rollout(game.dynamics, one.states[-1], np.zeros((1, 2, 2)), game.dt)[-1]
         np.testing.assert_array_equal(one.extra_state, coasted)
         # Players pass each other as in the scenario itself.
@@ -99,7 +99,7 @@ def test_held_out_predictions_are_exact_at_the_truth_and_err_elsewhere():
     assert held_out_error(other / other.sum(axis=1, keepdims=True)) > 1e-3
 
 
-HOPELESS = np.array([[1.0, 0, 0, 0]] * 2)  # nothing but to avoid each other, whatever the speed
+HOPELESS = np.array([[1.0, 0, 0, 0]] * 2)  # players only avoid each other, at any speed
 
 
 def test_held_out_predictions_are_the_same_equilibrium_from_other_starts():

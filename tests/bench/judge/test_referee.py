@@ -1,4 +1,4 @@
-"""What becomes of one trial."""
+"""Judging of one trial."""
 
 import numpy as np
 import pytest
@@ -195,7 +195,7 @@ estimators = ["uniform"]
 
 
 def test_the_truth_has_the_squared_error_of_its_own_noise(tmp_path):
-    """Over its variance it is chi-squared: as large as there are samples, or nearly so."""
+    """Relative to the variance it is chi-squared: about the number of samples."""
     path = tmp_path / "suite.toml"
     path.write_text(SEEN)
     for trial in expand(load_suite(str(path))):

@@ -1,4 +1,4 @@
-"""A fingerprint changes with what code does, and with nothing else."""
+"""A fingerprint changes with the code, but not with its comments, docstrings or formatting."""
 
 import pytest
 

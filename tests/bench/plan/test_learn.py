@@ -98,7 +98,7 @@ def test_all_is_asked_in_one_go(folder):
 @pytest.mark.parametrize("name", ["status", "sigma", "failures", "A", "a b", "run", "1st"])
 def test_a_metric_takes_no_column_that_is_taken(folder, name):
     (folder / "metric.py").write_text(PLUGINS["metric.py"].replace("mine", name))
-    with pytest.raises(UserError, match=f"a metric is called '{name}': its name is that of a col"):
+    with pytest.raises(UserError, match=f"a metric is called '{name}': its name becomes a col"):
         load(folder, "metric.py")
 
 
@@ -108,7 +108,7 @@ def test_what_a_plugin_says_is_checked_as_what_a_file_says(folder):
             Description(kind.name, reference, "line\nbreak") for kind, reference, _ in questions
         ]
 
-    with pytest.raises(UserError, match="label: control characters and line breaks"):
+    with pytest.raises(UserError, match="label: it cannot contain control characters"):
         load(folder, describe=describe)
 
 

@@ -1,4 +1,4 @@
-"""What a gate asks for."""
+"""Limits of a gate."""
 
 import pytest
 from pydantic import ValidationError

@@ -1,4 +1,4 @@
-"""What becomes of trials."""
+"""Outcomes of trials."""
 
 from olne_bench.bench.plan.outcome import FAILURES, OUTCOME_COLUMNS, STATUSES, Outcome
 

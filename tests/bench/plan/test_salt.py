@@ -1,4 +1,4 @@
-"""Salts: whose they are, and which may be asked for."""
+"""Salts: where they come from, and which are allowed."""
 
 import hashlib
 
@@ -35,10 +35,10 @@ def test_a_run_goes_on_with_its_own_salt() -> None:
 
 
 def test_a_run_has_no_two_salts() -> None:
-    with pytest.raises(UserError, match="--salt 'sea' is not that of the run to go on with"):
+    with pytest.raises(UserError, match="--salt 'sea' is not that of the run to continue"):
         salted(SUITE, "sea", salted(SUITE, FRESH, None))
     with pytest.raises(UserError, match=salt_id(SUITE.salt)):
-        salted(SUITE, FRESH, SUITE)  # nobody drew one then
+        salted(SUITE, FRESH, SUITE)  # none was drawn then
 
 
 def test_a_salt_is_a_text_of_one_line() -> None:

@@ -1,4 +1,4 @@
-"""Frames on a socket: whole ones are read, nothing is waited for, nothing is read without bound."""
+"""Frames on a socket: complete ones are read, and reads neither wait nor are unbounded."""
 
 import socket
 import struct

@@ -1,4 +1,4 @@
-"""Child processes: whatever they do, the parent gets an answer or a reason, and nothing stays."""
+"""Child processes: the parent always gets an answer or a reason, and no process is left."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Messages: what is not of the form is refused, whatever it is."""
+"""Messages: anything that does not fit the schema is refused."""
 
 import pickle
 
@@ -45,7 +45,7 @@ def test_messages_come_back(message):
     ],
 )
 def test_what_is_no_message_is_refused(frame):
-    with pytest.raises(ValueError, match="no message"):
+    with pytest.raises(ValueError, match="not a message"):
         decode_message(frame)
 
 

@@ -1,4 +1,4 @@
-"""The sandbox: what foreign code reaches, and what it does not."""
+"""The sandbox: what foreign code can reach, and what it cannot."""
 
 import os
 import socket
@@ -66,7 +66,7 @@ def test_the_hidden_folder_cannot_be_read_and_others_can(child, hidden):
 
 
 def test_draws_that_the_user_played_cannot_be_read(monkeypatch, tmp_path):
-    """They hold true motions; also where no run is hidden, and before the first is kept."""
+    """They hold true motions. This holds without a hidden run, and before the first is kept."""
     monkeypatch.setenv("OLNE_BENCH_CACHE", str(tmp_path / "cache"))
     draws = tmp_path / "cache-draws"
     (tmp_path / "data").write_text("open")
@@ -126,7 +126,7 @@ def test_what_is_kept_from_foreign_code_can_be_told():
 
 
 class Kernel:
-    """Takes down what a process asks of a kernel that has some version of Landlock."""
+    """Record what a process asks of a kernel with some version of Landlock."""
 
     def __init__(self, version: int) -> None:
         self.version, self.calls = version, []

@@ -1,4 +1,4 @@
-"""Scenarios and sensors by their labels, as a run's suite would tell."""
+"""A study with scenarios and sensors by label, and trials on a road."""
 
 from collections.abc import Callable
 
@@ -57,7 +57,7 @@ def road_study() -> Study:
 
 @pytest.fixture(scope="session")
 def road_trials(road_study: Study) -> pd.DataFrame:
-    """One draw on a road, which every estimator of this package finds out exactly."""
+    """Trials of one draw on a road, for which each built-in estimator finds the true weights."""
     weights = true_recording(road_study.draw("roundabout", 0)).scenario.weights.tolist()
     metrics = ("cosine_error", "position_error", "reconstruction_error", "held_out_error")
     return pd.DataFrame(
@@ -89,7 +89,7 @@ def road_trials(road_study: Study) -> pd.DataFrame:
 
 @pytest.fixture(scope="session")
 def road_frame(road_study: Study) -> tuple[np.ndarray, np.ndarray]:
-    """HighwayEnv's picture of that draw at its start, and where it has the cars (N, 2) [pixels]."""
+    """HighwayEnv's picture of that draw at its start, and the cars' places (N, 2) [pixels]."""
     world = highway_v0.parallel_env(
         true_recording(road_study.draw("roundabout", 0)).scenario, render_mode="rgb_array"
     )

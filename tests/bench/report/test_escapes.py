@@ -1,4 +1,4 @@
-"""Names never break a table, nor act in a spreadsheet."""
+"""Names never break a table, nor become formulas in a spreadsheet."""
 
 import io
 

@@ -61,7 +61,7 @@ def test_every_report_comes_with_the_page_and_tables(run):
         assert (run / name).stat().st_size > 200
     assert len(pd.read_csv(run / "identifiability.csv")) == 2 * 8
     board = pd.read_csv(run / "leaderboard.csv")
-    assert set(board["position_error_rank"]) == {1}  # the floor takes nobody's rank
+    assert set(board["position_error_rank"]) == {1}  # the floor does not take a rank
 
 
 def test_the_page_plays_what_is_asked_for(run, capsys):
@@ -108,12 +108,12 @@ def test_a_limit_that_is_not_kept(run, tmp_path, capsys):
     ("gate", "expected"),
     [
         ("", "has no [gate] table"),
-        ("[gate.kkt_residual]\nerror = 1\n", "limits 'error', which is no metric of the run"),
+        ("[gate.kkt_residual]\nerror = 1\n", "limits 'error', which is not a metric of the run"),
         ("[gate.kkt_residual]\ncosine_error = -1\n", "greater than or equal to 0"),
         ("[gate.kkt_residual]\ntime_ratio = 2\n", "time_ratio and time_reference belong together"),
         (
             "[gate.kkt_residual]\nsensors = ['full']\n",
-            "no limit is set; there are those",
+            "no limit is set; limits are those",
         ),
         ("[gate.nobody]\nfailures = 0\n", "the run has none; it has: kkt_residual, uniform"),
         ("[gate.uniform]\nfailures = 0\nsensors = ['x']\n", "it has: full, partial"),
@@ -230,7 +230,7 @@ def test_a_new_failure_is_worse():
 
 
 def test_small_gains_do_not_make_up_for_new_failures():
-    """28 trials are slightly better, 12 of 40 crash: better by sign, and worse."""
+    """28 of 40 trials are slightly better, 12 crash: more trials gain, but failures are worse."""
     rows = [
         {"scenario": "two_player", "sensor": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
         | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
@@ -258,7 +258,7 @@ def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
     main([*command, "--seeds", "1"])
     assert call("gate", out) == 0
     assert "; only a part of the suite was run: --seeds 1" in capsys.readouterr().out
-    with open_store(out) as store:  # as if that had been all that a whole run got done
+    with open_store(out) as store:  # as if a complete run had done only that
         (source,) = store.runs()
         store.begin_run(replace(source, selection=Selection(), seeds=2), [])
     assert call("gate", out) == 1
@@ -270,7 +270,7 @@ def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
 
 
 def test_limits_of_scenarios_and_estimators_are_not_missed(tmp_path, capsys):
-    """Noise levels and draws of their own are all that was to be done."""
+    """Only a scenario's own noise levels and draws had to be run."""
     suite = tmp_path / "small.toml"
     suite.write_text(
         SUITE.replace('["two_player"]', '[{name = "two_player", sigmas = [0.0, 0.05], seeds = 2}]')

@@ -152,7 +152,7 @@ def test_coverage_is_over_estimates_with_an_ellipsoid():
 
 
 def test_an_estimator_without_a_trajectory_has_no_error_of_it():
-    """One that returns some is measured by all of its attempts."""
+    """An estimator that returns some trajectories is measured by all of its attempts."""
     nan = np.nan
     rows = [trial(reconstruction_error=e, seed=k) for k, e in enumerate((0.1, 0.3, nan))]
     rows.append(trial(status="crash", reconstruction_error=nan, seed=3))
@@ -184,7 +184,7 @@ def test_times_count_as_often_as_their_rows():
 
 
 def test_draws_without_anything_to_hold_out_are_not_measured():
-    """Of a family: where no estimate has a held-out error, there is none to be had."""
+    """If no estimate of a family's draw has a held-out error, the draw does not count."""
     name, nan = "random(num_players=3)", np.nan
     rows = [
         trial(scenario=name, seed=seed, estimator=estimator, held_out_error=error)
@@ -205,7 +205,7 @@ def test_in_a_fixed_scenario_all_seeds_have_the_same_starts(usual):
 
 
 def test_rows_stand_by_rank_and_then_by_median(usual):
-    """Medians and most trials can disagree: then the trials decide, as they do on the page."""
+    """If medians and most trials disagree, the trials decide, as on the page."""
     errors = {"often": [0.1] * 7 + [9.0] * 8, "even": [5.0] * 7 + [9.1] * 8, "last": [50.0] * 15}
     rows = [
         trial(scenario="two_player", estimator=name, seed=seed, position_error=error)

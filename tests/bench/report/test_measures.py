@@ -1,4 +1,4 @@
-"""Which metrics a table is about."""
+"""The choice of a table's metrics."""
 
 import pandas as pd
 

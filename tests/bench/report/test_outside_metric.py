@@ -1,4 +1,4 @@
-"""A metric of somebody else's shows in all that a report is made of, by its declaration alone."""
+"""A foreign metric appears in all parts of a report, by its declaration alone."""
 
 import json
 import re
@@ -75,7 +75,7 @@ def test_the_leaderboard_has_its_quartiles_mean_and_rank(trials):
     a, b = table.loc[("gappy", "a")], table.loc[("gappy", "b")]
     assert 0.25 <= a["jerk_error_q25"] <= a["jerk_error_median"] <= a["jerk_error_q75"] <= 0.275
     assert a["jerk_error_mean_low"] < a["jerk_error_mean"] < a["jerk_error_mean_high"]
-    # Five of twenty crash, and count with the worst there is.
+    # Five of twenty crash, and count as the worst value.
     assert b["jerk_error_mean"] == pytest.approx((5 * 9 + 15 * 2.1) / 20, abs=0.1)
     assert (a["jerk_error_rank"], b["jerk_error_rank"]) == (1, 2)
     assert (a["on_road_share"], a["on_road_trials"], b["on_road_trials"]) == (0.75, 20, 15)
@@ -127,7 +127,7 @@ def test_a_gate_may_limit_it_where_it_says_so(trials):
     assert [o.passed for o in outcomes] == [True] * 3
     strict = check_limits(table, {"b": GateLimits(jerk_error=1.0)}, STUDY)
     assert not any(o.passed for o in strict)
-    with pytest.raises(UserError, match="limits 'on_road', which is no metric") as caught:
+    with pytest.raises(UserError, match="limits 'on_road', which is not a metric") as caught:
         check_limits(table, {"a": GateLimits(on_road=1.0)}, STUDY)
     assert "jerk_error" in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(UserError, match="limits 'jerk_error'"):
@@ -143,7 +143,7 @@ def test_two_runs_are_compared_by_it(trials):
 
 
 def test_the_suite_of_a_run_says_what_its_metrics_are():
-    """Those of this package keep their order, whatever is not stored is as they have it."""
+    """Built-in metrics keep their order, and missing fields are those of the built-in ones."""
     entries = [
         SimpleNamespace(column="jerk_error", declaration={"label": "jerk", "worst": None}),
         SimpleNamespace(column="covers_truth", declaration={"label": "covered", "unit": ""}),

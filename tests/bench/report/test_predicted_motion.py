@@ -49,7 +49,7 @@ def test_failures_have_no_replay():
 
 
 def test_a_motion_is_known_by_its_error_to_a_micrometre_and_a_ten_thousandth():
-    """The error of a motion that is found again may be off by rounding, and by no more."""
+    """The error of a motion that is found again may differ by rounding only."""
     row = scored(np.array([[0.1, 0.2, 0.3, 0.4], [0.4, 0.3, 0.2, 0.1]]))
     error = row["position_error"]
     assert error > 1e-3

@@ -1,4 +1,4 @@
-"""What a run leaves to take home."""
+"""The files of a report."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ TABLES = ("trials", "leaderboard", "comparisons", "identifiability", "bound_rati
 
 
 def fill(folder: Path, scored: bool = True) -> int:
-    """A run of two estimators that find the truth; returns how many trials it has."""
+    """Store a run of two estimators that find the truth; return its number of trials."""
     estimators = ("kkt_residual", "uniform")
     part = Selection(scenarios=("two_player",), sigmas=(0.01,), estimators=estimators)
     suite = select(load_suite("quick"), part)
@@ -60,7 +60,7 @@ def test_tables_and_page_are_written(tmp_path: Path) -> None:
     parquet = pd.read_parquet(tmp_path / "trials.parquet")
     assert len(parquet) == len(pd.read_csv(tmp_path / "trials.csv")) == number
     np.testing.assert_allclose(np.stack(parquet["weights"].iloc[0]).shape, (2, 4))
-    # A message is foreign text: a spreadsheet must not take it for a formula.
+    # A message is foreign text: a spreadsheet must not read it as a formula.
     assert (parquet["message"] == "=1+1").all()
     assert not pd.read_csv(tmp_path / "trials.csv")["message"].str.startswith("=").any()
 

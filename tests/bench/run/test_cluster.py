@@ -40,7 +40,7 @@ def test_a_killed_dask_worker_loses_nothing(study):
     end = time.monotonic() + 60
     while killed < 2 and process.poll() is None and time.monotonic() < end:
         time.sleep(0.5)
-        # Dask's workers have processes of their own, which run trials.
+        # Dask's workers have child processes, which run trials.
         workers = [child for child in driver.children() if child.children()]
         if workers:
             time.sleep(0.5)
@@ -93,7 +93,7 @@ def test_a_scheduler_that_says_nothing_is_given_up(monkeypatch):
 
 
 class Ended:
-    """A task of which one trial was run, in a quarter of an hour."""
+    """A task that ran one trial, in a quarter of an hour."""
 
     status = "finished"
 

@@ -1,4 +1,4 @@
-"""What plugins say of themselves, asked in processes of their own."""
+"""Descriptions of plugins, made in child processes."""
 
 import sys
 

@@ -1,6 +1,6 @@
-"""However a suite is run, its rows are the same; short form of ``scripts/equal_rows.py``.
+"""A suite has the same rows however it is run: a short form of ``scripts/equal_rows.py``.
 
-Those of a Dask cluster are compared in ``test_cluster.py``.
+The rows of a Dask cluster are compared in ``test_cluster.py``.
 """
 
 import pandas as pd

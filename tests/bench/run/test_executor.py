@@ -1,4 +1,4 @@
-"""Misbehaving estimators: each gets the row it deserves and harms nobody else."""
+"""Misbehaving estimators: each gets its row, and none affects another."""
 
 import subprocess
 import time
@@ -332,11 +332,11 @@ def test_a_run_waits_for_what_it_has_begun_and_stops_when_asked(tmp_path):
     assert len(trials) == 3
     for trial, outcome in run_trials(trials, jobs=1, log=tmp_path / "log", stop=stop):
         found.append((trial.key, outcome.status))
-    # One more may have ended while the first was told of, but none was begun after it.
+    # One more may have ended while the first was reported, but none was started after it.
     assert [key for key, _ in found] == [trial.key for trial in trials[: len(found)]]
     assert 1 <= len(found) <= 2
     assert found[0][1] == "ok"
-    # Between questions it sleeps, rather than ask as often as it can.
+    # It sleeps between calls instead of polling all the time.
     assert len(asked) <= 2 * (asked[-1] - asked[0]) / TICK + 20
 
 

@@ -1,4 +1,4 @@
-"""Whether sensors fit scenarios."""
+"""The check that sensors fit scenarios."""
 
 import pytest
 

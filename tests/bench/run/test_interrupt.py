@@ -1,4 +1,4 @@
-"""Ctrl-C, full disks and clocks: runs end in order, and go on as if nothing had been."""
+"""Ctrl-C, full disks and clocks: runs end in order, and continue as if nothing had happened."""
 
 import os
 import resource
@@ -31,7 +31,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(study, number):
     while stored(out) < 3 and time.monotonic() < end:
         time.sleep(0.1)
     if number == signal.SIGINT:
-        os.killpg(process.pid, number)  # as a terminal does: to everybody
+        os.killpg(process.pid, number)  # to all processes, as a terminal does
     else:
         process.send_signal(number)
     interrupted = time.monotonic()
@@ -40,7 +40,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(study, number):
     assert process.returncode == 128 + number
     last = errors.strip().splitlines()[-1]
     assert last.startswith("interrupted: ")
-    assert "run the same command again to go on" in last
+    assert "run the same command again to continue" in last
     kept = stored(out)
     assert f"interrupted: {kept} trials" in last
     assert 3 <= kept < 16
@@ -53,7 +53,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(study, number):
 
 
 def test_a_full_disk_is_one_line_and_loses_nothing(study):
-    # No file may grow beyond this, which is what a full disk is like to the store.
+    # A limit on the size of files looks like a full disk to the store.
     study.suite.write_text(study.suite.read_text().replace("seeds = 4", "seeds = 40"))
 
     def fill():

@@ -1,6 +1,6 @@
-"""Kills (-9) at random moments leave the table that an undisturbed run leaves; short form.
+"""Kills (-9) at random moments do not change the table of a run; a short test.
 
-``scripts/kill_test.py`` is the long one.
+``scripts/kill_test.py`` is the long test.
 """
 
 import time

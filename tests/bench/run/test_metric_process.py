@@ -1,4 +1,4 @@
-"""Metrics of foreign code, in processes of their own."""
+"""Foreign metrics in child processes."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Where rows come from, and how a store holds it."""
+"""Provenance of rows, and how a store holds it."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Runs that go on: what is done stays done, what has changed is run again, nothing is lost."""
+"""Continued runs: finished trials stay, changed ones are run again, nothing is lost."""
 
 import pandas as pd
 import pytest
@@ -105,7 +105,7 @@ def test_provenance_is_stored(study):
 
 def test_a_fresh_salt_is_kept_by_its_run(study):
     study.run("a", "Drawn", options=("--salt", "fresh", "--sigma", "0.01"))
-    said = study.run("a", "Drawn", options=("--salt", "fresh"))  # the same command goes on
+    said = study.run("a", "Drawn", options=("--salt", "fresh"))  # the same command continues
     assert "8 of 16 trials are done already" in said
     assert "16 of 16 trials are done already" in study.run("a", "Drawn")
     fresh = study.rows("a")
@@ -124,9 +124,9 @@ def test_a_fresh_salt_is_kept_by_its_run(study):
     assert f"its salt was {own} and is {salt_id('small')}" in error
     for other in ("another", "small"):
         error = study.run("a", "Drawn", options=("--salt", other), code=2)
-        assert f"--salt '{other}' is not that of the run to go on with, which has {own}" in error
+        assert f"--salt '{other}' is not that of the run to continue, which has {own}" in error
 
-    study.run("c", "Drawn", options=("--salt", *salts))  # who knows the salt repeats the rows
+    study.run("c", "Drawn", options=("--salt", *salts))  # the salt repeats the rows
     same(study.rows("c"), fresh)
 
 

@@ -1,4 +1,4 @@
-"""Players who cross: what every draw keeps to."""
+"""Crossing players: properties of every draw."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_starts_goals_and_headings_lie_where_they_should(players: int) -> None:
         assert SPEED_RANGE[0] <= start[:, 3].min() <= start[:, 3].max() <= SPEED_RANGE[1]
         ratios = scenario.weights.min(axis=1) / scenario.weights.max(axis=1)
         assert ratios.min() >= WEIGHT_RANGE[0] / WEIGHT_RANGE[1]
-        # Each has a slot of its own: neighbours are at least half of one apart.
+        # Each has its own slot: neighbours are at least half a slot apart.
         if players > 1:
             ordered = np.sort(at % (2 * np.pi))
             gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))

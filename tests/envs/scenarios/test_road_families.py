@@ -1,4 +1,4 @@
-"""Drivers on HighwayEnv's roads: where every proposal places them, and where it sends them."""
+"""Drivers on HighwayEnv's roads: the starts and routes of all proposals."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -37,7 +37,7 @@ def proposals(name: str, count: int, number: int = 60) -> list[Scenario]:
 
 
 def drivers(scenario: Scenario) -> list[Driver]:
-    """Read off the game again: (state, route, target speed, blend)."""
+    """Drivers read from the game: (state, route, target speed, blend)."""
     found = []
     for player, state in zip(scenario.game.players, scenario.initial_state, strict=True):
         (keeping,) = [term for term in player.task if isinstance(term, LaneKeeping)]
@@ -57,7 +57,7 @@ def column(name: str, count: int, value: Callable[[list[Driver]], float]) -> np.
 
 
 def assert_spans(values: np.ndarray, low: float, high: float) -> None:
-    """Values lie in a range and nearly fill it."""
+    """Check that values lie in a range and nearly fill it."""
     assert low <= values.min() <= low + 0.15 * (high - low)
     assert high - 0.15 * (high - low) <= values.max() <= high
 
@@ -104,7 +104,7 @@ def test_routes_go_on_ahead_for_as_long_as_the_game_lasts(name: str) -> None:
             line = RoadLane(driver.route).line
             ahead = RoadLane(driver.route).length
             ahead -= locate(line, np.array([driver.state[:2]])).along[0]
-            # Roads of a single lane go on beyond their end.
+            # Single-lane routes extend beyond their end.
             assert name in ("highway", "merge") or ahead > driver.target_speed * DURATION
 
 
@@ -116,7 +116,7 @@ def test_on_the_highway_fast_cars_come_up_behind_slow_ones_of_their_lane() -> No
             assert slow.state[1] in (8.0, 12.0)  # the two lanes on the right
             gap = slow.state[0] - fast.state[0]
             assert gap > 2 * LENGTH
-            # It comes past within the game, by more than a car.
+            # It passes within the game, by more than a car length.
             assert (fast.target_speed - slow.target_speed) * DURATION > gap + LENGTH
             assert slow.route == (StraightLane((0.0, slow.state[1]), (1.0, 0.0), 1e4),)
             assert fast.route[0].start[1] in (0.0, 4.0)  # type: ignore[attr-defined]
@@ -163,7 +163,7 @@ def test_cars_from_different_arms_cross() -> None:
         came = [int(np.round(np.arctan2(y, x) / (np.pi / 2))) % 4 for x, y in starts]
         left = [int(np.round(np.arctan2(y, x) / (np.pi / 2))) % 4 for x, y in out]
         assert sorted(came) == [0, 1, 2, 3]
-        assert all(a != b for a, b in zip(came, left, strict=True))  # nobody turns round
+        assert all(a != b for a, b in zip(came, left, strict=True))  # no car turns round
         ways |= {(b - a) % 4 for a, b in zip(came, left, strict=True)}
         stop = np.array([car.route[0].length for car in cars])
         along = [locate(line(car.route[:1]), np.array([car.state[:2]])).along[0] for car in cars]
@@ -184,7 +184,7 @@ def test_cars_on_the_ring_meet_cars_that_enter_it() -> None:
             circling = index % 2 == 0
             assert (radius == pytest.approx(24, abs=0.1)) == circling
             if circling:
-                assert side * px < 0  # to the west of the southern entry, as one drives there
+                assert side * px < 0  # west of the southern entry, in driving direction
             else:
                 assert side * py > 24
             arcs = [curve for curve in car.route if isinstance(curve, ArcLane)]

@@ -31,7 +31,7 @@ def test_two_players_cross_at_a_right_angle() -> None:
     np.testing.assert_allclose(goals, [[1, 0], [0, 1]], atol=1e-12)
     np.testing.assert_allclose(np.rad2deg(heading), [10, 100])
     assert scenario.limits is not None
-    # What a world accepts, and what can be reached with it.
+    # Controls that a world accepts, and states that they can reach.
     assert scenario.limits.controls == (1.0, 1.0)
     reach = 24 * 0.25
     assert reach**2 / 2 + 1.6 < scenario.limits.states[0] == scenario.limits.states[1] < 1.1 * 19.6

@@ -1,4 +1,4 @@
-"""Every format gives the same motion in metres, seconds and radians; broken files are refused."""
+"""All formats give the same motion in metres, seconds and radians; broken files are refused."""
 
 import shutil
 import sys
@@ -81,11 +81,11 @@ def test_lanes_are_where_the_format_says(name: str) -> None:
     names = FILES[name][3]
     assert names is not None and sorted(lines) == sorted(names)
     for lane, y in zip(names, (0.0, 4.0, 8.0, 12.0), strict=True):
-        # In NGSIM lanes lie where cars drove, half of them while changing lanes.
+        # In NGSIM, lanes are where cars drove; half of the cars changed lanes.
         np.testing.assert_allclose(lines[lane][:, 1], y, atol=1.5 if name == "ngsim" else 1e-9)
         assert lines[lane][-1, 0] > lines[lane][0, 0] + 200
     driven = [a.value for a in explain("highway", None, known, 0).assumptions if a.what == "lanes"]
-    # The road file of the plain table tells lanes; all others are found by position.
+    # The road file of the plain table names the lanes; those of all others are matched by position.
     assert driven == [names[k] for k in (3, 0, 2, 1, 3)]
 
 

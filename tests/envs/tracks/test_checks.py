@@ -1,4 +1,4 @@
-"""Tracks that cannot be meant are refused, those just within the limits are not."""
+"""Implausible tracks are refused; those just within the limits are not."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ NAMES = ["still", "car"]
 
 
 def states(speed: float = 8.0, heading: float = 0.7, count: int = 13) -> np.ndarray:
-    """Somebody who stands, and a car that drives straight ahead: (T, 2, 4)."""
+    """States (T, 2, 4) of a car that stands, and of one that drives straight ahead."""
     at = DT * np.arange(count)
     car = [speed * np.cos(heading) * at, speed * np.sin(heading) * at]
     moving = np.column_stack([*car, np.full(count, heading), np.full(count, speed)])
@@ -29,7 +29,7 @@ def states(speed: float = 8.0, heading: float = 0.7, count: int = 13) -> np.ndar
 
 
 def said_of(told: np.ndarray, dt: float = DT) -> str:
-    """What the check says of states; nothing where they will do."""
+    """The message of the check on states; empty if they pass."""
     try:
         check_units(PATH, told, dt, NAMES)
     except UserError as error:

@@ -1,4 +1,4 @@
-"""Lines of points as few straight lines and arcs that follow them."""
+"""Straight lines and arcs fitted to lines of points."""
 
 import numpy as np
 import pytest
@@ -77,7 +77,7 @@ def test_a_turn_after_a_straight_line_is_two_curves_that_meet(count: int) -> Non
     assert [type(curve) for curve in curves] == [StraightLane, ArcLane]
     first, second = curves
     assert isinstance(second, ArcLane)
-    # The straight line goes on into the turn while it is within the tolerance.
+    # The straight line extends into the turn while it is within the tolerance.
     assert 62.9 < first.length < 63 + 4
     assert second.radius == pytest.approx(12.0)
     assert second.end_phase == pytest.approx(1.0)

@@ -148,7 +148,7 @@ def test_two_hundred_steps_at_25_hz_converge_and_resampling_gives_the_step_back(
     table = as_tracks(fine, 0.04, tmp_path)
     found = estimate(explain("two_way", 0, table, 0).scenario.game, table.states[0])
     assert found.converged
-    # The motion had steps of 0.4 s, so weights at 0.04 s are but close.
+    # The motion had steps of 0.4 s, so weights at 0.04 s are only close.
     np.testing.assert_allclose(found.weights, recording.scenario.weights, atol=0.06)
     again = read_tracks(tmp_path / "tracks.csv", excerpt=Excerpt((0.0, 7.6), step=dt)).recording
     np.testing.assert_allclose(again.states[0], recording.states, atol=1e-9)
@@ -159,7 +159,7 @@ def test_two_hundred_steps_at_25_hz_converge_and_resampling_gives_the_step_back(
 
 
 def cruising(start: np.ndarray, dt: float) -> np.ndarray:
-    """Four states of players who drive straight on from their states (N, 4)."""
+    """Four states of players that drive straight on from their states (N, 4)."""
     states = np.repeat(start[None], 4, axis=0)
     way = np.stack([np.cos(start[:, 2]), np.sin(start[:, 2])], axis=1)
     states[..., :2] += dt * np.arange(4)[:, None, None] * start[:, 3:] * way
@@ -195,7 +195,7 @@ def test_a_target_that_nothing_tells_is_asked_for(
     changed = replace(original, game=replace(original.game, players=players))
     monkeypatch.setattr(module, "get_scenario", lambda *_, **__: changed)
     known = as_tracks(cruising(original.initial_state + AWAY, 0.25), 0.25, tmp_path)
-    with pytest.raises(UserError, match="nothing tells the target of 'yaw' of player 'car 0'"):
+    with pytest.raises(UserError, match="the target of 'yaw' of player 'car 0' is unknown"):
         explain("two_player", None, known, 0)
 
 
@@ -224,7 +224,7 @@ def test_slips_in_the_road_file_are_told(
 
 
 def test_tracks_too_short_to_tell_their_noise_are_taken_for_exact(tmp_path: Path) -> None:
-    """Three samples have no third difference; what is allowed for noise is then nothing."""
+    """Three samples have no third difference; the tolerance for noise is then zero."""
     scenario = get_scenario("two_player")
     start = scenario.initial_state.copy()
     for count, off, matched in ((3, 0.0, True), (3, 0.4, False), (4, 0.0, True)):

@@ -15,7 +15,7 @@ NAMES = ["px", "py", "heading", "speed"]
 
 
 def episode() -> Episode:
-    """Two cars on the roundabout, who drive straight on."""
+    """Two cars on the roundabout that drive straight on."""
     scenario = Roundabout(2).propose(np.random.default_rng(0))
     states = np.repeat(scenario.initial_state[None], 6, axis=0)
     way = np.stack([np.cos(states[..., 2]), np.sin(states[..., 2])], axis=-1)
@@ -51,7 +51,7 @@ def test_gaps_and_unknown_headings_are_written(tmp_path: Path) -> None:
     path, written = tmp_path / "road.xml", episode()
     states = written.states[..., :2].copy()
     states[2, 0] = np.nan
-    states[:, 1] = states[0, 1]  # it stands, so nothing tells its heading
+    states[:, 1] = states[0, 1]  # it stands, so its heading is unknown
     bare = replace(written, states=states, state_names=NAMES[:2], road=None)
     write_commonroad(path, bare)
     known = read_tracks(path, "commonroad").recording

@@ -46,7 +46,7 @@ def test_players_come_in_the_order_asked_for() -> None:
     np.testing.assert_allclose(found.states[-1, :, 0], [12.0, 4.0])
     with pytest.raises(UserError, match=r"--players 'd': some.csv has, at these times: a, b, c"):
         grid(*tracks, players=("a", "d"))
-    with pytest.raises(UserError, match=r"--players 'b': some.csv has no position of it"):
+    with pytest.raises(UserError, match=r"--players 'b': some.csv has no position of this player"):
         grid(tracks[0], tracks[1].assign(x=np.nan), players=("b",))
 
 
@@ -97,7 +97,7 @@ def test_a_clock_that_differs_a_little_makes_no_further_times() -> None:
     late["x"] = np.arange(41.0)
     found = grid(track("a", EVERY), late)
     np.testing.assert_allclose(found.times, np.linspace(0, 4, 41), atol=0.005)
-    # Its samples are those of the nearest times, as they are.
+    # Its samples are those of the nearest times, unchanged.
     np.testing.assert_array_equal(found.states[:, 1, 0], np.arange(41.0))
 
 

@@ -1,4 +1,4 @@
-"""Lanes of lanelet2 maps: where they lie, which way they go, where they lead, what is refused."""
+"""Lanes of lanelet2 maps: geometry, directions, successors, and what is refused."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ Line = Sequence[tuple[float, float]]
 
 
 def osm(lanelets: Mapping[str, tuple[Line, Line]], **tags: Mapping[str, str]) -> str:
-    """A map with ways of its own for every lanelet, in local metres."""
+    """A map with separate ways for each lanelet, in local metres."""
     parts = ["<osm>"]
     for name, sides in lanelets.items():
         for side, line in zip(("left", "right"), sides, strict=True):

@@ -1,4 +1,4 @@
-"""Lanes that cars drove on, found by position and heading."""
+"""Matching of cars to lanes by position and heading."""
 
 import itertools
 
@@ -19,7 +19,7 @@ def straight(start: tuple[float, float], way: tuple[float, float], length: float
     return RoadLane((StraightLane(start, way, length),), following=ahead)
 
 
-#: Two lanes side by side, one in the other direction on top of the first, and a turn off.
+#: Two lanes side by side, one in the opposite direction over the first, and a branch.
 ROAD = Road(
     {
         "left": straight((0, 4), EAST, 100),

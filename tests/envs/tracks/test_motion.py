@@ -1,4 +1,4 @@
-"""Motion of one track: told values first, then what positions say."""
+"""Motion of one track: given values first, else values from positions."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_positions_alone_give_headings_and_speeds() -> None:
     motion = Motion.of(states[:, :2], NAMES[:2], DT)
     inner = slice(1, -1)
     np.testing.assert_allclose(motion.speeds[inner], 6.0, rtol=1e-2)
-    # Unwrapped: they go on growing over turns.
+    # Unwrapped: headings keep growing over turns.
     np.testing.assert_allclose(motion.headings[inner], states[inner, 2], atol=1e-2)
     np.testing.assert_array_equal(motion.positions, states[:, :2])
     assert motion.seen.all()

@@ -1,4 +1,4 @@
-"""Cars off the road or against its lanes are refused; those just within are not."""
+"""Cars off the road or against its lanes are refused; those just within the limits are not."""
 
 import numpy as np
 import pytest
@@ -98,7 +98,7 @@ def test_who_ends_beside_its_lanes_is_named(noise: float) -> None:
     players = [keeper(EAST), keeper(EAST), keeper(EAST)]
     told = lane_warnings(["a", "b", "c"], [near, far, motion(0.0)], players, noise)
     beside = f"{limit + 0.01:.1f}"
-    assert told == [f"player 'b' ends {beside} m beside the lanes that it is taken to keep"]
+    assert told == [f"player 'b' ends {beside} m beside the lanes it is assumed to keep"]
 
 
 def test_the_last_lane_goes_straight_on() -> None:

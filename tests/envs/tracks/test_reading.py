@@ -1,4 +1,4 @@
-"""Tracks read from CSV: what is made of them, and what is refused with which words."""
+"""Tracks read from CSV: the resulting states, and the messages on bad files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -107,7 +107,7 @@ def test_more_players_than_a_game_holds_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "tracks.csv"
     cars = [drive(f"car{k}", 10.0, 0.0, 4.0 * k) for k in range(21)]
     pd.concat(cars).to_csv(path, index=False)
-    with pytest.raises(UserError, match=r"21 players, at most 20 make a game; choose a shorter"):
+    with pytest.raises(UserError, match=r"21 players, a game has at most 20; choose a shorter"):
         read_tracks(path)
 
 
@@ -135,7 +135,7 @@ def test_a_road_file_beside_the_tracks_is_taken(tmp_path: Path) -> None:
     assert road is not None and road.players["red"].targets == {"speed": 9.0}
     assert imported.notes[-1].startswith("lanes and targets: 1 lanes, 1 players of ")
     (tmp_path / "tracks.toml").write_text("[players.green]\n")
-    with pytest.raises(UserError, match=r"'green', who is not in .*; there are: red, blue"):
+    with pytest.raises(UserError, match=r"'green', which is not in .*; there are: red, blue"):
         read_tracks(path)
     with pytest.raises(UserError, match=r"the name must end in .toml, .xml or .osm"):
         read_tracks(path, road=path)
@@ -265,7 +265,7 @@ def test_files_that_are_no_tables_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is empty; expected the columns time, player, x, y"):
         read_tracks(path)
     path.write_text("time,player,x,x\n")
-    with pytest.raises(UserError, match="column 'x' is there twice"):
+    with pytest.raises(UserError, match="column 'x' appears twice"):
         read_tracks(path)
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UserError, match="is not a CSV file"):

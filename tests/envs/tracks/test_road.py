@@ -15,7 +15,7 @@ CURVES = {"straight": STRAIGHT, "sine": SINE, "arc": ARC}
 
 
 def beside(curve: Lane, points: np.ndarray) -> np.ndarray:
-    """What the game's own lane says about points: along and beside (S, 2)."""
+    """Coordinates of points (S, 2) by the game's own lane: along and beside."""
     position = ca.SX.sym("p", 2)
     along, across, _ = curve.locate(position)
     function = ca.Function("f", [position], [along, across])

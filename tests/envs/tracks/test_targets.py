@@ -123,11 +123,11 @@ def test_a_lane_of_the_scenario_is_kept_within_half_a_lane(last: float, target: 
 
 def test_what_no_track_tells_is_asked_for() -> None:
     players = [Player((StateDeviation("yaw", k),), ()) for k in (0.0, 1.0)]
-    with pytest.raises(UserError, match="nothing tells the target of 'yaw' of player 'car'"):
+    with pytest.raises(UserError, match="the target of 'yaw' of player 'car' is unknown"):
         targets(players).applied(players[0])
     unseen = motion()
     unseen.speeds[:] = np.nan
-    with pytest.raises(UserError, match="nothing tells the target of 'speed'"):
+    with pytest.raises(UserError, match="the target of 'speed' of player 'car' is unknown"):
         targets([driving(1.0), driving(2.0)], seen=unseen).applied(driving(1.0))
     turned = [Player((StateDeviation("heading", k),), ()) for k in (0.0, 1.0)]
     costs = targets(turned).applied(turned[0])

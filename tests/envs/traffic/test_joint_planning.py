@@ -1,4 +1,4 @@
-"""From the solution of a game to what each of its vehicles drives next."""
+"""The next plan of each vehicle, from the solution of its game."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def solution(*starts: tuple[float, float, float, float], converged: bool = True)
 def chosen(
     plan: Plan, start: VehiclePlan | None = None, others: np.ndarray = NOBODY, index: int = 0
 ) -> tuple[VehiclePlan | None, tuple[int, int, int]]:
-    """What that player drives, and the counts of the report."""
+    """The chosen plan of a player, and the counts of the report."""
     report = TrafficReport()
     everybodys = np.repeat(others[None], plan.states.shape[1], axis=0)
     collides = joint_planning._run_into_something(plan.states, everybodys)
@@ -68,7 +68,7 @@ def test_without_one_an_old_plan_serves_for_some_steps(
     [
         (0.9 * LENGTH, 0.0, True),
         (1.1 * LENGTH, 0.0, False),
-        (-0.5 * LENGTH, 0.0, False),  # the one behind has to take care
+        (-0.5 * LENGTH, 0.0, False),  # the one behind must avoid it
         (0.5 * LENGTH, 0.85 * WIDTH, True),
         (0.5 * LENGTH, -0.85 * WIDTH, True),
         (0.5 * LENGTH, 0.95 * WIDTH, False),
@@ -86,7 +86,7 @@ def test_nobody_drives_into_what_is_ahead(
     expected = (0, 0, 1) if contact else (1, 0, 0)
     both = solution((x, y, heading, 10.0), own)
     assert chosen(both, index=1)[1] == expected
-    # The same of a vehicle that is predicted.
+    # The same for a predicted vehicle.
     others = NOBODY.copy()
     others[1] = both.states[1:, 0, :2]
     assert chosen(solution(own), others=others)[1] == expected

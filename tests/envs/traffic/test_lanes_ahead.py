@@ -1,4 +1,4 @@
-"""Where a vehicle will pass along its lanes, and how fast it may."""
+"""Points along a vehicle's lanes, and speeds."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from olne_bench.envs.traffic.lanes_ahead import (
 
 
 def arc(radius: float, step: float, count: int = 8) -> np.ndarray:
-    """Points (count, 3) on a circle, so far apart along it."""
+    """Points (count, 3) on a circle, ``step`` apart along it."""
     angles = 3.0 + step / radius * np.arange(count)  # beyond pi, where directions wrap
     direction = (angles + np.pi / 2 + np.pi) % (2 * np.pi) - np.pi
     return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), direction])
@@ -64,7 +64,7 @@ def test_points_lie_on_the_lane_beside_its_middle(network) -> None:
 
 
 def test_a_route_goes_on_where_the_old_lane_ends_on_the_next(network) -> None:
-    """The lane that follows overlaps by two metres: distances are counted on."""
+    """The next lane overlaps by two metres: distances continue."""
     route = [("a", "b", 0), ("b", "c", 0)]
     points, limits = ahead(network, [5, 10, 30], position=(90, 0), route=route)
     np.testing.assert_allclose(points[:, :2], [[95, 0], [100, 0], [120, 0]])

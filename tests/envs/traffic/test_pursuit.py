@@ -1,4 +1,4 @@
-"""A start without a plan goes back to its lane."""
+"""A vehicle without a plan returns to its lane."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Who plans with a vehicle, and what everybody else is expected to do."""
+"""Groups of vehicles that plan together, and predictions of all others."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_nobody_is_due_on_an_empty_road(road) -> None:
 
 
 def begins(found: np.ndarray, speeds: list[float]) -> list[list[float]]:
-    """Where predictions (M, T-1, 2) start from, a step before their first place."""
+    """Starts of predictions (M, T-1, 2), a step before their first place."""
     steps = PLAN_STEP * np.array([[speed, 0.0] for speed in speeds])
     return (found[: len(speeds), 0] - steps).tolist()
 
@@ -95,7 +95,7 @@ def test_another_group_is_avoided_and_only_so_many(road) -> None:
 
 @pytest.mark.parametrize(("age", "first"), [(0.0, 1), (0.15, 1), (0.25, 2), (0.4, 2)])
 def test_who_has_a_plan_is_expected_to_keep_it(road, age, first) -> None:
-    """From the plan step nearest to its age."""
+    """Its plan counts from the plan step nearest to its age."""
     other, plan = planning(road, 100.0), plan_from(100.0)
     other.adopt(plan)
     other.plan_age = age

@@ -1,4 +1,4 @@
-"""A plan goes on after its first step."""
+"""The rest of a plan after its first step."""
 
 import numpy as np
 

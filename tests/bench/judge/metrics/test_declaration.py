@@ -1,4 +1,4 @@
-"""A metric declares itself once."""
+"""Declarations of metrics."""
 
 import pytest
 
@@ -45,7 +45,7 @@ def test_what_is_not_declared_has_a_usual_value():
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
-        ({"name": "two words"}, "its name is to be a column"),
+        ({"name": "two words"}, "its name becomes a column"),
         ({"worst": float("nan")}, "worst is not a number"),
         ({"worst": "large"}, "worst is 'large', expected float"),
         ({"worst": True}, "worst is True"),

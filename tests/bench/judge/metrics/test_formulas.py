@@ -1,4 +1,4 @@
-"""Formulas of the metrics, ellipsoids on the simplex among them."""
+"""Formulas of the metrics, including ellipsoids on the simplex."""
 
 import numpy as np
 import pytest
@@ -105,7 +105,7 @@ def test_the_centre_is_inside_and_a_far_point_outside():
 
 
 def test_a_covariance_without_extent_holds_what_is_exact_only():
-    """It is singular everywhere, or on one player's weights, beyond their sums."""
+    """It is singular in all directions, or in those of one player's weights."""
     flat = block_diag(1e-4 * CENTRED[:4, :4], np.zeros((4, 4)))
     step = np.array([0.001, -0.001, 0, 0])
     nobody, first, second = 0 * WEIGHTS, np.stack([step, 0 * step]), np.stack([0 * step, step])
@@ -123,7 +123,7 @@ def test_what_is_no_covariance_holds_nothing():
 
 
 def test_a_covariance_counts_with_both_its_halves():
-    """Entries may differ from their mirror images by rounding; what counts is their mean."""
+    """Entries may differ from their mirror images by rounding; their mean counts."""
     rng = np.random.default_rng(1)
     factor = CENTRED @ rng.standard_normal((8, 8)) * 0.01
     covariance = factor @ factor.T

@@ -1,4 +1,4 @@
-"""All metrics of a trial; whatever one does wrong has its name."""
+"""All metrics of a trial; an error names its metric."""
 
 from types import SimpleNamespace
 
@@ -39,7 +39,7 @@ def judged(**changes: object) -> Judged:
 def test_every_metric_says_its_own():
     pairs = (HeldOut(states(), states(0.5)), HeldOut(states(), states(1.5)))
     scores = score_all(ALL, judged(held_out=lambda: pairs))
-    # Of one player nothing is wrong; the other's weights have the cosine 0.32 / 0.68.
+    # One player's weights are right; the other's have the cosine 0.32 / 0.68.
     assert scores.pop("cosine_error") == pytest.approx((1 - 0.32 / 0.68) / 2)
     assert scores == {
         "position_error": 1.0,

@@ -13,7 +13,7 @@ Trials = Callable[..., pd.DataFrame]
 
 @pytest.fixture(scope="session")
 def make_trials(prediction_error, usual) -> Trials:
-    """Trials as a study would leave them, with estimates near the truth."""
+    """Trials like those of a study, with estimates near the truth."""
 
     def make(
         scenario: str = "two_player",
@@ -70,5 +70,5 @@ def make_trials(prediction_error, usual) -> Trials:
 
 @pytest.fixture(scope="session")
 def scene(make_trials: Trials, usual: Study) -> Scene:
-    """That of the two players."""
+    """The scene of the two players."""
     return scene_of(make_trials(), usual)

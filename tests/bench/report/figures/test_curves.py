@@ -53,7 +53,9 @@ def test_median_breaks_where_most_fail(make_trials):
     good = np.isfinite(median.get_ydata())
     assert good[0]
     assert not good[-1]
-    assert (np.diff(good.astype(int)) <= 0).all()  # once more than half fail, it stays away
+    assert (
+        np.diff(good.astype(int)) <= 0
+    ).all()  # once more than half fail, the curve does not come back
 
 
 def test_triangles_stand_above_all_points(make_trials):
@@ -66,7 +68,7 @@ def test_triangles_stand_above_all_points(make_trials):
 
 
 def test_the_floor_is_one_level_line(make_trials):
-    """It looks at no observation: what changes along the noise is the choice of trials only."""
+    """It uses no observation: only the choice of trials changes with the noise."""
     trials = make_trials(estimators=("uniform",), seeds=5)
     for axes in draw(trials).axes:
         (line,) = axes.lines
@@ -107,7 +109,7 @@ def test_the_lower_edge_is_a_power_of_ten_below_the_errors_under_noise(make_tria
     bottom, top = position.get_ylim()
     np.testing.assert_allclose(bottom, 0.01)
     assert top > 0.03
-    trials["position_error"] = np.where(noisy, 0.03, 1e-4)  # those without noise have no say
+    trials["position_error"] = np.where(noisy, 0.03, 1e-4)  # trials without noise do not count
     np.testing.assert_allclose(draw(trials).axes[0].get_ylim()[0], 0.01)
     trials.loc[noisy, "position_error"] = 1e-12  # a solver's rounding
     bottom, _ = draw(trials).axes[0].get_ylim()
@@ -115,7 +117,7 @@ def test_the_lower_edge_is_a_power_of_ten_below_the_errors_under_noise(make_tria
 
 
 def medians(axes):
-    """Curves, which have no marker, other than what stands in for nothing."""
+    """Curves, which have no marker, without empty ones."""
     return [line for line in lines(axes, "None") if len(line.get_xdata()) > 1]
 
 

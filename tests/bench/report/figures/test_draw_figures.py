@@ -32,7 +32,7 @@ def expected(
 
 
 def assert_drawn(files: list[Path]) -> None:
-    """Every file is there, well formed, and shows something."""
+    """Check that every file exists, is well formed, and shows something."""
     for file in files:
         assert file.exists()
         if file.suffix == ".svg":

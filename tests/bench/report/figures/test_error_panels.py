@@ -1,4 +1,4 @@
-"""Scales, the floor and failures, which panels of errors have in common."""
+"""Scales, the floor and failures, which panels of errors share."""
 
 import numpy as np
 import pandas as pd
@@ -60,7 +60,7 @@ def test_a_share_of_the_height_is_kept_above_the_highest_point(reserved: float) 
     top = panels.upper_limit(several, POSITION, 0.01, reserved)
     height = (np.log10(4.0) - np.log10(0.01)) / (np.log10(top) - np.log10(0.01))
     assert height == pytest.approx(1 - reserved)
-    for low in ([0.02], [1e-6], [np.inf]):  # one decade at least is shown
+    for low in ([0.02], [1e-6], [np.inf]):  # at least one decade is shown
         flat = panels.upper_limit([series(low)], POSITION, 0.01, reserved)
         assert np.log10(flat / 0.01) == pytest.approx(1 / (1 - reserved))
 

@@ -61,7 +61,9 @@ def test_titles_tell_the_weights_that_make_a_difference(usual, make_trials):
     trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=1)
     trials["weights"] = [[[0.4, 0.2, 0.2, 0.2]] * 2]
     truth, other, *_ = titles(landscape.draw(trials, usual))
-    assert truth == "truth\nproximity 0.25"  # the speed and the controls have no place
+    assert (
+        truth == "truth\nproximity 0.25"
+    )  # the costs of speed and controls do not depend on the position
     assert other == "a\nproximity 0.4"
 
 
@@ -99,7 +101,7 @@ def test_costs_lie_where_they_are_and_a_star_marks_whose_they_are(usual, make_tr
 
 @pytest.fixture(scope="module")
 def figure(usual, make_trials):
-    """Of the truth, two estimators and the floor, which is left out."""
+    """A figure of the truth, two estimators and the floor, which is left out."""
     trials = make_trials(estimators=("a", "b", "uniform"), sigmas=(0.01, 0.1), seeds=2)
     return landscape.draw(trials, usual)
 

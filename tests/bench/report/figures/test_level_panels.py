@@ -21,7 +21,7 @@ def draw(trials: pd.DataFrame) -> tuple[Figure, Entries]:
 
 @pytest.fixture(scope="module")
 def trials(make_trials) -> pd.DataFrame:
-    """Of two contenders with the floor; one loses two predictions, all have a share."""
+    """Trials of two contenders and the floor; one lacks two predictions, all have a share."""
     table = make_trials(estimators=("a", "ukf", "uniform"), sigmas=(0.01, 0.1), seeds=5)
     lost = (table["estimator"] == "a") & (table["sigma"] == 0.1) & (table["seed"] < 2)
     table.loc[lost, ["status", "position_error"]] = ["failed_forward", np.nan]

@@ -1,4 +1,4 @@
-"""Errors level by level, which ``errors.draw`` makes of studies with few levels or trials."""
+"""Errors level by level, which ``errors.draw`` draws for studies with few levels or trials."""
 
 import numpy as np
 import pandas as pd
@@ -150,7 +150,7 @@ def test_levels_are_framed_and_labels_of_many_are_turned(levels: int, turned: in
     Slots([one], ["a"]).frame(axes)
     left, right = axes.get_xlim()
     assert -1 < left < -0.5 and levels - 0.5 < right < levels
-    assert left + right == pytest.approx(levels - 1)  # as much on both sides
+    assert left + right == pytest.approx(levels - 1)  # equal margins on both sides
     assert {label.get_rotation() for label in axes.get_xticklabels()} == {turned}
     np.testing.assert_array_equal(axes.get_xticks(), range(levels))
     borders = [line.get_xdata()[0] for line in axes.lines]
@@ -159,7 +159,7 @@ def test_levels_are_framed_and_labels_of_many_are_turned(levels: int, turned: in
 
 
 def levels_of(one: Series, bottom: float = 0.1, top: float = 1000.0):
-    """A panel of one series alone."""
+    """A panel of a single series."""
     axes = Figure().add_subplot()
     axes.set_ylim(bottom, top)
     failed = failed_rows(one, POSITION_ERROR)

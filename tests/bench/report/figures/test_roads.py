@@ -57,7 +57,7 @@ def test_figures_of_a_road_point_down_and_have_cars(road_trials, road_study):
 
 
 def test_the_landscape_of_a_road_stays_where_its_lane_is_defined(road_trials, road_study):
-    """Opposite to the middle of an arc its heading jumps, which showed as a wedge."""
+    """Opposite to the middle of an arc the lane's heading jumps, which looked like a wedge."""
     axes = landscape.draw(road_trials, road_study).axes[0]
     (left, right), (bottom, top) = axes.get_xlim(), sorted(axes.get_ylim())
     assert right - left <= 36.001

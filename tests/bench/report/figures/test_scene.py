@@ -88,7 +88,7 @@ def test_panels_share_their_labels_and_have_the_scenes_shape(scene):
 
 @pytest.fixture
 def road(scene):
-    """The two players taken for cars, 60 m by 20 m of a road with two lanes."""
+    """The two players as cars, on 60 m by 20 m of a road with two lanes."""
     scenario = replace(scene.recording.scenario, world="highway_v0")
     x = np.linspace(-30.0, 30.0, 5)
     edges = [np.column_stack([x, np.full(5, y)]) for y in (-4.0, 0.0, 4.0)]
@@ -121,7 +121,7 @@ def test_a_road_has_asphalt_marks_and_an_ordinate_that_points_down(road):
         [0],
     ]
     assert solid.get_linestyle() != dashed.get_linestyle()
-    assert asphalt.get_zorder() < solid.get_zorder() < 1  # under what drives there
+    assert asphalt.get_zorder() < solid.get_zorder() < 1  # below the cars
     bare = Figure().add_subplot()
     road.frame(bare, lanes=False)
     assert not bare.collections

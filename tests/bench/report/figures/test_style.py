@@ -1,4 +1,4 @@
-"""Looks that all figures share."""
+"""The style of all figures."""
 
 import matplotlib
 import numpy as np
@@ -18,7 +18,7 @@ def test_estimators_have_an_order_and_keep_their_looks() -> None:
     assert style.estimator_order(names) == order
     assert style.estimator_colours("uniform") == (style.FLOOR_COLOUR,) * 2
     assert style.estimator_colours("kkt_residual") == ("#D55E00", "#E69F00")
-    # The name alone decides on those of strangers, and they are never those of this package.
+    # Only the name decides on the colours of plugins, which differ from those of built-in ones.
     strangers = {f"e{k}": style.estimator_colours(f"e{k}") for k in range(40)}
     assert set(strangers.values()) == set(style.FOREIGN_COLOURS)
     assert strangers["e0"] == ("#7B242E", "#C48E94")
@@ -33,7 +33,7 @@ def test_every_estimator_of_this_package_has_colours_of_its_own() -> None:
 
 
 def test_no_player_looks_like_an_estimator() -> None:
-    """In the space of red, green and blue, each of 0 to 255."""
+    """Distances in the space of red, green and blue, each from 0 to 255."""
     pairs = [*style.ESTIMATOR_COLOURS.values(), *style.FOREIGN_COLOURS]
     estimators = np.array([to_rgb(c) for pair in pairs for c in (*pair, style.FLOOR_COLOUR)])
     for colour in PLAYER_COLOURS:
@@ -165,7 +165,7 @@ def test_a_saved_figure_has_no_date_and_its_resolution(tmp_path) -> None:
 
 
 def test_columns_fill_the_width_that_there_is() -> None:
-    """About thirteen characters fit on an inch, besides a line of half an inch."""
+    """About thirteen characters fit in an inch, beside a line of half an inch."""
     for width, length, columns in ((6.0, 10, 4), (6.0, 20, 2), (3.0, 10, 2), (12.0, 1, 6)):
         figure = Figure(figsize=(width, 3.0))
         style.legend_below(figure, [(Line2D([], []), "a" * length)] * 8)

@@ -1,4 +1,4 @@
-"""Which trial pictures show."""
+"""The choice of the trial that pictures show."""
 
 import pandas as pd
 import pytest
@@ -33,7 +33,7 @@ GOOD = {(0.0, 0): 0.0, (0.1, 0): 0.1, (0.5, 0): 0.2, (0.1, 1): 0.1, (0.5, 1): 0.
     [
         ({(0.0, 0): 0.0, (0.1, 0): 0.9, (0.5, 0): 0.5, (0.5, 1): 0.4}, (0.1, 0)),
         ({(0.0, 0): 0.0, (0.1, 0): 0.9, (0.5, 0): 0.5, (0.5, 1): 4.0}, (0.5, 1)),
-        # Equal without noise: nothing to see, even where all others lost their prediction.
+        # Without noise all are equal and nothing is visible, even if all others lack a prediction.
         ({(0.0, 0): 0.0, (0.1, 0): None, (0.5, 0): None, (0.5, 1): None}, (0.5, 1)),
         ({(0.0, 0): None}, (0.5, 1)),
     ],

@@ -62,7 +62,7 @@ def test_what_is_not_found_again_is_said(usual, make_trials):
 
 
 def places(trials, usual):
-    """Of the panels, (row, column) by estimator and sensor."""
+    """Places of the panels, (row, column) by estimator and sensor."""
     scene = scene_of(trials, usual)
     series = contenders(split(trials, usual))
     found = trajectories._places(scene, series)

@@ -17,7 +17,7 @@ from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.envs.scenarios import get_scenario
 
-#: A name that a plugin's author could think of.
+#: A name that a plugin may have.
 HOSTILE = "<img src=x onerror=\"document.title='broken'\"></script><b>&"
 
 
@@ -38,7 +38,7 @@ def provenance() -> Provenance:
 
 @pytest.fixture(scope="session")
 def small_study(prediction_error) -> pd.DataFrame:
-    """Two scenarios, two sensors, three estimators, one of which fails now and then."""
+    """Two scenarios, two sensors and three estimators, one of which fails sometimes."""
     rng = np.random.default_rng(0)
     rows = []
     for scenario in ("two_player", "highway_overtaking"):
@@ -102,7 +102,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def tab(browser: Browser, page: Path) -> Iterator[Tab]:
-    """The page, opened from disk; at its end there must have been no complaint."""
+    """The page, opened from disk; the browser must not have reported an error at the end."""
     complaints: list[str] = []
     context = browser.new_context(viewport={"width": 1200, "height": 900})
     tab = context.new_page()

@@ -1,4 +1,4 @@
-"""Cards hold what estimators say of themselves, read from their source without running it."""
+"""Cards of estimators, read from their sources without running them."""
 
 from pathlib import Path
 

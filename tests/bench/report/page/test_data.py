@@ -14,7 +14,7 @@ from olne_bench.bench.report.study import USUAL
 
 
 def table(counts: dict[str, int], levels: int = 1) -> pd.DataFrame:
-    """Trials of two players, so many of each estimator at each noise level."""
+    """Trials of two players, with given numbers per estimator at each noise level."""
     rows = [
         {
             "scenario": "two_player",

@@ -1,4 +1,4 @@
-"""The page's address keeps what is shown, and brings it back."""
+"""The page's address keeps what is shown, and restores it."""
 
 from urllib.parse import parse_qs, urlsplit
 
@@ -7,7 +7,7 @@ from playwright.sync_api import Page, expect
 
 
 def address_of(tab: Page) -> str:
-    """The address now: ``tab.url`` is told of a change a little later."""
+    """The present address: ``tab.url`` is updated a little later."""
     return str(tab.evaluate("location.href"))
 
 
@@ -16,7 +16,7 @@ def told(tab: Page) -> dict[str, list[str]]:
 
 
 def state(tab: Page) -> dict[str, object]:
-    """What a reader sees of sort, filter and choice."""
+    """The visible sort order, filter and choice."""
     chips = "#sensors button, #estimators button"
     return {
         "rows": tab.locator("#board tbody tr:not([hidden])").all_inner_texts(),

@@ -1,4 +1,4 @@
-"""Numbers on their way into the page."""
+"""Numbers for the page."""
 
 import math
 

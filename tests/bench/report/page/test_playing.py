@@ -1,4 +1,4 @@
-"""A point of a chart plays its trial."""
+"""A click on a point of a chart plays its trial."""
 
 import re
 from itertools import product

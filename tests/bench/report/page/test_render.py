@@ -101,7 +101,7 @@ def test_nothing_but_failures_of_a_scenario_that_is_not_known() -> None:
 
 
 def test_only_leaders_are_bold(small_study: pd.DataFrame, usual: Study) -> None:
-    """Never the floor, an infinite median, or anybody where nobody is told apart."""
+    """Not the floor, nor an infinite median, nor any row without significant differences."""
 
     def bold(trials: pd.DataFrame) -> list[str]:
         tables = tabulate(trials, usual)

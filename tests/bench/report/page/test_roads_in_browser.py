@@ -1,4 +1,4 @@
-"""The page of a road in a real browser: drawn as HighwayEnv draws, and whole on paper."""
+"""The page of a road in a real browser: drawn as HighwayEnv does, and complete on paper."""
 
 import io
 import re
@@ -65,7 +65,7 @@ def test_every_column_fits_the_screen(tab: Page) -> None:
 
 
 def test_every_column_fits_the_paper(browser: Browser, road_page: Path) -> None:
-    """A4 across at 96 pixels an inch, less its margins of 9 mm."""
+    """The width of A4 at 96 pixels per inch, without its margins of 9 mm."""
     context = browser.new_context(viewport={"width": 1054, "height": 726})
     tab = context.new_page()
     tab.emulate_media(media="print")

@@ -20,7 +20,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def saved(tab: Page, button: Locator) -> tuple[str, bytes]:
-    """Name and content of the file that a button saves."""
+    """Click a button; return name and content of the file that it saves."""
     with tab.expect_download() as told:
         button.click()
     return told.value.suggested_filename, Path(told.value.path()).read_bytes()
@@ -90,7 +90,7 @@ def test_a_trial_as_gif(tab: Page) -> None:
 
 @pytest.fixture(scope="module")
 def encode(browser: Browser) -> Callable[[np.ndarray], Image.Image]:
-    """The page's encoder alone: frames (F, H, W, 3) of few colours to a GIF."""
+    """Encode frames (F, H, W, 3) of few colours as GIF, with the page's encoder."""
     tab = browser.new_page()
     tab.add_script_tag(content=(SCRIPTS / "gif.js").read_text() + "window.encode = encodeGif;")
 

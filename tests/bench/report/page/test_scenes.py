@@ -1,4 +1,4 @@
-"""Trajectories of the page: which trials can be played, and what of them."""
+"""Trajectories of the page: which trials can be played, and what they show."""
 
 from types import SimpleNamespace
 

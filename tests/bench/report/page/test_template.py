@@ -1,4 +1,4 @@
-"""What pages share."""
+"""What all pages share."""
 
 from email.message import Message
 from importlib.metadata import PackageNotFoundError

@@ -1,4 +1,4 @@
-"""One page for two runs: estimators of the second stand beside those of the first."""
+"""One page for two runs: estimators of the second are shown beside those of the first."""
 
 import json
 import re

@@ -16,7 +16,7 @@ def line(
     trials: dict[str, int] | None = None,
     units: int = 30,
 ):
-    """``told``: winner and loser of the significant comparisons; ``trials``: where not 30."""
+    """``told``: winner and loser of significant comparisons; ``trials``: numbers other than 30."""
     names, errors = zip(*rows, strict=True)
     table = pd.DataFrame({"scenario": "s", "sensor": "full", "estimator": names})
     table = table.assign(position_error_median=errors)
@@ -65,7 +65,7 @@ def test_the_first_is_a_contender_and_the_next_is_named(rows, told, first, remar
 
 
 def test_only_the_pair_itself_says_how_it_compares():
-    """That a third one beats the next says nothing of the first against it."""
+    """A third estimator that beats the next one says nothing about the first one."""
     rows = [("a", 0.5), ("b", 0.6), ("c", 0.7)]
     assert line(rows, [("c", "b")]).remark == "c: 0.7 m, no significant difference"
     assert line(rows, [("b", "c")]).remark == "b: 0.6 m, no significant difference"

@@ -118,11 +118,11 @@ def test_a_prediction_that_nobody_has_of_a_draw_is_none(usual):
     family = "random(num_players=3)"
     trials = judged(
         [
-            (family, "a", 0, "ok", 0.1, np.nan),  # nobody has one of this draw
+            (family, "a", 0, "ok", 0.1, np.nan),  # no estimator has one for this draw
             (family, "b", 0, "ok", 0.1, np.nan),
             (family, "a", 1, "ok", 0.1, 0.2),
             (family, "b", 1, "ok", 0.1, np.nan),  # lost, as the other has one
-            (family, "b", 2, "crash", np.nan, np.nan),  # a failure of whatever there is
+            (family, "b", 2, "crash", np.nan, np.nan),  # a failure of any kind
             ("two_player", "a", 0, "ok", 0.1, 0.2),
             ("two_player", "a", 1, "ok", 0.1, np.nan),  # one scenario is one draw
         ]

@@ -104,7 +104,7 @@ def test_without_clusters_it_is_the_sign_test(wins: int) -> None:
 
 
 def test_a_family_is_compared_draw_by_draw() -> None:
-    """Six levels of five draws are five pieces of evidence, not thirty."""
+    """Six levels of five draws are five independent units, not thirty."""
     a, b = np.zeros((6, 5)), np.ones((6, 5))
     fixed = only(compare(study({"a": a, "b": b})))
     family = only(compare(study({"a": a, "b": b}, "random(num_players=3)")))
@@ -165,7 +165,7 @@ def test_one_estimator_alone_has_no_rank() -> None:
 
 
 def test_who_was_run_on_a_part_of_the_trials_has_no_rank_and_takes_none() -> None:
-    """It is compared on the trials in common; the others are ranked as if it were not there."""
+    """It is compared on the shared trials; the others are ranked as if it did not exist."""
     errors = {"good": np.full((4, 20), 0.1), "bad": np.full((4, 20), 0.5)}
     part = {"part": np.full((4, 5), 0.01), "nearly": np.full((4, 17), 0.2)}
     comparisons = compare(study(errors | part))
@@ -181,7 +181,7 @@ def test_who_was_run_on_a_part_of_the_trials_has_no_rank_and_takes_none() -> Non
 
 
 def test_the_floor_takes_nobodys_rank() -> None:
-    """Where equal weights happen to be the truth, the best contender still comes first."""
+    """If equal weights happen to be the truth, the best contender still comes first."""
     errors = np.zeros((4, 20)), np.full((4, 20), 0.1), np.full((4, 20), 0.5)
     names = pd.DataFrame({"estimator": ["uniform", "near", "far"]})
     table = names.assign(scenario="two_player", sensor="full", trials=80)

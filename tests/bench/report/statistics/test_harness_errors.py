@@ -1,4 +1,4 @@
-"""What the harness did wrong is nobody's failure, and is said."""
+"""Errors of the harness are reported, and are not failures of an estimator."""
 
 import numpy as np
 import pandas as pd

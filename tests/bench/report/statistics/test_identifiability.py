@@ -44,7 +44,7 @@ def test_all_is_identified_where_all_shows(usual) -> None:
 
 
 def test_several_trajectories_tell_more_than_one(usual) -> None:
-    """By about the square root of their number, as all are of the same players."""
+    """Bounds fall by about the square root of their number, as all show the same players."""
     truth = get_scenario("two_player").weights
     one, four = (
         trials("two_player", truth[None] + [[0.1, -0.1, 0, 0]]).assign(scenario=label)

@@ -31,7 +31,7 @@ def test_both_ends_of_a_shares_interval_are_as_unlikely(units) -> None:
 @pytest.mark.parametrize("seeds", [LEAST_SEEDS_OF_MEANS, 12, 40])
 @pytest.mark.parametrize("shared", [0.0, 1.0, np.inf])
 def test_intervals_of_means_of_skewed_errors_cover(spread, seeds, shared) -> None:
-    """Log-normal errors at four noise levels; seeds have nothing, much or all in common."""
+    """Log-normal errors at four noise levels; trials of a seed share nothing, much or all."""
     rng = np.random.default_rng([seeds, int(10 * spread)])
     within = rng.standard_normal((STUDIES_OF_MEANS, seeds, len(LEVELS)))
     between = rng.standard_normal((STUDIES_OF_MEANS, seeds, 1))
@@ -62,7 +62,7 @@ def test_intervals_of_shares_cover(seeds, share, shared) -> None:
     rng = np.random.default_rng([seeds, int(10 * share)])
     units = np.repeat(np.arange(seeds), 6)
     draws = rng.uniform(size=(STUDIES, seeds, 6))
-    if shared:  # half of a seed's trials go the same way
+    if shared:  # half of a seed's trials are correlated
         draws[:, :, 1:4] = draws[:, :, :1]
     found = [share_interval((study < share).ravel().astype(float), units) for study in draws]
     covered = np.mean([interval.low <= share <= interval.high for interval in found])
@@ -79,7 +79,7 @@ def test_a_share_of_all_or_none_has_an_interval() -> None:
 
 
 def test_equal_sequences_count_once_per_seed() -> None:
-    """A row that stands for all seeds is the same as that row in each of them."""
+    """A row that stands for all seeds is equivalent to one such row per seed."""
     seeds = np.arange(10)
     values = np.random.default_rng(0).uniform(size=10)
     once = mean_by_seed(

@@ -15,7 +15,7 @@ METRIC = declare(PositionError)
 
 
 def table(errors: np.ndarray) -> pd.DataFrame:
-    """Rows of one estimator; errors (levels, seeds), of which infinite ones are failures."""
+    """Rows of one estimator with these errors (levels, seeds); infinite ones are failures."""
     rows = [
         {
             "scenario": "s",

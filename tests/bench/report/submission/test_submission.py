@@ -1,4 +1,4 @@
-"""Submissions: packed, verified, and refused where something is not as it was."""
+"""Submissions: packed, verified, and refused if anything has changed."""
 
 import json
 import re
@@ -91,7 +91,7 @@ def manifest(folder: Path) -> dict:
 
 
 def sign(folder: Path) -> None:
-    """Make the manifest vouch for the files as they are, as a forger would."""
+    """Update the manifest to the present files, as a forger would."""
     data = manifest(folder)
     data["files"] = {place: digest(folder / place) for place in data["files"]}
     (folder / MANIFEST).write_text(json.dumps(data))
@@ -119,7 +119,7 @@ def test_what_is_packed_is_accepted_and_holds_all_that_is_needed(packed: Path, c
         "trials.parquet",
     }
     text = (packed / MANIFEST).read_text()
-    assert str(packed.parent) not in text  # nobody else has this folder
+    assert str(packed.parent) not in text  # this folder exists only here
     assert json.loads(manifest(packed)["runs"][0]["suite"])["salt"] == "tiny"
     assert verify(packed) == 0
     said = capsys.readouterr().out
@@ -172,7 +172,7 @@ def test_a_plugin_does_not_find_its_rows_beside_itself(packed: Path) -> None:
 
 
 def leaderboard_of(folder: Path) -> str:
-    """The table that the rows make."""
+    """The leaderboard of the rows."""
     from olne_bench.bench.report.statistics.attempts import weighed
     from olne_bench.bench.report.study import study_of
     from olne_bench.bench.report.submission.rows import read_rows
@@ -230,11 +230,11 @@ def link_elsewhere(folder: Path) -> None:
         (edit_plugin, "plugins/drawn/drawn.py was changed after it was submitted"),
         (edit_table, "is not the leaderboard of the rows beside it: see cosine_error_median"),
         (lose_plugin, "the plugin plugins/drawn/drawn.py of estimator 'Drawn' is missing"),
-        (leave_folder, "'../outside.py' is no file within a submission"),
-        (link_elsewhere, "is no file within a submission"),
+        (leave_folder, "'../outside.py' is not a file within a submission"),
+        (link_elsewhere, "is not a file within a submission"),
         (lambda f: (f / ROWS).unlink(), "trials.parquet is missing"),
         (lambda f: (f / MANIFEST).unlink(), "it has no submission.json"),
-        (lambda f: (f / MANIFEST).write_text("{}"), "is no manifest of a submission"),
+        (lambda f: (f / MANIFEST).write_text("{}"), "is not the manifest of a submission"),
         (lambda f: (f / MANIFEST).write_text('{"format": 9}'), "has the format 9, this version"),
     ],
 )
@@ -263,7 +263,7 @@ def test_what_cannot_be_packed(run: Path, packed: Path, tmp_path: Path, capsys) 
     text = helper.read_text()
     helper.write_text("LEAST = 0.4\n")
     try:
-        # What is remembered of a file's content holds within one process.
+        # Contents of files are cached within a process.
         from olne_bench.bench.plan import fingerprint, versions
 
         for cached in (fingerprint._content, fingerprint._tree, versions._version):
