@@ -503,7 +503,8 @@ def _run_here(tree: Path, tests: str) -> int:
     sys.modules["__main__"] = types.ModuleType("__main__")
     sys.argv = ["pytest", tests]
     folder = str(tree.parent / "tmp")
-    options = ["-x", "-q", "-p", "no:cacheprovider", "--basetemp", folder]
+    kinds = "not corpus and not learners"  # but tests that take long
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-m", kinds, "--basetemp", folder]
     return int(pytest.main([*options, tests]))
 
 

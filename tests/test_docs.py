@@ -24,6 +24,8 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 #: Pages whose blocks run in ``test_a_page_runs``.
 RUN_HERE = ("README.md", "docs/plugins.md", "docs/study_commands.md", "docs/highway.md")
+#: Those of them that only ``.ci/run`` runs.
+TAKES_LONG = ("docs/study_commands.md",)
 #: Pages that have their own test: below, or in ``test_recordings_guide.py`` and
 #: ``test_learning_guide.py``.
 RUN_ELSEWHERE = ("docs/environments.md", "docs/recordings.md", "docs/learning.md")
@@ -78,7 +80,13 @@ def run_commands(text, ending):
             assert not end.code, line
 
 
-@pytest.mark.parametrize("name", RUN_HERE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.long) if name in TAKES_LONG else name
+        for name in RUN_HERE
+    ],
+)
 def test_a_page_runs(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}

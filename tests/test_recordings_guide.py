@@ -52,7 +52,7 @@ def test_every_command_does_what_the_page_says(
     first = said["olne-bench estimate tracks.parquet --out weights.csv"].out.splitlines()
     for told, printed in zip(shown.splitlines()[:-1], first, strict=False):
         assert told.split() == printed.split()
-    assert "warning: the players' lanes, speed are guessed from the data" in (
+    assert "warning: targets guessed from the data (source 'data'): lanes, speed" in (
         said["olne-bench estimate guessed.parquet --scenario two_way"].err
     )
     known: dict[str, object] = {}

@@ -121,8 +121,8 @@ def _say_assumptions(scenario: str, dt: float, assumptions: Sequence[Assumption]
     guessed = sorted({a.what for a in assumptions if a.source == DATA})
     if guessed:
         click.echo(
-            f"warning: the players' {', '.join(guessed)} are guessed from the data (source "
-            "'data'); the weights depend on these values",
+            f"warning: targets guessed from the data (source 'data'): {', '.join(guessed)}; the "
+            "weights depend on these values",
             err=True,
         )
 

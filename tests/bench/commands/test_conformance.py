@@ -556,7 +556,7 @@ def test_a_recovery_is_judged_without_noise_on_different_games():
     CHECKS["recovers a noise-free toy"](notes, 30.0)
     assert len(notes.seen) == 2
     assert all(problem.sigma == 0 and problem.view.name == "full" for problem, _ in notes.seen)
-    with pytest.raises(Weakness, match=r"a good one has at most 0\.001"):
+    with pytest.raises(Weakness, match=r"that of a good estimator at most 0\.001"):
         CHECKS["recovers a noise-free toy"](Notes(), 30.0)
 
 

@@ -80,10 +80,10 @@ def test_numbers_are_taken_within_their_range(kind, text, taken):
     [
         ("runs/mine.toml", ""),
         ("a" * 200 + "/" + "b" * 200, ""),
-        ("a" * 201, "no name is longer than 200 bytes"),
-        ("runs/" + "a" * 201 + "/c", "no name is longer than 200 bytes"),
+        ("a" * 201, "a name has at most 200 bytes"),
+        ("runs/" + "a" * 201 + "/c", "a name has at most 200 bytes"),
         ("ü" * 100, ""),
-        ("ü" * 101, "no name is longer than 200 bytes"),
+        ("ü" * 101, "a name has at most 200 bytes"),
         ("", "names no file"),
         ("  ", "names no file"),
         ("a\nb", "control characters"),

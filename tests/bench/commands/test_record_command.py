@@ -352,7 +352,7 @@ def test_targets_from_the_data_are_named_and_warned_of(tmp_path, capsys):
     said = capsys.readouterr()
     assert "the estimator gives no motion to compare" in said.out
     assert "median speed" in said.out and "where it was last seen" in said.out
-    assert "the players' px, speed are guessed from the data (source 'data')" in said.err
+    assert "targets guessed from the data (source 'data'): px, speed" in said.err
 
 
 def test_goals_of_others_are_where_they_were_last_seen(tmp_path, monkeypatch):
@@ -507,7 +507,7 @@ def test_who_is_not_explained_is_named_and_the_option_where_it_was_not_used(caps
     _, err = told_of(capsys, fit)
     assert err.count("warning") == 1
     assert "far above the noise for two (0.71 m)" in err
-    assert "tracks that were smoothed look less noisy than they are: --noise" in err
+    assert "smoothed tracks look less noisy than they are; set --noise" in err
     _, err = told_of(capsys, fit, estimating.TOLD)
     assert "smoothed" not in err
 
@@ -531,7 +531,7 @@ def test_a_table_has_a_row_of_weights_and_errors_for_each_player():
 @pytest.mark.parametrize(("dt", "step"), [(0.04, "0.1"), (0.05, "0.1"), (0.2, "0.4")])
 def test_a_game_has_so_many_steps(dt, step):
     estimating._check_length("a", estimating.MOST_STEPS, dt)
-    with pytest.raises(UserError, match=f"a has 401 steps of {dt:g} s.*--resample {step},"):
+    with pytest.raises(UserError, match=f"a has 401 steps of {dt:g} s.*--resample {step} "):
         estimating._check_length("a", estimating.MOST_STEPS + 1, dt)
 
 
@@ -560,6 +560,6 @@ def test_targets_are_listed_and_warned_of_where_the_data_suggested_them(capsys):
     first, _, *rows = (" ".join(line.split()) for line in said.out.splitlines())
     assert first == "costs of 'merge' at steps of 0.25 s, with these targets:"
     assert rows == ["one speed 9 m/s road said", f"two goal (1, 2) {DATA} last seen"]
-    assert "nothing tells the players' goal: the weights depend" in said.err
+    assert "targets guessed from the data (source 'data'): goal; the weights depend" in said.err
     estimating._say_assumptions("merge", 0.25, told[:1])
     assert capsys.readouterr().err == ""

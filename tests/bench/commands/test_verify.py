@@ -40,7 +40,7 @@ def checked(monkeypatch) -> list[tuple[Path, Limits]]:
 
 def lines(verdict: Verdict) -> list[str]:
     first, *rest = module._lines(Path("mine"), verdict, 7)
-    assert first == f"mine: {verdict.rows} rows, complete; the leaderboard is theirs"
+    assert first == f"mine: {verdict.rows} rows, complete; the leaderboard matches them"
     return [line.strip() for line in rest]
 
 
@@ -117,7 +117,7 @@ def test_what_was_found_is_told_line_by_line():
     assert lines(mixed)[:5] == [
         "4 rows cannot be repeated bit by bit: numpy",
         "12 of 14 rows run again are the same, bit by bit",
-        "3 rows met their time limit and were not compared",
+        "3 rows reached their time limit and were not compared",
         "DIFFERS  x",
         "DIFFERS  y",
     ]

@@ -361,7 +361,7 @@ def test_a_suite_file_has_a_size(tmp_path, beyond):
     if not beyond:
         assert suite_text(path) == text
         return
-    with pytest.raises(UserError, match=f"larger than {MOST_BYTES} bytes: that is no suite"):
+    with pytest.raises(UserError, match=f"larger than {MOST_BYTES} bytes: that is not a suite"):
         suite_text(path)
 
 

@@ -15,6 +15,7 @@ from olne_bench.errors import UserError
 DASK = ("--dask", "local:2")
 
 
+@pytest.mark.long
 def test_rows_are_those_of_a_local_run_and_limits_hold(study):
     study.suite.write_text(study.suite.read_text().replace("20.0", "5.0"))
     plugins = ("Drawn", "Fails", "Hangs")
@@ -32,6 +33,7 @@ def test_rows_are_those_of_a_local_run_and_limits_hold(study):
     ).all()
 
 
+@pytest.mark.long
 def test_a_killed_dask_worker_loses_nothing(study):
     study.run("whole", "Slow", options=("--jobs", "2"))
     process = study.start(*study.arguments("killed", "Slow"), *DASK)

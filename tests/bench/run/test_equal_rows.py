@@ -4,8 +4,10 @@ The rows of a Dask cluster are compared in ``test_cluster.py``.
 """
 
 import pandas as pd
+import pytest
 
 
+@pytest.mark.long
 def test_rows_do_not_depend_on_how_they_came_about(study):
     study.run("one", "Drawn")
     whole = study.rows("one")

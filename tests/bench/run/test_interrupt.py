@@ -22,7 +22,9 @@ def stored(folder):
         return 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_an_interrupted_run_ends_at_once_and_goes_on(study, number):
     arguments = study.arguments("out", "Slow")
     out = study.folder / "out"
@@ -52,6 +54,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(study, number):
         pd.testing.assert_frame_equal(study.rows("out"), study.rows("whole"), check_exact=True)
 
 
+@pytest.mark.long
 def test_a_full_disk_is_one_line_and_loses_nothing(study):
     # A limit on the size of files looks like a full disk to the store.
     study.suite.write_text(study.suite.read_text().replace("seeds = 4", "seeds = 40"))

@@ -8,8 +8,10 @@ import time
 import numpy as np
 import pandas as pd
 import psutil
+import pytest
 
 
+@pytest.mark.long
 def test_kills_of_driver_and_workers_change_nothing(study):
     study.run("whole", "Slow", options=("--jobs", "2"))
     rng = np.random.default_rng(0)

@@ -53,6 +53,7 @@ def test_a_study_gives_every_figure_small_and_not_blank(drawn, make_trials, tmp_
     assert max(file.stat().st_size for file in files) < 300_000
 
 
+@pytest.mark.long
 def test_reruns_give_identical_files(drawn, make_trials, tmp_path):
     trials = make_trials(estimators=("kkt_residual",), seeds=1, sigmas=(0.0, 0.1))
     first, second = (drawn(trials, tmp_path / run, FORMATS) for run in ("a", "b"))

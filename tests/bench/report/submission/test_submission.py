@@ -330,7 +330,7 @@ def test_a_submission_has_a_size(tmp_path: Path, monkeypatch, beyond: int) -> No
     monkeypatch.setattr(packing, "MOST_BYTES", 100)
     monkeypatch.setattr(reading, "MOST_BYTES", 100)
     if beyond:
-        with pytest.raises(UserError, match="would have 101 bytes, at most 100 are taken"):
+        with pytest.raises(UserError, match="would have 101 bytes, at most 100 are allowed"):
             packing._write_manifest("mine", [], tmp_path)
         monkeypatch.setattr(packing, "MOST_BYTES", 101)
     packing._write_manifest("mine", [], tmp_path)
@@ -338,7 +338,7 @@ def test_a_submission_has_a_size(tmp_path: Path, monkeypatch, beyond: int) -> No
     assert list(files) == ["a", "b/c"]
     found = reading.Submission(tmp_path, "mine", (), files)
     if beyond:
-        with pytest.raises(UserError, match="its files have 101 bytes; at most 100 are taken"):
+        with pytest.raises(UserError, match="its files have 101 bytes; at most 100 are allowed"):
             reading._check_files(found)
     else:
         reading._check_files(found)
