@@ -1,9 +1,9 @@
 """Many forward games at once: roots of the first-order conditions near a known equilibrium.
 
-For methods that play one game at thousands of weights or initial states. A first-order prediction
-by the implicit function theorem, then Newton's method, all in native code where there is any.
-The results are roots, not certified equilibria: near a certified equilibrium they nearly always
-are equilibria as well, and ``games.olne.certify`` tells.
+For methods that solve one game at thousands of weights or initial states. Each root is predicted to
+first order by the implicit function theorem, then refined by Newton's method, in native code where
+it is available. The results are roots, not certified equilibria. Near a certified equilibrium they
+are nearly always equilibria as well; ``games.olne.certify`` checks it.
 """
 
 import time
@@ -19,10 +19,10 @@ from olne_bench.games.newton import Root, linearised, pack, unpack
 from olne_bench.games.observation import View
 from olne_bench.games.olne import RESIDUAL_TOLERANCE, Equilibrium
 
-#: Newton steps within which a good start converges; a bad one is not worth more.
+#: Newton steps per start: good starts converge within them, bad ones are given up.
 _FEW = 6
 
-#: Attempts from the nearest solution so far.
+#: Further attempts, each from the nearest solution so far.
 _ROUNDS = 2
 
 
@@ -46,11 +46,11 @@ class Batch:
 
     @property
     def converged(self) -> np.ndarray:
-        """(B,) booleans; where False, the trajectory solves nothing."""
+        """(B,) booleans; where False, the trajectory is not a root."""
         return self.residuals < RESIDUAL_TOLERANCE
 
     def root(self, index: int) -> Root:
-        """One of them."""
+        """One root, by its index."""
         return Root(
             self.states[index],
             self.controls[index],
@@ -77,13 +77,13 @@ def solve_batch(
         game: the game.
         weights: (B, N, K), non-negative; rows are scaled to sum one.
         start: the equilibrium to start from.
-        start_weights: (N, K) its weights.
+        start_weights: (N, K) weights of ``start``.
         initial_states: (B, N, n) or (N, n); those of ``start`` where absent.
         view: the observation model, where the game is to be solved often enough for compiled code
             of its own (``games.native.elimination``).
         tolerance: stop once max |G| falls below.
         max_iterations: Newton steps per game at most.
-        limit: wall-clock seconds for the batch; what is left then has not converged.
+        limit: wall-clock seconds for the batch; games unsolved by then have not converged.
 
     Raises:
         ValueError: on a wrong shape, non-finite or negative values, or a singular start.
@@ -120,15 +120,17 @@ class _Search:
     def run(
         self, initial_states: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (B, T, size), residuals (B,) and Newton steps (B,), by first-order prediction.
+        """Points (B, T, size), residuals (B,) and Newton steps (B,).
 
-        The others start from those solved, as near as there are any, or half-way there.
+        All games start from the first-order prediction. Games that fail start again from the
+        nearest solved one. The game half-way between is solved as well, as a nearer start for the
+        next round.
         """
         self.states = initial_states.shape[1]
         changes = np.hstack([initial_states - self.point[0, : self.states], weights - self.weights])
         columns = self.solver.sensitivities().reshape(self.point.size, -1)
         points = self.point + (changes @ columns.T).reshape(len(changes), *self.point.shape)
-        points[:, 0, : self.states] = initial_states  # to the last digit
+        points[:, 0, : self.states] = initial_states  # exact, without rounding
         residuals, iterations = self._improve(points, weights)
         helpers, helper_points = changes[:0], points[:0]
         for _ in range(_ROUNDS):
@@ -154,7 +156,7 @@ class _Search:
     def _carry(
         self, source: np.ndarray, changes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Solve at changes from given points; points, residuals and Newton steps."""
+        """Solve at ``changes`` from given points; returns points, residuals and Newton steps."""
         trial = source.copy()
         trial[:, 0, : self.states] = self.point[0, : self.states] + changes[:, : self.states]
         found, steps = self._improve(trial, self.weights + changes[:, self.states :])
@@ -173,7 +175,7 @@ class _Search:
 def _check_initial_states(
     first: np.ndarray, initial_states: np.ndarray | None, count: int
 ) -> np.ndarray:
-    """(B, N*n), those of the start (N, n) where absent."""
+    """Initial states (B, N*n); those of the start (N, n) if None."""
     initial_states = first if initial_states is None else np.asarray(initial_states, dtype=float)
     if initial_states.shape not in (first.shape, (count, *first.shape)):
         raise ValueError(

@@ -10,7 +10,7 @@ from olne_bench.games.dynamics import dynamics_errors
 from olne_bench.games.game import Game, player_cost, trajectory_symbols
 from olne_bench.games.ipopt import QUIET
 
-#: A response takes 3 to 100 iterations, one in a thousand takes 900; beyond, it is lost.
+#: Responses take 3 to 100 iterations, one in a thousand takes 900; longer ones are given up.
 _MAX_ITERATIONS = 1000
 
 
@@ -24,7 +24,7 @@ class Response:
         costates: (T-1, n), multipliers of the dynamics in the sign convention of ``games.kkt``.
         cost: J^i at the response.
         converged: whether the optimiser reached a stationary point.
-        iterations: that the optimiser took.
+        iterations: number of the optimiser's iterations.
     """
 
     states: np.ndarray
@@ -38,13 +38,13 @@ class Response:
 def best_response(
     game: Game, player: int, states: np.ndarray, controls: np.ndarray, weights: np.ndarray
 ) -> Response:
-    """Minimise the player's cost over its own trajectory, from its present one.
+    """Minimise the player's cost over its own trajectory, starting from its present one.
 
     Args:
         game: the game.
         player: index i.
-        states: (T, N, n); the others' parts are held, the player's own is the starting point
-            and its first row the initial state.
+        states: (T, N, n); the other players' parts are fixed. The player's own part is the
+            starting point; its first row is the initial state.
         controls: (T-1, N, m); the player's own part is the starting point.
         weights: (K,) of this player.
     """

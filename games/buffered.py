@@ -1,7 +1,7 @@
 """CasADi functions on NumPy arrays without the conversions of a plain call.
 
-A plain call of a small function takes about 100 microseconds, nearly all of it conversion; on
-memory that is bound once it takes one. Worlds, which step one state at a time, need that.
+A plain call of a small function takes about 100 microseconds, nearly all of it for conversion. With
+memory that is bound once it takes about one. Worlds need this, as they step one state at a time.
 """
 
 from typing import Any
@@ -11,10 +11,10 @@ import numpy as np
 
 
 class BufferedFunction:
-    """A dense CasADi function bound to memory of its own.
+    """A dense CasADi function with bound memory for its arguments and result.
 
-    CasADi stores columns one after the other and NumPy rows, so a CasADi argument (n, N) is a
-    NumPy array (N, n) here. An instance must not be used by two threads at once.
+    CasADi stores arrays by columns and NumPy by rows, so a CasADi argument (n, N) is a NumPy array
+    (N, n) here. An instance must not be used by two threads at once.
 
     Raises:
         ValueError: if an argument or the result has structural zeros, which have no memory.
@@ -27,7 +27,7 @@ class BufferedFunction:
         self._function = function
         self._arguments = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
         self._result = np.zeros(function.size_out(0)[::-1])
-        # The bound buffer must outlive the call, hence the attribute that nothing reads.
+        # The bound buffer must outlive this method, so it is an attribute.
         self._buffer: Any
         self._buffer, self._evaluate = function.buffer()
         for i, argument in enumerate(self._arguments):
@@ -35,11 +35,11 @@ class BufferedFunction:
         self._buffer.set_res(0, self._result.data)
 
     def __reduce__(self) -> tuple[type["BufferedFunction"], tuple[ca.Function]]:
-        """Copies and pickles bind memory of their own."""
+        """Copies and unpickled instances bind new memory."""
         return BufferedFunction, (self._function,)
 
     def __call__(self, *arguments: np.ndarray) -> np.ndarray:
-        """The function's first result, transposed like the arguments, as a fresh array."""
+        """The function's first result, transposed like the arguments, as a new array."""
         for memory, argument in zip(self._arguments, arguments, strict=True):
             memory[...] = argument
         self._evaluate()

@@ -1,15 +1,15 @@
-"""Compiles C source into libraries, and keeps them in a folder that only their owner can write.
+"""Compiles C source to libraries and keeps them in a folder that only their owner can write to.
 
-A library is named by a digest of its source, the flags and the compiler, and one of its bytes.
-A library that does not fit its name, belongs to another user or is writable by others is not
-loaded; it is compiled again. The least recently used libraries are deleted when all together take
-more than ``SIZE_LIMIT``.
+A library's file name holds two digests: one of source, flags and compiler, and one of its bytes. A
+library that does not match its name, belongs to another user or is writable by others is not
+loaded but compiled again. The least recently used libraries are deleted when all of them take more
+than ``SIZE_LIMIT``.
 
-Code is compiled for the plain architecture, not for the processor at hand (no ``-march=native``),
-so that the same source and the same compiler give the same machine code on every machine of an
-architecture. Sums may be taken in another order than written (``-fassociative-math``): the compiler
-fixes the order once, so it is part of the machine code, too. What may still differ in the last
-digits between families of processors are functions like ``sin`` of the C library, as in NumPy.
+Code is compiled for the generic architecture, not for the present processor (no
+``-march=native``), so the same source and compiler give the same machine code on all machines of an
+architecture. The compiler may reorder sums (``-fassociative-math``); their order is then part of
+the machine code. Functions of the C library such as ``sin`` may still differ in the last digits
+between processor families, as in NumPy.
 
 Environment: ``CC`` names the compiler (default ``cc``), ``OLNE_BENCH_CFLAGS`` further flags,
 ``OLNE_BENCH_CACHE`` the folder (default ``$XDG_CACHE_HOME/olne-bench``, then
@@ -32,33 +32,32 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
-#: Size [bytes] that all libraries may take together.
+#: Largest total size of the libraries [bytes].
 SIZE_LIMIT = 500_000_000
 
 _FLAGS = (
     *("-O3", "-funroll-loops", "-fPIC", "-shared", "-fvisibility=hidden"),
-    # Sums may be taken in another order; NaN and infinity keep their meaning.
+    # The compiler may reorder sums; NaN and infinity keep their meaning.
     *("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"),
 )
 _LONGEST_COMPILATION = 300.0  # [s]
 _SCRATCH = "compiling-"
 _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as abandoned
 _ANNOUNCED = "OLNE_BENCH_FALLBACK_ANNOUNCED"
-#: Names a folder of libraries that a process may load from but not write to.
+#: Environment variable with a folder of libraries that a process may read but not write.
 _SHARED = "OLNE_BENCH_SHARED_CACHE"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 class NoCompilerError(Exception):
-    """Native code does not work here; the message says why, in one line."""
+    """Native code is not available; the message gives the reason in one line."""
 
 
 def backend() -> str:
-    """What computes here: the compiler of native code, or ``numpy`` without a compiler.
+    """Name of the backend: the compiler of native code, or ``numpy`` without a compiler.
 
-    Results may differ in the last digits between two values of this, and a hard problem may turn
-    out differently; rows of one value are comparable. The probe is compiled, kept and loaded just
-    as everything else is.
+    Between two backends results may differ in the last digits, and in outcome on hard problems;
+    rows of one backend are comparable. The probe is compiled, kept and loaded like all other code.
     """
     if load("int probe(void) { return 1; }") is None:
         return "numpy"
@@ -67,7 +66,7 @@ def backend() -> str:
 
 @lru_cache(maxsize=64)
 def load(source: str) -> ctypes.CDLL | None:
-    """A library, compiled or kept from earlier; None, with a line on standard error, where not."""
+    """The library of a source, compiled or kept; None, with a line on stderr, if that fails."""
     try:
         if os.environ.get("OLNE_BENCH_NATIVE", "1") == "0":
             raise NoCompilerError("OLNE_BENCH_NATIVE=0 switches native code off")
@@ -78,7 +77,7 @@ def load(source: str) -> ctypes.CDLL | None:
 
 
 def _announce(reason: str) -> None:
-    """Say once, child processes included, that NumPy and IPOPT take over."""
+    """Warn once, child processes included, that NumPy and IPOPT are used instead."""
     if not os.environ.get(_ANNOUNCED):
         os.environ[_ANNOUNCED] = "1"
         _warn(f"native code is off, NumPy and IPOPT serve in its place (slower): {reason}")
@@ -100,7 +99,7 @@ def _compiler() -> str:
 def _identity(compiler: str) -> tuple[str, str]:
     """Version and target of a compiler, such as ``gcc (Debian 12.2.0) 12.2.0``, ``x86_64-...``."""
     version = _run([compiler, "--version"]).splitlines() or [""]
-    # Some compilers go by several names, and tell the one that they were called by.
+    # Compilers with several names report the one by which they were called.
     return re.sub(r"^\S+ \(", "gcc (", version[0]), _run([compiler, "-dumpmachine"]).strip()
 
 
@@ -135,7 +134,7 @@ def _load(compiler: str, source: str) -> ctypes.CDLL:
 
 
 def _compile(compiler: str, flags: list[str], source: str, folder: Path, key: str) -> Path:
-    # Compiled aside and moved in one step, so that processes may race.
+    # Compiled in a scratch folder and moved in one step, so that processes may race.
     with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder) as scratch:
         code, library = Path(scratch, "source.c"), Path(scratch, "library.so")
         code.write_text(source)
@@ -154,12 +153,12 @@ def _name(key: str, library: Path) -> str:
 
 
 def reader_environment(own: Path) -> dict[str, str]:
-    """Variables for a process that may load what others keep, and keeps its own in a folder."""
+    """Environment for a process that may load our libraries and keeps new ones in ``own``."""
     return {_SHARED: str(_folder()), "OLNE_BENCH_CACHE": str(own)}
 
 
 def _shared(key: str) -> Path | None:
-    """A library from a folder that this process may read only; what is wrong there is left."""
+    """A library from the shared folder, which is read-only; files that do not fit are ignored."""
     folder = os.environ.get(_SHARED)
     for path in sorted(Path(folder).glob(f"{key[:32]}-*.so")) if folder else []:
         with suppress(OSError):
@@ -169,7 +168,7 @@ def _shared(key: str) -> Path | None:
 
 
 def _kept(folder: Path, key: str) -> Path | None:
-    """A library from earlier, ours alone and as it was compiled; removes what is not."""
+    """A kept library that is ours and unchanged; files that are not are removed."""
     for path in sorted(folder.glob(f"{key[:32]}-*.so")):
         try:
             wrong = why_foreign(path) or ("" if path.name == _name(key, path) else "damaged")
@@ -186,10 +185,10 @@ def _kept(folder: Path, key: str) -> Path | None:
 
 
 def why_foreign(path: Path) -> str:
-    """Why a file or folder cannot be trusted; empty where it can.
+    """Why a file or folder cannot be trusted; empty if it can.
 
     Raises:
-        OSError: where there is none, or it cannot be looked at.
+        OSError: if it does not exist or cannot be inspected.
     """
     found = path.lstat()
     if stat.S_ISLNK(found.st_mode):
@@ -202,7 +201,7 @@ def why_foreign(path: Path) -> str:
 
 
 def kept_folder() -> Path | None:
-    """The first folder that can be used, made where it is missing; None where there is none."""
+    """The first usable folder, created if it is missing; None if none is usable."""
     for folder in _folders():
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -239,15 +238,15 @@ def _folders() -> Iterator[Path]:
 
 @lru_cache(maxsize=1)
 def _scratch_folder() -> "tempfile.TemporaryDirectory[str]":
-    """A folder for this process alone, which compiles everything anew."""
+    """A temporary folder for this process, which compiles everything anew."""
     return tempfile.TemporaryDirectory(prefix="olne-bench-")
 
 
 def _tidy(folder: Path, keep: Path) -> None:
-    """Remove the least recently used libraries beyond the limit, and what was left half-way.
+    """Remove the least recently used libraries beyond the limit, and abandoned scratch folders.
 
-    Other processes may do the same at the same time. One that loses a library before it has
-    loaded it compiles it again.
+    Other processes may do the same at the same time. A process whose library is removed before it
+    has loaded it compiles it again.
     """
     libraries = []
     for path in folder.iterdir():

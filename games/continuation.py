@@ -1,9 +1,9 @@
-"""Continuation from independent players to the game that they play.
+"""Continuation from independent players to the coupled game.
 
-Newton's method from a coasting trajectory finds a root in a third to a half of crossing games
-only. Without the features that look at other players every game falls apart into one optimal
-control problem per player, which Newton solves; from there the weights of those features grow to
-their full size while Newton follows the root.
+From a coasting trajectory, Newton's method finds a root in only a third to a half of the crossing
+games. Without the features that depend on other players, a game separates into one optimal control
+problem per player, which Newton's method solves. The weights of those features then grow to their
+full values while Newton's method follows the root.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from olne_bench.games.native import elimination
 from olne_bench.games.newton import Root, pack, unpack
 from olne_bench.games.observation import View
 
-#: The continuation gives up below this step of the coupling strength, whose range is 0 to 1.
+#: Smallest step of the coupling strength, which grows from 0 to 1; below it the path is lost.
 _SMALLEST_STEP = 1e-3
 _LARGEST_STEP = 0.34
 
@@ -50,7 +50,7 @@ def follow_coupling(
         view: as of ``games.newton.newton_root``.
 
     Returns:
-        A root (its residual says how good), or None where the path was lost.
+        A root, whose residual the caller judges, or None if the path was lost.
     """
     states = rollout(game.dynamics, initial_state, controls, game.dt)
     point = pack(game, states, controls, np.zeros_like(states[1:]))[None]
@@ -75,7 +75,7 @@ def follow_coupling(
 
 @dataclass(frozen=True)
 class _Path:
-    """Games whose coupling between players has any strength of 0 to 1."""
+    """The game with its coupling between players scaled by a strength from 0 to 1."""
 
     solver: Elimination
     weights: np.ndarray
@@ -83,7 +83,7 @@ class _Path:
     limit: float
 
     def root_at(self, strength: float, point: np.ndarray) -> tuple[np.ndarray, float, int]:
-        """Newton from a point (1, T, size): where it leads, max |G| and factorisations."""
+        """Newton's method from a point (1, T, size): last point, max |G| and factorisations."""
         trial = point.copy()
         weights = np.where(self.coupled, strength * self.weights, self.weights)
         residuals, iterations = self.solver.newton(
@@ -98,7 +98,7 @@ class _Path:
 
 @lru_cache(maxsize=64)
 def coupled_features(game: Game) -> np.ndarray:
-    """(N, K) booleans: does this preference of this player look at other players?"""
+    """(N, K) booleans: whether this preference of this player depends on other players."""
     return np.array(
         [
             [_is_coupled(game, i, feature) for feature in player.preferences]

@@ -2,7 +2,7 @@
 
 A model is a name, the names of its state and control components, and one CasADi expression
 ``step(state, control, dt) -> next state``. Every model starts its state with the position
-``px [m], py [m]``, so that features and metrics that look at positions serve all of them.
+``px [m], py [m]``, so that features and metrics of positions work with all of them.
 """
 
 from collections.abc import Callable, Sequence
@@ -77,7 +77,7 @@ DOUBLE_INTEGRATOR = Dynamics(
 
 @dataclass(frozen=True)
 class _BicycleStep:
-    """The step of ``bicycle``: data rather than a closure, so that games compare and pickle."""
+    """The step of ``bicycle``: not a closure, so that games can be compared and pickled."""
 
     rear_axle: float
     sub_steps: int
@@ -99,9 +99,9 @@ class _BicycleStep:
 
 @lru_cache(maxsize=64)
 def bicycle(rear_axle: float = 2.5, sub_steps: int = 1) -> Dynamics:
-    """Kinematic bicycle in explicit Euler sub-steps of equal length under one held control.
+    """Kinematic bicycle, integrated by equal explicit Euler sub-steps under a constant control.
 
-    It is the very map of HighwayEnv's ``Vehicle.step`` (Leurent 2018), whose simulation runs
+    It is the same map as HighwayEnv's ``Vehicle.step`` (Leurent 2018), whose simulation runs
     ``sub_steps`` frames per action. State px [m], py [m], heading [rad], speed [m/s]; control
     steering [rad], acceleration [m/s^2].
 
@@ -137,7 +137,7 @@ def dynamics_errors(
 def rollout(
     dynamics: Dynamics, initial_state: np.ndarray, controls: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Play open-loop controls from an initial state.
+    """Simulate open-loop controls from an initial state.
 
     Args:
         dynamics: the motion model.
@@ -161,8 +161,8 @@ def rollout(
 def numeric_step(dynamics: Dynamics, dt: float) -> ca.Function:
     """The map of one step, ``(state (n, N), control (m, N)) -> next state (n, N)``.
 
-    Players are columns, any number of them. Everything that plays a game numerically uses this
-    one function, so that replays agree to the last bit.
+    Players are columns, any number of them. All numerical simulation uses this function, so that
+    replays agree to the last bit.
     """
     state = ca.SX.sym("state", dynamics.state_size)
     control = ca.SX.sym("control", dynamics.control_size)

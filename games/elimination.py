@@ -1,8 +1,8 @@
 """Block elimination along time for the first-order conditions, in NumPy.
 
 Every row of G couples neighbouring steps only (names as in ``games.stage_functions``), so a linear
-system with G_z is solved by one sweep back and one forth in time, as in a Riccati recursion. The
-recursion is not symmetric: each player minimises a cost of its own. With the changes x, u, lambda
+system with G_z is solved by one backward and one forward sweep in time, as in a Riccati recursion.
+The recursion is not symmetric, as each player minimises another cost. With the changes x, u, lambda
 of the unknowns at a point and right-hand sides a, b, d of the rows rx, ru, rf:
 
     (E1)  lambda_{t-1} + Q x_t + P u_t - A' lambda_t = a_t,    lambda_{T-1} + Q_T x_T = a_T
@@ -25,8 +25,8 @@ only as
 
     (E8)  W = Z' H Z.
 
-``games/elimination.c`` is the same algorithm, compiled. This one serves where there is no compiler,
-and it is what the compiled one is tested against. Arrays over time have T rows:
+``games/elimination.c`` is the same algorithm, compiled. This module is used if there is no compiler
+and as the reference in tests of the compiled code. Arrays over time have T rows:
 z_t = (x_t, u_t, lambda_t), residuals (rx_t, ru_t, rf_t), multipliers (p_t, q_t, r_t); entries that
 do not exist (rx_1, u_T, ...) are zero.
 """
@@ -46,7 +46,7 @@ SMALLEST_STEP = 2.0**-12
 class Elimination:
     """Evaluates, factorises and solves one game's first-order conditions.
 
-    An object holds the last factorisation and its work space: one at a time, not for threads.
+    An object holds the last factorisation and its work space, so threads must not share it.
 
     Attributes:
         stages: the game's stage functions.

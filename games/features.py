@@ -1,7 +1,7 @@
 """Cost features as data.
 
 A feature is one basis function of a player's cost (Peters et al. 2021, eqn. runexp-cost). It is a
-frozen dataclass that holds its parameters and knows how to write itself down, as a CasADi
+frozen dataclass that holds its parameters and gives its cost as a CasADi
 expression, for a running stage (t < T) and for the final state (t = T). To add a feature, write a
 dataclass with these two methods; nothing has to be registered.
 """
@@ -16,12 +16,12 @@ from olne_bench.games.dynamics import Dynamics
 
 @dataclass(frozen=True)
 class Stage:
-    """What a feature of one player may look at in one time step.
+    """What a feature of one player may depend on in one time step.
 
     Attributes:
         player: index of the player whose cost is written.
         states: one (n,) symbol per player.
-        control: (m,) symbol of this player's control; absent at the final step.
+        control: (m,) symbol of this player's control; None at the final step.
         dynamics: the motion model, which names the components.
         dt: step [s].
     """
@@ -51,7 +51,7 @@ class Feature(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the feature, which names its weight where it is weighted."""
+        """Name of the feature and, for a preference, of its weight."""
 
     def running_cost(self, stage: Stage) -> ca.SX | float:
         """Cost of a step t < T."""
@@ -64,8 +64,8 @@ class Feature(Protocol):
 class Proximity:
     """``scale * sum_j -log(|p_i - p_j|^2 + offset)``: keep away from the other players.
 
-    The paper's eqn. runexp-prox-cost; the offset, which keeps it finite where players meet, is
-    that of the published experiments.
+    Eqn. runexp-prox-cost of the paper. The offset keeps the cost finite where players meet; its
+    default is that of the published experiments.
     """
 
     scale: float = 0.1
@@ -126,7 +126,7 @@ class StateDeviation:
     """``scale * (state component - target)^2`` at every step.
 
     With ``speed`` it is eqn. runexp-vel-cost; with ``px`` it keeps a lane, with ``heading`` a
-    direction. Angles are not wrapped: targets are given on the branch that the player drives.
+    direction. Angles are not wrapped: a target must lie on the branch of the player's heading.
     """
 
     component: str

@@ -21,10 +21,10 @@ from olne_bench.games.features import Feature, Stage
 
 @dataclass(frozen=True)
 class Player:
-    """What one player's cost is made of.
+    """The cost features of one player.
 
     Attributes:
-        preferences: K weighted features; their weights are what an estimator looks for.
+        preferences: K weighted features; estimators estimate their weights.
         task: features scaled by the mean of the player's weights.
     """
 
@@ -55,7 +55,7 @@ class Player:
 
 @dataclass(frozen=True)
 class Game:
-    """An open-loop dynamic game without its weights and initial state, hence without its truth.
+    """An open-loop dynamic game without weights and initial state, hence without ground truth.
 
     Attributes:
         players: N players whose preferences carry the same names in the same order.

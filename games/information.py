@@ -1,16 +1,15 @@
-"""How well the weights of a game can be known at all: Fisher information and Cramer-Rao bound.
+"""Identifiability of a game's weights: Fisher information and Cramer-Rao bound.
 
 The equilibrium trajectory is a function of (theta, x_1) through G(z; theta, x_1) = 0, so by the
 implicit function theorem dz/d(theta, x_1) = -G_z^{-1} G_(theta, x_1). With white Gaussian noise of
 standard deviation sigma on h(x), the Fisher information of (theta, x_1) is J'J / sigma^2, where J
-is the sensitivity of all expected observations; other noise is whitened first. A sample that is
-missing has no rows in J: the information is that of the observation at hand. Weights are known on
-the simplex only (each row sums to one), so the bound is taken on its tangent space, with x_1 as a
-nuisance parameter.
+is the sensitivity of all expected observations; other noise is whitened first. Missing samples have
+no rows in J, so the information is that of the actual observation. Weights lie on the simplex (each
+row sums to one), so the bound is taken on its tangent space, with x_1 as a nuisance parameter.
 
-Some weights barely show in the motion, or not at all. Whether the data identify one is judged
-against what is known without any: that weights lie on the simplex, where a uniform distribution
-has the variance 1 / (K (K + 1)) in every direction.
+Some weights hardly affect the motion, or not at all. Whether the data identify a weight is judged
+against what is known without data: a uniform distribution on the simplex, whose variance is
+1 / (K (K + 1)) in every direction.
 """
 
 from collections.abc import Sequence
@@ -49,10 +48,10 @@ def trajectory_sensitivity(
         controls: (T-1, N, m).
         costates: (T-1, N, n).
         weights: (N, K).
-        solver: the game's elimination, where one is at hand.
+        solver: the game's elimination; built if None.
 
     Raises:
-        ValueError: where G_z is singular, so that the equilibrium is no function of them.
+        ValueError: if G_z is singular; the equilibrium is then not a function of (theta, x_1).
     """
     solver = linearised(game, states, controls, costates, weights, solver)
     columns = solver.sensitivities()[:, : states[0].size].reshape(states.size, -1)
@@ -73,13 +72,13 @@ def observation_sensitivity(
 ) -> np.ndarray:
     """d(h(states))/d(theta, x_1) at an equilibrium, (T*N*d, N*K + N*n), all in C order.
 
-    The arguments are those of ``trajectory_sensitivity``; ``noise_scale`` (d,) holds the relative
-    standard deviations of the noise on what the view shows of a player, ones where absent, and
-    divides the rows. Where that noise is correlated, ``noise_covariance`` (d, d), relative to
-    sigma^2, stands in its place and the rows of a player at a time are whitened together.
+    The arguments are those of ``trajectory_sensitivity``. The rows are divided by ``noise_scale``
+    (d,), the relative standard deviations of the noise on a player's observed components, each one
+    by default. For correlated noise, ``noise_covariance`` (d, d) relative to sigma^2 replaces it:
+    the rows of one player and step are whitened together.
 
     Raises:
-        ValueError: where G_z is singular, or the covariance is not positive definite.
+        ValueError: if G_z is singular or the covariance is not positive definite.
     """
     sensitivity = trajectory_sensitivity(game, states, controls, costates, weights, solver)
     rows = states.reshape(-1, game.dynamics.state_size)
@@ -124,7 +123,7 @@ def weight_covariance(
 def of_seen(sensitivity: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The rows of an ``observation_sensitivity`` whose samples in y (T, N, d) are not missing.
 
-    With correlated noise samples must be missing as whole blocks (d,).
+    With correlated noise, only whole blocks (d,) may be missing.
     """
     return sensitivity[np.isfinite(y).ravel()]
 
@@ -132,12 +131,12 @@ def of_seen(sensitivity: np.ndarray, y: np.ndarray) -> np.ndarray:
 def joint_weight_covariance(game: Game, sensitivities: Sequence[np.ndarray]) -> np.ndarray | None:
     """Cramer-Rao bound of weights that several trajectories share, for unit noise.
 
-    Every trajectory has an unknown initial state of its own.
+    Each trajectory has its own unknown initial state.
 
     Args:
         game: the game.
-        sensitivities: ``observation_sensitivity`` of each trajectory, without the rows of samples
-            that are missing (``of_seen``).
+        sensitivities: ``observation_sensitivity`` of each trajectory, without the rows of missing
+            samples (``of_seen``).
 
     Returns:
         (N*K, N*K), or None if not identifiable.
@@ -161,8 +160,8 @@ class Identifiability:
             exist.
         left: (N, K) share of a weight's prior variance that the data leave, in [0, 1]; the prior
             is Gaussian with the mean and covariance of the uniform distribution on the simplex.
-        projections: (N, K, K) orthogonal projections on the directions of the simplex that are
-            identified: those that the data leave less than half of the prior variance in.
+        projections: (N, K, K) orthogonal projections on the identified directions of the simplex:
+            those whose posterior variance is below half of the prior variance.
     """
 
     bound: np.ndarray
@@ -179,20 +178,20 @@ class Identifiability:
 def identifiability(
     game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
 ) -> Identifiability:
-    """Which weights trajectories identify at a noise level, singular information included.
+    """Which weights the trajectories identify at a noise level; the information may be singular.
 
-    All other weights and the initial state of every trajectory are unknown, too.
+    All other weights and the initial state of each trajectory are unknown, too.
 
     Args:
         game: the game.
-        sensitivities: ``observation_sensitivity`` of each trajectory, as above.
+        sensitivities: as for ``joint_weight_covariance``.
         sigma: noise level, above 0.
     """
     tangent = simplex_tangent(game.num_players, game.num_weights)
     observed = _on_tangent(tangent, sensitivities)
     free, count = tangent.shape[1], game.num_weights
-    # The triangular factor of the weights' columns, those of x_1 in front, is what is left of
-    # their information if x_1 is unknown.
+    # With the columns of x_1 in front, the weights' block of the triangular factor is the root of
+    # their information with x_1 unknown.
     nuisance_first = np.hstack([observed[:, free:], observed[:, :free]])
     _, triangle = np.linalg.qr(nuisance_first)
     root = triangle[-free:, -free:] / sigma
@@ -254,7 +253,7 @@ def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
 
 
 def _on_tangent(tangent: np.ndarray, sensitivities: Sequence[np.ndarray]) -> np.ndarray:
-    """Derivatives of all expected observations by the tangent's coordinates and every x_1."""
+    """Derivatives of all expected observations in the tangent's coordinates and all x_1."""
     free = tangent.shape[1]
     starts = sensitivities[0].shape[1] - len(tangent)
     rows = np.cumsum([0, *map(len, sensitivities)])

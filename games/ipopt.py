@@ -1,8 +1,8 @@
-"""Options that every use of IPOPT shares."""
+"""Options shared by all uses of IPOPT."""
 
 from typing import Any
 
-#: No output; multipliers and results come back through the returned dictionary.
+#: No output, and no exception on failure: callers read the solver's statistics.
 QUIET: dict[str, Any] = {
     "print_time": False,
     "error_on_fail": False,

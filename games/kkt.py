@@ -6,9 +6,9 @@ Peters et al. 2021, eqn. forward_kkt_conditions:
                                grad_{u^i} J^i + lambda^i' grad_{u^i} F   (all i, t = 1..T-1)
                                F(x, u)                                   (all i, t = 1..T-1) ]
 
-with F_t = x_{t+1} - f(x_t, u_t). The players' motions are decoupled, so player i needs costates
-of its own state only: the costates that the paper writes for the other players' states appear in
-no other row and drop out. Everything is differentiated by CasADi.
+with F_t = x_{t+1} - f(x_t, u_t). The players' dynamics are decoupled, so player i needs only the
+costates of its own state: the paper's costates of the other players' states appear in no other row
+and drop out. CasADi computes all derivatives.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from olne_bench.games.game import Game, player_cost, trajectory_symbols
 class KktSystem:
     """Symbols and expressions of one game's first-order conditions.
 
-    All symbols are flat, in the C order of the arrays they stand for.
+    All symbols are flat, in the C order of the arrays that they represent.
 
     Attributes:
         game: the game.
@@ -58,13 +58,13 @@ class KktSystem:
 
     @cached_property
     def unknowns(self) -> ca.SX:
-        """Z = (x_2..x_T, u, lambda): what a forward game leaves open; as many as rows of G."""
+        """The unknowns z = (x_2..x_T, u, lambda) of a forward game; as many as G has rows."""
         initial = self.game.num_players * self.game.dynamics.state_size
         return ca.vertcat(self.states[initial:], self.controls, self.costates)
 
     @cached_property
     def initial_state(self) -> ca.SX:
-        """x_1 (N, n), the head of the states symbol."""
+        """x_1 (N, n), the first part of the states symbol."""
         return self.states[: self.game.num_players * self.game.dynamics.state_size]
 
     @cached_property
@@ -161,8 +161,8 @@ def consistent_costates(
     """Costates (T-1, N, n) that make a trajectory stationary in its states.
 
     The grad_x rows of G are linear in the costates and triangular in time (the adjoint
-    recursion), so every trajectory has exactly one such set; only the grad_u rows are left to
-    tell whether it is an equilibrium.
+    recursion), so every trajectory has exactly one such set. The grad_u rows then decide whether it
+    is an equilibrium.
     """
     function = kkt_system(game).costate_function
     matrix, offset = function(states.ravel(), controls.ravel(), weights.ravel())

@@ -1,8 +1,8 @@
 """Lanes as curves that CasADi differentiates, and the feature that keeps a car on them.
 
-A lane gives local coordinates of a position: how far along its centre line, how far beside it
+A lane gives local coordinates of a position: the distance along its centre line, the distance to it
 (positive to the left of the driving direction in a left-handed frame such as HighwayEnv's, whose
-y axis points down), and which way it leads there. A route is a chain of lanes; its cost passes
+y axis points down), and the heading of the lane. A route is a chain of lanes; its cost passes
 smoothly from one to the next, because equilibria need second derivatives everywhere.
 """
 
@@ -101,7 +101,7 @@ class LaneKeeping:
     Attributes:
         route: lanes in driving order, at least one.
         width: unit of the lateral deviation [m].
-        blend: length of the passage between lanes [m].
+        blend: length of the transition between lanes [m].
     """
 
     route: tuple[Lane, ...]

@@ -1,17 +1,17 @@
-"""The forward game's root nearest a reference trajectory: the study's way of predicting.
+"""The forward game's root nearest to a reference trajectory, the published study's prediction.
 
 The published study scores an estimate by a root of the first-order conditions at the estimated
-weights. As a game may have several, it takes the one nearest the true trajectory: IPOPT minimises
-|x - x_true|^2 subject to G(x, u, lambda; theta) = 0, started at the true trajectory with costates
-of zero, and an estimate counts as failed where that one solve does not converge at its default
-limits.
+weights. A game may have several roots, so it takes the one nearest to the true trajectory: IPOPT
+minimises |x - x_true|^2 subject to G(x, u, lambda; theta) = 0, starting at the true trajectory with
+zero costates. An estimate counts as failed if this one solve does not converge within IPOPT's
+default limits.
 
-Whether it converges is luck to a good part: perturbing the true trajectory by 1e-13 changes the
-verdict on many estimates (``scripts/forward_luck.py``), although a root is there. So the published
-verdict is kept (``Prediction.published``), and where it is negative the search goes on along the
-path of roots from the true weights to the estimated ones, and by continuation in the coupling
-between players (``games.root_following``). An equilibrium far from
-anything that was seen is not looked for: it predicts nothing.
+Whether it converges is partly chance: perturbing the true trajectory by 1e-13 changes the verdict
+on many estimates (``scripts/forward_luck.py``), although a root exists. The published verdict is
+kept (``Prediction.published``). If it is negative, the search continues along the path of roots
+from the true weights to the estimated ones, and by continuation in the coupling between players
+(``games.root_following``). Equilibria far from the observed motion are not searched for, as they
+predict nothing.
 """
 
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ from olne_bench.games.root_following import follow_root
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the players are predicted to do.
+    """The predicted motion of the players.
 
     Attributes:
-        root: a root of the first-order conditions; None where none was found.
-        published: whether the published study's one solve found it.
+        root: a root of the first-order conditions; None if none was found.
+        published: whether the published study's single solve found it.
     """
 
     root: Root | None
@@ -49,14 +49,14 @@ def predict(
     *,
     max_iterations: int = PUBLISHED_ITERATIONS,
 ) -> Prediction:
-    """Find the root of G at the given weights nearest the true one.
+    """Find the root of G at the given weights nearest to the true one.
 
     Args:
         game: the game.
         weights: (N, K).
         truth: the true motion, a root at the true weights.
         true_weights: (N, K).
-        max_iterations: of IPOPT.
+        max_iterations: limit on IPOPT's iterations.
 
     Returns:
         The root of the published solve, or else that of ``follow_root``.
@@ -77,7 +77,7 @@ def nearest_root(
     *,
     max_iterations: int = PUBLISHED_ITERATIONS,
 ) -> Root | None:
-    """One solve for the root of G nearest a reference trajectory, started there.
+    """One solve for the root of G nearest to a reference trajectory, starting there.
 
     Args:
         game: the game.
@@ -85,10 +85,10 @@ def nearest_root(
         states: (T, N, n) reference, its first row the initial state; also the start.
         controls: (T-1, N, m) start.
         costates: (T-1, N, n) start.
-        max_iterations: of IPOPT.
+        max_iterations: limit on IPOPT's iterations.
 
     Returns:
-        The root, or None where IPOPT does not converge.
+        The root, or None if IPOPT does not converge.
     """
     solver = _root_solver(game, max_iterations)
     start = np.concatenate([states[1:].ravel(), controls.ravel(), costates.ravel()])
@@ -119,7 +119,7 @@ def _root_solver(game: Game, max_iterations: int) -> ca.Function:
         "f": ca.sumsqr(system.states[initial:] - reference[initial:]),
         "g": residual,
     }
-    # What suits these systems: up to 1.7 times faster, equal iterates up to rounding.
+    # Suits these systems: up to 1.7 times faster, with the same iterates up to rounding.
     linear_algebra = {
         "ipopt.mumps_pivot_order": 0,
         "ipopt.mumps_permuting_scaling": 0,

@@ -12,7 +12,10 @@ from olne_bench.games.observation import View
 
 @dataclass(frozen=True)
 class Root:
-    """A point of the Newton iteration: states (T, N, n), controls, costates, max |G|."""
+    """A point of the Newton iteration.
+
+    States (T, N, n), controls (T-1, N, m), costates (T-1, N, n) and the residual max |G|.
+    """
 
     states: np.ndarray
     controls: np.ndarray
@@ -32,16 +35,16 @@ def newton_root(
     limit: float = 60.0,
     view: View | None = None,
 ) -> Root:
-    """Polish a trajectory into a root of G by Newton steps with backtracking on |G|_2.
+    """Refine a trajectory to a root of G by Newton steps with backtracking on |G|_2.
 
     Args:
         game: the game.
-        states: (T, N, n) start; its first row is x_1 and stays.
+        states: (T, N, n) start; its first row is x_1 and stays fixed.
         controls: (T-1, N, m) start.
         costates: (T-1, N, n) start.
         weights: (N, K).
         tolerance: stop once max |G| falls below.
-        max_iterations: stop at the latest after as many steps.
+        max_iterations: largest number of steps.
         limit: stop at the latest after as many wall-clock seconds.
         view: the observation model, where the game is to be solved often enough for compiled code
             of its own (``games.native.elimination``).
@@ -91,10 +94,10 @@ def linearised(
     weights: np.ndarray,
     solver: Elimination | None = None,
 ) -> Elimination:
-    """The game's elimination, factorised at a point; ``solver`` where one is at hand.
+    """The game's elimination, factorised at a point; ``solver`` is used if it is given.
 
     Raises:
-        ValueError: where the first-order conditions are singular at the point.
+        ValueError: if the first-order conditions are singular at the point.
     """
     solver = solver or elimination(game)
     z = pack(game, states, controls, costates)

@@ -1,11 +1,10 @@
 """Observation models h (eqn. awgn_observation): what a sensor is expected to see of one state.
 
-A view is data plus one CasADi expression, so estimators differentiate the very function that
+A view is data plus one CasADi expression, so estimators differentiate the same function that
 generates the observations. The noise that sensors add is not part of it (``games.sensor``).
 
-Angles are numbers like any others: y = h(x) + noise is not wrapped, and neither is y - h(x). A
-heading is a state and runs on beyond pi. A bearing is an arctangent, and has a jump that sensors
-must be turned away from.
+Angles are not wrapped: neither is y = h(x) + noise, nor y - h(x). A heading is a state and continues
+beyond pi. A bearing is an arctangent and jumps behind the sensor, so sensors must face the scene.
 """
 
 from abc import ABC, abstractmethod
@@ -30,11 +29,11 @@ class Components(Hashable, Protocol):
 
     @property
     def state_size(self) -> int:
-        """Number of players, N."""
+        """Number of components, n."""
 
 
 class View(ABC):
-    """An observation model, applied to each player's state on its own.
+    """An observation model, applied to each player's state separately.
 
     Views are frozen dataclasses: solvers are built once per view and found again by its hash.
 
@@ -60,17 +59,17 @@ class View(ABC):
         return -limit, limit
 
     def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
-        """Relative standard deviations (d,) of the noise on what is seen.
+        """Relative standard deviations (d,) of the noise on the observed components.
 
-        Sigma times these is a standard deviation, in the units of what is seen. ``scale`` (n,)
-        has them for noise on the components of the state, one for a position [m].
+        Times sigma they are standard deviations in the units of the components. ``scale`` (n,)
+        holds those of the state's components, which are one for positions [m].
         """
         return np.ones(observation_size(self, dynamics))
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
-        """State components (...) that observations (..., d) determine, by name.
+        """State components (...) that observations (..., d) determine, by name; possibly none.
 
-        Solvers start from them; a view that determines none is a view all the same.
+        Solvers start from them.
         """
         return {}
 
@@ -133,16 +132,16 @@ class ComponentView(View):
 class RangeBearingView(View):
     """Range [m] and bearing [rad] from a sensor at a fixed place, as a roadside LiDAR reports.
 
-    The bearing is counter-clockwise from the direction that the sensor faces and within
-    [-pi, pi]: it jumps where a player passes behind the sensor, so let it face the scene. A
-    player at the very place of the sensor has no bearing that could be differentiated.
+    The bearing is measured counter-clockwise from the direction that the sensor faces, within
+    [-pi, pi]. It jumps when a player passes behind the sensor, so the sensor should face the scene.
+    It is not differentiable at the sensor's position.
 
-    Noise on the range has the scale of noise on a position, that on the bearing one of its own:
-    at the default of 0.1 rad per metre a sigma of 0.1 m comes with 0.01 rad, which is a metre
-    across the line of sight at a distance of a hundred.
+    Noise on the range has the scale of noise on a position. Noise on the bearing has another scale:
+    at the default of 0.1 rad/m, a sigma of 0.1 m comes with 0.01 rad, which is 1 m across the line
+    of sight at a distance of 100 m.
 
     Attributes:
-        position: of the sensor, px and py [m].
+        position: position of the sensor, px and py [m].
         facing: direction of bearing zero [rad], counter-clockwise from the x axis.
         bearing_scale: standard deviation of the bearing over that of the range [rad/m].
 
@@ -198,7 +197,7 @@ class RangeBearingView(View):
 
 @dataclass(frozen=True)
 class StackedView(View):
-    """Views on top of each other, the lowest first: each looks at what the one below shows.
+    """Views applied in turn, the lowest first: each observes the output of the one below.
 
     Raises:
         ValueError: at its first use, if a view removed a component that one above it needs.
@@ -232,14 +231,14 @@ class StackedView(View):
         return scale
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
-        # What a view hides is NaN on the way down; a component that stays NaN is not known.
+        # Components that a view hides are NaN on the way down; those that stay NaN are unknown.
         levels = self._levels(dynamics)
         known = _down(levels, np.zeros(observation_size(self, dynamics)))
         found = _down(levels, y)
         return {name: values for name, values in found.items() if np.isfinite(known[name])}
 
     def _levels(self, dynamics: Components) -> list[tuple[View, Components]]:
-        """Every view and the components that it looks at."""
+        """Each view with the components of its input."""
         levels: list[tuple[View, Components]] = []
         below = dynamics
         for view in self.views:
@@ -259,7 +258,7 @@ def _down(levels: list[tuple[View, Components]], y: np.ndarray) -> dict[str, np.
 
 @dataclass(frozen=True)
 class NamedComponents:
-    """Components by name, as a view shows them to the next."""
+    """Named components: the output of one view and the input of the next."""
 
     state_names: tuple[str, ...]
 
@@ -274,7 +273,7 @@ class WhitenedView(View):
 
     Attributes:
         view: h.
-        matrix: (d, d) W, of ``whitening``.
+        matrix: (d, d) W, from ``whitening``.
     """
 
     view: View
@@ -312,7 +311,7 @@ def whitening(covariance: np.ndarray | Sequence[Sequence[float]]) -> np.ndarray:
 
 
 def stacked(views: Sequence[View]) -> View:
-    """One view for several on top of each other; the full view if there are none."""
+    """One view for several applied in turn; the full view if there are none."""
     seeing = [view for view in views if not isinstance(view, FullView)]
     if not seeing:
         return FullView()
@@ -320,7 +319,7 @@ def stacked(views: Sequence[View]) -> View:
 
 
 def _columns(view: View, components: tuple[str, ...], dynamics: Components) -> list[int]:
-    """Where a state has these components.
+    """Indices of these components in a state.
 
     Raises:
         ValueError: if it lacks one.
@@ -355,6 +354,6 @@ def observe(view: View, dynamics: Components, states: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def observation_function(view: View, dynamics: Components) -> ca.Function:
-    """H as a function of states (n, S) in columns, any number of them."""
+    """The function h of states (n, S), one per column, for any S."""
     state = ca.SX.sym("state", dynamics.state_size)
     return ca.Function("h", [state], [ca.densify(view.expected(state, dynamics))])

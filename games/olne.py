@@ -1,10 +1,9 @@
 """Forward games: find an open-loop Nash equilibrium and certify it.
 
-Roots of the stacked first-order conditions come from two sources: continuation in the coupling
-between the players, which takes milliseconds but may end in a root that is a saddle of some
-player's cost; and, where the certificate says so, iterated best response (IBR, Wang et al. 2019;
-the paper's ground truth) followed by Newton's method. IBR leads into the basin of a true
-equilibrium; Newton brings the residual to machine precision.
+Roots of the stacked first-order conditions come from two sources. Continuation in the coupling
+between the players takes milliseconds but may end at a saddle point of some player's cost. If the
+certificate fails, iterated best response (IBR, Wang et al. 2019; the paper's ground truth) leads
+into the basin of a true equilibrium, and Newton's method brings the residual to machine precision.
 """
 
 from collections.abc import Iterator
@@ -22,7 +21,7 @@ from olne_bench.games.newton import Root, newton_root
 #: Default certificate tolerance: largest gain of any player, relative to 1 + |J^i|.
 CERTIFICATE_TOLERANCE = 1e-7
 
-#: A root of the first-order conditions counts as one below this residual.
+#: A point with a residual below this counts as a root of the first-order conditions.
 RESIDUAL_TOLERANCE = 1e-9
 
 
@@ -31,11 +30,11 @@ class Certificate:
     """Evidence that no player gains by deviating alone (eqn. nash, locally).
 
     Each player's best response is computed from two starts, its equilibrium trajectory and a
-    perturbed one; a saddle point of its cost is thereby left.
+    perturbed one, which leaves saddle points of its cost.
 
     Attributes:
-        gains: (N,) J^i(equilibrium) - J^i(best response), the better of both; about 0 or
-            negative at an equilibrium.
+        gains: (N,) J^i(equilibrium) - J^i(better of the two responses); about 0 or negative at an
+            equilibrium.
         costs: (N,) J^i at the equilibrium.
         tolerance: allowed gain relative to 1 + |J^i|.
         passed: whether every player's gain is within the tolerance and G is zero.
@@ -56,7 +55,7 @@ class Equilibrium:
         controls: (T-1, N, m).
         costates: (T-1, N, n), of each player's own state.
         residual: max |G|.
-        certificate: evidence; ``certificate.passed`` is False where the solver failed.
+        certificate: evidence; ``certificate.passed`` is False if the solver failed.
     """
 
     states: np.ndarray
@@ -81,15 +80,15 @@ def solve_olne(
         game: the game.
         weights: (N, K), non-negative, scaled to row sums of one.
         initial_state: (N, n).
-        initial_controls: (T-1, N, m) start of the iteration; coasting where absent.
+        initial_controls: (T-1, N, m) start of the iteration; zeros (coasting) if None.
         certificate_tolerance: largest gain that a player may have from deviating alone,
             relative to 1 + |J^i|.
         max_rounds: rounds of best responses per attempt.
 
     Returns:
         The first certified equilibrium among the attempts (continuation, plain IBR, damped
-        IBR), or the last attempt with ``certificate.passed`` False. Never raises for a game
-        without a solution.
+        IBR), or the last attempt with ``certificate.passed`` False. A game without a solution does
+        not raise.
 
     Raises:
         ValueError: on arguments of a wrong shape or non-finite values.
@@ -120,7 +119,7 @@ def certify(
     *,
     tolerance: float = CERTIFICATE_TOLERANCE,
 ) -> Certificate:
-    """Check by one best response per player that no player gains by deviating alone.
+    """Check by best responses that no player gains by deviating alone.
 
     Args:
         game: the game.
@@ -181,7 +180,7 @@ def iterated_best_response(
     damping: float = 1.0,
     tolerance: float = 1e-3,
 ) -> Root:
-    """Let the players respond in turn until their plans stand still (Wang et al. 2019).
+    """Let the players respond in turn until their plans no longer change (Wang et al. 2019).
 
     Args:
         game: the game.
@@ -189,12 +188,12 @@ def iterated_best_response(
         initial_state: (N, n).
         controls: (T-1, N, m) first plans.
         max_rounds: rounds through all players.
-        max_iterations: total iterations of the players' optimisers; no round starts beyond.
-        damping: share of the way that a player moves towards its response.
+        max_iterations: total iterations of the players' optimisers, after which no round starts.
+        damping: share of the step towards its response that a player takes.
         tolerance: stop when no control changes by more than this in one round.
 
     Returns:
-        The last plans; the residual is left at infinity, as IBR does not evaluate G.
+        The last plans; the residual is infinity, as IBR does not evaluate G.
     """
     controls = controls.copy()
     states = rollout(game.dynamics, initial_state, controls, game.dt)

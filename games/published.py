@@ -1,4 +1,4 @@
-"""Numbers of the published study that several rooms need."""
+"""Numbers of the published study that several modules need."""
 
 #: IPOPT's default limit, as published.
 PUBLISHED_ITERATIONS = 3000

@@ -7,7 +7,7 @@ X_t = dx_t/du and the costates p_t of the states,
     (D2)  p_t = c_x + A_t' p_{t+1},             dJ/du_t = c_u + B_t' p_{t+1}
     (D3)  d2J/du2 = sum_t Z_t' [c_zz + (p' f)_zz] Z_t,   Z_t = (X_t, E_t)
 
-Every function is of one step and is evaluated for all steps of all cars at once.
+Each CasADi function covers one step and is evaluated for all steps of all cars at once.
 """
 
 from collections.abc import Callable
@@ -60,8 +60,8 @@ class CarDerivatives:
     """Evaluates motion, gradients and Hessians of many cars.
 
     Args:
-        dynamics: of a car.
-        step_cost: of one step.
+        dynamics: motion model of a car.
+        step_cost: cost of one step.
         num_weights: K.
         dt: step [s].
         steps: S.
@@ -196,7 +196,7 @@ def _costates(first: np.ndarray, motion: np.ndarray) -> np.ndarray:
 
 
 def _own_hessians(second: np.ndarray, bend: np.ndarray, sensitivities: np.ndarray) -> np.ndarray:
-    """Hessians (N, 2S, 2S) of (D3); a step's curvature is gathered with the cost before it."""
+    """Hessians (N, 2S, 2S) of (D3); a step's curvature is added to the cost of the step before."""
     count, steps = second.shape[:2]
     size = NU * steps
     along = second[..., :NX, :NX].copy()

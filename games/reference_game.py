@@ -1,8 +1,8 @@
 """A small, fast open-loop game of cars that follow reference points, for receding horizons.
 
-Everything that changes from one plan to the next (references, weights, who else is about) is a
-parameter, so the same functions serve every solve, and many games are solved at once. The states
-are eliminated: the unknowns are the controls, and Newton's method runs on the players' stacked
+Everything that changes between plans (references, weights, other vehicles) is a parameter, so all
+solves share the same functions, and many games are solved at once. The states are
+eliminated: the unknowns are the controls, and Newton's method runs on the players' stacked
 gradients dJ^i/du^i = 0, which are the first-order conditions of the OLNE (Peters et al. 2021,
 eqn. forward_kkt_conditions) after elimination of states and costates.
 """
@@ -24,7 +24,7 @@ WEIGHT_NAMES = ("proximity", "speed", "acceleration", "turning", "lane")
 
 @dataclass(frozen=True)
 class Units:
-    """In what units a driver counts, so that its weights compare.
+    """Units of a driver's cost terms, which make its weights comparable.
 
     Attributes:
         length: unit of distance ahead and behind [m].
@@ -32,7 +32,7 @@ class Units:
         speed: deviation from the reference speed [m/s] that costs 1.
         acceleration: acceleration [m/s^2] that costs 1.
         turning: lateral acceleration [m/s^2] that costs 1.
-        steering: steering angle [rad] that costs 1, on top; it counts at low speed.
+        steering: steering angle [rad] that costs 1, in addition; it matters at low speed.
         lane: lateral deviation [m] that costs 1.
         heading: heading error [rad] that costs 1.
     """
@@ -49,14 +49,14 @@ class Units:
 
 @dataclass(frozen=True)
 class Situation:
-    """What a game is about at one moment; T-1 steps, N players.
+    """The parameters of a game at one moment; T-1 steps, N players.
 
     Attributes:
         initial_state: (N, 4) px, py, heading, speed.
         weights: (N, 5), see ``WEIGHT_NAMES``.
         references: (N, T-1, 4) point px, py, direction [rad], speed [m/s] to follow at each step.
         others: (N, M, T-1, 2) predicted positions of what each player has to avoid besides the
-            other players; M is fixed by the game, spare entries are far away.
+            other players; M is fixed by the game, unused entries are far away.
     """
 
     initial_state: np.ndarray
@@ -75,7 +75,7 @@ class Plan:
         residual: largest entry of the players' gradients, where they were last evaluated.
         iterations: Newton steps taken.
         converged: whether the residual or the last step is small enough and every player's own
-            Hessian is positive definite, hence its plan a strict local best response.
+            Hessian is positive definite, so that its plan is a strict local best response.
     """
 
     states: np.ndarray
@@ -90,13 +90,13 @@ class ReferenceGame:
     """The compiled game.
 
     Attributes:
-        rear_axle: of the bicycle [m].
+        rear_axle: distance from the bicycle's centre to its rear axle [m].
         sub_steps: Euler steps of the bicycle per step.
         steps: T-1.
         dt: step [s].
-        max_players: most players that one solve takes.
+        max_players: largest number of players of a game.
         num_others: M, predicted positions per player.
-        units: of the costs.
+        units: units of the cost terms.
     """
 
     steps: int
@@ -128,8 +128,8 @@ class ReferenceGame:
             situation: the parameters.
             controls: (T-1, N, 2) start, such as the previous plan shifted by one step.
             tolerance: on the residual.
-            small_change: of steering [rad] and acceleration [m/s^2]. A Newton step within it is
-                the last: what it leaves is of the order of its square.
+            small_change: change of steering [rad] and acceleration [m/s^2]. A Newton step within it
+                is the last: the remaining error is of the order of its square.
             max_iterations: Newton steps at most.
             max_change: largest change of steering [rad] and acceleration [m/s^2] in one step.
         """
@@ -158,7 +158,7 @@ class ReferenceGame:
         """
         games = _Games.of(situations, self.max_players)
         unknowns = np.concatenate([start.swapaxes(0, 1) for start in controls]).astype(float)
-        with np.errstate(invalid="ignore", over="ignore"):  # failures are told by the residuals
+        with np.errstate(invalid="ignore", over="ignore"):  # failures show in the residuals
             search = _Search(self, games, unknowns, tolerance, np.array(small_change))
             for _ in range(max_iterations):
                 if not search.open.any():
@@ -225,18 +225,18 @@ class ReferenceGame:
         )
 
 
-#: Coordinate [m] of spare entries, farther than a car gets; no cost depends on these.
+#: Coordinate [m] of unused entries, farther than any car gets; no cost depends on them.
 FAR_AWAY = 1e7
 
 
 @dataclass(frozen=True)
 class _Games:
-    """Games side by side: N players in all, those of one game next to each other.
+    """A batch of games: N players in total, those of one game in consecutive rows.
 
     Attributes:
         initial_state, weights, references, others: of all players, as in ``Situation``.
         counts: (G,) players of each game.
-        partners: (N, P) the other players of a player's game; N where there is none.
+        partners: (N, P) the other players of a player's game; N in unused entries.
     """
 
     initial_state: np.ndarray
@@ -283,7 +283,7 @@ class _Games:
         return np.arange(len(self.game)) - self.offsets[self.game]
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Values (G,) of games as those of their players, (N, 1, 1)."""
+        """Values (G,) of games, repeated for their players: (N, 1, 1)."""
         return values[self.game][:, None, None]
 
     def largest(self, at: Linearisation) -> np.ndarray:
@@ -312,10 +312,10 @@ class _Games:
 
 
 class _Search:
-    """Newton's method on games side by side.
+    """Newton's method on a batch of games.
 
     Attributes:
-        open: mask (G,) of the games that are still searched.
+        open: mask (G,) of the games that are not finished.
     """
 
     def __init__(
@@ -351,7 +351,7 @@ class _Search:
     def _finish(
         self, indices: np.ndarray, players: np.ndarray, change: np.ndarray, rows: np.ndarray
     ) -> None:
-        """Take the last step of games, in the rows of players that a mask tells."""
+        """Take the last step of some games; ``rows`` is the mask of their players."""
         which = players[rows]
         self._unknowns[which] += change[rows]
         if len(which):
@@ -369,7 +369,7 @@ class _Search:
         change: np.ndarray,
         indices: np.ndarray,
     ) -> None:
-        """Take steps that are shortened until the gradients shrink."""
+        """Take steps, each shortened until the gradients of its game shrink."""
         start, before = self._unknowns[players], games.norms(at)
         length = np.ones(len(games))
         trial = self._game.evaluate(games, start + change)
@@ -408,7 +408,7 @@ class _Search:
 
 
 def _are_convex(hessians: np.ndarray) -> np.ndarray:
-    """Mask (N,) of the positive definite ones among Hessians (N, n, n)."""
+    """Mask (N,) of the Hessians (N, n, n) that are positive definite."""
     try:
         np.linalg.cholesky(hessians)
     except np.linalg.LinAlgError:
@@ -454,10 +454,10 @@ def _step_cost(
 
 
 def _proximity(game: ReferenceGame, state: ca.SX, point: ca.SX) -> ca.SX:
-    """Cost of one point nearby; none of a spare entry.
+    """Cost of one nearby point; zero for an unused entry.
 
-    Far away a point still has a direction, in which it would turn the car: distances count in
-    lengths along the car's heading and in widths across it.
+    Unused entries need this mask: even a far point would turn the car, because distances are in
+    units of length along the car's heading and of width across it.
     """
     stage = Stage(0, (state, point), None, game.dynamics, game.dt)
     cost = CarProximity(game.units.length, game.units.width).running_cost(stage)
@@ -465,7 +465,7 @@ def _proximity(game: ReferenceGame, state: ca.SX, point: ca.SX) -> ca.SX:
 
 
 def _turning(game: ReferenceGame, state: ca.SX, control: ca.SX) -> ca.SX:
-    """Lateral acceleration, speed times yaw rate; the steering angle keeps it convex at rest."""
+    """Cost of lateral acceleration, speed times yaw rate; steering keeps it convex at rest."""
     steering = control[0]
     yaw_rate = state[3] * ca.sin(ca.atan(ca.tan(steering) / 2)) / game.rear_axle
     effort = (steering / game.units.steering) ** 2

@@ -1,6 +1,6 @@
-"""A game's root at other weights, followed from one that is known.
+"""A game's root at other weights, followed from a known root.
 
-Far cheaper than the search for the root nearest a trajectory (``games.nearest_root``).
+This is far cheaper than searching the root nearest to a trajectory (``games.nearest_root``).
 """
 
 import numpy as np
@@ -21,18 +21,18 @@ def follow_root(
 ) -> Root | None:
     """The root at other weights, from the same initial state.
 
-    Followed from the known one; where it is lost, by continuation in the coupling between players.
-    Independent players then start from the known controls, and last from coasting, as the forward
-    solver does (``games.olne``): either start loses some games that the other solves.
+    It is followed from the known root. If that fails, continuation in the coupling between players
+    is tried, first from the known controls, then from coasting as in the forward solver
+    (``games.olne``): each of the two starts solves some games that the other does not.
 
     Args:
         game: the game.
         known: a root.
-        known_weights: (N, K) its weights.
-        weights: (N, K) those wanted.
+        known_weights: (N, K) weights of the known root.
+        weights: (N, K) weights of the wanted root.
 
     Returns:
-        None where no way leads to a root within a few dozen steps.
+        The root, or None if none is found within a few dozen steps.
     """
     return (
         follow_weights(game, known, known_weights, weights)
@@ -44,7 +44,7 @@ def follow_root(
 def follow_weights(
     game: Game, known: Root, known_weights: np.ndarray, weights: np.ndarray
 ) -> Root | None:
-    """The first part of ``follow_root``: a path of roots leads from the known one, or None."""
+    """First part of ``follow_root``: the root on a path from the known one, or None."""
     try:
         batch = solve_batch(game, weights[None], known, known_weights)
     except ValueError:  # the known root is singular
@@ -55,7 +55,7 @@ def follow_weights(
 def from_independent_players(
     game: Game, initial_state: np.ndarray, controls: np.ndarray, weights: np.ndarray
 ) -> Root | None:
-    """The other parts: the coupling between players grows from none, or None."""
+    """Other parts of ``follow_root``: the root by continuation in the coupling, or None."""
     root = follow_coupling(
         game, weights, initial_state, controls, max_factorisations=_COUPLING_STEPS
     )

@@ -1,13 +1,13 @@
-"""Sensors as stacks of layers, and what an estimator may know of one.
+"""Sensors as stacks of layers, and what an estimator may know of a sensor.
 
-A layer is plain data. A view says what is seen, a noise layer how noise on it is correlated, a gaps
-layer which samples are missed. Whatever their order in a stack, one convention holds:
+A layer is plain data. A view defines what is observed, a noise layer how its noise is correlated, a
+gaps layer which samples are missing. One convention holds for any order of layers in a stack:
 
     y = h(x) + noise,  noise ~ N(0, sigma^2 C);  then gaps, whole blocks of a player, NaN.
 
-Only views depend on their order: each looks at what the one below shows. Without a noise layer C is
-diagonal, with the squares of the view's noise scales. PettingZoo wrappers apply the very same
-layers to worlds (``envs.wrappers.wrap``).
+Only the order of views matters: each observes the output of the one below. Without a noise layer C
+is diagonal, with the squares of the view's noise scales. PettingZoo wrappers apply the same layers
+to worlds (``envs.wrappers.wrap``).
 """
 
 from abc import ABC, abstractmethod
@@ -21,15 +21,15 @@ from olne_bench.games.observation import Components, View, observation_size, sta
 
 
 class NoiseLayer(ABC):
-    """How the noise on what is seen of a player is distributed."""
+    """The distribution of the noise on a player's observed components."""
 
     @abstractmethod
     def covariance(self, scale: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
         """Covariance (d, d) relative to sigma^2.
 
         Args:
-            scale: (d,) noise scales of the view, standard deviations over sigma.
-            names: of the d components seen.
+            scale: (d,) noise scales of the view, standard deviations relative to sigma.
+            names: names of the d observed components.
 
         Raises:
             ValueError: if it does not fit those components.
@@ -38,11 +38,11 @@ class NoiseLayer(ABC):
 
 @dataclass(frozen=True)
 class CorrelatedNoise(NoiseLayer):
-    """The named components have one correlation with each other; scales stay those of the view.
+    """Equal correlation between the named components; the scales remain those of the view.
 
     Attributes:
         correlation: above -1/(k-1) and below 1 for k components.
-        components: names, all that are seen where empty.
+        components: names of the components; all observed ones if empty.
     """
 
     correlation: float
@@ -71,10 +71,10 @@ class CorrelatedNoise(NoiseLayer):
 
 @dataclass(frozen=True)
 class CovarianceNoise(NoiseLayer):
-    """A covariance of its own, in place of the scales of the view.
+    """A full covariance, which replaces the scales of the view.
 
     Attributes:
-        matrix: (d, d) relative to sigma^2, in the units of what is seen.
+        matrix: (d, d) relative to sigma^2, in the units of the observed components.
     """
 
     matrix: tuple[tuple[float, ...], ...]
@@ -90,24 +90,24 @@ class CovarianceNoise(NoiseLayer):
 
 
 class GapsLayer(ABC):
-    """Which players are missed in a step."""
+    """Decides which players are missed in a step."""
 
     @abstractmethod
     def missed(self, rng: np.random.Generator, blocks: np.ndarray) -> np.ndarray:
         """Mask (N,) of the players missed.
 
         Args:
-            rng: a stream of the layer's own.
-            blocks: (N, d) what would be seen, noise included; NaN where missed already.
+            rng: the layer's random stream.
+            blocks: (N, d) observations with noise; NaN for players already missed.
         """
 
 
 @dataclass(frozen=True)
 class Drops(GapsLayer):
-    """Every player is missed with probability p, independently of the others and of the past.
+    """Each player is missed with probability p, independently of the others and of the past.
 
     Raises:
-        ValueError: if p is no probability.
+        ValueError: if p is not a probability.
     """
 
     p: float
@@ -181,16 +181,16 @@ class SensorModel:
         """The model of a stack of layers.
 
         Args:
-            layers: of the sensor; only the order of views matters.
+            layers: layers of the sensor; only the order of views matters.
             dynamics: names the components of a state.
-            noise_scale: (n,) of the scenario, standard deviations over sigma.
+            noise_scale: (n,) the scenario's standard deviations, relative to sigma.
 
         Raises:
-            ValueError: in one line, on layers that do not fit each other or the state, and on a
-                covariance that is not positive definite.
+            ValueError: on layers that do not fit each other or the state, or a covariance that is
+                not positive definite.
         """
         stack = Stack.of(layers)
-        observation_size(stack.view, dynamics)  # a view that does not fit says so
+        observation_size(stack.view, dynamics)  # raises if a view does not fit
         names = stack.view.component_names(dynamics)
         scale = stack.view.noise_scale(np.asarray(noise_scale, dtype=float), dynamics)
         covariance = np.diag(scale**2)
@@ -202,11 +202,11 @@ class SensorModel:
 
     @property
     def noise_scale(self) -> tuple[float, ...]:
-        """(d,) standard deviations over sigma."""
+        """(d,) standard deviations relative to sigma."""
         return tuple(float(value) for value in np.sqrt(np.diag(self.covariance)))
 
     @property
     def noise_covariance(self) -> tuple[tuple[float, ...], ...] | None:
-        """The covariance where components are correlated, else None."""
+        """The covariance if components are correlated, else None."""
         diagonal = np.diag(np.diag(self.covariance))
         return None if np.array_equal(self.covariance, diagonal) else self.covariance

@@ -10,13 +10,13 @@ from scipy.linalg import block_diag, null_space
 def sum_free(num_weights: int) -> np.ndarray:
     """Orthonormal basis (K, K-1) of the changes of one player's weights that keep their sum."""
     basis = np.ascontiguousarray(null_space(np.ones((1, num_weights))))
-    basis.setflags(write=False)  # shared by all who ask
+    basis.setflags(write=False)  # shared by all callers
     return basis
 
 
 @lru_cache(maxsize=32)
 def simplex_tangent(players: int, num_weights: int) -> np.ndarray:
-    """The same for all players at once, (N*K, N*(K-1))."""
+    """Basis (N*K, N*(K-1)) of such changes for all players."""
     basis = block_diag(*[sum_free(num_weights)] * players)
     basis.setflags(write=False)
     return basis

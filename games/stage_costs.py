@@ -1,6 +1,6 @@
-"""What one step of a game costs its players, numerically.
+"""Numerical costs of the players in one step of a game.
 
-The sum over an episode is ``games.kkt.KktSystem.cost_function``; worlds need it step by step.
+Worlds need them step by step; ``games.kkt.KktSystem.cost_function`` is their sum over an episode.
 """
 
 from dataclasses import dataclass
