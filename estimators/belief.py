@@ -1,14 +1,14 @@
 """Beliefs over (phi, x_1), log-ratios of weights and an initial state, for filters.
 
-What ``ukf`` and ``particle`` share: the belief before the first measurement, and the games that
-points of the belief's support play. One open-loop equilibrium over the whole horizon is observed
-from an unknown initial state, so a point stands for both and is constant in time.
+``ukf`` and ``particle`` share the belief before the first measurement and the games at points of
+the belief. One open-loop equilibrium over the whole horizon is observed from an unknown initial
+state, so a point holds both weights and initial state and is constant in time.
 
-Games are followed from a first one. That is found with all observations in hand, and with weights
-tied to uniform; the belief about the weights starts around it. A filter that is told less, uniform
-weights and the first measurement of x_1, does not get to the equilibria of five players: those
-near uniform weights end at folds on the way there. So the weights that a filter has after early
-measurements depend on later ones, which decide where it starts, not how far it goes.
+Games are followed from a first one. It is found from all observations with weights tied to uniform,
+and the belief about the weights starts around it. A filter that starts from uniform weights and the
+first measurement of x_1 does not reach the equilibria of five players: the equilibria near uniform
+weights end at folds on the way. Hence a filter's weights after early measurements depend on later
+ones, which determine its start but not its steps.
 """
 
 import time
@@ -29,15 +29,15 @@ from olne_bench.estimators.forward_model import (
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.simplex import flat_covariance, from_log_ratios, log_ratios_of
 
-#: Noise-free data are filtered as if with this standard deviation.
+#: Standard deviation with which noise-free data are filtered.
 LEAST_SIGMA = 1e-4
 
-#: Weights of the first game are at least this share of uniform ones: phi is finite there.
+#: Weights of the first game are at least this share of uniform ones, so that phi is finite.
 _LEAST_SHARE = 0.1
 
 
 class LostError(Exception):
-    """A filter cannot go on."""
+    """A filter cannot continue."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Gaussian:
 
 
 def hidden_positions(problem: Problem) -> str | None:
-    """Why a filter cannot begin: positions cannot be read off a measurement; None where they can.
+    """Why a filter cannot start: a measurement does not determine positions; None if it does.
 
-    The belief about x_1 before the first measurement is read off it.
+    The belief about x_1 before the first measurement is read off that measurement.
     """
     dynamics = problem.game.dynamics
     known = problem.view.read_off(np.zeros((1, len(problem.noise_scale))), dynamics)
@@ -61,10 +61,10 @@ def hidden_positions(problem: Problem) -> str | None:
 
 
 def first_game(problem: Problem, observation: Observation) -> SolvedGame:
-    """The game near the observation to follow others from, not far from uniform weights.
+    """A game near the observation from which others are followed, not far from uniform weights.
 
     Raises:
-        LostError: where none is found.
+        LostError: if none is found.
     """
     fitted = fitted_game(problem, observation)
     if fitted is not None:
@@ -88,12 +88,12 @@ def prior_belief(
 
     Args:
         problem: what is known.
-        observation: its first measurements tell where x_1 is.
-        start: a game to follow others from.
-        weights: belief about the log-ratios after earlier trajectories, None before the first:
-            then a Gaussian around those of the start.
-        spread: its standard deviations then, in units of those of weights that are uniform on the
-            simplex.
+        observation: its first measurements locate x_1.
+        start: the game from which others are followed.
+        weights: belief about the log-ratios after earlier trajectories; if None, a Gaussian around
+            those of the start.
+        spread: standard deviations of that Gaussian, in units of those of weights that are uniform
+            on the simplex.
         sigma: noise level.
     """
     first, deviation = initial_state_prior(problem, observation, sigma)
@@ -105,7 +105,7 @@ def prior_belief(
 
 
 class FollowedGames:
-    """Expected measurements of points (phi, x_1), each game followed from the mean's last one.
+    """Expected measurements at points (phi, x_1); games are followed from the mean's last one.
 
     Attributes:
         num_log_ratios: length of phi, N*(K-1).
@@ -142,7 +142,7 @@ class FollowedGames:
         """The game at a point (n,).
 
         Raises:
-            LostError: where it has no equilibrium.
+            LostError: if it has no equilibrium.
         """
         weights = self.weights(point[None])
         batch = play_batch(self._problem, self._start, weights, self._initial_states(point[None]))

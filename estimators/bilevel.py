@@ -9,13 +9,12 @@ weights. Its Jacobian is exact: by the implicit function theorem
     dz/d(theta, x_1) = -G_z^-1 G_(theta, x_1),
 
 one sweep of the structured factorisation of G_z (``games.elimination``, E7). Gauss-Newton steps in
-a trust region come from ``scipy.optimize.least_squares``, a step to where no equilibrium is found
-being refused as one that does not decrease the error. This is the bilevel scheme of single-player
+a trust region come from ``scipy.optimize.least_squares``; a step to a point without an equilibrium
+is rejected like one that does not decrease the error. This is the bilevel scheme of single-player
 inverse optimal control (Mombaur et al. 2010; Albrecht et al. 2011) with derivatives in place of a
 derivative-free search; the paper mentions it for games only in its derivative-free form.
 
-The optimum is that of ``kkt_constrained``, approached along equilibria rather than through points
-that are none.
+The optimum is that of ``kkt_constrained``. Here all iterates are equilibria; there they are not.
 
 Paper: Mombaur et al. 2010 and Albrecht et al. 2011, for one player and without derivatives.
 Assumes: an equilibrium of the known game, and independent Gaussian noise of known relative size.
@@ -54,7 +53,7 @@ from olne_bench.games.native import elimination
 #: Relative change of error and unknowns at which the search ends.
 _TOLERANCE = 1e-9
 
-#: Objectives this close, relatively, are one optimum's: two starts that agree are enough.
+#: Objectives within this relative difference count as one optimum; two starts that agree suffice.
 _SAME_OPTIMUM = 1e-5
 
 _TOO_LONG = "evaluation limit reached"
@@ -68,8 +67,8 @@ class Bilevel:
     """Gauss-Newton on weights and initial states through the forward game.
 
     Attributes:
-        starts: games to start from at most, those nearest the observations.
-        max_evaluations: forward games per start and trajectory, before the next start has its turn.
+        starts: largest number of games to start from, the nearest to the observations.
+        max_evaluations: forward games per start and trajectory, before the next start is tried.
 
     Raises:
         ValueError: on a parameter out of range.
@@ -137,7 +136,7 @@ class _Result:
 
 
 def _best(results: list[_Result]) -> _Result:
-    """The lowest error; one that did not converge has to be lower by more than a rounding."""
+    """The lowest error; one that did not converge has to be lower by more than rounding."""
     lowest = min(results, key=lambda result: result.objective)
     limit = lowest.objective * (1 + _SAME_OPTIMUM) + 1e-12
     equal = [result for result in results if result.converged and result.objective <= limit]
@@ -152,7 +151,7 @@ def _agree(results: list[_Result]) -> bool:
 
 
 def _combinations(starts: list[list[SolvedGame]], most: int) -> list[tuple[SolvedGame, ...]]:
-    """Start k of every trajectory together; one with fewer starts repeats its last."""
+    """Start k of all trajectories together; a trajectory with fewer starts repeats its last."""
     count = min(most, max(len(found) for found in starts))
     return [tuple(found[min(k, len(found) - 1)] for found in starts) for k in range(count)]
 
@@ -164,7 +163,7 @@ def _descend(
     max_evaluations: int,
     deadline: float,
 ) -> _Result:
-    """Gauss-Newton from one start; charts change where a reference weight runs out."""
+    """Gauss-Newton from one start; the chart changes if a reference weight becomes too small."""
     evaluations, message = 0, ""
     for _ in range(_MOST_CHARTS):
         chart = RatioChart(games[0].weights, problem.weight_floor)
@@ -186,7 +185,7 @@ def _descend(
             )
             evaluations += int(solution.nfev)
             message = "" if solution.success else _TOO_LONG
-            if residuals.blocked:  # a trust region that shrank to nothing is no optimum
+            if residuals.blocked:  # a trust region that shrank to nothing is not an optimum
                 message = "no equilibrium in the direction of descent"
             residuals.jacobian(solution.x)  # moves the games to the solution
         except _StoppedError as error:
@@ -205,15 +204,15 @@ def _descend(
 
 
 class _StoppedError(Exception):
-    """The search cannot go on; the games are at the last point that was accepted."""
+    """The search cannot continue; the games are those of the last accepted point."""
 
 
 class OuterResiduals:
     """Observation errors as a function of the outer unknowns (ratios of weights, all x_1).
 
     Attributes:
-        games: the games at the last point of which a Jacobian was asked for; followed from there.
-        blocked: whether there was no equilibrium at some point tried from there.
+        games: the games at the point of the last Jacobian, from which others are followed.
+        blocked: whether some point tried since then has no equilibrium.
     """
 
     def __init__(
@@ -232,12 +231,12 @@ class OuterResiduals:
         self._starts = (len(games), *problem.game.state_shape[1:])
 
     def unknowns(self, games: tuple[SolvedGame, ...]) -> np.ndarray:
-        """The point that games stand for."""
+        """The unknowns at which these are the games."""
         initial_states = [game.initial_state.ravel() for game in games]
         return np.concatenate([self._chart.ratios(games[0].weights), *initial_states])
 
     def values(self, unknowns: np.ndarray) -> np.ndarray:
-        """Errors of all samples that were seen; infinite where there is no equilibrium.
+        """Errors of all samples that were seen; infinite if there is no equilibrium.
 
         Raises:
             _StoppedError: after the deadline.
@@ -259,7 +258,7 @@ class OuterResiduals:
         """Derivative of ``values``, exact; later games are followed from this point.
 
         Raises:
-            _StoppedError: where the equilibrium is no function of the unknowns.
+            _StoppedError: if the equilibrium is not a function of the unknowns.
         """
         games = self._play(unknowns)
         try:

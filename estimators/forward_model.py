@@ -1,12 +1,11 @@
-"""The forward game as a function of weights and initial state, for methods that play it often.
+"""The forward game as a function of weights and initial state, for methods that solve it often.
 
-An equilibrium is followed from a root of the first-order conditions that is known: its neighbours
-in (theta, x_1) are predicted to first order and polished by Newton's method
-(``games.batch.solve_batch``). The first roots are looked for where the observations are, so that
-players pass each other on the sides on which they were seen to. The most reliable one is a
-solution of the joint problem (``kkt_constrained``) with its weights tied to uniform: a game whose
-initial state fits as well. Roots from an initial state that is read off noisy observations often
-are of another topology.
+Equilibria are followed from a known root of the first-order conditions: its neighbours in
+(theta, x_1) are predicted to first order and refined by Newton's method
+(``games.batch.solve_batch``). The first roots are searched near the observations, so that players
+pass each other on the observed sides. The most reliable one is a solution of the joint problem
+(``kkt_constrained``) with weights tied to uniform, because its initial state is fitted as well.
+Roots from an initial state read off noisy observations often have another topology.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,21 +37,21 @@ from olne_bench.games.newton import Root, newton_root
 from olne_bench.games.observation import observe
 from olne_bench.games.olne import RESIDUAL_TOLERANCE
 
-#: Factors of the joint problem's term |theta - 1/K|^2, which ties the weights to uniform. Stronger
-#: ties lead to where the equilibrium ceases to be a function of (theta, x_1): games with five
-#: players that have to fit by their initial state alone end at a fold of the equilibria.
+#: Factors of the joint problem's term |theta - 1/K|^2, which ties the weights to uniform. With
+#: stronger ties, games of five players have to fit by their initial state alone and end at folds,
+#: where the equilibrium is not a function of (theta, x_1).
 _TIES = (1.0, 10.0)
 
 #: Iterations of the joint problem for a first game, and its tolerance.
 _MOST_ITERATIONS, _LOOSE = 150, 1e-6
 
-#: Step of finite differences, over a component's noise scale.
+#: Step of finite differences, relative to a component's noise scale.
 _SMALL = 1e-6
 
-#: A heading that is not observed is not known better than this [rad].
+#: Least standard deviation of an unobserved heading [rad].
 _LEAST_TURN = 0.2
 
-#: Roots this close to each other [m] are one.
+#: Roots this close to each other [m] count as one.
 _SAME = 1e-6
 
 
@@ -83,13 +82,13 @@ def uniform_weights(problem: Problem) -> np.ndarray:
 
 
 def first_games(problem: Problem, observation: Observation) -> list[SolvedGame]:
-    """Games near an observation, all that are found and differ, the best fit first.
+    """All different games that are found near an observation, the best fit first.
 
-    Their weights are uniform, tied to uniform, those of the residual method (``kkt_residual``), or
-    halfway: a game at uniform weights may have no equilibrium on the sides on which players were
-    seen to pass. Besides those of ``fitted_game``, Newton's method starts at the observations
-    themselves and at the pre-solve (eqn. pre_solve); further roots come from continuation in the
-    coupling between players.
+    Their weights are tied to uniform (``fitted_game``), uniform, those of the residual method
+    (``kkt_residual``), or halfway between the last two: at uniform weights there may be no
+    equilibrium in which players pass on the observed sides. At fixed weights, Newton's method
+    starts at the observations and at the pre-solve (eqn. pre_solve), and further roots come from
+    continuation in the coupling between players.
     """
     game, view, y = problem.game, problem.view, observation.y
     fitted = [fitted_game(problem, observation, tie) for tie in _TIES]
@@ -108,7 +107,7 @@ def first_games(problem: Problem, observation: Observation) -> list[SolvedGame]:
 def fitted_game(
     problem: Problem, observation: Observation, tie: float = _TIES[0]
 ) -> SolvedGame | None:
-    """The game that explains an observation best where its weights are tied to uniform.
+    """The game that explains an observation best with weights tied to uniform.
 
     Args:
         problem: what is known.
@@ -116,7 +115,7 @@ def fitted_game(
         tie: factor of the term |theta - 1/K|^2 that is added to the squared error.
 
     Returns:
-        None where none is found.
+        The game, or None if none is found.
     """
     game, view, y = problem.game, problem.view, observation.y
     solution = solve_joint(
@@ -172,13 +171,13 @@ def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
 def initial_state_prior(
     problem: Problem, observation: Observation, sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation (N, n) of x_1 before the measurements are looked at in turn.
+    """Mean and standard deviation (N, n) of x_1 before a filter uses the measurements in turn.
 
-    The mean is read off the first ones. What is observed is known about as well as one
-    measurement knows it, twice its standard deviation, as that measurement is yet to come; what
-    is not, to half its size besides the noise. A heading that is not observed is known as well as
-    two positions at either end of the first quarter tell it. Where the first measurements are
-    missing, x_1 is known less by what a player may do meanwhile.
+    The mean is read off the first measurements. An observed component has twice the standard
+    deviation of one measurement, as the filter uses that measurement again. An unobserved one has
+    half its size plus noise; an unobserved heading has a least deviation plus that of the direction
+    between two positions at the ends of the first quarter. If a player's first measurements are
+    missing, its deviations grow with its possible motion in the meantime.
     """
     guess = guess_states(problem.game, problem.view, observation.y)
     start = _calm_start(problem, guess)
@@ -202,10 +201,10 @@ def initial_state_prior(
 
 
 def _read_off_noise(problem: Problem, y: np.ndarray) -> np.ndarray:
-    """Standard deviations (N, n) over sigma of states read off the first samples seen.
+    """Standard deviations (N, n), relative to sigma, of states read off the first complete samples.
 
-    By the derivatives of the way back from a sample to the state; zero for components that are
-    hidden, and as on a component of the largest scale for players who were never seen.
+    They come from finite differences of the view's ``read_off``. Hidden components have zero;
+    players that were never seen have the largest noise scale.
     """
     dynamics = problem.game.dynamics
     sample = np.array([y[k, i] for i, k in enumerate(_first_seen(y))])
@@ -241,7 +240,7 @@ def _quarter(trajectory: np.ndarray) -> int:
 def play_batch(
     problem: Problem, start: SolvedGame, weights: np.ndarray, initial_states: np.ndarray
 ) -> Batch:
-    """Play the game at many weights (B, N, K) and initial states (B, N, n), from a known root."""
+    """Solve the game at many weights (B, N, K) and initial states (B, N, n), from a known root."""
     return solve_batch(
         problem.game,
         weights,
@@ -253,7 +252,7 @@ def play_batch(
 
 
 def game_of_batch(batch: Batch, index: int, weights: np.ndarray) -> SolvedGame:
-    """One game of a batch; weights (N, K) are those it was played at."""
+    """One game of a batch, with its weights (N, K)."""
     return SolvedGame(batch.root(index), weights)
 
 
@@ -263,7 +262,7 @@ def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
 
 
 def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:
-    """Samples (..., T, N*d) of observations (..., T, N, d): all have the noise sigma now."""
+    """Samples (..., T, N*d) of observations (..., T, N, d), scaled to noise of deviation sigma."""
     scaled = y / np.array(problem.noise_scale)
     return scaled.reshape(*y.shape[:-2], -1)
 
@@ -275,11 +274,11 @@ def sample_sensitivity(
 
     Args:
         problem: gives game and view.
-        game: where.
-        solver: the game's elimination, where one is at hand.
+        game: the game at which it is taken.
+        solver: the game's elimination; built if None.
 
     Raises:
-        ValueError: where the equilibrium is no function of them.
+        ValueError: if the equilibrium is not a function of (theta, x_1).
     """
     root = game.root
     return observation_sensitivity(
@@ -302,16 +301,16 @@ def likelihood_covariance(
 ) -> np.ndarray | None:
     """Covariance (N*K, N*K) of the maximum-likelihood weights: inverse Fisher information.
 
-    Taken at the estimate (``games.information``), as if no weight were at its floor.
+    It is taken at the estimate (``games.information``), as if no weight were at its floor.
 
     Args:
         problem: gives game, view and noise.
-        observations: of each trajectory.
-        games: the estimate of each.
-        solver: the game's elimination, where one is at hand.
+        observations: one for each trajectory.
+        games: the estimated game of each.
+        solver: the game's elimination; built if None.
 
     Returns:
-        None where the weights are not identifiable or the data are without noise.
+        The covariance, or None if the weights are not identifiable or sigma is 0.
     """
     if problem.sigma == 0:
         return None

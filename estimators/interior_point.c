@@ -124,7 +124,7 @@ static void cholesky_solve(int n, const double *factor, double *b)
     }
 }
 
-/* Values at p->z and p->theta; a point that is no number has a violation that is none */
+/* Values at p->z and p->theta; if they are not finite, neither is the violation */
 static void assess(const Method *m, Point *p)
 {
     const double uniform = 1.0 / m->weights;
@@ -155,7 +155,7 @@ static double complementarity(const Method *m, double barrier)
     return largest / dual_scale(m);
 }
 
-/* The parts of E_mu (5) that do not depend on mu; infinite where they are no numbers */
+/* The parts of E_mu (5) that do not depend on mu; infinite if they are not finite */
 static double stationarity(const Method *m)
 {
     double gradient[PC], along[PC], largest = 0, sum = 0;
@@ -233,7 +233,7 @@ static void newton_step(const Method *m, const double *residual, Direction *out)
     memcpy(out->dtheta, change + NX, NT * sizeof(double));
 }
 
-/* Whether a step would change nothing that floating point can tell; NaN is no such step */
+/* Whether a step is too small to change the point in floating point; false for NaN */
 static int is_rounding(const Method *m, const Direction *d)
 {
     const double least = 10 * EPSILON;
@@ -412,7 +412,7 @@ static int restore(Method *m, double deadline)
     return 1;
 }
 
-/* Whether the point is so close to a known optimum that it can but end there */
+/* Whether the point is so close to a known optimum that the run would end there */
 static int is_known(const Method *m)
 {
     const Options *o = m->options;
@@ -466,7 +466,7 @@ API size_t interior_point_space(int horizon, int max_iterations)
            FILTER_ENTRIES * ((size_t)max_iterations + 1);
 }
 
-/* Improves z (T, SZ) and theta (NT,) in place; why it stopped, one of the codes above */
+/* Improves z (T, SZ) and theta (NT,) in place; returns why it stopped, one of the codes above */
 API int interior_point(Work *w, const Options *options, const double *basis,
                        const double *known_objectives, const double *known_theta, double *space,
                        double *z, double *theta, double *objective, int *iterations)

@@ -12,11 +12,11 @@ splits into a part that restores G = 0 at fixed w = (x_1, theta) and a part alon
 
 where Z and the products with G_z^-1 come from one sweep over time (``games.elimination``). Only a
 system of the size of w, N n + N (K - 1), is dense. It is positive definite exactly where the full
-system has the inertia of a minimum. Weights move on the tangent of their sums from a start that
-fulfils them. Restoration, where the line search fails, is Newton's method on G = 0 at fixed w.
+system has the inertia of a minimum. The sums of weights hold at the start and are kept, as weights
+move on the tangent. If the line search fails, restoration is Newton's method on G = 0 at fixed w.
 
-``interior_point.c`` holds it all; this module checks what goes in. Where there is no compiler IPOPT
-serves (``joint_ipopt``).
+``interior_point.c`` implements all of it; this module checks the arguments. Without a compiler,
+IPOPT is used instead (``joint_ipopt``).
 """
 
 import ctypes
@@ -39,7 +39,7 @@ _NATIVE_SOURCE = files("olne_bench.estimators").joinpath("interior_point.c").rea
 
 
 class _Options(ctypes.Structure):
-    """What a run is told, as in ``JointSettings``; mirrors ``Options`` of ``interior_point.c``."""
+    """Options of a run, as in ``JointSettings``; mirrors ``Options`` of ``interior_point.c``."""
 
     _fields_ = (
         ("players", ctypes.c_int),
@@ -68,13 +68,13 @@ def solve_joint(
         game: the game.
         view: the observation model.
         y: (T, N, d) observations, NaN where missing.
-        start: its weights lie above the floor and have row sums of one.
+        start: starting point; its weights lie above the floor and have row sums of one.
         settings: the problem's numbers, and limits.
-        known: optima already found. A run that comes close to one stops there and has not
-            converged: it brings nothing new. IPOPT goes on.
+        known: optima already found. A run that comes close to one stops and counts as not
+            converged, as it finds nothing new. IPOPT ignores them.
 
     Raises:
-        ValueError: if no weights fulfil the bound, or an array has the wrong shape.
+        ValueError: if no weights satisfy the floor, or an array has the wrong shape.
     """
     settings = settings or JointSettings()
     settings.check_floor(game.num_weights)
@@ -97,7 +97,7 @@ def solve_joint(
 
 
 def joint_elimination(game: Game, view: View) -> Elimination:
-    """Build (or fetch) what ``solve_joint`` works with; a ``NativeElimination`` where it can be."""
+    """Build (or fetch) the elimination of ``solve_joint``: a ``NativeElimination`` if possible."""
     return elimination(game, view, _NATIVE_SOURCE)
 
 
@@ -109,7 +109,7 @@ def _run(
     z: np.ndarray,
     theta: np.ndarray,
 ) -> tuple[Status, float, int]:
-    """Improve z and theta in place; why it stopped, objective, iterations."""
+    """Improve z and theta in place; returns status, objective and iterations."""
     options = _Options(
         players=game.num_players,
         max_iterations=settings.max_iterations,

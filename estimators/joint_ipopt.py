@@ -4,8 +4,8 @@
     s.t.  G(z_k; theta) = 0 for every k,  sum theta^i = 1,  theta^i >= floor
 
 with one theta for all (Peters et al. 2021: the method "applies coherently"), and an initial state
-for each trajectory. For one trajectory it is the reference that the fast solver is held to, and
-serves in its place where there is no compiler.
+for each trajectory. For one trajectory it is the reference for the fast solver, and replaces it if
+there is no compiler.
 """
 
 from collections.abc import Sequence
@@ -40,11 +40,11 @@ def solve_joint_ipopt(
         game: the game.
         view: the observation model.
         ys: (T, N, d) observations of each trajectory.
-        starts: a point of each; their weights are averaged.
+        starts: a starting point for each; their weights are averaged.
         settings: the problem's numbers, and limits.
 
     Raises:
-        ValueError: if no weights fulfil the bound.
+        ValueError: if no weights satisfy the floor.
     """
     settings = settings or JointSettings()
     settings.check_floor(game.num_weights)
@@ -65,7 +65,7 @@ def solve_joint_ipopt(
         ubg=0,
     )
     found = np.array(solution["x"]).ravel()
-    # IPOPT may pass a bound by its tolerance.
+    # IPOPT may violate a bound by its tolerance.
     weights = np.maximum(found[-weights.size :], 0.0).reshape(weights.shape)
     trajectories = found[: -weights.size].reshape(len(ys), -1)
     status, detail = _outcome(solver)
@@ -103,7 +103,7 @@ def _point(game: Game, flat: np.ndarray, weights: np.ndarray) -> JointPoint:
 def joint_solver(
     game: Game, view: View, count: int, max_iterations: int, tolerance: float
 ) -> ca.Function:
-    """Build (or fetch) the solver for so many trajectories.
+    """Build (or fetch) the solver for ``count`` trajectories.
 
     Its variables are (x, u, lambda) of each trajectory, then theta; its parameters are samples and
     precision of each, then the tie to uniform weights.

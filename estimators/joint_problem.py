@@ -1,6 +1,6 @@
-"""What the back ends of the joint method are told, start from and return.
+"""Settings, starting points and solutions of the joint method, for both of its back ends.
 
-They are the project's own method (``interior_point``) and IPOPT (``joint_ipopt``).
+The back ends are the project's own method (``interior_point``) and IPOPT (``joint_ipopt``).
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class JointPoint:
     def from_trajectory(
         cls, game: Game, states: np.ndarray, controls: np.ndarray | None = None
     ) -> "JointPoint":
-        """A trajectory with costates at zero and uniform weights; zero controls where absent."""
+        """A trajectory with zero costates and uniform weights; controls are zero if None."""
         if controls is None:
             controls = np.zeros(game.control_shape)
         uniform = np.full((game.num_players, game.num_weights), 1 / game.num_weights)
@@ -46,14 +46,14 @@ class JointSettings:
     """How a joint problem is posed and solved.
 
     Attributes:
-        noise_scale: (d,) relative standard deviations of the observations; ones where absent.
+        noise_scale: (d,) relative standard deviations of the observations; ones if empty.
         weight_floor: lower bound of every weight, below 1/K.
         tie: factor of a further term |theta - 1/K|^2 of the objective, which holds the weights
             near uniform.
         tolerance: on all optimality conditions.
-        max_iterations: iterations at most.
-        first_barrier: barrier parameter to begin with; of the native method.
-        limit: wall-clock seconds at most; of the native method, as IPOPT stops by its iterations.
+        max_iterations: largest number of iterations.
+        first_barrier: initial barrier parameter (native method only).
+        limit: wall-clock seconds (native method only; IPOPT stops by its iterations).
 
     Raises:
         ValueError: on a number of iterations out of range.
@@ -74,10 +74,10 @@ class JointSettings:
             )
 
     def check_floor(self, num_weights: int) -> None:
-        """Refuse a floor that no weights fulfil.
+        """Check that some weights satisfy the floor.
 
         Raises:
-            ValueError: naming the floor and its range.
+            ValueError: if none do; the message gives the floor and its range.
         """
         if not 0 <= self.weight_floor * num_weights < 1:
             raise ValueError(
@@ -115,14 +115,14 @@ _MESSAGES = {
 
 @dataclass(frozen=True)
 class JointSolution:
-    """Where a start led.
+    """The result of one start.
 
     Attributes:
         points: the last point of each trajectory; all have the same weights.
         objective: sum of squared observation errors.
-        iterations: of the interior-point method.
+        iterations: iterations of the interior-point method.
         status: whether this is a local optimum to the back end's tolerance, or why not.
-        detail: what IPOPT calls it, where it failed.
+        detail: IPOPT's own status if it failed.
     """
 
     points: tuple[JointPoint, ...]
@@ -133,7 +133,7 @@ class JointSolution:
 
     @property
     def point(self) -> JointPoint:
-        """That of the first trajectory."""
+        """The point of the first trajectory."""
         return self.points[0]
 
     @property

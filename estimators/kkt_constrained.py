@@ -5,26 +5,26 @@
 
 Residuals count in units of their noise scale. States (x_1 included), controls, costates and
 weights are all unknown. Weights start uniform, which is feasible, and costates at zero. The
-problem is not convex: the five-player highway has optima that lie close in objective and far
-apart in weights. So it is solved from several starts and the lowest objective wins. Those of the
-structured solver cost no solve of another problem:
+problem is not convex: the five-player highway has optima with similar objectives but very different
+weights. So it is solved from several starts and the lowest objective wins. The first two starts of
+the structured solver need no other problem to be solved:
 
 1. the observations, with the controls that lead from one to the next, at uniform weights;
 2. the observations smoothed, at weights near a corner of the simplex: as far from the first as a
    start can be. In partial views it finds optima that no start at uniform weights does.
 
-Where the two end in different objectives there are several optima at hand, and four starts more
-are worth their time: the observations with zero controls, the same under a high barrier, which
-begins by centring the weights, and the solution of the problem with its weights tied to uniform
-by a quadratic term, which is then dropped at once or in two steps.
+If the two end at different objectives, there are several optima, and four more starts are tried:
+the observations with zero controls; the same with a high barrier, which first centres the weights;
+and the solution of the problem with weights tied to uniform by a quadratic term, which is then
+dropped at once or in two steps.
 
 Several trajectories share one theta (``joint_ipopt``). The covariance of the weights is the
 inverse of the Fisher information at the estimate (``games.information``).
 
 IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which is
-the paper's own start, and the solution of the tied problem. It also serves where there is no
-compiler, and where no start of the structured solver converges: that solver inverts G_z, which is
-singular where the optimum lies at a fold of the game's roots.
+the paper's own start, and the solution of the tied problem. It is also used if there is no
+compiler, and if no start of the structured solver converges: that solver inverts G_z, which is
+singular if the optimum lies at a fold of the game's roots.
 
 Paper: Peters, Fridovich-Keil, Rubies-Royo, Tomlin, Stachniss, RSS 2021.
 Assumes: an equilibrium of the known game, and independent Gaussian noise of known relative size.
@@ -68,7 +68,7 @@ _LOW_BARRIER, _HIGH_BARRIER = 1e-3, 10.0
 #: Passes of the filter over the second start's states, and weight of its corner's preference.
 _SMOOTHING, _CORNER = 8, 0.94
 
-#: Tolerance of a solution that is but a start.
+#: Tolerance of a solution that only serves as a start.
 _LOOSE = 1e-3
 
 
@@ -78,9 +78,9 @@ class KktConstrained:
 
     Attributes:
         solver: ``structured``, the interior-point method of this project, or ``ipopt``, the
-            reference that it is measured against, which takes some twenty times as long.
-        max_iterations: iterations per start. A solve takes 5 to 40; one that needs hundreds has
-            lost its way, and another start is the better use of the time.
+            reference, which takes some twenty times as long.
+        max_iterations: iterations per start. A solve takes 5 to 40; if it needs hundreds, another
+            start is a better use of the time.
 
     Raises:
         ValueError: on an unknown solver, or iterations out of range.
@@ -147,7 +147,7 @@ class KktConstrained:
     def _several(
         self, problem: Problem, observations: Sequence[Observation], deadline: float
     ) -> JointSolution:
-        """One theta for all: from every trajectory's own optimum, and from the observations."""
+        """One theta for all, started at each trajectory's own optimum and at the observations."""
         ys = [one.y for one in observations]
         own = [_lowest(self._attempts(problem, y, deadline)).point for y in ys]
         guesses = [
@@ -169,7 +169,7 @@ class KktConstrained:
             warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
     def _uses_ipopt(self, problem: Problem) -> bool:
-        """By choice, or because native code does not work here."""
+        """Whether IPOPT is used, by choice or because native code is not available."""
         return self.solver == "ipopt" or not isinstance(
             joint_elimination(problem.game, problem.view), NativeElimination
         )
@@ -237,7 +237,7 @@ class _Search:
         self.agree = True
 
     def attempt(self, start: JointPoint, barrier: float = 0.1) -> JointSolution:
-        """Solve from a start, and stop close to what is known."""
+        """Solve from a start; stop close to a known optimum."""
         solution = self._solve(start, replace(self._settings, first_barrier=barrier), self.known)
         if solution.converged:
             self.known.append(solution)
@@ -245,7 +245,7 @@ class _Search:
         return solution
 
     def tied(self, start: JointPoint, tie: float, barrier: float = 0.1) -> JointPoint:
-        """A start of its own: the solution of the problem with its weights tied to uniform."""
+        """A further start: the solution of the problem with weights tied to uniform."""
         settings = replace(self._settings, tie=tie, first_barrier=barrier, tolerance=_LOOSE)
         solution = self._solve(start, settings, ())
         return _inside(solution.point, self._problem.weight_floor)
@@ -281,12 +281,12 @@ def _corner(players: int, weights: int) -> np.ndarray:
 
 
 def _same_objective(solutions: list[JointSolution]) -> bool:
-    """Whether all starts led to one optimum, as far as objectives tell."""
+    """Whether all starts led to one objective, hence presumably to one optimum."""
     values = [solution.objective for solution in solutions]
     return bool(values) and max(values) <= min(values) * (1 + 1e-4) + 1e-12
 
 
 def _inside(point: JointPoint, floor: float) -> JointPoint:
-    """The point with its weights clear of their bound, as interior-point methods start there."""
+    """The point with its weights moved off their bound, as interior-point methods need it."""
     weights = np.maximum(point.weights, 2 * floor)
     return replace(point, weights=weights / weights.sum(axis=1, keepdims=True))

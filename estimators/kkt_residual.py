@@ -41,9 +41,9 @@ class KktResidual:
 
     The residual is a sum of squares of unlike quantities, so its units matter. They are those of
     the published code: controls per step rather than per second, which scales the control rows
-    by 1/dt. Published as well, and kept: the pre-filter sees one sample beyond the horizon,
-    which makes the last speed observable, and the control u_T between the two, whose
-    stationarity is one more row per control. Both have a visible effect on the failures.
+    by 1/dt. As published, the pre-filter also uses one sample beyond the horizon, which makes the
+    last speed observable, and the control u_T before it, whose stationarity adds one row per
+    control. Both visibly affect the failures.
     """
 
     name: ClassVar[str] = "kkt_residual"
@@ -60,7 +60,7 @@ class KktResidual:
         problem, observations = with_white_noise(problem, observation)
         fits = [pre_filter(problem, one) for one in observations]
         reduced = [_reduced_residuals(problem.game, *trajectory) for trajectory, _ in fits]
-        # The trajectories of a player share its weights: their rows go below one another.
+        # The trajectories of a player share its weights: their rows are stacked.
         results = [
             _player_weights(np.vstack(rows), problem.weight_floor)
             for rows in zip(*reduced, strict=True)
@@ -94,7 +94,7 @@ _Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 def pre_filter(problem: Problem, observation: Observation) -> tuple[_Trajectory, TrajectoryFit]:
     """States (T, N, n), controls (T-1, N, m) and u_T (N, m) or None; and the fit as a whole.
 
-    The pre-filter sees the sample beyond the horizon, where there is one.
+    The pre-filter uses the sample beyond the horizon if there is one.
     """
     horizon, y, extra = problem.game.horizon, observation.y, observation.extra
     if extra is not None:
@@ -127,7 +127,7 @@ def _player_weights(rows: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
     """Minimise |rows theta|^2 over the simplex with theta >= floor; theta and the minimum.
 
     With theta = floor + (1 - K floor) phi the problem is again homogeneous in phi, on the plain
-    simplex. There it has the minimiser, up to scale, of the non-negative least-squares problem
+    simplex. Its minimiser is, up to scale, that of the non-negative least-squares problem
     min |M phi|^2 + (1' phi - 1)^2, which a library solves exactly.
     """
     count = rows.shape[1]

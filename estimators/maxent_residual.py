@@ -1,8 +1,8 @@
 """The maximum-entropy residual method (Inga, Bischoff, Koepf, Hohmann 2019), open-loop Nash.
 
-Like the KKT-residual baseline it takes a pre-filtered trajectory for what was played (Peters et
-al. 2021, eqn. pre_solve) and looks at how far it is from an equilibrium. But a player is thought
-to choose its controls at random, the better the likelier, while those of the others are fixed:
+Like the KKT-residual baseline, it assumes that a pre-filtered trajectory was played (Peters et al.
+2021, eqn. pre_solve) and measures its distance from an equilibrium. Here each player chooses its
+controls at random, those of lower cost more likely, while those of the others are fixed:
 
     (X1)  p(u^i | u^-i, x_1; theta^i) = exp(-J^i(u^i)) / integral of exp(-J^i(v)) dv
 
@@ -19,24 +19,24 @@ preference alone, x's sensitivity Z = dx/du and z = (x, u),
 
     (X3)  F_x' lambda_k = -grad_x J_k,  g_k = grad_u L_k,  H_k = [Z; I]' L_k,zz [Z; I].
 
-The scale of theta^i is an inverse temperature, and is estimated along with its direction, as in the
-paper: theta^i is not normalised until (X2) has been maximised,
+The scale of theta^i is an inverse temperature. It is estimated together with the direction, as in
+the paper: theta^i is normalised only after (X2) has been maximised,
 
     (X4)  max_theta  -1/2 g' H^-1 g + 1/2 log det H    s.t.  theta_k >= floor sum theta,
 
-a convex problem with K unknowns for each player, so that its solution is the global one. Of several
-trajectories the terms are summed.
+a convex problem with K unknowns for each player, so that its solution is the global one. The terms
+of several trajectories are summed.
 
-Without noise g is zero at the truth and (X4) unbounded along its ray: the temperature goes to zero
-and the truth is found, as far as numbers go; the gradient by the scale, -n / 2c, ends the search.
-At any fixed temperature the result would be biased even then, by the log-determinant. With noise
-the pre-filter's error is taken for the players' randomness, and the log-determinant draws towards
-weights that make H large, so that the result is biased, as is that of the residual method.
+Without noise, g is zero at the truth and (X4) is unbounded along its ray: the temperature goes to
+zero and the truth is found to numerical precision. The search ends when the derivative in the scale
+c, -n / 2c, is small. At a fixed temperature the log-determinant would bias the result even then.
+With noise, the pre-filter's error is taken for the players' randomness and the log-determinant
+favours weights that make H large, so the result is biased, as is that of the residual method.
 
-H is the Hessian at an optimum only without noise. Where it is not positive definite at any of the
-weights tried as starts, every player's cost is given the further term mu |u - u~|^2 / 2 per unit of
-weight, which leaves g as it is (Levine and Koltun's dummy feature), with the least mu that helps;
-``extras["regularisation"]`` has it. It vanishes where the method is at home.
+Only without noise is H the Hessian at an optimum. If it is not positive definite at any of the
+weights tried as starts, the player's cost gets a further term mu |u - u~|^2 / 2 per unit of weight,
+which does not change g (Levine and Koltun's dummy feature), with the least mu that suffices;
+``extras["regularisation"]`` holds mu. It is zero if the method's assumptions hold.
 
 Paper: Inga, Bischoff, Koepf, Hohmann 2019, after Levine and Koltun 2012.
 Assumes: that the filtered trajectory was played, and that its deviations are the players' choice.
@@ -66,13 +66,13 @@ _COLDEST = 1e9
 #: Least eigenvalue of H at the start, relative to its mean eigenvalue there.
 _LEAST_EIGENVALUE = 1e-3
 
-#: Points from uniform weights to those of the residual method at which H is looked at.
+#: Points from uniform weights to those of the residual method at which H is evaluated.
 _STARTS = 5
 
 
 @dataclass(frozen=True)
 class Curvature:
-    """Derivatives of one player's cost by its controls (n,), for each preference alone.
+    """Derivatives of one player's cost in its controls (n,), for each preference alone.
 
     Attributes:
         gradients: (n, K) columns g_k.
@@ -195,7 +195,7 @@ class _Maximum:
 
 
 def _maximise(trajectories: Sequence[Curvature], guess: np.ndarray, floor: float) -> _Maximum:
-    """(X4) for one player, with the scale of theta that of the best one along the start's ray."""
+    """(X4) for one player; theta is scaled by the optimum along the start's ray."""
     size, count = trajectories[0].gradients.shape
     start, mu = _start([one.hessians for one in trajectories], guess)
     hessians = [one.hessians + mu * np.eye(size) for one in trajectories]
@@ -232,7 +232,7 @@ def packed(gradients: np.ndarray, hessians: np.ndarray) -> np.ndarray:
 
 
 def _start(hessians: Sequence[np.ndarray], guess: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weights (K,) at which every H has a positive least eigenvalue, once mu is added to it."""
+    """Weights (K,) and a mu such that every H + mu I has a positive least eigenvalue there."""
     count = len(hessians[0])
     uniform = np.full(count, 1 / count)
     path = [uniform + part * (guess - uniform) for part in np.linspace(0, 0.9, _STARTS)]
@@ -272,5 +272,5 @@ def _solver(size: int, count: int, trajectories: int) -> ca.Function:
         "f": -sum(values),
         "g": theta - floor * ca.sum1(theta),
     }
-    # Trial points where H is not positive definite are refused, without a word about each.
+    # Trial points where H is not positive definite are rejected, without a warning for each.
     return ca.nlpsol("maxent", "ipopt", problem, {**QUIET, "show_eval_warnings": False})

@@ -1,9 +1,9 @@
 """A particle filter over weights (Peters 2020), as sequential Monte Carlo on static parameters.
 
 From the paper ("Accommodating intention uncertainty in general-sum games for human-robot
-interaction"): what a player wants is known as a set of weighted hypotheses; each hypothesis plays
-its own game, and measurements, which arrive one by one, weigh the hypotheses by how well their
-games predicted them.
+interaction"): a player's weights are represented by a set of weighted hypotheses. Each hypothesis
+has its own game. Measurements arrive one by one and reweigh the hypotheses by how well their games
+predicted them.
 
 Where this departs from the paper, and why:
 
@@ -11,12 +11,12 @@ Where this departs from the paper, and why:
   equilibrium is observed from an unknown initial state, so that a particle is a point
   s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``
   (``estimators.belief``): around a first game that all observations were used to find.
-- Nothing moves s between measurements, so the particles that resampling repeats would never part
-  again. They are moved by Metropolis-Hastings steps that leave the posterior so far as it is
-  (Chopin 2002) rather than by noise, which would widen it.
-- One measurement can be so much more precise than the prediction that a single particle would be
-  left. It is taken in by shares, each as large as the effective sample size allows (Del Moral,
-  Doucet and Jasra 2012).
+- s is constant, so the copies of a particle after resampling would never separate. They are moved
+  by Metropolis-Hastings steps, which do not change the current posterior (Chopin 2002), rather than
+  by noise, which would widen it.
+- A measurement can be so much more precise than the prediction that only one particle would be
+  left. It is used in shares, each as large as the effective sample size allows (Del Moral, Doucet
+  and Jasra 2012).
 
 With weights W_k of M particles s_k, and errors e_t(s) = (y_t - h(x_t(s))) / sigma of the samples
 that were seen:
@@ -29,15 +29,15 @@ that were seen:
     (P6)  accept with  min(1, pi(s') N(s; m, C) / (pi(s) N(s'; m, C)))
           log pi(s) = log N(s; prior) - sum_{r<t} |e_r|^2 / 2 - (share so far) |e_t|^2 / 2
 
-(P5) is reversible for the Gaussian N(m, C) of the particles' own mean and covariance, so that
-where the posterior is Gaussian every move is accepted, whatever the dimension and the length b
-(preconditioned Crank-Nicolson: Cotter et al. 2013; in this place Kantas, Beskos and Jasra 2014).
-The length b follows the rate of acceptance. The moves end once the particles have gone, summed
-over moves and in the metric of C, as far as independent draws would have, or are too many.
+(P5) is reversible for the Gaussian N(m, C) with the particles' mean and covariance. If the
+posterior is Gaussian, every move is accepted, for any dimension and length b (preconditioned
+Crank-Nicolson: Cotter et al. 2013; used here as by Kantas, Beskos and Jasra 2014). The length b
+adapts to the acceptance rate. The moves end when the particles have moved, summed over moves and in
+the metric of C, as far as independent draws would, or after ``most_moves``.
 
 A point whose game has no equilibrium that can be followed from the mean's has a density of zero.
 The least effective sample size that each measurement led to, before resampling, is reported.
-After a trajectory of several, the belief about the weights goes on as a Gaussian.
+Between several trajectories, the belief about the weights is passed on as a Gaussian.
 
 Paper: Peters 2020; moves after Chopin 2002 and Cotter et al. 2013.
 Assumes: a known noise level, and weights near those of a first game that explains the observations.
@@ -75,19 +75,19 @@ from olne_bench.estimators.forward_model import (
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.white_noise import white_problem, with_white_noise
 
-#: Resampling takes place where the effective sample size falls to this share of all particles.
+#: Particles are resampled when the effective sample size falls to this share of all particles.
 _RESAMPLE_BELOW = 0.5
 
-#: Rates of acceptance below and above which the length b of moves shrinks and grows, and how fast.
+#: Acceptance rates below and above which the length b of moves shrinks and grows, and the factor.
 _RARE, _FREQUENT, _LENGTH_FACTOR = 0.2, 0.5, 1.5
 
 #: Shortest length b, of 1 at most.
 _SHORTEST = 1e-3
 
-#: Into how many shares a measurement is cut at most.
+#: Largest number of shares of a measurement.
 _MOST_SHARES = 100
 
-#: Part of the variances in the covariance C of moves: it is regular even for few particles.
+#: Share of the diagonal in the covariance C of moves, which keeps it regular for few particles.
 _RIDGE = 0.01
 
 #: Moves that leave fewer distinct particles than this share of all have failed.
@@ -119,7 +119,7 @@ class Particle:
         count: number M of particles.
         spread: prior standard deviation of the log-ratios, in units of that of weights that are
             uniform on the simplex.
-        most_moves: moves after a resampling at most.
+        most_moves: largest number of moves after a resampling.
 
     Raises:
         ValueError: on a parameter out of range.
@@ -166,7 +166,7 @@ class Particle:
 
 
 class _Run:
-    """What one estimate has seen so far, trajectory after trajectory.
+    """The state of one estimate, which filters trajectories in turn.
 
     Attributes:
         online: mean weights (N, K) after each measurement.
@@ -189,10 +189,10 @@ class _Run:
         self._objective = 0.0
 
     def take_in(self, observation: Observation) -> None:
-        """Filter a trajectory, from what is believed of the weights so far.
+        """Filter a trajectory, starting from the current belief about the weights.
 
         Raises:
-            LostError: as of ``filter_particles``.
+            LostError: as in ``filter_particles``.
         """
         problem, estimator = self._problem, self._estimator
         start = first_game(problem, observation)
@@ -249,20 +249,20 @@ def filter_particles(
     """Filter a constant state through measurements that arrive one by one.
 
     Args:
-        prior: of the state (n,).
+        prior: belief about the state (n,) before the measurements.
         expected: points (B, n), the mean first -> expected measurements (B, T, d), NaN for a point
             that has none.
         samples: (T, d) measurements, NaN where missing.
         sigma: standard deviation of their noise.
         count: number of particles.
-        most_moves: moves after a resampling at most.
+        most_moves: largest number of moves after a resampling.
         rng: the source of randomness.
 
     Yields:
         The particles after each of the T measurements.
 
     Raises:
-        LostError: where no particle explains a measurement, or none moves any more.
+        LostError: if no particle explains a measurement, or if too few distinct ones are left.
     """
     particles = _Particles(prior, expected, samples, sigma, count, most_moves, rng)
     for t in range(len(samples)):
@@ -270,7 +270,7 @@ def filter_particles(
 
 
 class _Particles:
-    """Particles, and how far each one's game is from every measurement."""
+    """Particles, with the squared errors of their games at every measurement."""
 
     def __init__(
         self,
@@ -298,7 +298,7 @@ class _Particles:
         """(P1) to (P4) for the measurement at time t.
 
         Raises:
-            LostError: where it has to be cut into too many shares.
+            LostError: if it has to be split into too many shares.
         """
         enough = _RESAMPLE_BELOW * len(self._points)
         left, least = 1.0, np.inf
@@ -315,7 +315,7 @@ class _Particles:
         raise LostError("no particle explains a measurement")
 
     def _resample_and_move(self, t: int, used: float) -> None:
-        """(P4) to (P6); the share used of the measurement at t belongs to the density."""
+        """(P4) to (P6); the density includes the share ``used`` of the measurement at t."""
         shares = _normalised(self._log_shares)
         mean, covariance = shares @ self._points, _covariance(self._points, shares)
         covariance = (1 - _RIDGE) * covariance + _RIDGE * np.diag(np.diag(covariance))
@@ -374,8 +374,8 @@ class _Particles:
 def systematic_resample(shares: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Indices (M,) of particles, each as often as its share of M, rounded up or down.
 
-    That is ``filterpy.monte_carlo.systematic_resample``, which however draws from NumPy's global
-    generator, so that its results would not follow from ``rng``.
+    ``filterpy.monte_carlo.systematic_resample`` does the same, but draws from NumPy's global
+    generator instead of ``rng``.
     """
     count = len(shares)
     places = (rng.random() + np.arange(count)) / count
@@ -388,7 +388,7 @@ def effective_sample_size(log_shares: np.ndarray) -> float:
 
 
 def _largest_share(log_shares: np.ndarray, half: np.ndarray, left: float, enough: float) -> float:
-    """(P3): the share of a measurement, of what is left at most, that leaves enough particles."""
+    """(P3): the largest share of a measurement, up to ``left``, that leaves enough particles."""
 
     def excess(beta: float) -> float:
         return effective_sample_size(log_shares - beta * half) - enough

@@ -25,14 +25,14 @@ class Problem:
         game: players' features and tasks, motion model, horizon T and step dt [s]; no weights.
         view: observation model h, shared by all players: y = h(x) + noise, then gaps.
         sigma: noise level, at least 0. The Gaussian noise on observed component k of a player has
-            the standard deviation ``sigma * noise_scale[k]``. It is independent of that on other
-            players and at other times, and of that on other components unless ``noise_covariance``
-            says how they are related. Noise on an angle is not wrapped (``games.observation``).
+            the standard deviation ``sigma * noise_scale[k]``. It is independent between players and
+            between times, and between components unless ``noise_covariance`` is given. Noise on an
+            angle is not wrapped (``games.observation``).
         weight_floor: smallest weight allowed, given rows that sum to one.
-        noise_scale: (d,) relative standard deviations, so that metres, radians and metres per
-            second compare: likelihoods divide residuals by it. Ones where absent, as in the paper.
+        noise_scale: (d,) relative standard deviations, which make metres, radians and metres per
+            second comparable: likelihoods divide residuals by them. Ones if empty, as in the paper.
         noise_covariance: (d, d) covariance of the noise on a player's components, relative to
-            sigma^2, or None where they are independent. The squares of ``noise_scale`` are its
+            sigma^2, or None if they are independent. The squares of ``noise_scale`` are its
             diagonal. ``estimators.white_noise`` turns it into independent noise.
 
     Raises:
@@ -67,7 +67,7 @@ class Problem:
         object.__setattr__(self, "noise_scale", scale)
 
     def _check_covariance(self, rows: Sequence[Sequence[float]], size: int) -> None:
-        """Store the covariance as tuples, and its diagonal where no noise scale is given."""
+        """Check the covariance; store it as tuples and the roots of its diagonal as noise scale."""
         whitening(rows)
         if len(rows) != size:
             raise ValueError(
@@ -97,7 +97,7 @@ class Observation:
     Attributes:
         y: (T, N, d) observations h(x_t^i) + noise; a missing sample is NaN, never zero.
         extra: (N, d) one more sample, at T+1, or None. The published baseline's pre-filter uses
-            it to make the last speed observable; the joint method does not look at it.
+            it to make the last speed observable; the joint method does not use it.
     """
 
     y: np.ndarray
@@ -110,7 +110,7 @@ def check_observations(
     """One observation or several as a tuple, each of them checked.
 
     Raises:
-        ValueError: on none at all, and as ``check_observation``.
+        ValueError: if there is none, and as in ``check_observation``.
     """
     several = tuple(observation) if isinstance(observation, Sequence) else (observation,)
     if not several:
@@ -121,7 +121,7 @@ def check_observations(
 
 
 def check_observation(problem: Problem, observation: Observation) -> None:
-    """Refuse an observation that does not belong to the problem.
+    """Check that an observation fits the problem.
 
     Raises:
         ValueError: on a wrong shape of ``y`` or ``extra``, or on infinity; NaN is a missing sample.
@@ -155,8 +155,8 @@ class Estimate:
             or None.
         converged: whether the method itself considers the result valid.
         message: one line that explains a failure.
-        extras: further things worth keeping, by name. ``objective`` is stored with the trial, and
-            so are other finite numbers and short texts, twenty at most; arrays are not.
+        extras: further results, by name. ``objective`` is stored with the trial, as are other
+            finite numbers and short texts, at most twenty; arrays are not.
     """
 
     weights: np.ndarray
@@ -170,14 +170,14 @@ class Estimate:
 class Estimator(Protocol):
     """An inverse-game estimator.
 
-    Two further methods are used where they exist: ``supports(problem) -> str | None`` returns the
+    Two further methods are used if they exist: ``supports(problem) -> str | None`` returns the
     reason why the estimator cannot take a problem (the trial is then ``skipped``), or None;
     ``warm_up(problem)`` builds solvers before the clock of the first trial starts.
 
     An estimator that can explain several trajectories of the same players by one set of weights
-    says so by the class attribute ``several = True``: where a study has more than one, it is
-    given a tuple of them. Without it an estimator is only ever given a single ``Observation``,
-    and trials of more are ``skipped``.
+    sets the class attribute ``several = True``. If a study has more than one trajectory, it
+    receives a tuple of them. Without the attribute an estimator always receives a single
+    ``Observation``, and trials with more are ``skipped``.
     """
 
     def estimate(
@@ -191,10 +191,10 @@ class Estimator(Protocol):
         """Estimate every player's weights.
 
         Args:
-            problem: what is known, not to be changed; a copy of the estimator's own.
-            observation: what was seen, not to be changed: an ``Observation``, or with ``several``
-                a tuple of two or more, each from an initial state of its own.
+            problem: what is known. It is a copy and must not be changed.
+            observation: what was seen, which must not be changed: an ``Observation`` or, with
+                ``several``, a tuple of two or more, each with its own initial state.
             rng: the only source of randomness, seeded per trial.
             budget: wall-clock seconds until this call is stopped from outside. Set-up before it
-                (``warm_up`` and all else) and scoring after it have as much, each for itself.
+                (``warm_up`` included) and scoring after it each have the same limit.
         """

@@ -3,8 +3,8 @@
 With theta^i = floor + (1 - K floor) s^i the share s^i lies on the plain simplex. Two charts of it:
 
 - log-ratios phi_k = log(s_k / s_K), any real numbers: for filters, whose state has no bounds;
-- ratios r_k = s_k / s_ref >= 0 to a reference weight: for optimisers with bounds, as a share of
-  zero is a point like any other.
+- ratios r_k = s_k / s_ref >= 0 to a reference weight: for optimisers with bounds, as they include
+  shares of zero.
 """
 
 from functools import lru_cache

@@ -18,7 +18,7 @@ from olne_bench.games.observation import View, observation_size
 #: Passes of the filter over positions before a heading is read off them.
 _HEADING_PASSES = 8
 
-#: Samples that a gap at the beginning or the end is extrapolated from.
+#: Number of samples from which a gap at the beginning or the end is extrapolated.
 _LINE = 4
 
 
@@ -35,13 +35,13 @@ class TrajectoryFit:
 def fit_trajectory(
     game: Game, view: View, y: np.ndarray, noise_scale: Sequence[float] = ()
 ) -> TrajectoryFit:
-    """Least squares under the dynamics; equilibrium conditions play no part.
+    """Least squares subject to the dynamics, without equilibrium conditions.
 
     Args:
         game: gives the dynamics; its horizon is not used.
         view: the observation model.
         y: (S, N, d) observations, NaN where missing.
-        noise_scale: (d,) relative standard deviations of the observations; ones where absent.
+        noise_scale: (d,) relative standard deviations of the observations; ones if empty.
     """
     steps = len(y)
     solver = _fit_solver(game, view, steps)
@@ -90,10 +90,10 @@ def observation_parameters(y: np.ndarray, noise_scale: Sequence[float] = ()) -> 
 def guess_states(game: Game, view: View, y: np.ndarray) -> np.ndarray:
     """States (S, N, n) read off the observations, for solvers to start from.
 
-    Observed components are taken as they are, gaps interpolated and, before the first and after the
-    last sample, extrapolated. Where only positions are seen, a player heads to where it goes next,
-    smoothed, as noise on positions would turn it about. An unobserved speed is the displacement per
-    step along the heading; anything else unobserved starts at zero.
+    Observed components are used unchanged; gaps are interpolated, and extrapolated before the first
+    and after the last sample. An unobserved heading points to the next position, after smoothing,
+    as noise on positions would turn it. An unobserved speed is the displacement along the heading
+    per time step, divided by dt; other unobserved components are zero.
     """
     names = game.dynamics.state_names
     observed = view.read_off(y, game.dynamics)

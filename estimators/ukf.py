@@ -1,8 +1,8 @@
 """An unscented Kalman filter over weights (LUCIDGames, Le Cleac'h et al. 2021).
 
 From the paper: the unknown weights are the state of a Kalman filter; the unscented transform needs
-no derivatives, as each sigma point only plays its forward game; measurements arrive one by one,
-and the weights are at hand after each of them.
+no derivatives, as each sigma point only needs its forward game; measurements arrive one by one,
+and the weights are available after each of them.
 
 Where this departs from the paper, and why:
 
@@ -13,8 +13,8 @@ Where this departs from the paper, and why:
 - Weights live on a simplex, so the filter sees their log-ratios phi (``estimators.simplex``), with
   a Gaussian prior around those of a first game that explains the observations with weights tied to
   uniform. Its covariance is that of a uniform distribution on the simplex times spread^2. A filter
-  started at uniform weights does not get from there to a game of five players: equilibria end on
-  the way.
+  that starts at uniform weights does not reach the equilibria of five players: those near uniform
+  weights end on the way.
 
 With the state s = (phi, x_1), constant in time (Wan and van der Merwe 2000; numbers ours):
 
@@ -25,13 +25,13 @@ With the state s = (phi, x_1), constant in time (Wan and van der Merwe 2000; num
     (U5)  R = sigma^2 I / beta_j, with shares beta_j of the measurement that sum to one
 
 (U5) is ours, after Hanebeck's progressive filtering: a measurement much more precise than the
-prediction is taken in by shares, with new sigma points in between, as one large step in a game so
-nonlinear would go astray. In a linear problem the shares add up to the plain update.
+prediction is used in shares, with new sigma points for each, because one large step would fail in
+such a nonlinear game. In a linear problem the shares add up to the plain update.
 
-Sigma points and equations are filterpy's. Where a sigma point has no equilibrium that can be
-followed from the mean's, all of them are drawn closer to the mean (a smaller alpha): that is as
-valid an unscented transform of the same Gaussian. Where an update takes the mean to a game without
-one, a smaller share is taken in; if that does not help the filter has lost its way, and says so.
+Sigma points and update equations are those of filterpy. If a sigma point has no equilibrium that
+can be followed from the mean's, all of them are moved closer to the mean (a smaller alpha), which
+is an equally valid unscented transform of the same Gaussian. If an update moves the mean to a game
+without an equilibrium, a smaller share is used; if that does not help, the estimate fails.
 
 Paper: LUCIDGames, Le Cleac'h et al. 2021; unscented transform of Wan and van der Merwe 2000.
 Assumes: a Gaussian belief in log-ratios of weights, and a known noise level.
@@ -69,14 +69,14 @@ from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.simplex import weight_covariance_of
 from olne_bench.estimators.white_noise import white_problem, with_white_noise
 
-#: Each time a sigma point has no equilibrium the set shrinks by this factor, so many times at most.
+#: Factor by which the set shrinks if a sigma point has no equilibrium, and how often at most.
 _SHRINK, _MOST_SHRINKS = 0.5, 12
 
-#: Largest ratio that one share of a measurement may have: of the variance that an update with it
-#: removes to its noise.
+#: Largest ratio, for one share of a measurement, of the variance that its update removes to the
+#: variance of its noise.
 _MOST_AT_ONCE = 1.0
 
-#: Into how many shares a measurement is cut at most.
+#: Largest number of shares of a measurement.
 _MOST_SHARES = 200
 
 Expected = Callable[[np.ndarray], np.ndarray]
@@ -159,17 +159,17 @@ def filter_samples(
     """Filter a constant state through measurements that arrive one by one.
 
     Args:
-        prior: of the state (n,).
+        prior: belief about the state (n,) before the measurements.
         expected: points (B, n) -> expected measurements (B, T, d), NaN for a point that has none.
         samples: (T, d) measurements, NaN where missing.
         sigma: standard deviation of their noise.
-        alpha: as of ``Ukf``.
+        alpha: as in ``Ukf``.
 
     Returns:
         The belief after each of the T measurements.
 
     Raises:
-        LostError: where there is no expected measurement at the mean.
+        LostError: if there is no expected measurement at the mean.
     """
     size = len(prior.mean)
     sets = [_sigma_points(size, alpha * _SHRINK**k) for k in range(_MOST_SHRINKS)]
@@ -204,7 +204,7 @@ def _take_in(
     """(U1) to (U5) for one measurement.
 
     Raises:
-        LostError: where there is no expected measurement at the mean.
+        LostError: if there is no expected measurement at the mean, or the shares become too small.
     """
     seen, left = np.isfinite(sample), 1.0
     size = int(seen.sum())
@@ -228,10 +228,10 @@ def _take_in(
 
 
 def _largest_share(kalman: UnscentedKalmanFilter, rows: np.ndarray, sigma: float) -> float:
-    """Share of a measurement, expected as rows (2n+1, d), that is not too precise.
+    """Largest share of a measurement, with expected rows (2n+1, d), that is not too precise.
 
-    The part of the prediction's variance that is linear in the state, odd under reflection at the
-    mean, is what an update removes. The rest acts as noise of the measurement.
+    An update removes the part of the prediction's variance that is linear in the state, odd under
+    reflection at the mean. The rest acts as noise of the measurement.
     """
     ahead, behind = np.split(rows[1:], 2)
     odd, even = (ahead - behind) / 2, (ahead + behind) / 2 - kalman.Wm @ rows
@@ -249,7 +249,7 @@ def _transformed(
 ) -> np.ndarray:
     """(U1), (U2): z_k (2n+1, d) of the widest set of sigma points that all have one.
 
-    The filter is left with those sigma points.
+    The filter then has these sigma points.
 
     Raises:
         LostError: if the mean has no equilibrium.

@@ -1,11 +1,11 @@
-"""Any noise as white noise: what estimators do with a problem before anything else.
+"""Turns any noise into white noise, the first step of an estimator.
 
 With W C W' = 1, the problem of observing h(x) with noise of covariance sigma^2 C is the problem of
-observing W h(x), as W y, with independent noise of standard deviation sigma. Estimators know the
-latter only. Where components are independent already, their scales are left to the estimators.
+observing W h(x), as W y, with independent noise of standard deviation sigma. Estimators handle only
+independent noise. If the components are independent already, estimators use their noise scales.
 
-A player's sample of which some components are missing counts as missing as a whole where noise is
-correlated: what is left of it has a covariance of its own.
+With correlated noise, a player's sample counts as missing if any of its components is missing, as
+the remaining ones have another covariance.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ def with_white_noise(
     """The equivalent problem of independent noise, and its observations in double precision.
 
     Raises:
-        ValueError: as ``check_observations``.
+        ValueError: as in ``check_observations``.
     """
     observations = check_observations(problem, observation)
     matrix = None

@@ -197,7 +197,7 @@ API void evaluate(const Work *w, const double *z, const double *theta, double *r
         value(arguments, results, 0, w->constants, 0);
         for (int k = 0; k < NX; k++) row[OFF_L + k] = x[SZ + k] - row[OFF_L + k];
         if (t == 0)
-            memset(row, 0, NX * sizeof(double)); /* nobody chooses x_1 */
+            memset(row, 0, NX * sizeof(double)); /* x_1 is given, not chosen */
         else
             for (int k = 0; k < NX; k++) row[k] += x[OFF_L - SZ + k];
     }
@@ -497,8 +497,8 @@ static void norms(const double *v, int n, double *largest, double *squares)
     if (!isfinite(*squares)) *largest = *squares; /* fmax drops NaN */
 }
 
-/* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays: see games/newton.py, which
- * holds the same loop in Python. Returns max |G|; *iterations counts the factorisations. */
+/* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays fixed; games/elimination.py has
+ * the same loop in Python. Returns max |G|; *iterations counts the factorisations. */
 static double newton_one(Work *w, double *z, const double *theta, double tolerance,
                          int max_iterations, double deadline, int *iterations)
 {

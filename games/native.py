@@ -99,7 +99,7 @@ class NativeElimination(Elimination):
 
     Attributes:
         library: the compiled code.
-        work: the work space, by reference the first argument of its functions.
+        work: the work space, which its functions take by reference as their first argument.
 
     All methods raise ValueError on an array of the wrong shape.
     """
@@ -239,7 +239,7 @@ class NativeElimination(Elimination):
 
 
 def dense(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The array as C reads it: float64, contiguous, aligned; itself where it is so already.
+    """The array as C reads it: float64, contiguous, aligned; not copied if it is so already.
 
     Raises:
         ValueError: if the shape is not the expected one.

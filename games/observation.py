@@ -3,8 +3,9 @@
 A view is data plus one CasADi expression, so estimators differentiate the same function that
 generates the observations. The noise that sensors add is not part of it (``games.sensor``).
 
-Angles are not wrapped: neither is y = h(x) + noise, nor y - h(x). A heading is a state and continues
-beyond pi. A bearing is an arctangent and jumps behind the sensor, so sensors must face the scene.
+Angles are not wrapped, neither in y = h(x) + noise nor in y - h(x). A heading is a state and
+continues beyond pi. A bearing is an arctangent and jumps behind the sensor, so sensors must face
+the scene.
 """
 
 from abc import ABC, abstractmethod
