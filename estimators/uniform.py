@@ -1,4 +1,4 @@
-"""The floor: equal weights, whatever is observed. Every estimator must beat it.
+"""The floor: equal weights for any observation. Every estimator must beat it.
 
 Assumes: nothing.
 Cost: none.

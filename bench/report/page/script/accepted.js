@@ -1,4 +1,4 @@
-/* The page of accepted submissions: its leaderboard alone stands in its address. */
+/* The page of accepted submissions: only its leaderboard is kept in the address. */
 let quiet = true;
 
 function writeAddress() {

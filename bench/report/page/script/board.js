@@ -4,7 +4,7 @@ let tellBoard, heedBoard; // to and from the page's address
 function setUpBoard() {
   const table = byId("board"), body = table.tBodies[0], rows = all("tr", body);
   const heads = all("thead th", table), sorter = byId("board-sort");
-  const words = Number(table.dataset.words || 3); // so many columns are searched
+  const words = Number(table.dataset.words || 3); // number of columns that are searched
   const given = new Map(rows.map((row, k) => [row, k]));
   const keyOf = (row, column) => {
     const cell = row.cells[column];

@@ -6,7 +6,7 @@ class Chart {
     canvas.addEventListener("pointerdown", (event) => {
       const before = this.at;
       this.hover(event);
-      /* A finger points first, and plays when it points at the same once more. */
+      /* The first tap selects a point; a second tap on it plays its trial. */
       this.ready = event.pointerType === "mouse" || isSameMark(before, this.at);
     });
     canvas.addEventListener("click", () => { if (this.at && this.ready) this.play(this.at); });
@@ -26,13 +26,13 @@ class Chart {
     for (const y of values) { high = Math.max(high, y); }
     if (values.length) low = 10 ** Math.floor(Math.log10(values.reduce((a, b) => Math.min(a, b))));
     high = Math.max(high * 1.15, low * 10);
-    /* The published definition of failure speaks of predictions. */
+    /* The published definition of failure is about predictions. */
     const fails = (s, k) => s.points[this.column][k] === null
       || (this.metric.prediction && s.points.published[k] === 1);
     const failing = shown.filter((s) => s.points && s.points.x.some((_, k) => fails(s, k)));
     const box = { left: 50, right: this.width - 10, top: 12 + 11 * (scenario().curves ? failing.length : Math.min(1, failing.length)), bottom: this.height - 26 };
     this.x = (x) => box.left + 6 + (x / right) * (box.right - box.left - 12);
-    /* With few levels, these stand side by side, and so do the series in each of them. */
+    /* With few levels, levels are side by side, and so are the series of a level. */
     this.sigmas = scenario().curves ? [] : [...new Set(shown.flatMap((s) => s.rolling[this.column].sigma || []))].sort((a, b) => a - b);
     const drawn = shown.filter((s) => !looks.get(s.estimator).floor), slot = (box.right - box.left) / Math.max(1, this.sigmas.length);
     const step = Math.min(14, (0.8 * slot) / Math.max(1, drawn.length));
@@ -207,7 +207,7 @@ class Chart {
     const marks = this.marks || [];
     if (event.key === "Escape") return this.leave();
     if (event.key === "Enter" && this.at) {
-      event.preventDefault(); // or the button that has the focus then would be pressed
+      event.preventDefault(); // or the button that gets the focus would be pressed
       return this.play(this.at);
     }
     if (!["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"].includes(event.key) || !marks.length) return undefined;
@@ -226,7 +226,7 @@ class Chart {
   }
 }
 
-/* Where in the player the trial of a mark is; -1 where the page does not hold it. */
+/* Index in the player of a mark's trial; -1 if the page does not contain it. */
 function playableAt(m) {
   const scene = scenario().scene, p = m.s.points;
   if (!scene) return -1;
@@ -234,7 +234,7 @@ function playableAt(m) {
   return scene.places.get(`${p.sigma[m.k]} ${p.seed[m.k]}`) ?? -1;
 }
 
-/* Marks are made anew with every drawing. */
+/* Marks are created again with every drawing. */
 function isSameMark(a, b) {
   return Boolean(a && b) && a.s === b.s && a.k === b.k && a.failed === b.failed;
 }

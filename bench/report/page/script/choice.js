@@ -1,7 +1,7 @@
 /* What is shown: scenario, sensors, estimators. */
 const state = { scenario: 0, sensors: new Set(), estimators: new Set(), sample: 0, sensor: "", time: 0 };
 const scenario = () => data.scenarios[state.scenario];
-/* A scene as one of its draws has it: what all draws share, and truth, limits, lanes. */
+/* A scene with one of its draws: the shared parts, and the draw's truth, limits and lanes. */
 const inDraw = (scene, key) => ({ ...scene, ...scene.draws[key] });
 const drawOf = (sample) => inDraw(scenario().scene, sample.draw);
 const allSensors = data.sensors;
@@ -37,7 +37,7 @@ function chips(holder, names, chosen, mark) {
   }
 }
 
-/* Choose all names but some, and let the buttons in a holder say so. */
+/* Choose all names but some, and update the buttons in a holder. */
 function press(holder, chosen, names, without) {
   all("button", holder).forEach((button, k) => {
     const on = !without.has(names[k]);

@@ -23,7 +23,7 @@ function encodeGif(frames, width, height, milliseconds) {
 
 const coarse = (r, g, b) => ((r >> 3) << 10) | ((g >> 3) << 5) | (b >> 3);
 
-/* The 256 commonest colours, in steps of 8, each as the mean of what it stands for. */
+/* The 256 most frequent colours, in steps of 8, each as the mean of the colours that it replaces. */
 function paletteOf(frames) {
   const count = new Uint32Array(1 << 15), sums = new Float64Array(3 << 15);
   for (const frame of frames) {

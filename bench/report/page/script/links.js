@@ -31,7 +31,7 @@ function writeAddress() {
   history.replaceState(null, "", hash ? `#${hash}` : location.pathname + location.search);
 }
 
-/* Take over what the address says; what it does not say is as at first. */
+/* Apply the address; what it does not contain has its initial value. */
 function applyAddress() {
   const said = readAddress(), all_ = (key) => new Set(said.getAll(key));
   place.quiet = true;

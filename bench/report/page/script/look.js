@@ -57,7 +57,7 @@ const hideTip = () => { tip.hidden = true; };
 
 let replacement = null, forcedRatio = 0;
 
-/* Draw on a context of one's own in place of a canvas's; returns the context. */
+/* Draw on another context in place of a canvas's; returns the context. */
 function instead(make, draw) {
   const context = make();
   replacement = context;

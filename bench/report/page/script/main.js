@@ -1,7 +1,7 @@
-/* All together; the last file. */
+/* Starts the page; the last file. */
 const charts = all("canvas[data-metric]").map((canvas) => new Chart(canvas, metricOf.get(canvas.dataset.metric)));
 
-/* What lines and signs of the charts mean; colours are told by the buttons. */
+/* Legend of the charts' lines and signs; the buttons show the colours. */
 function legend() {
   const shown = visible(), entries = [];
   const curves = scenario().curves;
@@ -34,7 +34,7 @@ function redraw() {
   writeAddress();
 }
 
-/* What a chart's lines and points are of, for files. */
+/* Legend of a chart's lines and points, for files. */
 function chartLegend() {
   const shown = visible().map((s) => [seriesColour(s), looks.get(s.estimator).floor ? s.estimator : `${s.estimator}, ${s.sensor}`]);
   return [...new Map(shown.map((entry) => [entry[1], entry])).values()];

@@ -7,7 +7,7 @@ const trialSensors = () => [...new Set(scenario().scene.samples.flatMap((s) => s
   .sort((a, b) => allSensors.indexOf(a) - allSensors.indexOf(b));
 const trialPredictions = () => trialSample().predictions.filter(
   (p) => p.sensor === state.sensor && state.estimators.has(p.estimator));
-const pace = () => Math.max(60, Math.min(250, 6000 / lastStep())); // milliseconds a step
+const pace = () => Math.max(60, Math.min(250, 6000 / lastStep())); // milliseconds per step
 
 function setUpTrials() {
   const scene = scenario().scene, select = byId("trial");
@@ -25,7 +25,7 @@ function setUpTrials() {
   setTime(lastStep());
 }
 
-/* Show a trial from its beginning, as chosen from the list or by a point of a chart. */
+/* Show a trial from its beginning, chosen from the list or by a point of a chart. */
 function showTrial(sample) {
   play(false);
   state.sample = sample;
@@ -119,7 +119,7 @@ const trialLegend = () => [[css("--ink"), "truth (dashed)"], [css("--soft"), "ob
   ...trialPredictions().map((p) => [shade(looks.get(p.estimator).colours[0]), p.estimator])];
 const trialFile = () => fileName("trial", scenario().name, state.sensor, `sigma=${trialSample().sigma}`, `seed=${trialSample().seed}`);
 
-const GIF_WIDTH = 880; // pixels at most
+const GIF_WIDTH = 880; // largest width [pixels]
 
 /* The whole trial as an animated GIF, with title, time and legend. */
 function trialGif() {

@@ -1,5 +1,5 @@
 /* Scenes: the plane of a draw, and bundles of sequences in it. */
-const LOWEST = 110; // pixels that a scene is high at least
+const LOWEST = 110; // least height of a scene [pixels]
 const CAR = [5, 2]; // metres, HighwayEnv's cars
 
 class Plane {
@@ -7,7 +7,7 @@ class Plane {
     const [[left, right], [bottom, top]] = scene.limits;
     const margin = 34, pad = 8, width = canvas.clientWidth;
     const scale = Math.min((width - margin - pad) / (right - left), (tallest - margin - pad) / (top - bottom));
-    /* A long road on a narrow screen is stretched, and says so. */
+    /* A long road on a narrow screen is stretched; a label says so. */
     const stretch = Math.min(4, Math.max(1, Math.round((2 * LOWEST) / ((top - bottom) * scale)) / 2));
     const height = (top - bottom) * scale * stretch + margin + pad;
     Object.assign(this, prepare(canvas, Math.round(height)), { scale, stretch, scene });
@@ -39,7 +39,7 @@ class Plane {
     c.setLineDash([]);
   }
 
-  /* A car of HighwayEnv's size at (x, y, heading); elsewhere a dot, as games know points. */
+  /* A car of HighwayEnv's size at (x, y, heading); elsewhere a dot, as other games have points. */
   car(point, colour, { filled = true, radius = 5 } = {}) {
     if (!this.scene.down) { this.dot(point, colour, radius); return; }
     const c = this.context, [x, y, heading] = point, cos = Math.cos(heading), sin = Math.sin(heading);
