@@ -51,6 +51,14 @@ def recorded() -> Recorder:
     return play
 
 
+@pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that need a browser."""
+    for item in items:
+        if "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker("browser")
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Fail if a test was skipped although none may be."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
