@@ -18,9 +18,9 @@ The optimum is that of ``kkt_constrained``. Here all iterates are equilibria; th
 
 Paper: Mombaur et al. 2010 and Albrecht et al. 2011, for one player and without derivatives.
 Assumes: an equilibrium of the known game, and independent Gaussian noise of known relative size.
-Cost: 0.06 s for two players, 0.3 s for five, 0.4 s on roads, at times ten times as much.
-Trust: as `kkt_constrained`, whose optimum it shares. It fails where no game is found near the
-    observations, and where the optimum lies next to weights without an equilibrium.
+Cost: 0.06 s for two players, 0.3 s for five, 0.4 s on roads, sometimes ten times as much.
+Trust: as `kkt_constrained`, whose optimum it shares. It fails if no game is found near the
+    observations, or if the optimum lies next to weights without an equilibrium.
 """
 
 import time

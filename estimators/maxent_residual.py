@@ -40,7 +40,7 @@ which does not change g (Levine and Koltun's dummy feature), with the least mu t
 
 Paper: Inga, Bischoff, Koepf, Hohmann 2019, after Levine and Koltun 2012.
 Assumes: that the filtered trajectory was played, and that its deviations are the players' choice.
-Cost: 0.2 s, whatever the scenario.
+Cost: 0.2 s in all scenarios.
 Trust: at very little noise and with full states; biased by noise, as `kkt_residual` is.
 """
 

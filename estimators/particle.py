@@ -42,8 +42,8 @@ Between several trajectories, the belief about the weights is passed on as a Gau
 Paper: Peters 2020; moves after Chopin 2002 and Cotter et al. 2013.
 Assumes: a known noise level, and weights near those of a first game that explains the observations.
 Cost: 1.4 s for two players, 10 s for five, 30 s on roads: by far the most games.
-Trust: where the posterior is bent and there is time; the least effective sample size says how well
-    it went.
+Trust: if the posterior is far from Gaussian and there is time; the least effective sample size
+    shows how well it worked.
 """
 
 import time
@@ -363,7 +363,7 @@ class _Particles:
             self._length = min(1.0, self._length * _LENGTH_FACTOR)
 
     def _squared_errors(self, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """|e_t(s)|^2 (M, T) of points (M, n); infinite where there is no equilibrium."""
+        """|e_t(s)|^2 (M, T) of points (M, n); infinite if there is no equilibrium."""
         expected = self._expected(np.vstack([mean, points]))[1:]
         playable = np.isfinite(expected).all(axis=(1, 2))
         squared = np.nansum(((expected - self._samples) / self._sigma) ** 2, axis=2)

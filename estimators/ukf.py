@@ -35,9 +35,9 @@ without an equilibrium, a smaller share is used; if that does not help, the esti
 
 Paper: LUCIDGames, Le Cleac'h et al. 2021; unscented transform of Wan and van der Merwe 2000.
 Assumes: a Gaussian belief in log-ratios of weights, and a known noise level.
-Cost: 0.15 s for two players, 0.8 s for five, 2 s on roads, at times several times as much.
+Cost: 0.15 s for two players, 0.8 s for five, 2 s on roads, sometimes several times as much.
 Trust: at high noise, where its prior keeps it from extreme weights, and online. Its error does not
-    vanish with the noise; through range and bearing it fails now and then.
+    vanish with the noise; with range and bearing it sometimes fails.
 """
 
 import time

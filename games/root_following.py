@@ -1,6 +1,6 @@
 """A game's root at other weights, followed from a known root.
 
-This is far cheaper than searching the root nearest to a trajectory (``games.nearest_root``).
+This is far cheaper than the search for the root nearest to a trajectory (``games.nearest_root``).
 """
 
 import numpy as np
