@@ -39,6 +39,8 @@ from olne_bench.envs.draws_folder import draws_folder
 from olne_bench.errors import UserError
 from olne_bench.games.compiler import reader_environment
 
+#: How often work is tried if something else may have killed its process.
+ATTEMPTS = 3
 #: Time [s] in which a process has to import everything, even from a slow network file system.
 START_LIMIT = 300.0
 #: How long a process may still run after its connection is closed [s].

@@ -9,6 +9,7 @@ from typing import Any
 
 from olne_bench import plugins
 from olne_bench.bench.process.child import (
+    ATTEMPTS,
     Child,
     ChildError,
     DiedError,
@@ -21,8 +22,6 @@ from olne_bench.plugins import Description, Kind
 
 #: Time that importing and constructing one plugin may take [s].
 LOAD_LIMIT = 60.0
-#: How often a plugin is asked if its process is killed from outside.
-ATTEMPTS = 3
 #: Memory that this may take [bytes].
 LOAD_MEMORY = 4 * 2**30
 

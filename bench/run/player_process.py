@@ -6,6 +6,7 @@ from pathlib import Path
 
 from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.process.child import (
+    ATTEMPTS,
     Child,
     ChildError,
     DiedError,
@@ -17,9 +18,6 @@ from olne_bench.bench.process.child import (
 )
 from olne_bench.bench.run.player import Answered, Prepared, estimate, prepare
 from olne_bench.errors import UserError
-
-#: How often an estimate is tried if something else may have killed its process.
-ATTEMPTS = 3
 
 
 class PlayerProcess:

@@ -7,6 +7,7 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.child import (
+    ATTEMPTS,
     TICK,
     Child,
     ChildError,
@@ -15,9 +16,6 @@ from olne_bench.bench.process.child import (
     TimedOutError,
 )
 from olne_bench.bench.run.referee import run_trial
-
-#: How often a trial is tried if its referee dies.
-ATTEMPTS = 3
 
 
 class RefereeProcess:

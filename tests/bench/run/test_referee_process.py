@@ -11,6 +11,7 @@ from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.process.child import (
+    ATTEMPTS,
     DiedError,
     MisspokeError,
     OutOfMemoryError,
@@ -19,7 +20,7 @@ from olne_bench.bench.process.child import (
 )
 from olne_bench.bench.run import referee_process
 from olne_bench.bench.run.referee import run_trial
-from olne_bench.bench.run.referee_process import ATTEMPTS, RefereeProcess
+from olne_bench.bench.run.referee_process import RefereeProcess
 from olne_bench.errors import UserError
 
 OK = Outcome("ok")
