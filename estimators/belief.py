@@ -57,7 +57,7 @@ def hidden_positions(problem: Problem) -> str | None:
     known = problem.view.read_off(np.zeros((1, len(problem.noise_scale))), dynamics)
     if {"px", "py"} <= known.keys():
         return None
-    return f"needs a sensor that tells positions, which {problem.view.name!r} does not"
+    return f"needs a sensor that shows positions; {problem.view.name!r} does not"
 
 
 def first_game(problem: Problem, observation: Observation) -> SolvedGame:

@@ -80,7 +80,7 @@ def _announce(reason: str) -> None:
     """Warn once, child processes included, that NumPy and IPOPT are used instead."""
     if not os.environ.get(_ANNOUNCED):
         os.environ[_ANNOUNCED] = "1"
-        _warn(f"native code is off, NumPy and IPOPT serve in its place (slower): {reason}")
+        _warn(f"native code is off; the slower NumPy and IPOPT solvers are used instead: {reason}")
 
 
 def _warn(line: str) -> None:

@@ -146,7 +146,9 @@ class Stack:
         """
         for layer in layers:
             if not isinstance(layer, View | NoiseLayer | GapsLayer):
-                raise ValueError(f"{layer!r} is no layer of a sensor: a view, noise or gaps")
+                raise ValueError(
+                    f"{layer!r} is not a layer of a sensor; layers are views, noise and gaps"
+                )
         noise = [layer for layer in layers if isinstance(layer, NoiseLayer)]
         if len(noise) > 1:
             raise ValueError(f"a sensor has one noise layer at most, got {len(noise)}: {noise}")

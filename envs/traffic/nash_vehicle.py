@@ -24,12 +24,15 @@ class NashVehicle(PlanningVehicle):
             return
         if self.is_due():
             plan_together(self.road)
+        # Plans, and HighwayEnv's driver model, may go in reverse if that is the only way out.
+        # These cars stop instead.
+        hardest_braking = -max(self.speed, 0.0) / PLAN_STEP
         if self.plan is None:
             super().act()
+            self.action["acceleration"] = max(self.action["acceleration"], hardest_braking)
             return
         steering, acceleration = self.plan.controls[0].tolist()
-        # Plans may end in reverse if that is the only way out; these cars stop instead.
-        acceleration = max(acceleration, -max(self.speed, 0.0) / PLAN_STEP)
+        acceleration = max(acceleration, hardest_braking)
         limit = self.MAX_STEERING_ANGLE
         Vehicle.act(
             self,

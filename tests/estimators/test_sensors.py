@@ -105,7 +105,7 @@ def test_every_estimator_takes_every_sensor(name, sensor):
 def test_filters_say_that_they_need_positions(name):
     problem = Problem(GAME, ComponentView("radar", ("heading", "speed")))
     reason = ESTIMATORS[name].supports(problem)
-    assert reason == "needs a sensor that tells positions, which 'radar' does not"
+    assert reason == "needs a sensor that shows positions; 'radar' does not"
     blind = ESTIMATORS[name].supports(Problem(GAME, ComponentView("x", ("px",))))
     assert blind is not None
 

@@ -195,7 +195,9 @@ def test_the_fallback_is_announced_once_with_its_reason(
     assert load() is None
     assert load(SOURCE + "\n") is None
     (line,) = capfd.readouterr().err.splitlines()
-    assert line.startswith("olne-bench: native code is off, NumPy and IPOPT serve in its place")
+    assert line.startswith(
+        "olne-bench: native code is off; the slower NumPy and IPOPT solvers are used instead"
+    )
     assert reason in line
 
 

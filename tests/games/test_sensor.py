@@ -105,7 +105,7 @@ def test_what_a_stack_hides_cannot_be_read_off():
             r"rows of \[1\] numbers, expected 2 rows of 2",
         ),
         ((CorrelatedNoise(0.1), CorrelatedNoise(0.2)), "one noise layer at most, got 2"),
-        (("full",), "'full' is no layer of a sensor"),
+        (("full",), "'full' is not a layer of a sensor"),
     ],
 )
 def test_layers_that_do_not_fit_say_so_in_one_line(layers, message):
