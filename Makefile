@@ -89,7 +89,7 @@ test: check
 	$(BIN)/python -m pytest --numprocesses $$(($(JOBS) + 1)) --dist worksteal
 
 # What the repository keeps of a study: tables, some figures, and the page where it has fewer bytes.
-PAGE_LIMIT := 1500000
+PAGE_LIMIT := 1800000
 define keep
 	$(BIN)/olne-bench report $(OUT)/$(1)
 	rm -rf results/$(1)

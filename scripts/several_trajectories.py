@@ -105,7 +105,6 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
     """Draw a panel per sensor and noise level: errors with intervals, the limit, and 1/sqrt(n)."""
     sensors, sigmas = sorted(errors["sensor"].unique()), sorted(errors["sigma"].unique())
     names = estimator_order(list(errors["estimator"]))
-    colours = estimator_colours(names)
     with applied():
         size = 2.6 * len(sigmas), 2.5 * len(sensors) + 0.5
         figure, panels = plt.subplots(
@@ -122,7 +121,7 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
                     own["trajectories"] * shift,
                     middle,
                     yerr=[middle - own["low"], own["high"] - middle],
-                    color=colours[name][0],
+                    color=estimator_colours(name)[0],
                     marker="o",
                     markersize=3.5,
                     linewidth=1.2,
