@@ -2,8 +2,8 @@
 
 Usage: python scripts/train_ppo.py [--id ID] [--steps N] [--seeds N] [--out DIR]
 
-Trains one agent per seed. Then evaluates the agents, an idle driver, a driver that always chooses
-the slowest speed and a random driver on episodes that no agent was trained on. Writes into DIR:
+Trains one agent per seed. Then evaluates the agents, drivers that repeat one action ("always
+IDLE") and a random driver on episodes that no agent was trained on. Writes into DIR:
 ``episodes.csv`` (all training episodes), ``evaluation.csv`` (all evaluation episodes),
 ``learning_curve.png`` and ``ppo_SEED.zip``.
 """
@@ -31,14 +31,13 @@ import olne_bench.envs  # noqa: F401  registers the ids
 
 HELD_OUT = 10_000  # first seed of the evaluation episodes, which are not trained on
 BINS = 10  # points of the learning curve
-IDLE, SLOWER = 1, 4
 
 
 def main() -> None:
     """Train, evaluate, write, draw, and print one line per driver."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--id", default="olne/NashMerge-v0")
-    parser.add_argument("--steps", type=int, default=1024, help="environment steps per agent")
+    parser.add_argument("--id", default="olne/NashRoundabout-v0")
+    parser.add_argument("--steps", type=int, default=4096, help="environment steps per agent")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--evaluations", type=int, default=20, help="episodes per driver")
     parser.add_argument("--out", type=Path, default=Path("runs/rl"))
@@ -60,9 +59,9 @@ def main() -> None:
     print(f"training and driving: {time.process_time() - begin:.0f} s of processor time")
     actions = make().action_space
     actions.seed(0)
-    for driver, action in (("idle", IDLE), ("always slower", SLOWER)):
+    for action, name in make().unwrapped.action_type.actions.items():
         rows = _drive(make, _always(action), given.evaluations)
-        driven.append(rows.assign(driver=driver))
+        driven.append(rows.assign(driver=f"always {name}"))
     random = _drive(make, lambda _: actions.sample(), given.evaluations)
     driven.append(random.assign(driver="random"))
     episodes, evaluation = pd.concat(training), pd.concat(driven)
@@ -154,9 +153,10 @@ def _draw(episodes: pd.DataFrame, evaluation: pd.DataFrame, given: argparse.Name
     axes.plot(x, curves, color="tab:blue", alpha=0.35, linewidth=0.8)
     axes.plot(x, mean, color="tab:blue", marker="o", label=f"PPO while it learns, {count} seeds")
     axes.fill_between(x, mean - half, mean + half, color="tab:blue", alpha=0.15, linewidth=0)
-    for driver, style in (("always slower", "-."), ("idle", "--"), ("random", ":")):
-        level = evaluation.loc[evaluation["driver"] == driver, "return"].mean()
-        axes.axhline(level, color="black", linestyle=style, linewidth=1, label=driver)
+    levels = evaluation.groupby("driver")["return"].mean()
+    constant = levels[levels.index.str.startswith("always")]
+    for driver, style in ((constant.idxmax(), "-."), ("always IDLE", "--"), ("random", ":")):
+        axes.axhline(levels[driver], color="black", linestyle=style, linewidth=1, label=driver)
     axes.set(
         xlabel="environment steps of one agent",
         ylabel="return of an episode",
