@@ -11,6 +11,7 @@ median is given as well. Trials without a valid estimate count as failures and a
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -86,7 +87,9 @@ def squared_errors(group: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def resampled(table: pd.DataFrame, middle) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
+def resampled(
+    table: pd.DataFrame, middle: Callable[..., np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Root of a mean or median of squared errors per column, and resamples of it (R, columns).
 
     Seeds are resampled, so that errors of one draw, which share a trajectory, stay together.
@@ -105,7 +108,6 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
     """Draw a panel per sensor and noise level: errors with intervals, the limit, and 1/sqrt(n)."""
     sensors, sigmas = sorted(errors["sensor"].unique()), sorted(errors["sigma"].unique())
     names = estimator_order(list(errors["estimator"]))
-    colours = estimator_colours(names)
     with applied():
         size = 2.6 * len(sigmas), 2.5 * len(sensors) + 0.5
         figure, panels = plt.subplots(
@@ -122,7 +124,7 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
                     own["trajectories"] * shift,
                     middle,
                     yerr=[middle - own["low"], own["high"] - middle],
-                    color=colours[name][0],
+                    color=estimator_colours(name)[0],
                     marker="o",
                     markersize=3.5,
                     linewidth=1.2,
