@@ -12,6 +12,7 @@ fifth car comes into view late. These files contain no licensed data.
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -152,13 +153,14 @@ def write_sumo(folder: Path, rows: pd.DataFrame) -> None:
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<fcd-export>"]
     for time, frame in rows.groupby("time"):
         lines.append(f'    <timestep time="{time:.2f}">')
-        for row in frame.itertuples():
-            x = row.x + CAR_LENGTH / 2 * np.cos(row.heading)
-            y = row.y + CAR_LENGTH / 2 * np.sin(row.heading)
-            angle = (90 - np.rad2deg(row.heading)) % 360
+        for row in frame.to_dict("records"):
+            x = row["x"] + CAR_LENGTH / 2 * np.cos(row["heading"])
+            y = row["y"] + CAR_LENGTH / 2 * np.sin(row["heading"])
+            angle = (90 - np.rad2deg(row["heading"])) % 360
             lines.append(
-                f'        <vehicle id="car{row.car}" x="{x:.6f}" y="{y:.6f}" angle="{angle:.6f}" '
-                f'type="DEFAULT_VEHTYPE" speed="{row.speed:.6f}" lane="road_0"/>'
+                f'        <vehicle id="car{row["car"]}" x="{x:.6f}" y="{y:.6f}" '
+                f'angle="{angle:.6f}" type="DEFAULT_VEHTYPE" speed="{row["speed"]:.6f}" '
+                'lane="road_0"/>'
             )
         lines.append("    </timestep>")
     (folder / "sumo_fcd.xml").write_text("\n".join([*lines, "</fcd-export>", ""]))
@@ -203,7 +205,7 @@ def write_lanelet2(folder: Path) -> None:
     (folder / "interaction.osm").write_text("\n".join(lines))
 
 
-def _write(path: Path, table: object) -> None:
+def _write(path: Path, table: dict[str, Any] | pd.DataFrame) -> None:
     pd.DataFrame(table).round(DECIMALS).to_csv(path, index=False)
 
 

@@ -37,9 +37,9 @@ def failures(trials: pd.DataFrame, scenario: str, repeats: int, consistent: bool
         noise[0] = 0  # the initial state is given
         starts.append(recording.states + PERTURBATION * noise)
     rows = trials[trials["scenario"].eq(scenario) & trials["weights"].notna()]
-    verdicts = defaultdict(list)
-    for row in tqdm(rows.itertuples(), total=len(rows), desc=scenario):
-        weights = game.check_weights(np.stack(row.weights))
+    verdicts: defaultdict[tuple[str, str], list[list[bool]]] = defaultdict(list)
+    for row in tqdm(rows.to_dict("records"), desc=scenario):
+        weights = game.check_weights(np.stack(row["weights"]))
         costates = np.zeros_like(recording.costates)
         if consistent:
             costates = consistent_costates(game, recording.states, recording.controls, weights)
@@ -47,10 +47,10 @@ def failures(trials: pd.DataFrame, scenario: str, repeats: int, consistent: bool
             nearest_root(game, weights, start, recording.controls, costates) is None
             for start in starts
         ]
-        verdicts[row.estimator, row.sensor] += [failed] * row.count
+        verdicts[row["estimator"], row["sensor"]] += [failed] * row["count"]
     table = {}
-    for key, failed in verdicts.items():
-        array = np.array(failed)
+    for key, rows_failed in verdicts.items():
+        array = np.array(rows_failed)
         counts = {f"repeat {k + 1}": n for k, n in enumerate(array.sum(axis=0))}
         table[key] = {
             "trials": len(array),

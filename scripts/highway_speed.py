@@ -17,6 +17,7 @@ from collections.abc import Callable
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
+from highway_env.envs.common.abstract import AbstractEnv
 
 from olne_bench.envs import highway_v0
 from olne_bench.envs.equilibrium import certified_equilibrium
@@ -27,7 +28,7 @@ PLAYERS = 5
 RESETS = range(1, 6)  # seeds
 
 
-def raw_environment(observation: dict) -> gymnasium.Env:
+def raw_environment(observation: dict) -> AbstractEnv:
     """Stock ``highway-v0`` with five controlled vehicles."""
     limits = [-MAX_ACCELERATION, MAX_ACCELERATION]
     control = {"type": "ContinuousAction", "acceleration_range": limits}

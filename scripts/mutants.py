@@ -57,8 +57,12 @@ SEED = 2026
 PROCESSOR_LIMIT, LIMIT = 60, 900.0
 
 #: Libraries that most tests import, except modules whose asserts pytest rewrites.
-LIBRARIES = ("casadi", "distributed", "highway_env", "matplotlib.pyplot", "msgspec")
-LIBRARIES += (
+LIBRARIES = (
+    "casadi",
+    "distributed",
+    "highway_env",
+    "matplotlib.pyplot",
+    "msgspec",
     "pandas",
     "pettingzoo",
     "pyarrow.parquet",
@@ -351,7 +355,8 @@ def draw(count: int, only: str, seed: int) -> list[Mutant]:
 
     They are in the order of the draw, so those tried before an interruption are a fair sample.
     """
-    sources, found = {}, []
+    sources: dict[str, str] = {}
+    found: list[Place] = []
     all_operators = operators()
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
@@ -467,7 +472,7 @@ def _pytest(tree: Path, tests: str) -> Result:
     child = os.fork()
     if not child:
         try:
-            code = pytest.ExitCode.INTERNAL_ERROR
+            code: int = pytest.ExitCode.INTERNAL_ERROR
             code = _run_here(tree, tests)
         finally:
             os._exit(code)

@@ -5,11 +5,13 @@
 For each sequence of both scenarios and sensors, it compares the objectives of the joint method as
 configured, of the joint method with IPOPT as its solver and three starts (``--reference``, slow),
 and of IPOPT on the compact layout with weights started at zero. The rivals' objectives are kept in
-the file, so that only ours are computed again.
+the file, so that only ours are computed again. The squared error of the true trajectory is kept as
+well: where it differs, the noise was another draw, and the rivals are computed again.
 """
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,6 +21,7 @@ from tqdm import tqdm
 from olne_bench.bench.judge.referee import case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
+from olne_bench.estimators.forward_model import squared_error_of
 from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
@@ -26,6 +29,7 @@ from olne_bench.estimators.trajectory_fit import fit_trajectory
 
 KEY = ["scenario", "sensor", "sigma", "seed"]
 RIVALS = ("ipopt", "compact")
+TRUTH = "truth_objective"
 SAME, NOTHING = 1e-4, 1e-9  # relative and absolute difference of objectives of the same optimum
 
 
@@ -36,13 +40,12 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="use every n-th sequence")
     parser.add_argument("--reference", action="store_true", help="solve missing IPOPT references")
     options = parser.parse_args()
-    known = pd.read_parquet(options.out).set_index(KEY) if options.out.exists() else None
+    known = _read_kept(options.out)
     rows = []
     for trial in tqdm(_sequences()[:: options.every], disable=None):
-        row = dict(zip(KEY, _key(trial), strict=True)) | {"count": trial.count}
-        row["ours"] = _joint(trial, "structured")
-        for rival in RIVALS:
-            row[rival] = np.nan if known is None else known[rival].get(_key(trial), np.nan)
+        row: dict[str, Any] = dict(zip(KEY, _key(trial), strict=True))
+        row |= {"count": trial.count, TRUTH: _truth(trial), "ours": _joint(trial, "structured")}
+        row |= _kept(known.get(_key(trial)), row[TRUTH])
         if np.isnan(row["compact"]):
             row["compact"] = _compact(trial)
         if np.isnan(row["ipopt"]) and options.reference:
@@ -71,6 +74,23 @@ def print_shares(table: pd.DataFrame) -> None:
             )
 
 
+def _read_kept(path: Path) -> dict[Any, dict[Any, Any]]:
+    """Rows of an earlier run by sequence; none from a table that does not say of which data."""
+    if not path.exists():
+        return {}
+    table = pd.read_parquet(path)
+    if missing := {*KEY, TRUTH, *RIVALS} - set(table.columns):
+        print(f"{path} has no column {', '.join(sorted(missing))}: rivals are computed again")
+        return {}
+    return table.set_index(KEY).to_dict("index")
+
+
+def _kept(row: dict[Any, Any] | None, truth: float) -> dict[str, float]:
+    """The rivals' kept objectives of a sequence; NaN unless they are of the same observation."""
+    same = row is not None and np.isclose(row[TRUTH], truth, rtol=1e-6, atol=NOTHING)
+    return {rival: row[rival] if row and same else np.nan for rival in RIVALS}
+
+
 def _sequences() -> list[Trial]:
     found = {_key(trial): trial for trial in expand(load_suite("paper"))}
     return list(found.values())
@@ -83,6 +103,12 @@ def _key(trial: Trial) -> tuple[str, str, float, int]:
 def _observed(trial: Trial) -> tuple[Problem, Observation]:
     case = case_of(trial)
     return case.problem, case.observations[0]
+
+
+def _truth(trial: Trial) -> float:
+    """Squared error of the true trajectory."""
+    problem, observation = _observed(trial)
+    return squared_error_of(problem, case_of(trial).recordings[0].states, observation.y)
 
 
 def _joint(trial: Trial, solver: str) -> float:

@@ -327,11 +327,11 @@ def print_tables(results: dict[str, Any]) -> None:
             print(f"  {key:34s} {value:10.4g}")
     print("\ntime per iteration of an inverse solve")
     for row in [*results["horizon"]["2"], *results["horizon"]["5"], *results["players"]]:
-        rival = row["ipopt_ms_per_iteration"] or np.nan
+        theirs = row["ipopt_ms_per_iteration"] or np.nan
         print(
             f"  T {row['horizon']:4d}  N {row['players']:3d}"
             f"  ours {row['ours_ms_per_iteration']:8.3f} ms"
-            f"  x {row['iterations']:4d}  IPOPT {rival:8.2f} ms"
+            f"  x {row['iterations']:4d}  IPOPT {theirs:8.2f} ms"
             f"  {'converged' if row['converged'] else row['message']}"
         )
     for name, value in results["slopes"].items():

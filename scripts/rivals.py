@@ -15,6 +15,7 @@ from olne_bench.games.ipopt import QUIET
 from olne_bench.games.kkt import kkt_system
 from olne_bench.games.newton import Root
 from olne_bench.games.observation import View, observation_size
+from olne_bench.games.olne import Equilibrium
 
 #: Time after which a rival is stopped [s].
 TIME_LIMIT = 30.0
@@ -175,7 +176,7 @@ class StackedForward:
         }
         self.solver = ca.nlpsol("forward", "ipopt", problem, QUIET | {"ipopt.tol": 1e-10})
 
-    def solve(self, start: Root, weights: np.ndarray) -> Outcome:
+    def solve(self, start: Root | Equilibrium, weights: np.ndarray) -> Outcome:
         """Solve from a known nearby trajectory."""
         parts = (start.states[1:], start.controls, start.costates)
         return _outcome(

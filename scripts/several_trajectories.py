@@ -11,6 +11,7 @@ median is given as well. Trials without a valid estimate count as failures and a
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -86,7 +87,9 @@ def squared_errors(group: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def resampled(table: pd.DataFrame, middle) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
+def resampled(
+    table: pd.DataFrame, middle: Callable[..., np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Root of a mean or median of squared errors per column, and resamples of it (R, columns).
 
     Seeds are resampled, so that errors of one draw, which share a trajectory, stay together.

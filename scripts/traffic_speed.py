@@ -42,7 +42,8 @@ def main() -> None:
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
-        print(_steps_per_second(*given.one, given.steps))
+        case, kind = given.one
+        print(_steps_per_second(case, kind, given.steps))
         return
     kinds = {"IDM": (IDM, SOURCES), "Nash": (NASH, SOURCES)}
     if given.against:

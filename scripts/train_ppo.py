@@ -68,9 +68,9 @@ def main() -> None:
     episodes.to_csv(given.out / "episodes.csv", index=False, float_format="%.4f")
     evaluation.to_csv(given.out / "evaluation.csv", index=False, float_format="%.4f")
     _draw(episodes, evaluation, given)
-    for driver, rows in evaluation.groupby("driver", sort=False):
+    for name, rows in evaluation.groupby("driver", sort=False):
         print(
-            f"{driver}: mean return {rows['return'].mean():.2f} "
+            f"{name}: mean return {rows['return'].mean():.2f} "
             f"({_standard_error(rows['return']):.2f}), {rows['crashed'].mean():.0%} crashed"
         )
 
@@ -145,7 +145,8 @@ def _draw(episodes: pd.DataFrame, evaluation: pd.DataFrame, given: argparse.Name
     """Draw the mean over seeds with Student's 95 % interval, and each seed as a thin line."""
     edges = np.linspace(0, episodes["step"].max(), BINS + 1)
     middles = (edges[1:] + edges[:-1]) / 2
-    binned = episodes.assign(step=pd.cut(episodes["step"], edges, labels=middles).astype(float))
+    steps = pd.cut(episodes["step"], edges.tolist(), labels=middles.tolist())
+    binned = episodes.assign(step=steps.astype(float))
     curves = binned.pivot_table("return", "step", "seed")
     x, mean, count = curves.index, curves.mean(axis=1), curves.shape[1]
     half = stats.t.ppf(0.975, count - 1) * curves.std(axis=1, ddof=1) / np.sqrt(count)
