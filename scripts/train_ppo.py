@@ -36,8 +36,8 @@ BINS = 10  # points of the learning curve
 def main() -> None:
     """Train, evaluate, write, draw, and print one line per driver."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--id", default="olne/NashRoundabout-v0")
-    parser.add_argument("--steps", type=int, default=4096, help="environment steps per agent")
+    parser.add_argument("--id", default="olne/NashMerge-v0")
+    parser.add_argument("--steps", type=int, default=1024, help="environment steps per agent")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--evaluations", type=int, default=20, help="episodes per driver")
     parser.add_argument("--out", type=Path, default=Path("runs/rl"))
