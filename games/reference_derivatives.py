@@ -12,13 +12,12 @@ Each CasADi function covers one step and is evaluated for all steps of all cars 
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
-from olne_bench.games.buffered import BufferedFunction
 from olne_bench.games.dynamics import Dynamics
+from olne_bench.games.row_functions import row_functions
 
 #: Cost of one step as a CasADi expression of (state, control, near points, reference, weights).
 StepCost = Callable[[ca.SX, ca.SX, list[ca.SX], ca.SX, ca.SX], ca.SX]
@@ -85,13 +84,13 @@ class CarDerivatives:
         state, control = ca.SX.sym("x", NX), ca.SX.sym("u", NU)
         following = dynamics.step(state, control, dt)
         options = {"cse": True}
-        self._step = ca.Function("step", [state, control], [following], options)
+        step = ca.Function("step", [state, control], [following], options)
         both = ca.vertcat(state, control)
         jacobian = ca.vec(ca.densify(ca.jacobian(following, both)))
-        self._jacobian = ca.Function("jacobian", [state, control], [jacobian], options)
+        jacobians = ca.Function("jacobian", [state, control], [jacobian], options)
         costate = ca.SX.sym("p", NX)
         curvature = ca.hessian(ca.dot(costate, following), both)[0]
-        self._curvature = ca.Function(
+        curvatures = ca.Function(
             "curvature", [state, control, costate], [ca.vec(ca.densify(curvature))], options
         )
         weights, reference = ca.SX.sym("theta", num_weights), ca.SX.sym("reference", 4)
@@ -106,14 +105,16 @@ class CarDerivatives:
             ca.vec(ca.densify(ca.jacobian(gradient[:NX], partners))),
         ]
         arguments = [state, control, weights, reference, partners, others]
-        self._cost = ca.Function("cost", arguments, [ca.vertcat(*blocks)], options)
-        self._bound = lru_cache(maxsize=64)(self._functions)
+        costs = ca.Function("cost", arguments, [ca.vertcat(*blocks)], options)
+        motion = step.mapaccum("motion", steps)
+        self._motion, self._jacobian, self._curvature, self._cost = row_functions(
+            [motion, jacobians, curvatures, costs]
+        )
 
     def states(self, initial: np.ndarray, controls: np.ndarray) -> np.ndarray:
         """States (N, S, 4) after each step of controls (N, S, 2) from initial states (N, 4)."""
         count = len(initial)
-        moved = self._bound(count)[0](initial, controls.reshape(-1, NU))
-        return moved.reshape(count, self.steps, NX)
+        return self._motion(initial, controls).reshape(count, self.steps, NX)
 
     def linearise(
         self,
@@ -137,12 +138,11 @@ class CarDerivatives:
             others: (N, M, S, 2) positions of the further points.
         """
         count, steps = len(initial), self.steps
-        _, jacobian, curvature, cost = self._bound(count)
         before = np.concatenate([initial[:, None], states[:, :-1]], axis=1).reshape(-1, NX)
         u = controls.reshape(-1, NU)
         shape = (count, steps)
-        motion = jacobian(before, u).reshape(*shape, NZ, NX).swapaxes(2, 3)
-        found = cost(
+        motion = self._jacobian(before, u).reshape(*shape, NZ, NX).swapaxes(2, 3)
+        found = self._cost(
             states.reshape(-1, NX),
             u,
             np.repeat(weights, steps, axis=0),
@@ -153,7 +153,7 @@ class CarDerivatives:
         first, second = found[..., :NZ], found[..., NZ : NZ + NZ**2].reshape(*shape, NZ, NZ)
         cross = found[..., NZ + NZ**2 :].reshape(*shape, 2 * self.num_partners, NX)
         costates = _costates(first, motion)
-        bend = curvature(before, u, costates.reshape(-1, NX)).reshape(*shape, NZ, NZ)
+        bend = self._curvature(before, u, costates.reshape(-1, NX)).reshape(*shape, NZ, NZ)
         sensitivities = _sensitivities(motion)
         gradients = first[..., NX:] + (costates[..., None, :] @ motion[..., NX:])[..., 0, :]
         return Linearisation(
@@ -162,16 +162,6 @@ class CarDerivatives:
             gradients=gradients.reshape(count, -1),
             own_hessians=_own_hessians(second, bend, sensitivities),
             cross=cross.swapaxes(2, 3),
-        )
-
-    def _functions(self, count: int) -> tuple[BufferedFunction, ...]:
-        """Motion, Jacobian, curvature and cost of that many cars."""
-        stages = count * self.steps
-        return (
-            BufferedFunction(self._step.mapaccum(self.steps).map(count)),
-            BufferedFunction(self._jacobian.map(stages)),
-            BufferedFunction(self._curvature.map(stages)),
-            BufferedFunction(self._cost.map(stages)),
         )
 
 

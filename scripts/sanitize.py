@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[1]
 TESTS = (
     "tests/games/test_newton.py",
     "tests/games/test_elimination.py",
+    "tests/games/test_row_functions.py",
     "tests/estimators/test_interior_point.py",
 )
 #: The code of games on lanes is a megabyte long, and five players test no more than two.

@@ -22,6 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import torch
+from highway_env.envs.common.action import DiscreteMetaAction
 from scipy import stats
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
@@ -59,7 +60,7 @@ def main() -> None:
     print(f"training and driving: {time.process_time() - begin:.0f} s of processor time")
     actions = make().action_space
     actions.seed(0)
-    for action, name in make().unwrapped.action_type.actions.items():
+    for action, name in DiscreteMetaAction.ACTIONS_ALL.items():
         rows = _drive(make, _always(action), given.evaluations)
         driven.append(rows.assign(driver=f"always {name}"))
     random = _drive(make, lambda _: actions.sample(), given.evaluations)
@@ -70,7 +71,7 @@ def main() -> None:
     _draw(episodes, evaluation, given)
     for name, rows in evaluation.groupby("driver", sort=False):
         print(
-            f"{name}: mean return {rows['return'].mean():.2f} "
+            f"{name!s}: mean return {rows['return'].mean():.2f} "
             f"({_standard_error(rows['return']):.2f}), {rows['crashed'].mean():.0%} crashed"
         )
 
@@ -155,8 +156,8 @@ def _draw(episodes: pd.DataFrame, evaluation: pd.DataFrame, given: argparse.Name
     axes.plot(x, mean, color="tab:blue", marker="o", label=f"PPO while it learns, {count} seeds")
     axes.fill_between(x, mean - half, mean + half, color="tab:blue", alpha=0.15, linewidth=0)
     levels = evaluation.groupby("driver")["return"].mean()
-    constant = levels[levels.index.str.startswith("always")]
-    for driver, style in ((constant.idxmax(), "-."), ("always IDLE", "--"), ("random", ":")):
+    best = str(levels[levels.index.str.startswith("always")].idxmax())
+    for driver, style in ((best, "-."), ("always IDLE", "--"), ("random", ":")):
         axes.axhline(levels[driver], color="black", linestyle=style, linewidth=1, label=driver)
     axes.set(
         xlabel="environment steps of one agent",
