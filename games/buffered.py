@@ -10,6 +10,17 @@ import casadi as ca
 import numpy as np
 
 
+def require_dense(function: ca.Function) -> None:
+    """Check that memory can be bound to the arguments and the first result of a function.
+
+    Raises:
+        ValueError: if one of them has structural zeros, which have no memory.
+    """
+    patterns = [function.sparsity_in(i) for i in range(function.n_in())]
+    if not all(pattern.is_dense() for pattern in [*patterns, function.sparsity_out(0)]):
+        raise ValueError(f"{function} is not dense")
+
+
 class BufferedFunction:
     """A dense CasADi function with bound memory for its arguments and result.
 
@@ -21,9 +32,7 @@ class BufferedFunction:
     """
 
     def __init__(self, function: ca.Function) -> None:
-        patterns = [function.sparsity_in(i) for i in range(function.n_in())]
-        if not all(pattern.is_dense() for pattern in [*patterns, function.sparsity_out(0)]):
-            raise ValueError(f"{function} is not dense")
+        require_dense(function)
         self._function = function
         self._arguments = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
         self._result = np.zeros(function.size_out(0)[::-1])

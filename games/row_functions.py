@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from olne_bench.games import compiler
-from olne_bench.games.buffered import BufferedFunction
+from olne_bench.games.buffered import BufferedFunction, require_dense
 
 _LOOP = """
 __attribute__((visibility("default")))
@@ -46,11 +46,9 @@ class RowFunction:
     """
 
     def __init__(self, function: ca.Function, library: ctypes.CDLL | None) -> None:
-        patterns = [function.sparsity_in(i) for i in range(function.n_in())]
-        if not all(pattern.is_dense() for pattern in [*patterns, function.sparsity_out(0)]):
-            raise ValueError(f"{function} is not dense")
+        require_dense(function)
         self._function = function
-        self._sizes = [pattern.nnz() for pattern in patterns]
+        self._sizes = [function.nnz_in(i) for i in range(function.n_in())]
         self._size = function.nnz_out(0)
         self._loop = None if library is None else library[f"rows_{function.name()}"]
         self._pointers = (ctypes.c_void_p * len(self._sizes))()

@@ -107,8 +107,8 @@ def _observed(trial: Trial) -> tuple[Problem, Observation]:
 
 def _truth(trial: Trial) -> float:
     """Squared error of the true trajectory."""
-    problem, observation = _observed(trial)
-    return squared_error_of(problem, case_of(trial).recordings[0].states, observation.y)
+    case = case_of(trial)
+    return squared_error_of(case.problem, case.recordings[0].states, case.observations[0].y)
 
 
 def _joint(trial: Trial, solver: str) -> float:
