@@ -36,7 +36,7 @@ from olne_bench.bench.process.child import (
 from olne_bench.bench.process.messages import Raised, Ready, Stage, encode
 from olne_bench.errors import UserError
 
-SLEEPER = "4321.5"
+SLEEPER = f"4321.{os.getpid()}"  # tests run beside each other and tell their own by it
 
 
 def add(a: float, b: float) -> float:
@@ -268,14 +268,14 @@ def test_processes_that_are_left_end(child):
 @pytest.mark.parametrize(
     "script",
     [
-        f"setsid sleep {SLEEPER} & setsid sleep {SLEEPER} &",
-        f"(setsid sh -c 'sleep {SLEEPER} & sleep {SLEEPER} & wait' &) &",
-        f"nohup setsid sh -c '(sleep {SLEEPER} &)' >/dev/null 2>&1 &",
+        "setsid sleep {0} & setsid sleep {0} &",
+        "(setsid sh -c 'sleep {0} & sleep {0} & wait' &) &",
+        "nohup setsid sh -c '(sleep {0} &)' >/dev/null 2>&1 &",
     ],
 )
 def test_processes_that_leave_session_and_parent_end(child, script):
     with pytest.raises(LeftProcessesError):
-        child.call(run, "sh", "-c", script, kind=int, seconds=5)
+        child.call(run, "sh", "-c", script.format(SLEEPER), kind=int, seconds=5)
     assert not sleepers()
 
 
@@ -366,10 +366,6 @@ def say(text: str) -> float:
     return 1.0
 
 
-def leave_a_sleeper() -> int:
-    return leave_a_process("sleep", SLEEPER)
-
-
 def folder_for_files() -> str:
     return tempfile.gettempdir()
 
@@ -395,7 +391,7 @@ def test_who_is_trusted_stays_here_and_may_leave_processes():
     child = Child()
     try:
         assert child.call(directory, kind=str, seconds=5) == str(Path.cwd())
-        child.call(leave_a_sleeper, kind=int, seconds=5)
+        child.call(leave_a_process, "sleep", SLEEPER, kind=int, seconds=5)
         assert sleepers_appear(1)
         assert (child.busy, child.served) == (False, 2)
     finally:
@@ -407,7 +403,7 @@ def test_who_is_trusted_stays_here_and_may_leave_processes():
 def test_a_parent_of_children_may_have_some_left():
     child = Child(restricted=True, has_children=True)
     try:
-        child.call(leave_a_sleeper, kind=int, seconds=5)
+        child.call(leave_a_process, "sleep", SLEEPER, kind=int, seconds=5)
         assert sleepers_appear(1)
     finally:
         child.stop()
