@@ -36,7 +36,7 @@ from olne_bench.bench.process.child import (
 from olne_bench.bench.process.messages import Raised, Ready, Stage, encode
 from olne_bench.errors import UserError
 
-SLEEPER = f"4321.{os.getpid()}"  # tests run beside each other and tell their own by it
+SLEEPER = f"4321.5{os.getpid()}"  # tests run beside each other and tell their own by it
 
 
 def add(a: float, b: float) -> float:
@@ -145,12 +145,11 @@ def sleepers() -> list[psutil.Process]:
     return found
 
 
-def sleepers_appear(count: int) -> bool:
-    """Whether so many sleepers run soon. A process has no command line while it starts."""
-    deadline = time.monotonic() + 20
+def wait_for_sleepers(count: int) -> None:
+    """Wait until so many sleepers run. A process has no command line while it starts."""
+    deadline = time.monotonic() + 30
     while len(sleepers()) < count and time.monotonic() < deadline:
-        time.sleep(0.05)
-    return len(sleepers()) >= count
+        time.sleep(0.1)
 
 
 def test_work_is_done_again_and_again_in_one_process(child):
@@ -302,11 +301,12 @@ def test_descendants_end_with_the_driver(tmp_path):
     driver = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
     assert driver.stdout is not None
     driver.stdout.readline()
-    assert sleepers_appear(3)
+    deadline = time.monotonic() + 30
+    wait_for_sleepers(3)
+    assert len(sleepers()) >= 3
     driver.kill()
     driver.wait()
     driver.stdout.close()
-    deadline = time.monotonic() + 30
     while sleepers() and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not sleepers()
@@ -392,7 +392,8 @@ def test_who_is_trusted_stays_here_and_may_leave_processes():
     try:
         assert child.call(directory, kind=str, seconds=5) == str(Path.cwd())
         child.call(leave_a_process, "sleep", SLEEPER, kind=int, seconds=5)
-        assert sleepers_appear(1)
+        wait_for_sleepers(1)
+        assert len(sleepers()) == 1
         assert (child.busy, child.served) == (False, 2)
     finally:
         child.stop()
@@ -404,7 +405,8 @@ def test_a_parent_of_children_may_have_some_left():
     child = Child(restricted=True, has_children=True)
     try:
         child.call(leave_a_process, "sleep", SLEEPER, kind=int, seconds=5)
-        assert sleepers_appear(1)
+        wait_for_sleepers(1)
+        assert len(sleepers()) == 1
     finally:
         child.stop()
     assert not sleepers()
