@@ -9,11 +9,12 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick field sensors submissions learners rl gate perf docs test check results clean
+.PHONY: help setup bench bench-quick roads field sensors submissions learners rl gate perf docs test check results clean
 
 help:
 	@echo "make bench        both studies, into $(OUT)/paper and $(OUT)/highway"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
+	@echo "make roads        every estimator on HighwayEnv's roads, 60 draws each, into $(OUT)/roads: a night"
 	@echo "make field        every estimator on every scenario, and several trajectories"
 	@echo "make sensors      the paper's scenarios through five sensors, and the statistical limit"
 	@echo "make submissions  check what was submitted, and write its page"
@@ -48,6 +49,9 @@ bench: setup
 bench-quick: setup
 	$(BIN)/olne-bench run quick --out $(OUT)/quick --jobs $(JOBS)
 	$(BIN)/olne-bench gate $(OUT)/quick
+
+roads: setup
+	$(BIN)/olne-bench run roads --out $(OUT)/roads --jobs $(JOBS)
 
 field: setup
 	$(BIN)/olne-bench run field --out $(OUT)/field --jobs $(JOBS)
@@ -96,6 +100,7 @@ define keep
 	mkdir -p results/$(1)/figures
 	cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md trials.parquet) results/$(1)/
 	cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/
+	$(BIN)/python scripts/fewer_colours.py results/$(1)
 	find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \;
 endef
 

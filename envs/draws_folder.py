@@ -1,4 +1,4 @@
-"""The folder of kept equilibria of played draws, apart from modules that are slow to import."""
+"""Folders of solved draws, apart from modules that are slow to import."""
 
 from pathlib import Path
 
@@ -9,3 +9,8 @@ def draws_folder() -> Path | None:
     """The folder, whether or not it exists; None if nothing can be kept."""
     libraries = kept_folder()
     return libraries and libraries.with_name(f"{libraries.name}-draws")
+
+
+def shipped_draws() -> Path:
+    """The folder of the draws that come with suites of this package, one file each."""
+    return Path(__file__).parent / "draws"

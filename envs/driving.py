@@ -1,23 +1,35 @@
 """Drivers on HighwayEnv's roads, and draws of scenarios that the simulator replays exactly."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from olne_bench.checks import as_text, check_whole
 from olne_bench.envs.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING
 from olne_bench.envs.playability import rejection
+from olne_bench.envs.player_numbers import PlayerNumber, player_number, player_range
 from olne_bench.envs.scenarios.scenario import (
     Limits,
     NoEquilibriumError,
     Scenario,
 )
+from olne_bench.envs.temperaments import checked_shares, drawn_temperaments, tempered_weights
+from olne_bench.envs.true_weights import (
+    DIRICHLET,
+    MODERATE,
+    TEMPERED,
+    check_kind,
+    flat_dirichlet,
+)
+from olne_bench.games.constraints import Distance
 from olne_bench.games.features import CarProximity, ControlEffort, StateDeviation
 from olne_bench.games.game import Game, Player
 from olne_bench.games.lanes import Lane, LaneKeeping
+from olne_bench.games.unknowns import Unknown
 
 HORIZON = 20  # states, hence 7.6 s
 WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
@@ -102,18 +114,40 @@ class RoadFamily(ABC):
     Attributes:
         name: name of the road, and of the scenario.
         players: fewest and most players that the road holds.
-        num_players: N.
+        speeds: least and largest target speed [m/s] on the road, as everybody knows them.
+        num_players: N; or ``drawn``, or the fewest and the most, for a number that each seed draws.
+        distance: distance [m] that any two cars have to keep, a hard constraint; 0 for none.
+        unknown_speeds: whether nobody tells the cars' target speeds to estimators, so that they
+            have to find them too.
+        weights: ``moderate``, each from 0.2 to 1 before they are scaled; ``dirichlet`` for weights
+            that are uniform on the simplex; ``temperaments`` for aggressive, normal and cautious
+            drivers (``envs.temperaments``).
+        shares: share of each temperament in the traffic; all are equal if None.
 
     Raises:
-        ValueError: on a number of players that the road does not hold.
+        ValueError: on a number of players that the road does not hold, a negative distance,
+            unknown weights, or shares that are not those of temperaments.
     """
 
     name: ClassVar[str]
     players: ClassVar[tuple[int, int]]
-    num_players: int
+    speeds: ClassVar[tuple[float, float]]
+    num_players: PlayerNumber
+    distance: float = 0.0
+    unknown_speeds: bool = False
+    weights: str = MODERATE
+    shares: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        check_num_players(self.name, self.num_players, *self.players)
+        player_range(self.name, self.num_players, *self.players)
+        check_kind(self.weights, (MODERATE, DIRICHLET, TEMPERED))
+        checked_shares(self.shares)
+        if self.shares is not None and self.weights != TEMPERED:
+            raise ValueError(f"shares need weights = {TEMPERED!r}, got {self.weights!r}")
+        if not (isinstance(self.distance, (int, float)) and 0 <= self.distance < np.inf):
+            raise ValueError(f"distance must be at least 0 m, got {self.distance!r}")
+        if not isinstance(self.unknown_speeds, bool):
+            raise ValueError(f"unknown_speeds must be true or false, got {self.unknown_speeds!r}")
 
     def draw(self, seed: int = 0) -> Scenario:
         """The first playable proposal of a seed.
@@ -121,11 +155,68 @@ class RoadFamily(ABC):
         Raises:
             NoEquilibriumError: as ``draw_playable``.
         """
-        return draw_playable(self.name, self.propose, seed, self.num_players)
+        count = self.count(seed)
+        scenario = draw_playable(self.name, partial(self._weighed, seed, count), seed, count)
+        return asking_for_speeds(scenario, self.speeds) if self.unknown_speeds else scenario
+
+    def count(self, seed: int) -> int:
+        """The number of players of a seed."""
+        return player_number(player_range(self.name, self.num_players, *self.players), seed)
+
+    def temperaments(self, seed: int) -> tuple[str, ...]:
+        """The temperament of each player of a seed; none with other weights."""
+        if self.weights != TEMPERED:
+            return ()
+        return drawn_temperaments(seed, self.count(seed), checked_shares(self.shares))
+
+    def tempered(self, seed: int) -> np.ndarray:
+        """The true weights (N, 4) of a seed whose players have temperaments."""
+        return tempered_weights(seed, self.temperaments(seed))
+
+    def _weighed(self, seed: int, count: int, rng: np.random.Generator) -> Scenario:
+        """One proposal with its constraints and its weights."""
+        scenario = self.constrained(rng, count)
+        if self.weights == TEMPERED:
+            return replace(scenario, weights=self.tempered(seed))
+        if self.weights == DIRICHLET:
+            return replace(scenario, weights=flat_dirichlet(seed, *scenario.weights.shape))
+        return scenario
+
+    def constrained(self, rng: np.random.Generator, count: int) -> Scenario:
+        """One proposal with its constraints."""
+        scenario = self.propose(rng, count)
+        if not self.distance:
+            return scenario
+        pairs = combinations(range(count), 2)
+        constraints = tuple(Distance(pair, float(self.distance)) for pair in pairs)
+        return replace(scenario, game=replace(scenario.game, constraints=constraints))
 
     @abstractmethod
-    def propose(self, rng: np.random.Generator) -> Scenario:
-        """One draw, which may be unplayable."""
+    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
+        """One draw of so many players, which may be unplayable."""
+
+
+def asking_for_speeds(scenario: Scenario, speeds: tuple[float, float]) -> Scenario:
+    """The scenario, the target speed of each player unknown.
+
+    Its prior has the mean and deviation of a uniform distribution over ``speeds``, and a range
+    twice as wide.
+    """
+    low, high = speeds
+    mean, width = (low + high) / 2, high - low
+    unknown = Unknown(
+        "target speed", "m/s", mean - width, mean + width, mean, width / float(np.sqrt(12))
+    )
+    players, targets = [], []
+    for player in scenario.game.players:
+        preferences = list(player.preferences)
+        for index, feature in enumerate(preferences):
+            if isinstance(feature, StateDeviation) and feature.component == "speed":
+                targets.append([feature.target])
+                preferences[index] = replace(feature, target=cast(Any, unknown))
+        players.append(replace(player, preferences=tuple(preferences)))
+    asked = replace(scenario.game, players=tuple(players))
+    return replace(scenario, asked=asked, parameters=np.array(targets))
 
 
 def draw_playable(
@@ -153,20 +244,6 @@ def draw_playable(
 def draw_weights(rng: np.random.Generator, count: int) -> np.ndarray:
     """Weights (N, 4), each drawn from ``WEIGHT_RANGE``."""
     return rng.uniform(*WEIGHT_RANGE, (count, 4))
-
-
-def check_num_players(name: str, num_players: int, fewest: int, most: int) -> None:
-    """Refuse a number of players that a road does not hold.
-
-    Raises:
-        ValueError: with a message that names the range.
-    """
-    check_whole("num_players", num_players)
-    if not fewest <= num_players <= most:
-        raise ValueError(
-            f"scenario {name!r} holds {fewest} to {most} players, got num_players = "
-            f"{as_text(num_players)}"
-        )
 
 
 def _player(driver: Driver, manner: Manner) -> Player:

@@ -7,6 +7,7 @@ from olne_bench.games.buffered import BufferedFunction
 from olne_bench.games.dynamics import numeric_step
 from olne_bench.games.olne import Equilibrium
 from olne_bench.games.stage_costs import stage_costs
+from olne_bench.games.violations import violations
 
 
 class Episode:
@@ -29,6 +30,7 @@ class Episode:
         self.history = [self.states]
         self.steps = 0
         self.left: frozenset[int] = frozenset()
+        self._played: tuple[np.ndarray, np.ndarray] | None = None
         game = scenario.game
         costs = stage_costs(game)
         self._step = BufferedFunction(numeric_step(game.dynamics, game.dt).map(game.num_players))
@@ -53,6 +55,7 @@ class Episode:
         """
         weights = self.scenario.weights
         costs = self._running_costs(self.states, controls, weights)[0]
+        self._played = self.states, controls
         self.states = self._move(controls)
         self.history.append(self.states)
         self.steps += 1
@@ -63,6 +66,10 @@ class Episode:
     def _move(self, controls: np.ndarray) -> np.ndarray:
         """The states after controls (N, m)."""
         return self._step(self.states, controls)
+
+    def violations(self) -> np.ndarray:
+        """Violation of each constraint (constraints,) by the present states and last controls."""
+        return violations(self.scenario.game, self.steps, self.states, self._played)
 
     def vector(self) -> np.ndarray:
         """States and time in one vector (N*n + 1,)."""

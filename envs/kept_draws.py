@@ -11,6 +11,9 @@ others is not read. If there are more than ``MOST_FILES``, the least recently us
 
 ``OLNE_BENCH_DRAWS=0`` switches this off. The folder is beside that of compiled libraries
 (``games.compiler``) and has the same name with the suffix ``-draws``.
+
+The draws of a suite may also come in one file (``envs.draws_file``), for the truths of a run and of
+its report (``travelling``).
 """
 
 import hashlib
@@ -18,7 +21,7 @@ import io
 import os
 import platform
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass
@@ -31,10 +34,11 @@ from typing import Any
 
 import numpy as np
 
+from olne_bench.envs.draws_file import Draws
 from olne_bench.envs.draws_folder import draws_folder
 from olne_bench.games.compiler import backend, why_foreign
 from olne_bench.games.game import Game
-from olne_bench.games.olne import Certificate, Equilibrium
+from olne_bench.games.olne import Certificate, Equilibrium, Gains
 
 #: Largest number of files, of some ten kilobytes each.
 MOST_FILES = 2000
@@ -43,6 +47,8 @@ _LIBRARIES = ("casadi", "numpy", "scipy", "highway-env", "olne-bench")
 _PACKAGES = ("olne_bench.games", "olne_bench.envs")
 _DIGEST = 32  # bytes of SHA-256
 _keeping: ContextVar[bool] = ContextVar("keeping", default=False)
+_travelling: ContextVar[Draws | None] = ContextVar("travelling", default=None)
+_collecting: ContextVar[Draws | None] = ContextVar("collecting", default=None)
 
 
 @contextmanager
@@ -53,6 +59,55 @@ def keeping(wanted: bool = True) -> Iterator[None]:
         yield
     finally:
         _keeping.reset(token)
+
+
+@contextmanager
+def travelling(draws: Draws | None) -> Iterator[None]:
+    """Within this context, what the draws hold is not solved again; None has no effect."""
+    token = _travelling.set(draws)
+    try:
+        yield
+    finally:
+        _travelling.reset(token)
+
+
+@contextmanager
+def collecting(draws: Draws) -> Iterator[None]:
+    """Within this context, the draws note all games that are refused."""
+    token = _collecting.set(draws)
+    try:
+        yield
+    finally:
+        _collecting.reset(token)
+
+
+def travelled(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> Equilibrium | None:
+    """The equilibrium of a game among the draws that travel; None if it is not there.
+
+    Raises:
+        OtherDrawsError: if they hold another game's motion in its place.
+    """
+    draws = _travelling.get()
+    return None if draws is None else draws.equilibrium(game, weights, initial_state)
+
+
+def is_held(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> bool:
+    """Whether the draws that travel hold a game's motion, and so have accepted it."""
+    draws = _travelling.get()
+    return draws is not None and draws.holds(game, weights, initial_state)
+
+
+def was_refused(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> bool:
+    """Whether a game was refused when the draws that travel were made."""
+    draws = _travelling.get()
+    return draws is not None and draws.is_refused(game, weights, initial_state)
+
+
+def refuse(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> None:
+    """Note that a game is no truth."""
+    draws = _collecting.get()
+    if draws is not None:
+        draws.refuse(game, weights, initial_state)
 
 
 def file_of(game: Game, weights: bytes, initial_state: bytes) -> Path | None:
@@ -79,10 +134,11 @@ def read(path: Path) -> Equilibrium | None:
         os.utime(path)  # for the order in which files are removed
         with np.load(io.BytesIO(content[_DIGEST:]), allow_pickle=False) as arrays:
             certificate = Certificate(
-                arrays["gains"],
                 arrays["costs"],
                 float(arrays["tolerance"]),
-                bool(arrays["passed"]),
+                local=_gains(arrays, "local"),
+                global_so_far=_gains(arrays, "far") if "far_gains" in arrays else None,
+                violation=float(arrays["violation"]),
             )
             return Equilibrium(
                 arrays["states"],
@@ -90,24 +146,38 @@ def read(path: Path) -> Equilibrium | None:
                 arrays["costates"],
                 float(arrays["residual"]),
                 certificate,
+                arrays["multipliers"],
+                arrays["margins"],
             )
     return None
+
+
+def _gains(arrays: Mapping[str, np.ndarray], name: str) -> Gains:
+    return Gains(arrays[f"{name}_gains"], arrays[f"{name}_starts"], bool(arrays[f"{name}_passed"]))
 
 
 def write(path: Path, solved: Equilibrium) -> None:
     """Keep an equilibrium; if the file cannot be written, it is not kept."""
     buffer = io.BytesIO()
     certificate = solved.certificate
+    searches = {"local": certificate.local, "far": certificate.global_so_far}
+    evidence: dict[str, Any] = {}
+    for name, gains in searches.items():
+        if gains is not None:
+            evidence[f"{name}_gains"], evidence[f"{name}_starts"] = gains.values, gains.starts
+            evidence[f"{name}_passed"] = np.array(gains.passed)
     np.savez(
         buffer,
         states=solved.states,
         controls=solved.controls,
         costates=solved.costates,
         residual=solved.residual,
-        gains=certificate.gains,
         costs=certificate.costs,
         tolerance=certificate.tolerance,
-        passed=certificate.passed,
+        violation=certificate.violation,
+        multipliers=solved.multipliers,
+        margins=solved.margins,
+        **evidence,
     )
     content = buffer.getvalue()
     with suppress(OSError):

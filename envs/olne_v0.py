@@ -3,6 +3,7 @@
 ``parallel_env`` is the world; ``raw_env`` and ``env`` are its turn-based (AEC) forms.
 """
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -29,6 +30,9 @@ __all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
 
 #: ``pettingzoo.test.parallel_api_test`` passes this meaningless option to ``reset``.
 _IGNORED_OPTION = "options"
+
+#: Members of a family that a reset without a seed draws at most, as some are infeasible.
+_MOST_DRAWS = 20
 
 
 class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
@@ -85,7 +89,10 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     **Info** of a player: ``olne_action`` (m,) is its next control in the OLNE. It is open loop and
     does not react to the players. It is absent once the game is over. ``weights`` (K,) are the
     player's true weights in the order of ``scenario.game.weight_names``. With
-    ``reveal_truth=False`` both are absent and no equilibrium is solved.
+    ``reveal_truth=False`` both are absent and no equilibrium is solved. Where the game has hard
+    constraints, ``violations`` says by how much the present states and the last controls break
+    those that look at the player, in the unit of their margins. Its keys are the constraint's name
+    and its players: ``("distance", "player_0", "player_1")``. The world does not enforce them.
 
     **End**: all players terminate together after T - 1 steps, when the game ends. A smaller
     ``max_cycles`` truncates the episode before that; the final cost is then never charged.
@@ -182,7 +189,10 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     @property
     def certificate(self) -> Certificate | None:
-        """Evidence that the OLNE of this episode is one; None with ``reveal_truth=False``."""
+        """Evidence that the OLNE of this episode is one, locally and globally so far.
+
+        None with ``reveal_truth=False``.
+        """
         truth = self._latest_episode().truth
         return truth.certificate if truth else None
 
@@ -217,10 +227,9 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         if seed is not None:
             seed = checked_seed(seed)
             self.np_random = np.random.default_rng(seed)
-        member = int(self.np_random.integers(2**31)) if seed is None else seed
         name, scenario_options = self._choice(options)
         with keeping(_is_kept(name)):
-            scenario = _draw(name, member, scenario_options)
+            scenario = self._member(name, seed, scenario_options)
             size = SpaceSize.of(scenario)
             truth = _equilibrium_within(scenario, size) if self.reveal_truth else None
 
@@ -319,6 +328,17 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
             return given.pop("scenario"), given
         return scenario, default_options | given
 
+    def _member(
+        self, name: str | Scenario, seed: int | None, scenario_options: dict[str, Any]
+    ) -> Scenario:
+        """The member of a seed; without one, the next member that can be played."""
+        if seed is not None:
+            return _draw(name, seed, scenario_options)
+        for _ in range(_MOST_DRAWS):
+            with suppress(NoEquilibriumError):
+                return _draw(name, int(self.np_random.integers(2**31)), scenario_options)
+        return _draw(name, int(self.np_random.integers(2**31)), scenario_options)
+
     def _latest_episode(self) -> Episode:
         if self._episode is None:
             raise ResetNeeded("no episode has been started: call reset() first")
@@ -331,14 +351,31 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         episode = self._latest_episode()
+        infos = self._violations()
         if episode.truth is None:
-            return {player: {} for player in self.agents}
-        infos: dict[str, dict[str, Any]] = {}
+            return infos
         for player in self.agents:
             index = player_index(player)
-            infos[player] = {"weights": episode.scenario.weights[index].copy()}
+            infos[player]["weights"] = episode.scenario.weights[index].copy()
             if not (episode.over or index in episode.left):
                 infos[player]["olne_action"] = episode.truth.controls[episode.steps, index].copy()
+        return infos
+
+    def _violations(self) -> dict[str, dict[str, Any]]:
+        """For each player, the violation of the constraints that look at it."""
+        episode = self._latest_episode()
+        infos: dict[str, dict[str, Any]] = {player: {} for player in self.agents}
+        constraints = episode.scenario.game.constraints
+        if not constraints:
+            return infos
+        found = episode.violations()
+        for player in self.agents:
+            index = player_index(player)
+            infos[player]["violations"] = {
+                (one.name, *(f"player_{j}" for j in one.players)): float(violation)
+                for one, violation in zip(constraints, found, strict=True)
+                if index in one.players
+            }
         return infos
 
     def _new_episode(self, scenario: Scenario, truth: Equilibrium | None) -> Episode:

@@ -3,6 +3,7 @@
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
+from olne_bench.envs import kept_draws
 from olne_bench.envs.equilibrium import certified_equilibrium
 from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING, replay
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
@@ -17,6 +18,15 @@ def rejection(scenario: Scenario) -> str | None:
     Returns:
         The reason, or None if the draw may be used.
     """
+    if kept_draws.is_held(scenario.game, scenario.weights, scenario.initial_state):
+        return None
+    reason = _reason(scenario)
+    if reason is not None:
+        kept_draws.refuse(scenario.game, scenario.weights, scenario.initial_state)
+    return reason
+
+
+def _reason(scenario: Scenario) -> str | None:
     try:
         plan = certified_equilibrium(scenario)
     except NoEquilibriumError:

@@ -21,11 +21,13 @@ from olne_bench.envs.recording import Recording
 from olne_bench.envs.recording_metadata import (
     CertificateEntry,
     EpisodeEntry,
+    GainsEntry,
     Metadata,
     library_versions,
 )
 from olne_bench.envs.tracks.of_scenario import road_file
 from olne_bench.files import whole_file
+from olne_bench.games.olne import Gains
 
 METADATA_KEY = b"olne_bench"
 
@@ -140,10 +142,19 @@ def _entry(recording: Recording, seed: int) -> EpisodeEntry:
             gains=certificate.gains.tolist(),
             costs=certificate.costs.tolist(),
             tolerance=certificate.tolerance,
-            passed=bool(certificate.passed),
+            passed=certificate.passed,
+            local=_gains(certificate.local),
+            global_so_far=_gains(certificate.global_so_far),
         ),
         road=road_file(recording.scenario),
     )
+
+
+def _gains(gains: Gains | None) -> GainsEntry | None:
+    if gains is None:
+        return None
+    values, starts = gains.values.tolist(), gains.starts.tolist()
+    return GainsEntry(gains=values, starts=starts, passed=gains.passed)
 
 
 def _frame(file: RecordingFile) -> pd.DataFrame:

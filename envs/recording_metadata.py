@@ -14,13 +14,32 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class GainsEntry(_Strict):
+    """``games.olne.Gains`` as plain numbers."""
+
+    gains: list[float]
+    starts: list[int]
+    passed: bool
+
+
 class CertificateEntry(_Strict):
-    """``games.olne.Certificate`` as plain numbers."""
+    """``games.olne.Certificate`` as plain numbers.
+
+    Attributes:
+        gains: largest gain of each player in any search.
+        costs: each player's cost.
+        tolerance: allowed gain relative to 1 + |cost|.
+        passed: whether every search passed.
+        local: gains by nearby plans; None in older files, whose ``gains`` are these.
+        global_so_far: gains by plans far away; None if they were not looked for.
+    """
 
     gains: list[float]
     costs: list[float]
     tolerance: float
     passed: bool
+    local: GainsEntry | None = None
+    global_so_far: GainsEntry | None = None
 
 
 class EpisodeEntry(_Strict):

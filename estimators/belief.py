@@ -1,4 +1,4 @@
-"""Beliefs over (phi, x_1), log-ratios of weights and an initial state, for filters.
+"""Beliefs over (phi, s, x_1): log-ratios of weights, standardised unknowns and an initial state.
 
 ``ukf`` and ``particle`` share the belief before the first measurement and the games at points of
 the belief. One open-loop equilibrium over the whole horizon is observed from an unknown initial
@@ -12,6 +12,8 @@ ones, which determine its start but not its steps.
 """
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,15 +27,35 @@ from olne_bench.estimators.forward_model import (
     game_of_batch,
     initial_state_prior,
     play_batch,
+    sample_sensitivity,
+    theta_of,
 )
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.simplex import flat_covariance, from_log_ratios, log_ratios_of
-
-#: Standard deviation with which noise-free data are filtered.
-LEAST_SIGMA = 1e-4
+from olne_bench.estimators.simplex import (
+    by_log_ratios,
+    flat_covariance,
+    from_log_ratios,
+    log_ratios_of,
+    weight_covariance_of,
+)
+from olne_bench.estimators.white_noise import assumed_sigma
+from olne_bench.games.complementarity import RELAXATION
+from olne_bench.games.game import Game
+from olne_bench.games.native import elimination
+from olne_bench.games.newton import pack
 
 #: Weights of the first game are at least this share of uniform ones, so that phi is finite.
 _LEAST_SHARE = 0.1
+
+
+#: Residuals of games, relative to the noise: what they leave in positions, some ten times as much,
+#: is far below it.
+_TOLERANCE = 1e-4
+
+
+#: Hard constraints: margin times multiplier comes to this share of noise times cost, which leaves a
+#: car that keeps its distance some 1e-4 of the noise farther away.
+_RELAXED = 1e-5
 
 
 class LostError(Exception):
@@ -90,8 +112,8 @@ def prior_belief(
         problem: what is known.
         observation: its first measurements locate x_1.
         start: the game from which others are followed.
-        weights: belief about the log-ratios after earlier trajectories; if None, a Gaussian around
-            those of the start.
+        weights: belief about the log-ratios and unknowns after earlier trajectories; if None, a
+            Gaussian around the log-ratios of the start, and the prior of the unknowns.
         spread: standard deviations of that Gaussian, in units of those of weights that are uniform
             on the simplex.
         sigma: noise level.
@@ -99,28 +121,79 @@ def prior_belief(
     first, deviation = initial_state_prior(problem, observation, sigma)
     if weights is None:
         covariance = spread**2 * flat_covariance(problem.game.num_players, problem.game.num_weights)
-        weights = Gaussian(log_ratios_of(start.weights, problem.weight_floor), covariance)
+        unknown = int(problem.game.parameters.used.sum())
+        weights = Gaussian(
+            np.concatenate([log_ratios_of(start.weights, problem.weight_floor), np.zeros(unknown)]),
+            block_diag(covariance, np.eye(unknown)),
+        )
     covariance = block_diag(weights.covariance, np.diag(deviation.ravel() ** 2))
     return Gaussian(np.concatenate([weights.mean, first.ravel()]), covariance)
 
 
 class FollowedGames:
-    """Expected measurements at points (phi, x_1); games are followed from the mean's last one.
+    """Expected measurements at points (phi, s, x_1); games are followed from the mean's last one.
+
+    Where the game has hard constraints, complementarity (``games.complementarity``) is relaxed as
+    far as the noise hides it. The game then bends where it would have a kink, so that Newton's
+    method and derivatives work.
 
     Attributes:
         num_log_ratios: length of phi, N*(K-1).
+        num_theta: length of (phi, s).
     """
 
     def __init__(self, problem: Problem, start: SolvedGame, deadline: float) -> None:
         game = problem.game
         self._deadline = deadline
         self.num_log_ratios = game.num_players * (game.num_weights - 1)
+        self._used = game.parameters.used
+        self.num_theta = self.num_log_ratios + int(self._used.sum())
         self._problem, self._start = problem, start
+        sigma = assumed_sigma(problem)
+        self._tolerance = _TOLERANCE * sigma
+        self._relaxation = max(RELAXATION, _RELAXED * sigma * _cost_of(game, start))
 
     def weights(self, points: np.ndarray) -> np.ndarray:
         """Weights (..., N, K) of points (..., n)."""
         ratios = points[..., : self.num_log_ratios]
         return from_log_ratios(ratios, self._problem.game.num_weights, self._problem.weight_floor)
+
+    def parameters(self, points: np.ndarray) -> np.ndarray | None:
+        """Unknowns (..., N, U) of points (..., n) in their units; None if there are none.
+
+        A Gaussian belief has no bounds: values end at those of their ranges.
+        """
+        if not self._used.size:
+            return None
+        known = self._problem.game.parameters
+        low, high = known.bounds()
+        return known.values(self._standardised(points).clip(low, high))
+
+    def parameter_deviations(self, covariance: np.ndarray) -> np.ndarray | None:
+        """Standard deviations (N, U) in their units, of a covariance of (phi, s)."""
+        if not self._used.size:
+            return None
+        found = np.zeros(self._used.shape)
+        found[self._used] = np.sqrt(np.diag(covariance)[self.num_log_ratios : self.num_theta])
+        return np.asarray(found * self._problem.game.parameters.deviations)
+
+    def weight_covariance(self, theta: Gaussian) -> np.ndarray:
+        """Covariance (N*K, N*K) of the weights, to first order, of a belief about (phi, s)."""
+        own = slice(0, self.num_log_ratios)
+        return weight_covariance_of(
+            theta.mean[own],
+            theta.covariance[own, own],
+            self._problem.game.num_weights,
+            self._problem.weight_floor,
+        )
+
+    def _standardised(self, points: np.ndarray) -> np.ndarray:
+        found = np.zeros((*points.shape[:-1], *self._used.shape))
+        found[..., self._used] = points[..., self.num_log_ratios : self.num_theta]
+        return found
+
+    def _theta(self, points: np.ndarray) -> np.ndarray:
+        return theta_of(self.weights(points), self._standardised(points))
 
     def expected(self, points: np.ndarray) -> np.ndarray:
         """h(x) (B, T, N*d) of points (B, n) whose first is the mean; NaN without equilibrium.
@@ -130,13 +203,44 @@ class FollowedGames:
         """
         if time.monotonic() > self._deadline:
             raise LostError("time limit reached")
-        weights, initial_states = self.weights(points), self._initial_states(points)
-        batch = play_batch(self._problem, self._start, weights, initial_states)
+        theta, initial_states = self._theta(points), self._initial_states(points)
+        with self._relaxed():
+            batch = play_batch(
+                self._problem, self._start, theta, initial_states, tolerance=self._tolerance
+            )
         if batch.converged[0]:
-            self._start = game_of_batch(batch, 0, weights[0])
+            self._start = game_of_batch(self._problem, batch, 0, theta[0])
         samples = expected_samples(self._problem, batch.states)
         samples[~batch.converged] = np.nan
         return samples
+
+    def tangent(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """h(x) (T, N*d) at a point (n,) and its derivative (T, N*d, n); None without equilibrium.
+
+        Raises:
+            LostError: after the deadline.
+        """
+        samples = self.expected(point[None])[0]
+        if not np.isfinite(samples).all():
+            return None
+        try:
+            with self._relaxed():
+                by_theta = sample_sensitivity(self._problem, self._start)
+        except ValueError:  # the equilibrium is not a function of the point
+            return None
+        return samples, self._by_point(by_theta, point).reshape(*samples.shape, -1)
+
+    def _by_point(self, derivative: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """A derivative in (theta, x_1), by the chain rule one in (phi, s, x_1)."""
+        players, weights = self._start.weights.shape
+        own = self._start.theta.shape[1]
+        by_theta = derivative[:, : players * own].reshape(len(derivative), players, own)
+        by_weights = by_theta[:, :, :weights].reshape(len(derivative), -1)
+        by_phi = by_weights @ by_log_ratios(
+            point[: self.num_log_ratios], weights, self._problem.weight_floor
+        )
+        unknown = by_theta[:, :, weights:][:, self._used] if self._used.size else by_phi[:, :0]
+        return np.hstack([by_phi, unknown, derivative[:, players * own :]])
 
     def play(self, point: np.ndarray) -> SolvedGame:
         """The game at a point (n,).
@@ -144,12 +248,29 @@ class FollowedGames:
         Raises:
             LostError: if it has no equilibrium.
         """
-        weights = self.weights(point[None])
-        batch = play_batch(self._problem, self._start, weights, self._initial_states(point[None]))
+        theta = self._theta(point[None])
+        with self._relaxed():
+            batch = play_batch(self._problem, self._start, theta, self._initial_states(point[None]))
         if not batch.converged[0]:
             raise LostError("no equilibrium at the filter's last mean")
-        return game_of_batch(batch, 0, weights[0])
+        return game_of_batch(self._problem, batch, 0, theta[0])
+
+    @contextmanager
+    def _relaxed(self) -> Iterator[None]:
+        solver = elimination(self._problem.game)
+        before, solver.relaxation = solver.relaxation, self._relaxation
+        try:
+            yield
+        finally:
+            solver.relaxation = before
 
     def _initial_states(self, points: np.ndarray) -> np.ndarray:
-        states = points[:, self.num_log_ratios :]
+        states = points[:, self.num_theta :]
         return states.reshape(len(points), *self._problem.game.state_shape[1:])
+
+
+def _cost_of(game: Game, played: SolvedGame) -> float:
+    """Sum of the players' costs, each by its size."""
+    root = played.root
+    z = pack(game, root.states, root.controls, root.costates, played.theta)
+    return float(np.abs(elimination(game).costs(z, played.theta.ravel())).sum())

@@ -9,12 +9,13 @@ Roots from an initial state read off noisy observations often have another topol
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from olne_bench.estimators.interior_point import joint_elimination, solve_joint
 from olne_bench.estimators.joint_problem import JointPoint, JointSettings
+from olne_bench.estimators.joint_starts import largest_explicable
 from olne_bench.estimators.kkt_residual import residual_weights
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.trajectory_fit import (
@@ -23,19 +24,25 @@ from olne_bench.estimators.trajectory_fit import (
     guess_states,
     warm_up_fit,
 )
+from olne_bench.estimators.white_noise import assumed_sigma
+from olne_bench.estimators.window_starts import followed, free_drive, is_window, window_points
 from olne_bench.games.batch import Batch, solve_batch
 from olne_bench.games.continuation import follow_coupling
 from olne_bench.games.elimination import Elimination
+from olne_bench.games.game import Game
 from olne_bench.games.information import (
+    in_theta,
     joint_weight_covariance,
     observation_sensitivity,
     of_seen,
+    unobserved_unknowns,
 )
 from olne_bench.games.kkt import consistent_costates
 from olne_bench.games.native import elimination
 from olne_bench.games.newton import Root, newton_root
 from olne_bench.games.observation import observe
 from olne_bench.games.olne import RESIDUAL_TOLERANCE
+from olne_bench.games.root_following import from_independent_players
 
 #: Factors of the joint problem's term |theta - 1/K|^2, which ties the weights to uniform. With
 #: stronger ties, games of five players have to fit by their initial state alone and end at folds,
@@ -44,6 +51,9 @@ _TIES = (1.0, 10.0)
 
 #: Iterations of the joint problem for a first game, and its tolerance.
 _MOST_ITERATIONS, _LOOSE = 150, 1e-6
+
+#: Its first barrier, and those that are tried where most of the motion is still to come.
+_BARRIER, _WINDOW_BARRIERS = 0.1, (1.0, 1e-3)
 
 #: Step of finite differences, relative to a component's noise scale.
 _SMALL = 1e-6
@@ -57,10 +67,22 @@ _SAME = 1e-6
 
 @dataclass(frozen=True)
 class SolvedGame:
-    """A root of the first-order conditions and the weights (N, K) that it belongs to."""
+    """A root of the first-order conditions and what it belongs to.
+
+    Attributes:
+        root: the root.
+        weights: (N, K).
+        parameters: (N, U) standardised values of the game's unknowns; None where it has none.
+    """
 
     root: Root
     weights: np.ndarray
+    parameters: np.ndarray | None = None
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(N, K + U): weights and standardised parameters, as solvers take them."""
+        return theta_of(self.weights, self.parameters)
 
     @property
     def initial_state(self) -> np.ndarray:
@@ -68,10 +90,20 @@ class SolvedGame:
         return self.root.states[0]
 
 
+def theta_of(weights: np.ndarray, parameters: np.ndarray | None) -> np.ndarray:
+    """(..., N, K + U) of weights (..., N, K) and standardised parameters (..., N, U)."""
+    return weights if parameters is None else np.concatenate([weights, parameters], axis=-1)
+
+
+def without_constraints(problem: Problem) -> Problem:
+    """The problem of somebody who does not know the constraints."""
+    return replace(problem, game=replace(problem.game, constraints=()))
+
+
 def warm_up_games(problem: Problem) -> None:
     """Build the solvers that ``first_games`` and ``play_batch`` need."""
     joint_elimination(problem.game, problem.view)
-    elimination(problem.game, problem.view)
+    elimination(problem.game)
     warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
 
@@ -93,14 +125,22 @@ def first_games(problem: Problem, observation: Observation) -> list[SolvedGame]:
     game, view, y = problem.game, problem.view, observation.y
     fitted = [fitted_game(problem, observation, tie) for tie in _TIES]
     found = [one for one in fitted if one is not None]
-    guess, fit = guess_states(game, view, y), fit_trajectory(game, view, y, problem.noise_scale)
-    residual = residual_weights(problem, fit.states, fit.controls)
+    if is_window(y):
+        free = free_drive(problem, y)
+        guess, fit = free.states, TrajectoryFit(free.states, free.controls, True, "")
+    else:
+        guess = guess_states(game, view, y)
+        fit = fit_trajectory(game, view, y, problem.noise_scale)
+    simple = replace(problem, game=replace(game.at_means, constraints=()))
+    residual = residual_weights(simple, fit.states, fit.controls)
     uniform = uniform_weights(problem)
+    count = game.parameters.count
+    means = np.zeros((game.num_players, count)) if count else None
     for weights in (uniform, (uniform + residual) / 2, residual):
-        for root in _roots(problem, guess, fit, weights):
+        for root in _roots(problem, guess, fit, theta_of(weights, means)):
             new = all(np.abs(root.states - one.root.states).max() > _SAME for one in found)
             if root.residual < RESIDUAL_TOLERANCE and new:
-                found.append(SolvedGame(root, weights))
+                found.append(SolvedGame(root, weights, means))
     return sorted(found, key=lambda one: squared_error_of(problem, one.root.states, y))
 
 
@@ -117,25 +157,66 @@ def fitted_game(
     Returns:
         The game, or None if none is found.
     """
-    game, view, y = problem.game, problem.view, observation.y
+    y = observation.y
+    if not is_window(y):
+        states = guess_states(problem.game, problem.view, y)
+        start = JointPoint.from_trajectory(problem.game, states)
+        return _tied_game(problem, y, start, _BARRIER, tie)
+    return _fitted_window(problem, y, tie)
+
+
+def _fitted_window(problem: Problem, y: np.ndarray, tie: float) -> SolvedGame | None:
+    """``fitted_game`` where most of the motion is still to come.
+
+    Three starts are compared, as several orders of passing may explain few samples; others follow
+    until something does.
+    """
+    points, (high, low) = window_points(problem, y), _WINDOW_BARRIERS
+    compared = [
+        (followed(problem, y, points.played, tie), _BARRIER),
+        (points.seen, high),
+        (points.played, high),
+    ]
+    others = [(points.free, high), (points.played, low), (points.seen, low), (points.free, low)]
+    explicable, best, least = largest_explicable(problem, [y]), None, np.inf
+    for tried, (start, barrier) in enumerate([*compared, *others]):
+        if tried >= len(compared) and least <= explicable:
+            break
+        found = _tied_game(problem, y, start, barrier, tie)
+        error = np.inf if found is None else squared_error_of(problem, found.root.states, y)
+        if error < least:
+            best, least = found, error
+    return best
+
+
+def _tied_game(
+    problem: Problem, y: np.ndarray, start: JointPoint, barrier: float, tie: float
+) -> SolvedGame | None:
+    """The game to which a start of the tied problem leads, or None."""
+    game = problem.game
     solution = solve_joint(
         game,
-        view,
+        problem.view,
         y,
-        JointPoint.from_trajectory(game, guess_states(game, view, y)),
+        start,
         JointSettings(
             noise_scale=problem.noise_scale,
             weight_floor=problem.weight_floor,
             tie=tie,
+            parameter_tie=tie,
             tolerance=_LOOSE,
             max_iterations=_MOST_ITERATIONS,
+            first_barrier=barrier,
         ),
     )
-    if not solution.converged:
+    # With constraints, the tied optimum is often at a kink, where iterations do not settle. Any
+    # root nearby will do.
+    if not (solution.converged or game.constraints):
         return None
     point = solution.point
-    root = newton_root(game, point.states, point.controls, point.costates, point.weights, view=view)
-    return SolvedGame(root, point.weights) if root.residual < RESIDUAL_TOLERANCE else None
+    root = newton_root(game, point.states, point.controls, point.costates, point.theta)
+    found = SolvedGame(root, point.weights, point.parameters)
+    return found if root.residual < RESIDUAL_TOLERANCE else None
 
 
 def squared_error_of(problem: Problem, states: np.ndarray, y: np.ndarray) -> float:
@@ -144,16 +225,20 @@ def squared_error_of(problem: Problem, states: np.ndarray, y: np.ndarray) -> flo
 
 
 def _roots(
-    problem: Problem, guess: np.ndarray, fit: TrajectoryFit, weights: np.ndarray
+    problem: Problem, guess: np.ndarray, fit: TrajectoryFit, theta: np.ndarray
 ) -> Iterator[Root]:
-    game = problem.game
+    game, weights = problem.game, theta[:, : problem.game.num_weights]
     coasting = np.zeros(game.control_shape)
+    if game.constraints:
+        for states in (fit.states, guess):
+            yield from filter(None, [from_independent_players(game, states[0], coasting, theta)])
+        return
     for states, controls in ((guess, coasting), (fit.states, fit.controls)):
-        costates = consistent_costates(game, states, controls, weights)
+        costates = consistent_costates(game.at_means, states, controls, weights)
         if np.isfinite(costates).all():
-            yield newton_root(game, states, controls, costates, weights, view=problem.view)
+            yield newton_root(game, states, controls, costates, theta)
     for initial_state in (fit.states[0], guess[0], _calm_start(problem, guess)):
-        root = follow_coupling(game, weights, initial_state, coasting, view=problem.view)
+        root = follow_coupling(game, theta, initial_state, coasting)
         if root is not None:
             yield root
 
@@ -238,22 +323,41 @@ def _quarter(trajectory: np.ndarray) -> int:
 
 
 def play_batch(
-    problem: Problem, start: SolvedGame, weights: np.ndarray, initial_states: np.ndarray
+    problem: Problem,
+    start: SolvedGame,
+    theta: np.ndarray,
+    initial_states: np.ndarray,
+    *,
+    tolerance: float = 1e-10,
 ) -> Batch:
-    """Solve the game at many weights (B, N, K) and initial states (B, N, n), from a known root."""
+    """Solve the game at many theta and initial states, from a known root.
+
+    Args:
+        problem: gives the game.
+        start: the root.
+        theta: (B, N, K + U).
+        initial_states: (B, N, n).
+        tolerance: as of ``games.batch.solve_batch``.
+    """
     return solve_batch(
         problem.game,
-        weights,
+        theta,
         start.root,
-        start.weights,
+        start.theta,
         initial_states=initial_states,
-        view=problem.view,
+        tolerance=tolerance,
     )
 
 
-def game_of_batch(batch: Batch, index: int, weights: np.ndarray) -> SolvedGame:
-    """One game of a batch, with its weights (N, K)."""
-    return SolvedGame(batch.root(index), weights)
+def game_at(game: Game, root: Root, theta: np.ndarray) -> SolvedGame:
+    """A root with its theta (N, K + U)."""
+    weights, parameters = np.split(theta, [game.num_weights], axis=1)
+    return SolvedGame(root, weights, parameters if parameters.size else None)
+
+
+def game_of_batch(problem: Problem, batch: Batch, index: int, theta: np.ndarray) -> SolvedGame:
+    """One game of a batch, with its theta (N, K + U)."""
+    return game_at(problem.game, batch.root(index), theta)
 
 
 def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
@@ -270,7 +374,7 @@ def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:
 def sample_sensitivity(
     problem: Problem, game: SolvedGame, solver: Elimination | None = None
 ) -> np.ndarray:
-    """Derivative of h(x) in (theta, x_1) at a game, (T*N*d, N*K + N*n).
+    """Derivative of h(x) in (theta, x_1) at a game, (T*N*d, N*(K+U) + N*n).
 
     Args:
         problem: gives game and view.
@@ -287,39 +391,70 @@ def sample_sensitivity(
         root.states,
         root.controls,
         root.costates,
-        game.weights,
+        game.theta,
         noise_scale=problem.noise_scale,
         solver=solver,
     )
 
 
-def likelihood_covariance(
+@dataclass(frozen=True)
+class Certainty:
+    """How well the observations tell the maximum-likelihood theta.
+
+    Attributes:
+        covariance: (N*(K+U), N*(K+U)) of theta: inverse Fisher information. None if theta is not
+            identifiable or sigma is 0.
+        unobserved: one line that names the unknowns about which nothing was seen; empty if there
+            are none. Their variance is that of the prior.
+    """
+
+    covariance: np.ndarray | None
+    unobserved: str = ""
+
+    def message(self, said: str) -> str:
+        """What there is to say, besides what is said already."""
+        return "; ".join(filter(None, [said, self.unobserved]))
+
+
+def likelihood_certainty(
     problem: Problem,
     observations: Sequence[Observation],
     games: Sequence[SolvedGame],
     solver: Elimination | None = None,
-) -> np.ndarray | None:
-    """Covariance (N*K, N*K) of the maximum-likelihood weights: inverse Fisher information.
-
-    It is taken at the estimate (``games.information``), as if no weight were at its floor.
+    *,
+    prior: bool = False,
+) -> Certainty:
+    """The inverse Fisher information at the estimate, as if no weight were at its floor.
 
     Args:
         problem: gives game, view and noise.
         observations: one for each trajectory.
         games: the estimated game of each.
         solver: the game's elimination; built if None.
-
-    Returns:
-        The covariance, or None if the weights are not identifiable or sigma is 0.
+        prior: whether the information of the unknowns' priors is added.
     """
-    if problem.sigma == 0:
-        return None
+    asked = problem.game
+    if problem.sigma == 0 and not asked.parameters.count:
+        return Certainty(None)
     try:
         sensitivities = [
             of_seen(sample_sensitivity(problem, game, solver), one.y)
             for one, game in zip(observations, games, strict=True)
         ]
     except ValueError:
-        return None
-    covariance = joint_weight_covariance(problem.game, sensitivities)
-    return None if covariance is None else problem.sigma**2 * covariance
+        return Certainty(None)
+    unobserved = unobserved_unknowns(asked, sensitivities, sigma=assumed_sigma(problem))
+    named = ", ".join(asked.describe_unknown(i, k) for i, k in np.argwhere(unobserved))
+    message = f"nothing that was seen depends on {named}" if named else ""
+    if problem.sigma == 0:
+        return Certainty(None, message)
+    if prior:
+        covariance = joint_weight_covariance(asked, sensitivities, prior_scale=problem.sigma)
+    else:
+        covariance = joint_weight_covariance(asked, sensitivities, unobserved=unobserved)
+    if covariance is None:
+        return Certainty(None, message)
+    covariance = problem.sigma**2 * covariance
+    if not prior:
+        covariance += np.diag(in_theta(asked, unobserved).astype(float))
+    return Certainty(covariance, message)

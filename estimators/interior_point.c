@@ -3,7 +3,7 @@
  *
  * Numbers in brackets are the equations of Waechter and Biegler (2006), as there. Changes of
  * w = (x_1, theta) live on the tangent of the sums of weights: `basis` (K, K-1) spans it for one
- * player. */
+ * player, where K counts its weights and its unknowns. */
 
 #define SPACE_ARRAYS 13  /* of size (T, SZ) */
 #define FILTER_ENTRIES 2 /* numbers that an iteration may add to the filter */
@@ -16,8 +16,14 @@ static const double FEASIBLE = 1e-9, ACCEPTABLE = 1e-6, EPSILON = 2.220446049250
 /* Mirrored by _Options of interior_point.py, which explains them */
 typedef struct {
     int players, max_iterations, known;
-    double floor, tie, first_barrier, tolerance, limit;
+    double first_barrier, tolerance, limit;
 } Options;
+
+/* What is known of theta (NT,): its bounds, the pull towards a centre, and the least barrier of each
+ * lower bound. The last is a prior: its term stays in what is minimised. */
+typedef struct {
+    const double *lower, *upper, *centre, *pull, *barrier;
+} Prior;
 
 static const double KNOWN_CHANGE = 1e-4, KNOWN_WEIGHTS = 1e-3; /* of the objective, relative, and
                                                                  of any weight */
@@ -25,7 +31,8 @@ static const double KNOWN_CHANGE = 1e-4, KNOWN_WEIGHTS = 1e-3; /* of the objecti
 typedef struct {
     double *z, *residual, *gradient; /* (T, SZ) */
     double theta[NT];
-    double objective, violation, infeasibility; /* |G|_1, max |G| */
+    double loss, objective;           /* squared error; the same with pulls */
+    double violation, infeasibility; /* |G|_1, max |G| */
 } Point;
 
 typedef struct {
@@ -36,13 +43,14 @@ typedef struct {
 typedef struct {
     Work *work;
     const Options *options;
+    const Prior *prior;
     const double *basis, *known_objectives, *known_theta; /* (K, K-1), (known,), (known, NT) */
     int players, weights, tangents; /* N, K, NX + N (K-1) */
-    double floor, tie, barrier, first_violation, shift, last_shift;
+    double barrier, first_violation, shift, last_shift;
     Point point, trial;
     Direction direction, correction;
     double *multipliers, *next_multipliers, *normal, *curvature, *combined; /* (T, SZ) */
-    double *duals;                                                          /* (NT,) of bounds */
+    double *duals, *upper_duals;                                            /* (NT,) of bounds */
     double *reduced_gradient;                                               /* (PC,) */
     double *hessian, *metric, *tangent_hessian, *tangent_metric, *factor;   /* (PC, PC) */
     double (*filter)[2]; /* pairs of violation and barrier objective */
@@ -127,11 +135,12 @@ static void cholesky_solve(int n, const double *factor, double *b)
 /* Values at p->z and p->theta; if they are not finite, neither is the violation */
 static void assess(const Method *m, Point *p)
 {
-    const double uniform = 1.0 / m->weights;
     evaluate(m->work, p->z, p->theta, p->residual);
-    p->objective = observation_loss(m->work, p->z, p->gradient);
-    for (int k = 0; k < NT; k++)
-        p->objective += m->tie * (p->theta[k] - uniform) * (p->theta[k] - uniform);
+    p->loss = p->objective = observation_loss(m->work, p->z, p->gradient);
+    for (int k = 0; k < NT; k++) {
+        const double away = p->theta[k] - m->prior->centre[k];
+        p->objective += m->prior->pull[k] * away * away;
+    }
     p->violation = p->infeasibility = 0;
     for (int i = 0; i < size(m); i++) {
         const double absolute = fabs(p->residual[i]);
@@ -140,18 +149,33 @@ static void assess(const Method *m, Point *p)
     }
 }
 
+/* Whether an unknown has an upper bound; weights have theirs by their sum */
+static int is_bounded(const Method *m, int k) { return isfinite(m->prior->upper[k]); }
+
 static double dual_scale(const Method *m) /* s_d and s_c of (6) */
 {
     double sum = 0;
-    for (int k = 0; k < NT; k++) sum += m->duals[k];
+    for (int k = 0; k < NT; k++) sum += m->duals[k] + m->upper_duals[k];
     return fmax(1, sum / (100 * NT));
+}
+
+/* The barrier of the lower bound of theta[k] when that of the others is `barrier` */
+static double lower_barrier(const Method *m, int k, double barrier)
+{
+    return fmax(barrier, m->prior->barrier[k]);
 }
 
 static double complementarity(const Method *m, double barrier)
 {
     double largest = 0;
-    for (int k = 0; k < NT; k++)
-        largest = fmax(largest, fabs((m->point.theta[k] - m->floor) * m->duals[k] - barrier));
+    for (int k = 0; k < NT; k++) {
+        const double theta = m->point.theta[k];
+        if (isfinite(m->prior->lower[k]))
+            largest = fmax(largest, fabs((theta - m->prior->lower[k]) * m->duals[k] -
+                                         lower_barrier(m, k, barrier)));
+        if (is_bounded(m, k))
+            largest = fmax(largest, fabs((m->prior->upper[k] - theta) * m->upper_duals[k] - barrier));
+    }
     return largest / dual_scale(m);
 }
 
@@ -160,7 +184,7 @@ static double stationarity(const Method *m)
 {
     double gradient[PC], along[PC], largest = 0, sum = 0;
     memcpy(gradient, m->reduced_gradient, sizeof(gradient));
-    for (int k = 0; k < NT; k++) gradient[NX + k] -= m->duals[k];
+    for (int k = 0; k < NT; k++) gradient[NX + k] += m->upper_duals[k] - m->duals[k];
     to_tangent(m, gradient, along);
     for (int i = 0; i < m->tangents; i++) {
         largest = fmax(largest, fabs(along[i]));
@@ -181,9 +205,12 @@ static int factorise(Method *m)
 {
     const int n = m->tangents;
     reduced_hessian(m->work, m->point.z, m->point.theta, m->multipliers, m->hessian);
-    for (int k = 0; k < NT; k++)
-        m->hessian[(NX + k) * (PC + 1)] +=
-            m->duals[k] / (m->point.theta[k] - m->floor) + 2 * m->tie;
+    for (int k = 0; k < NT; k++) {
+        const double theta = m->point.theta[k];
+        m->hessian[(NX + k) * (PC + 1)] += m->duals[k] / (theta - m->prior->lower[k]) +
+                                           m->upper_duals[k] / (m->prior->upper[k] - theta) +
+                                           2 * m->prior->pull[k];
+    }
     matrix_to_tangent(m, m->hessian, m->tangent_hessian);
     double sum = 0;
     for (int i = 0; i < n * n; i++) sum += m->tangent_hessian[i];
@@ -213,6 +240,19 @@ static void curve(const Method *m, const double *dz, const double *dtheta, doubl
                 m->curvature[t * SZ + k] += m->shift * dz[t * SZ + k];
 }
 
+static double pull_slope(const Method *m, int k)
+{
+    return 2 * m->prior->pull[k] * (m->point.theta[k] - m->prior->centre[k]);
+}
+
+/* Derivative of the barrier function of the bounds of theta[k] */
+static double barrier_slope(const Method *m, int k)
+{
+    const double theta = m->point.theta[k];
+    return m->barrier / (m->prior->upper[k] - theta) -
+           lower_barrier(m, k, m->barrier) / (theta - m->prior->lower[k]);
+}
+
 /* The Newton step (11) for a right-hand side of G */
 static void newton_step(const Method *m, const double *residual, Direction *out)
 {
@@ -223,7 +263,7 @@ static void newton_step(const Method *m, const double *residual, Direction *out)
     reduce(m->work, m->curvature, gradient);
     for (int i = 0; i < PC; i++) gradient[i] += m->reduced_gradient[i];
     for (int k = 0; k < NT; k++)
-        gradient[NX + k] += curvature_theta[k] - m->barrier / (m->point.theta[k] - m->floor);
+        gradient[NX + k] += curvature_theta[k] + barrier_slope(m, k);
     to_tangent(m, gradient, along);
     for (int i = 0; i < m->tangents; i++) along[i] = -along[i];
     cholesky_solve(m->tangents, m->factor, along);
@@ -244,19 +284,37 @@ static int is_rounding(const Method *m, const Direction *d)
     return 1;
 }
 
-/* Largest step in (0, 1] that leaves a share 1 - boundary of every gap (15) */
-static double longest_step(const double *value, double floor, const double *change, double boundary)
+/* Largest step in (0, 1] that leaves a share 1 - boundary of every gap (15); `above` may be 0 */
+static double longest_step(const double *value, const double *below, const double *above,
+                           const double *change, double boundary)
 {
     double ratio = 0;
-    for (int k = 0; k < NT; k++) ratio = fmax(ratio, -change[k] / (value[k] - floor));
+    for (int k = 0; k < NT; k++) {
+        ratio = fmax(ratio, -change[k] / (value[k] - (below ? below[k] : 0)));
+        if (above) ratio = fmax(ratio, change[k] / (above[k] - value[k]));
+    }
     return ratio <= boundary ? 1 : boundary / ratio;
 }
 
 static double barrier_objective(const Method *m, const Point *p)
 {
     double sum = 0;
-    for (int k = 0; k < NT; k++) sum += log(p->theta[k] - m->floor);
-    return p->objective - m->barrier * sum;
+    for (int k = 0; k < NT; k++) {
+        if (isfinite(m->prior->lower[k]))
+            sum += lower_barrier(m, k, m->barrier) * log(p->theta[k] - m->prior->lower[k]);
+        if (is_bounded(m, k)) sum += m->barrier * log(m->prior->upper[k] - p->theta[k]);
+    }
+    return p->objective - sum;
+}
+
+/* What is minimised: squared error, pulls and the barriers that stay */
+static double criterion(const Method *m, const Point *p)
+{
+    double sum = 0;
+    for (int k = 0; k < NT; k++)
+        if (m->prior->barrier[k])
+            sum += m->prior->barrier[k] * log(p->theta[k] - m->prior->lower[k]);
+    return p->objective - sum;
 }
 
 static void try_step(Method *m, const Direction *d, double length)
@@ -308,6 +366,11 @@ static void block(Method *m)
     pair[1] = barrier_objective(m, &m->point) - 1e-8 * m->point.violation;
 }
 
+static double kept_near(double dual, double central)
+{
+    return fmax(central / 1e10, fmin(central * 1e10, dual));
+}
+
 /* Take the trial, with the bounds' duals kept near the central path (16) */
 static void move(Method *m)
 {
@@ -315,21 +378,41 @@ static void move(Method *m)
     m->point = m->trial;
     m->trial = swap;
     for (int k = 0; k < NT; k++) {
-        const double central = m->barrier / (m->point.theta[k] - m->floor);
-        m->duals[k] = fmax(central / 1e10, fmin(central * 1e10, m->duals[k]));
+        const double theta = m->point.theta[k];
+        m->duals[k] = kept_near(m->duals[k],
+                                lower_barrier(m, k, m->barrier) / (theta - m->prior->lower[k]));
+        m->upper_duals[k] =
+            kept_near(m->upper_duals[k], m->barrier / (m->prior->upper[k] - theta));
     }
+}
+
+/* Step of the dual of a bound at distance `gap`, which grows by `change` */
+static double dual_step_of(double barrier, double dual, double gap, double change)
+{
+    return barrier / gap - dual - dual / gap * change;
 }
 
 /* Move to the trial, with the multipliers that belong to its direction (14) */
 static void take(Method *m, const Direction *d, double length)
 {
-    double dual_step[NT], curvature_theta[NT];
+    double steps[NT], upper_steps[NT], curvature_theta[NT];
+    const double boundary = fmax(0.99, 1 - m->barrier);
     for (int k = 0; k < NT; k++) {
-        const double gap = m->point.theta[k] - m->floor;
-        dual_step[k] = m->barrier / gap - m->duals[k] - m->duals[k] / gap * d->dtheta[k];
+        const double theta = m->point.theta[k];
+        steps[k] = dual_step_of(lower_barrier(m, k, m->barrier), m->duals[k],
+                                theta - m->prior->lower[k], d->dtheta[k]);
+        upper_steps[k] = dual_step_of(m->barrier, m->upper_duals[k], m->prior->upper[k] - theta,
+                                      -d->dtheta[k]);
+        /* an unknown without bounds has no duals */
+        if (!isfinite(m->prior->lower[k])) steps[k] = 0;
+        if (!is_bounded(m, k)) upper_steps[k] = 0;
     }
-    const double dual_length = longest_step(m->duals, 0, dual_step, fmax(0.99, 1 - m->barrier));
-    for (int k = 0; k < NT; k++) m->duals[k] += dual_length * dual_step[k];
+    const double dual_length = longest_step(m->duals, 0, 0, steps, boundary);
+    const double upper_length = longest_step(m->upper_duals, 0, 0, upper_steps, boundary);
+    for (int k = 0; k < NT; k++) {
+        m->duals[k] += fmin(dual_length, upper_length) * steps[k];
+        m->upper_duals[k] += fmin(dual_length, upper_length) * upper_steps[k];
+    }
     curve(m, d->dz, d->dtheta, curvature_theta);
     for (int i = 0; i < size(m); i++)
         m->combined[i] = -(m->point.gradient[i] + m->curvature[i]);
@@ -358,7 +441,8 @@ static double correct(Method *m, double slope, double length, double boundary)
             residual[i] = step * residual[i] + m->trial.residual[i];
         if (!isfinite(m->trial.violation)) return 0;
         newton_step(m, residual, &m->correction);
-        step = longest_step(m->point.theta, m->floor, m->correction.dtheta, boundary);
+        step = longest_step(m->point.theta, m->prior->lower, m->prior->upper, m->correction.dtheta,
+                            boundary);
         try_step(m, &m->correction, step);
         if (acceptable(m, slope, length)) return step;
         if (!(m->trial.violation <= 0.99 * violation)) return 0;
@@ -371,13 +455,12 @@ static double correct(Method *m, double slope, double length, double boundary)
 static int line_search(Method *m)
 {
     const Direction *d = &m->direction;
-    const double boundary = fmax(0.99, 1 - m->barrier), uniform = 1.0 / m->weights;
+    const double boundary = fmax(0.99, 1 - m->barrier);
     double slope = sum_of_products(size(m), m->point.gradient, d->dz);
     for (int k = 0; k < NT; k++)
-        slope += (2 * m->tie * (m->point.theta[k] - uniform) -
-                  m->barrier / (m->point.theta[k] - m->floor)) *
-                 d->dtheta[k];
-    const double longest = longest_step(m->point.theta, m->floor, d->dtheta, boundary);
+        slope += (pull_slope(m, k) + barrier_slope(m, k)) * d->dtheta[k];
+    const double longest =
+        longest_step(m->point.theta, m->prior->lower, m->prior->upper, d->dtheta, boundary);
     const double shortest = shortest_step(m, slope, longest);
     for (double length = longest; length >= shortest; length /= 2) {
         try_step(m, d, length);
@@ -399,12 +482,13 @@ static int line_search(Method *m)
 /* Newton on G = 0 at fixed x_1 and weights, in place of IPOPT's restoration phase */
 static int restore(Method *m, double deadline)
 {
-    int iterations;
+    int iterations, again = 0;
     if (m->point.infeasibility <= FEASIBLE) return 0;
     block(m);
     memcpy(m->trial.z, m->point.z, size(m) * sizeof(double));
     memcpy(m->trial.theta, m->point.theta, sizeof(m->point.theta));
-    newton_one(m->work, m->trial.z, m->trial.theta, FEASIBLE / 100, 30, deadline, &iterations);
+    newton_one(m->work, m->trial.z, m->trial.theta, FEASIBLE / 100, 30, deadline, &again,
+               &iterations);
     assess(m, &m->trial);
     if (!(m->trial.violation <= 0.9 * m->point.violation)) return 0;
     memset(m->multipliers, 0, size(m) * sizeof(double));
@@ -417,12 +501,13 @@ static int is_known(const Method *m)
 {
     const Options *o = m->options;
     if (m->point.violation > 1e-4 * m->first_violation) return 0;
+    const double now = criterion(m, &m->point);
     for (int i = 0; i < o->known; i++) {
         const double *theta = m->known_theta + i * NT, objective = m->known_objectives[i];
         double change = 0;
         for (int k = 0; k < NT; k++) change = fmax(change, fabs(m->point.theta[k] - theta[k]));
         if (change <= KNOWN_WEIGHTS &&
-            fabs(m->point.objective - objective) <= KNOWN_CHANGE * objective)
+            fabs(now - objective) <= KNOWN_CHANGE * fabs(objective))
             return 1;
     }
     return 0;
@@ -437,10 +522,10 @@ static int iterate(Method *m, double deadline, int *iterations)
     for (*iterations = 0; *iterations < m->options->max_iterations; ++*iterations) {
         if (is_known(m)) return KNOWN;
         if (linearise(m->work, m->point.z, m->point.theta)) return SINGULAR;
-        sensitivities(m->work);
+        feedback(m->work);
         reduce(m->work, m->point.gradient, m->reduced_gradient);
         for (int k = 0; k < NT; k++)
-            m->reduced_gradient[NX + k] += 2 * m->tie * (m->point.theta[k] - 1.0 / m->weights);
+            m->reduced_gradient[NX + k] += pull_slope(m, k);
         const double error = stationarity(m), final = fmax(error, complementarity(m, 0));
         if (final <= tolerance) return CONVERGED;
         while (m->barrier > tolerance / 10 &&
@@ -462,19 +547,20 @@ static int iterate(Method *m, double deadline, int *iterations)
 /* Doubles of work space that interior_point needs */
 API size_t interior_point_space(int horizon, int max_iterations)
 {
-    return SPACE_ARRAYS * (size_t)horizon * SZ + NT + PC + 5 * PC * PC +
+    return SPACE_ARRAYS * (size_t)horizon * SZ + 2 * NT + PC + 5 * PC * PC +
            FILTER_ENTRIES * ((size_t)max_iterations + 1);
 }
 
-/* Improves z (T, SZ) and theta (NT,) in place; returns why it stopped, one of the codes above */
-API int interior_point(Work *w, const Options *options, const double *basis,
+/* Improves z (T, SZ) and theta (NT,) in place; returns why it stopped, one of the codes above.
+ * objective (2,): what is minimised, and the squared error alone. */
+API int interior_point(Work *w, const Options *options, const Prior *prior, const double *basis,
                        const double *known_objectives, const double *known_theta, double *space,
                        double *z, double *theta, double *objective, int *iterations)
 {
     const int n = w->horizon * SZ, K = NT / options->players;
-    Method m = {.work = w, .options = options, .basis = basis, .players = options->players,
+    Method m = {.work = w, .options = options, .prior = prior, .basis = basis, .players = options->players,
                 .known_objectives = known_objectives, .known_theta = known_theta, .weights = K, .tangents = NX + options->players * (K - 1),
-                .floor = options->floor, .tie = options->tie, .barrier = options->first_barrier};
+                .barrier = options->first_barrier};
     double **arrays[] = {&m.point.z,      &m.point.residual, &m.point.gradient,
                          &m.trial.z,      &m.trial.residual, &m.trial.gradient,
                          &m.direction.dz, &m.correction.dz,  &m.multipliers,
@@ -484,16 +570,21 @@ API int interior_point(Work *w, const Options *options, const double *basis,
     double **squares[] = {&m.hessian, &m.metric, &m.tangent_hessian, &m.tangent_metric, &m.factor};
     for (int i = 0; i < 5; i++, space += PC * PC) *squares[i] = space;
     m.duals = space, space += NT;
+    m.upper_duals = space, space += NT;
     m.reduced_gradient = space, space += PC;
     m.filter = (double(*)[2])space;
     memset(m.multipliers, 0, n * sizeof(double));
-    for (int k = 0; k < NT; k++) m.duals[k] = 1;
+    for (int k = 0; k < NT; k++) {
+        m.duals[k] = isfinite(prior->lower[k]);
+        m.upper_duals[k] = isfinite(prior->upper[k]);
+    }
     memcpy(m.point.z, z, n * sizeof(double));
     memcpy(m.point.theta, theta, NT * sizeof(double));
     *iterations = 0;
     const int status = iterate(&m, seconds() + options->limit, iterations);
     memcpy(z, m.point.z, n * sizeof(double));
     memcpy(theta, m.point.theta, NT * sizeof(double));
-    *objective = m.point.objective;
+    objective[0] = criterion(&m, &m.point);
+    objective[1] = m.point.loss;
     return status;
 }

@@ -48,34 +48,48 @@ def solve_joint_ipopt(
     """
     settings = settings or JointSettings()
     settings.check_floor(game.num_weights)
-    solver = joint_solver(game, view, len(ys), settings.max_iterations, settings.tolerance)
+    solver = joint_solver(
+        game, view, len(ys), settings.max_iterations, settings.tolerance, settings.barrier > 0
+    )
     weights = np.mean([start.weights for start in starts], axis=0)
-    parts = [
-        np.concatenate([part.ravel() for part in (start.states, start.controls, start.costates)])
-        for start in starts
-    ]
+    parts = [_flat(start) for start in starts]
     lower = np.full(sum(part.size for part in parts) + weights.size, -np.inf)
     lower[-weights.size :] = settings.weight_floor
     data = [observation_parameters(y, settings.noise_scale) for y in ys]
     solution = solver(
         x0=np.concatenate([*parts, weights.ravel()]),
         lbx=lower,
-        p=np.concatenate([*data, [settings.tie]]),
+        p=np.concatenate([*data, [settings.tie, settings.barrier, settings.weight_floor]]),
         lbg=0,
         ubg=0,
     )
-    found = np.array(solution["x"]).ravel()
+    trajectories, own = np.split(np.array(solution["x"]).ravel(), [-weights.size])
     # IPOPT may violate a bound by its tolerance.
-    weights = np.maximum(found[-weights.size :], 0.0).reshape(weights.shape)
-    trajectories = found[: -weights.size].reshape(len(ys), -1)
+    weights = np.maximum(own, 0.0).reshape(weights.shape)
     status, detail = _outcome(solver)
+    penalty = _penalty(settings, weights)
     return JointSolution(
-        points=tuple(_point(game, row, weights) for row in trajectories),
-        objective=float(solution["f"]),
+        points=tuple(_point(game, row, weights) for row in trajectories.reshape(len(ys), -1)),
+        objective=float(solution["f"]) - penalty,
         iterations=int(solver.stats()["iter_count"]),
         status=status,
         detail=detail,
+        penalty=penalty,
     )
+
+
+def _flat(point: JointPoint) -> np.ndarray:
+    parts = (point.states, point.controls, point.costates)
+    return np.concatenate([part.ravel() for part in parts])
+
+
+def _penalty(settings: JointSettings, weights: np.ndarray) -> float:
+    """What tie and barrier add to the squared error at weights (N, K)."""
+    penalty = settings.tie * float(np.sum((weights - 1 / weights.shape[1]) ** 2))
+    if settings.barrier:
+        gaps = np.maximum(weights - settings.weight_floor, np.finfo(float).tiny)
+        penalty -= settings.barrier * float(np.sum(np.log(gaps)))
+    return penalty
 
 
 def _outcome(solver: ca.Function) -> tuple[Status, str]:
@@ -101,12 +115,18 @@ def _point(game: Game, flat: np.ndarray, weights: np.ndarray) -> JointPoint:
 
 @lru_cache(maxsize=16)
 def joint_solver(
-    game: Game, view: View, count: int, max_iterations: int, tolerance: float
+    game: Game,
+    view: View,
+    count: int,
+    max_iterations: int,
+    tolerance: float,
+    barrier: bool = False,
 ) -> ca.Function:
     """Build (or fetch) the solver for ``count`` trajectories.
 
     Its variables are (x, u, lambda) of each trajectory, then theta; its parameters are samples and
-    precision of each, then the tie to uniform weights.
+    precision of each, then tie, barrier and floor of the weights. The term of the barrier is there
+    if ``barrier`` says so.
     """
     system = kkt_system(game)
     z = ca.vertcat(system.states, system.controls, system.costates)
@@ -119,13 +139,16 @@ def joint_solver(
 
     points = ca.MX.sym("z", z.numel(), count)
     weights = ca.MX.sym("theta", system.weights.numel())
-    given, tie = ca.MX.sym("data", data.numel(), count), ca.MX.sym("tie")
-    untied = ca.sumsqr(weights - 1 / game.num_weights)
+    given, terms = ca.MX.sym("data", data.numel(), count), ca.MX.sym("terms", 3)
+    tie, strength, floor = ca.vertsplit(terms)
+    added = tie * ca.sumsqr(weights - 1 / game.num_weights)
+    if barrier:
+        added -= strength * ca.sum1(ca.log(weights - floor))
     sums = [ca.sum1(row) for row in ca.vertsplit(weights, game.num_weights)]
     problem = {
         "x": ca.vertcat(ca.vec(points), weights),
-        "p": ca.vertcat(ca.vec(given), tie),
-        "f": ca.sum2(losses(points, given)) + tie * untied,
+        "p": ca.vertcat(ca.vec(given), terms),
+        "f": ca.sum2(losses(points, given)) + added,
         "g": ca.vertcat(
             ca.vec(residual(points, ca.repmat(weights, 1, count))), ca.vertcat(*sums) - 1
         ),

@@ -4,7 +4,7 @@ The back ends are the project's own method (``interior_point``) and IPOPT (``joi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -23,22 +23,42 @@ class JointPoint:
         controls: (T-1, N, m).
         costates: (T-1, N, n).
         weights: (N, K), rows sum to one.
+        parameters: (N, U) standardised values of the game's unknowns; None where it has none.
     """
 
     states: np.ndarray
     controls: np.ndarray
     costates: np.ndarray
     weights: np.ndarray
+    parameters: np.ndarray | None = None
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(N, K + U): weights and standardised parameters, as solvers take them."""
+        return (
+            self.weights if self.parameters is None else np.hstack([self.weights, self.parameters])
+        )
 
     @classmethod
     def from_trajectory(
         cls, game: Game, states: np.ndarray, controls: np.ndarray | None = None
     ) -> "JointPoint":
-        """A trajectory with zero costates and uniform weights; controls are zero if None."""
+        """A trajectory with zero costates, uniform weights and the means of unknowns.
+
+        Controls are zero if None.
+        """
         if controls is None:
             controls = np.zeros(game.control_shape)
         uniform = np.full((game.num_players, game.num_weights), 1 / game.num_weights)
-        return cls(states, controls, np.zeros_like(states[1:]), uniform)
+        count = game.parameters.count
+        parameters = np.zeros((game.num_players, count)) if count else None
+        return cls(states, controls, np.zeros_like(states[1:]), uniform, parameters)
+
+
+def inside(point: JointPoint, floor: float) -> JointPoint:
+    """The point with its weights moved off their bound, as interior-point methods need it."""
+    weights = np.maximum(point.weights, 2 * floor)
+    return replace(point, weights=weights / weights.sum(axis=1, keepdims=True))
 
 
 @dataclass(frozen=True)
@@ -48,8 +68,11 @@ class JointSettings:
     Attributes:
         noise_scale: (d,) relative standard deviations of the observations; ones if empty.
         weight_floor: lower bound of every weight, below 1/K.
-        tie: factor of a further term |theta - 1/K|^2 of the objective, which holds the weights
+        tie: factor of a further term |theta - 1/K|^2 of what is minimised, which holds the weights
             near uniform.
+        parameter_tie: factor of a term |s|^2 of standardised unknowns.
+        barrier: factor of a further term -sum log(theta - floor): with 2 sigma^2 alpha it is the
+            Dirichlet prior of ``map``.
         tolerance: on all optimality conditions.
         max_iterations: largest number of iterations.
         first_barrier: initial barrier parameter (native method only).
@@ -62,6 +85,8 @@ class JointSettings:
     noise_scale: Sequence[float] = ()
     weight_floor: float = 1e-5
     tie: float = 0.0
+    parameter_tie: float = 0.0
+    barrier: float = 0.0
     tolerance: float = 1e-9
     max_iterations: int = 300
     first_barrier: float = 0.1
@@ -123,6 +148,7 @@ class JointSolution:
         iterations: iterations of the interior-point method.
         status: whether this is a local optimum to the back end's tolerance, or why not.
         detail: IPOPT's own status if it failed.
+        penalty: what the terms of ``tie`` and ``barrier`` add.
     """
 
     points: tuple[JointPoint, ...]
@@ -130,6 +156,12 @@ class JointSolution:
     iterations: int
     status: Status
     detail: str = ""
+    penalty: float = 0.0
+
+    @property
+    def criterion(self) -> float:
+        """What was minimised."""
+        return self.objective + self.penalty
 
     @property
     def point(self) -> JointPoint:

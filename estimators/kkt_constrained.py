@@ -6,17 +6,10 @@
 Residuals count in units of their noise scale. States (x_1 included), controls, costates and
 weights are all unknown. Weights start uniform, which is feasible, and costates at zero. The
 problem is not convex: the five-player highway has optima with similar objectives but very different
-weights. So it is solved from several starts and the lowest objective wins. The first two starts of
-the structured solver need no other problem to be solved:
+weights. So it is solved from several starts (``joint_starts``) and the lowest objective wins.
 
-1. the observations, with the controls that lead from one to the next, at uniform weights;
-2. the observations smoothed, at weights near a corner of the simplex: as far from the first as a
-   start can be. In partial views it finds optima that no start at uniform weights does.
-
-If the two end at different objectives, there are several optima, and four more starts are tried:
-the observations with zero controls; the same with a high barrier, which first centres the weights;
-and the solution of the problem with weights tied to uniform by a quadratic term, which is then
-dropped at once or in two steps.
+Hard constraints of the game are equations of G: multipliers are estimated along with the states,
+and complementarity is relaxed to 1e-9 (``games.complementarity``).
 
 Several trajectories share one theta (``joint_ipopt``). The covariance of the weights is the
 inverse of the Fisher information at the estimate (``games.information``).
@@ -41,35 +34,30 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.checks import check_count
-from olne_bench.estimators.forward_model import SolvedGame, likelihood_covariance
-from olne_bench.estimators.interior_point import joint_elimination, solve_joint
+from olne_bench.estimators.forward_model import Certainty, SolvedGame, likelihood_certainty
+from olne_bench.estimators.interior_point import joint_elimination
 from olne_bench.estimators.joint_ipopt import joint_solver, solve_joint_ipopt
-from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, Status
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.trajectory_fit import (
-    fit_trajectory,
-    guess_controls,
-    guess_states,
-    smoothed,
-    warm_up_fit,
-)
+from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, inside
+from olne_bench.estimators.joint_starts import joint_attempts, largest_explicable
+from olne_bench.estimators.joint_stream import JointStream
+from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
+from olne_bench.estimators.stream import Samples, Stream, WindowStream
+from olne_bench.estimators.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
 from olne_bench.estimators.white_noise import white_problem, with_white_noise
+from olne_bench.games.constraints import refuse_constraints
+from olne_bench.games.elimination import Elimination
+from olne_bench.games.information import deviations_of, of_weights
 from olne_bench.games.native import NativeElimination
 from olne_bench.games.newton import Root
+from olne_bench.games.unknowns import refuse_unknowns
 
 _SOLVERS = ("structured", "ipopt")
 
-#: Strength of the tie to uniform weights, relative to a solution's squared error.
-_TIE, _IPOPT_TIE = 0.3, 3.0
+#: Tolerance of the structured solver from this noise on, and without noise.
+_TOLERANCE, _USUAL_SIGMA, _TIGHT = 1e-9, 1e-3, 1e-12
 
-#: First barriers of the structured solver where it is to stay near its start, or to forget it.
-_LOW_BARRIER, _HIGH_BARRIER = 1e-3, 10.0
-
-#: Passes of the filter over the second start's states, and weight of its corner's preference.
-_SMOOTHING, _CORNER = 8, 0.94
-
-#: Tolerance of a solution that only serves as a start.
-_LOOSE = 1e-3
+#: Strength of IPOPT's tie to uniform weights, relative to a solution's squared error.
+_TIE = 3.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +76,7 @@ class KktConstrained:
 
     name: ClassVar[str] = "kkt_constrained"
     several: ClassVar[bool] = True
+    _region: ClassVar[str | None] = LIKELIHOOD
     solver: str = "structured"
     max_iterations: int = 300
 
@@ -105,42 +94,76 @@ class KktConstrained:
         budget: float,
     ) -> Estimate:
         problem, observations = with_white_noise(problem, observation)
-        deadline = time.monotonic() + budget / 2
+        self.warm_up(problem)  # where nobody has: compiling may take longer than a small budget
+        deadline = time.monotonic() + budget
         if len(observations) > 1:
             best, starts = self._several(problem, observations, deadline), 2
         else:
             attempts = self._attempts(problem, observations[0].y, deadline)
             best, starts = _lowest(attempts), len(attempts)
+        late = time.monotonic() > deadline
+        return self._described(problem, observations, best, starts, late)
+
+    def start(
+        self, problem: Problem, *, rng: np.random.Generator, lag: int | None = None
+    ) -> Stream:
+        """A stream whose solves begin at the solution of the one before (``joint_stream``)."""
+        samples = Samples(problem, lag)
+        if self._uses_ipopt(white_problem(problem)):
+            return WindowStream(self, samples, rng)
+
+        def described(
+            problem: Problem, y: np.ndarray, best: JointSolution, starts: int, late: bool
+        ) -> Estimate:
+            return self._described(problem, (Observation(y),), best, starts, late)
+
+        return JointStream(samples, self._structured_settings, self._attempts, described)
+
+    def _described(
+        self,
+        problem: Problem,
+        observations: Sequence[Observation],
+        best: JointSolution,
+        starts: int,
+        late: bool,
+    ) -> Estimate:
+        """The estimate of a solution; ``late`` says that the search ended with its time."""
         points = best.points
-        seen = [np.isfinite(one.y).any(axis=(0, 2)) for one in observations]
-        unseen = np.flatnonzero(~np.any(seen, axis=0))
-        message = best.message
-        if unseen.size:  # the optimum exists, but says nothing about these players
-            message = f"never seen, hence not identified: player {', '.join(map(str, unseen))}"
-        converged = best.converged and not unseen.size
+        converged, message = _verdict(problem, [one.y for one in observations], best)
+        if late and converged and not message:
+            message = f"time limit reached in start {starts}; the optimum is that of starts so far"
         games = [
-            SolvedGame(Root(p.states, p.controls, p.costates, residual=0.0), p.weights)
+            SolvedGame(
+                Root(p.states, p.controls, p.costates, residual=0.0), p.weights, p.parameters
+            )
             for p in points
         ]
-        covariance = None
+        known = Certainty(None)
         if converged:
             structured = not self._uses_ipopt(problem)
             solver = joint_elimination(problem.game, problem.view) if structured else None
-            covariance = likelihood_covariance(problem, observations, games, solver)
+            known = self._certainty(problem, observations, games, solver)
+        game, standardised = problem.game, points[0].parameters
         return Estimate(
             weights=points[0].weights,
             states=points[0].states,
-            covariance=covariance,
+            covariance=of_weights(game, known.covariance),
+            region=self._region,
+            parameters=None if standardised is None else game.parameters.values(standardised),
+            parameter_deviations=deviations_of(game, known.covariance),
             converged=converged,
-            message=message,
+            message=known.message(message),
             extras={"objective": best.objective, "starts": starts},
         )
 
     def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
         if self._uses_ipopt(problem):
             return _in_time(self._ipopt_attempts(problem, y), deadline)
-        attempts = _in_time(self._structured_attempts(problem, y, deadline), deadline)
-        if not any(attempt.converged for attempt in attempts) and time.monotonic() < deadline:
+        structured = joint_attempts(problem, y, self._structured_settings(problem), deadline)
+        attempts = _in_time(structured, deadline)
+        lost = not any(attempt.converged for attempt in attempts)
+        only_weights = not (problem.game.constraints or problem.game.parameters.count)
+        if lost and only_weights and time.monotonic() < deadline:
             attempts += _in_time(self._ipopt_attempts(problem, y), deadline)
         return attempts
 
@@ -148,6 +171,8 @@ class KktConstrained:
         self, problem: Problem, observations: Sequence[Observation], deadline: float
     ) -> JointSolution:
         """One theta for all, started at each trajectory's own optimum and at the observations."""
+        refuse_constraints(problem.game.constraints, "the joint method of several trajectories")
+        refuse_unknowns(problem.game.parameters, "the joint method of several trajectories")
         ys = [one.y for one in observations]
         own = [_lowest(self._attempts(problem, y, deadline)).point for y in ys]
         guesses = [
@@ -160,12 +185,29 @@ class KktConstrained:
         ]
         return _lowest(solutions)
 
+    def supports(self, problem: Problem) -> str | None:
+        """Why this problem cannot be solved, or None."""
+        if problem.game.constraints and self._uses_ipopt(white_problem(problem)):
+            return "hard constraints need the structured solver and a compiler"
+        return None
+
+    def supports_several(self, problem: Problem) -> str | None:
+        """Why several trajectories of this problem cannot be explained together, or None."""
+        for there, what in (
+            (problem.game.constraints, "constraints"),
+            (problem.game.parameters.count, "unknowns besides weights"),
+        ):
+            if there:
+                return f"takes one trajectory at a time where a game has {what}"
+        return None
+
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
         problem = white_problem(problem)
         if self._uses_ipopt(problem):
             tolerance = self._settings(problem).tolerance
-            joint_solver(problem.game, problem.view, 1, self.max_iterations, tolerance)
+            prior = self._settings(problem).barrier > 0
+            joint_solver(problem.game, problem.view, 1, self.max_iterations, tolerance, prior)
             warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
     def _uses_ipopt(self, problem: Problem) -> bool:
@@ -181,34 +223,25 @@ class KktConstrained:
             max_iterations=self.max_iterations,
         )
 
-    def _structured_attempts(
-        self, problem: Problem, y: np.ndarray, deadline: float
-    ) -> Iterator[JointSolution]:
-        search = _Search(problem, y, self._settings(problem), deadline)
-        game, states = problem.game, guess_states(problem.game, problem.view, y)
-        smooth = smoothed(states, _SMOOTHING)
-        moving = JointPoint.from_trajectory(game, states, guess_controls(game, states))
-        corner = JointPoint.from_trajectory(game, smooth, guess_controls(game, smooth))
-        corner = replace(corner, weights=_corner(game.num_players, game.num_weights))
-        first = search.attempt(moving)
-        yield first
-        yield search.attempt(_inside(corner, problem.weight_floor), _LOW_BARRIER)
-        if search.agree and _same_objective(search.known):
-            return
-        start = JointPoint.from_trajectory(game, states)
-        yield search.attempt(start)
-        best = min((solution.objective for solution in search.known), default=first.objective)
-        tied = search.tied(start, _TIE * best)
-        yield search.attempt(tied, _LOW_BARRIER)
-        yield search.attempt(start, _HIGH_BARRIER)
-        loosened = search.tied(tied, 0.1 * _TIE * best, _LOW_BARRIER)
-        yield search.attempt(loosened, _LOW_BARRIER)
+    def _structured_settings(self, problem: Problem) -> JointSettings:
+        return replace(self._settings(problem), tolerance=_tolerance(problem.sigma))
+
+    def _certainty(
+        self,
+        problem: Problem,
+        observations: Sequence[Observation],
+        games: Sequence[SolvedGame],
+        solver: Elimination | None,
+    ) -> Certainty:
+        """What the optimum leaves open of theta."""
+        return likelihood_certainty(problem, observations, games, solver)
 
     def _ipopt_attempts(self, problem: Problem, y: np.ndarray) -> Iterator[JointSolution]:
         game, view = problem.game, problem.view
 
         def solve(start: JointPoint, tie: float = 0.0) -> JointSolution:
-            settings = replace(self._settings(problem), tie=tie)
+            settings = self._settings(problem)
+            settings = replace(settings, tie=settings.tie + tie)
             return solve_joint_ipopt(game, view, [y], [start], settings)
 
         start = JointPoint.from_trajectory(game, guess_states(game, view, y))
@@ -216,46 +249,32 @@ class KktConstrained:
         yield first
         fit = fit_trajectory(game, view, y, problem.noise_scale)
         yield solve(JointPoint.from_trajectory(game, fit.states, fit.controls))
-        tied = solve(start, tie=_IPOPT_TIE * first.objective)
-        yield solve(_inside(tied.point, problem.weight_floor))
+        tied = solve(start, tie=_TIE * first.objective)
+        yield solve(inside(tied.point, problem.weight_floor))
 
 
-class _Search:
-    """Starts of the structured solver on one observation, and the optima found so far.
+def _tolerance(sigma: float) -> float:
+    """Of the structured solver. Its barrier, whose last weight is a tenth, pulls weights inwards.
 
-    Attributes:
-        known: the optima.
-        agree: whether every start led to an optimum, or close to a known one.
+    The objective is as flat as the noise is small, so the barrier has to be smaller there.
     """
+    return float(np.clip(_TOLERANCE * (sigma / _USUAL_SIGMA) ** 2, _TIGHT, _TOLERANCE))
 
-    def __init__(
-        self, problem: Problem, y: np.ndarray, settings: JointSettings, deadline: float
-    ) -> None:
-        self._problem, self._y = problem, y
-        self._settings, self._deadline = settings, deadline
-        self.known: list[JointSolution] = []
-        self.agree = True
 
-    def attempt(self, start: JointPoint, barrier: float = 0.1) -> JointSolution:
-        """Solve from a start; stop close to a known optimum."""
-        solution = self._solve(start, replace(self._settings, first_barrier=barrier), self.known)
-        if solution.converged:
-            self.known.append(solution)
-        self.agree &= solution.status in (Status.CONVERGED, Status.CLOSE_TO_KNOWN)
-        return solution
-
-    def tied(self, start: JointPoint, tie: float, barrier: float = 0.1) -> JointPoint:
-        """A further start: the solution of the problem with weights tied to uniform."""
-        settings = replace(self._settings, tie=tie, first_barrier=barrier, tolerance=_LOOSE)
-        solution = self._solve(start, settings, ())
-        return _inside(solution.point, self._problem.weight_floor)
-
-    def _solve(
-        self, start: JointPoint, settings: JointSettings, known: Sequence[JointSolution]
-    ) -> JointSolution:
-        settings = replace(settings, limit=max(0.0, self._deadline - time.monotonic()))
-        problem = self._problem
-        return solve_joint(problem.game, problem.view, self._y, start, settings, known=known)
+def _verdict(problem: Problem, ys: Sequence[np.ndarray], best: JointSolution) -> tuple[bool, str]:
+    """Whether a solution is valid, and a message about it."""
+    seen = [np.isfinite(y).any(axis=(0, 2)) for y in ys]
+    unseen = np.flatnonzero(~np.any(seen, axis=0))
+    if unseen.size:  # the optimum exists, but says nothing about these players
+        players = ", ".join(map(str, unseen))
+        return False, f"never seen, hence not identified: player {players}"
+    explicable = largest_explicable(problem, ys)
+    if best.converged and best.objective > explicable:
+        return True, (
+            f"noise does not explain the squared error of {best.objective:.3g}; it leaves at "
+            f"most {explicable:.3g}"
+        )
+    return best.converged, best.message
 
 
 def _in_time(solutions: Iterator[JointSolution], deadline: float) -> list[JointSolution]:
@@ -269,24 +288,5 @@ def _in_time(solutions: Iterator[JointSolution], deadline: float) -> list[JointS
 
 
 def _lowest(attempts: list[JointSolution]) -> JointSolution:
-    """The lowest objective; a start that did not converge never beats one that did."""
-    return min(attempts, key=lambda attempt: (not attempt.converged, attempt.objective))
-
-
-def _corner(players: int, weights: int) -> np.ndarray:
-    """(N, K) weights near the simplex's corner of the last preference."""
-    corner = np.full((players, weights), (1 - _CORNER) / max(1, weights - 1))
-    corner[:, -1] = _CORNER
-    return corner / corner.sum(axis=1, keepdims=True)
-
-
-def _same_objective(solutions: list[JointSolution]) -> bool:
-    """Whether all starts led to one objective, hence presumably to one optimum."""
-    values = [solution.objective for solution in solutions]
-    return bool(values) and max(values) <= min(values) * (1 + 1e-4) + 1e-12
-
-
-def _inside(point: JointPoint, floor: float) -> JointPoint:
-    """The point with its weights moved off their bound, as interior-point methods need it."""
-    weights = np.maximum(point.weights, 2 * floor)
-    return replace(point, weights=weights / weights.sum(axis=1, keepdims=True))
+    """The lowest criterion; a start that did not converge never beats one that did."""
+    return min(attempts, key=lambda attempt: (not attempt.converged, attempt.criterion))

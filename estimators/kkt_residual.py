@@ -33,6 +33,7 @@ from olne_bench.estimators.white_noise import white_problem, with_white_noise
 from olne_bench.games.features import Stage
 from olne_bench.games.game import Game
 from olne_bench.games.kkt import kkt_system
+from olne_bench.games.unknowns import only_weights
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,12 @@ class KktResidual:
             message=f"pre-filter: {failed[0]}" if failed else "",
             extras={"objective": float(sum(residual for _, residual in results))},
         )
+
+    def supports(self, problem: Problem) -> str | None:
+        """Why this problem cannot be solved, or None."""
+        if problem.game.constraints:
+            return "first-order residuals know no constraints and take their forces for preferences"
+        return only_weights(problem.game.parameters)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""

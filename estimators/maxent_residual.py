@@ -59,6 +59,7 @@ from olne_bench.estimators.white_noise import white_problem, with_white_noise
 from olne_bench.games.game import Game
 from olne_bench.games.ipopt import QUIET
 from olne_bench.games.kkt import kkt_system
+from olne_bench.games.unknowns import only_weights
 
 #: Largest inverse temperature at the start, relative to that of weights whose sum is one.
 _COLDEST = 1e9
@@ -124,6 +125,12 @@ class MaxentResidual:
                 "regularisation": np.array([player.regularisation for player in players]),
             },
         )
+
+    def supports(self, problem: Problem) -> str | None:
+        """Why this problem cannot be solved, or None."""
+        if problem.game.constraints:
+            return "first-order residuals know no constraints and take their forces for preferences"
+        return only_weights(problem.game.parameters)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""

@@ -11,54 +11,51 @@ Where this departs from the paper, and why:
   equilibrium is observed from an unknown initial state, so that a particle is a point
   s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``
   (``estimators.belief``): around a first game that all observations were used to find.
-- s is constant, so the copies of a particle after resampling would never separate. They are moved
-  by Metropolis-Hastings steps, which do not change the current posterior (Chopin 2002), rather than
-  by noise, which would widen it.
-- A measurement can be so much more precise than the prediction that only one particle would be
-  left. It is used in shares, each as large as the effective sample size allows (Del Moral, Doucet
-  and Jasra 2012).
+- s is constant, so particles only lose diversity by resampling, and moving them by Markov chains
+  took tens of thousands of games. New particles are drawn instead, where the measurements so far
+  put them, and all particles are weighed as draws from the mixture of all proposals (adaptive
+  multiple importance sampling: Cornuet et al. 2012). A particle's game predicts all measurements,
+  so that old particles cost nothing when the next one arrives.
 
-With weights W_k of M particles s_k, and errors e_t(s) = (y_t - h(x_t(s))) / sigma of the samples
-that were seen:
+With errors e_t(s) = (y_t - h(x_t(s))) / sigma of the samples that were seen, and particles s_k that
+were drawn M at a time from proposals q_1 to q_J:
 
-    (P1)  log W_k -= beta |e_t(s_k)|^2 / 2                              a share beta of y_t
-    (P2)  M_eff = (sum W_k)^2 / sum W_k^2                               effective sample size
-    (P3)  beta: the rest of y_t, or less, so that M_eff = M / 2
-    (P4)  if y_t is not used up: resample, systematically, and move:
-    (P5)  s' = m + sqrt(1 - b^2) (s - m) + b C^(1/2) xi,   xi ~ N(0, I)
-    (P6)  accept with  min(1, pi(s') N(s; m, C) / (pi(s) N(s'; m, C)))
-          log pi(s) = log N(s; prior) - sum_{r<t} |e_r|^2 / 2 - (share so far) |e_t|^2 / 2
+    (P1)  log pi_t(s) = log N(s; prior) - sum_{r<=t} |e_r|^2 / 2
+    (P2)  W_k = pi_t(s_k) / sum_j q_j(s_k) / J                          weights
+    (P3)  M_eff = (sum W_k)^2 / sum W_k^2                               effective sample size
+    (P4)  while M_eff is too small, draw from a further proposal:
+    (P5)  first   m = argmax pi_t,  C = (P^-1 + sum_{r<=t} J_r' J_r)^-1  Laplace's approximation,
+          then    the moments of the particles, tempered so that enough of them count, mixed with
+                  Laplace's approximation the more, the fewer they are for their dimension
 
-(P5) is reversible for the Gaussian N(m, C) with the particles' mean and covariance. If the
-posterior is Gaussian, every move is accepted, for any dimension and length b (preconditioned
-Crank-Nicolson: Cotter et al. 2013; used here as by Kantas, Beskos and Jasra 2014). The length b
-adapts to the acceptance rate. The moves end when the particles have moved, summed over moves and in
-the metric of C, as far as independent draws would, or after ``most_moves``.
+J_r = de_r/ds is exact, by the implicit function theorem, and m is found by damped Gauss-Newton
+steps from the last one. The first particles are drawn from the prior. Proposals have tails of
+Student's t; those of the last draws are kept, older ones forgotten. The weights (P2) come from
+exact games, so that a poor proposal costs effective sample size but no bias.
 
 A point whose game has no equilibrium that can be followed from the mean's has a density of zero.
-The least effective sample size that each measurement led to, before resampling, is reported.
-Between several trajectories, the belief about the weights is passed on as a Gaussian.
+The effective sample size after each measurement is reported. Between several trajectories, the
+belief about the weights is passed on as a Gaussian.
 
-Paper: Peters 2020; moves after Chopin 2002 and Cotter et al. 2013.
+Paper: Peters 2020; proposals and weights after Cornuet et al. 2012.
 Assumes: a known noise level, and weights near those of a first game that explains the observations.
-Cost: 1.4 s for two players, 10 s for five, 30 s on roads: by far the most games.
-Trust: if the posterior is far from Gaussian and there is time; the least effective sample size
-    shows how well it worked.
+Cost: 0.5 s for two players, 3 s for five, 1 to 3 s on roads: by far the most games.
+Trust: if the posterior is far from Gaussian; the least effective sample size shows how well it
+    worked.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
-from scipy.special import logsumexp
-from scipy.stats import Covariance, multivariate_normal
+from scipy.special import gammaln, logsumexp
 
 from olne_bench.checks import check_count, check_number
 from olne_bench.estimators.belief import (
-    LEAST_SIGMA,
     FollowedGames,
     Gaussian,
     LostError,
@@ -73,27 +70,43 @@ from olne_bench.estimators.forward_model import (
     warm_up_games,
 )
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.white_noise import white_problem, with_white_noise
+from olne_bench.estimators.white_noise import assumed_sigma, white_problem, with_white_noise
 
-#: Particles are resampled when the effective sample size falls to this share of all particles.
-_RESAMPLE_BELOW = 0.5
+#: Effective sample sizes, in units of ``count``, that end the draws for a measurement, for the last
+#: one, and below which a filter has failed.
+_ENOUGH, _ENOUGH_AT_LAST, _FAILED = 0.25, 0.5, 0.02
 
-#: Acceptance rates below and above which the length b of moves shrinks and grows, and the factor.
-_RARE, _FREQUENT, _LENGTH_FACTOR = 0.2, 0.5, 1.5
+#: Particles of one draw, in units of ``count``, and number of draws that are kept.
+_DRAWN, _KEPT = 0.5, 12
 
-#: Shortest length b, of 1 at most.
-_SHORTEST = 1e-3
+#: Degrees of freedom of proposals. Heavier tails cost particles in some thirty dimensions.
+_DEGREES = 25.0
 
-#: Largest number of shares of a measurement.
-_MOST_SHARES = 100
+#: Effective particles, in units of their dimension, at which a proposal is halfway from Laplace's
+#: approximation to their own moments.
+_TRUSTED = 10
 
-#: Share of the diagonal in the covariance C of moves, which keeps it regular for few particles.
-_RIDGE = 0.01
+#: Gauss-Newton: steps at most, decrease of the objective below which none is taken, and damping:
+#: the first, its factor, and the largest.
+_MOST_STEPS, _SMALL_DECREASE = 40, 0.02
+_FIRST_DAMPING, _DAMPING_FACTOR, _MOST_DAMPING = 0.01, 10.0, 1e3
 
-#: Moves that leave fewer distinct particles than this share of all have failed.
-_LEAST_DISTINCT = 0.1
+#: Least variance of a proposal, relative to its largest one.
+_LEAST_VARIANCE = 1e-14
 
-Expected = Callable[[np.ndarray], np.ndarray]
+#: A particle whose log density is higher by this is a better start for these steps than the last
+#: peak.
+_BETTER = 10.0
+
+
+class Games(Protocol):
+    """Expected measurements at points (``belief.FollowedGames``)."""
+
+    def expected(self, points: np.ndarray) -> np.ndarray:
+        """(B, T, d) at points (B, n), NaN where there is none; the first point is their centre."""
+
+    def tangent(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """(T, d) at a point (n,) and their derivative (T, d, n); None where there is none."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +116,7 @@ class Cloud:
     Attributes:
         points: (M, n).
         shares: (M,) their weights W, which sum to one.
-        effective: least effective sample size since the measurement before.
+        effective: effective sample size.
     """
 
     points: np.ndarray
@@ -113,13 +126,14 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Particle:
-    """Particles over log-ratios of weights and initial states, moved by Metropolis-Hastings.
+    """Particles over log-ratios of weights and initial states.
 
     Attributes:
-        count: number M of particles.
+        count: the effective sample size is at least a quarter of it after each measurement, half of
+            it after the last, unless ``most_draws`` ends the draws; half of it are drawn at a time.
         spread: prior standard deviation of the log-ratios, in units of that of weights that are
             uniform on the simplex.
-        most_moves: largest number of moves after a resampling.
+        most_draws: largest number of draws for a measurement; twice as many for the last one.
 
     Raises:
         ValueError: on a parameter out of range.
@@ -129,12 +143,12 @@ class Particle:
     several: ClassVar[bool] = True
     count: int = 200
     spread: float = 0.5
-    most_moves: int = 6
+    most_draws: int = 8
 
     def __post_init__(self) -> None:
         check_count("count", self.count, least=2)
         check_number("spread", self.spread)
-        check_count("most_moves", self.most_moves)
+        check_count("most_draws", self.most_draws)
 
     def estimate(
         self,
@@ -145,7 +159,7 @@ class Particle:
         budget: float,
     ) -> Estimate:
         problem, observations = with_white_noise(problem, observation)
-        deadline = time.monotonic() + budget / 2
+        deadline = time.monotonic() + budget
         run = _Run(self, problem, deadline, rng)
         try:
             for one in observations:
@@ -181,7 +195,7 @@ class _Run:
     ) -> None:
         self._estimator, self._problem = estimator, problem
         self._deadline, self._rng = deadline, rng
-        self._sigma = max(problem.sigma, LEAST_SIGMA)
+        self._sigma = assumed_sigma(problem)
         self.online: list[np.ndarray] = []
         self._effective: list[float] = []
         self._belief: Gaussian | None = None
@@ -202,18 +216,18 @@ class _Run:
         self._forward = forward = FollowedGames(problem, start, self._deadline)
         clouds = filter_particles(
             prior,
-            forward.expected,
+            forward,
             scaled_samples(problem, observation.y),
             self._sigma,
             count=estimator.count,
-            most_moves=estimator.most_moves,
+            most_draws=estimator.most_draws,
             rng=self._rng,
         )
         for cloud in clouds:
             self.online.append(_mean_weights(forward, cloud))
             self._effective.append(cloud.effective)
         self._cloud = cloud
-        mean, size = cloud.shares @ cloud.points, forward.num_log_ratios
+        mean, size = cloud.shares @ cloud.points, forward.num_theta
         states = forward.play(mean).root.states
         self._objective += squared_error_of(problem, states, observation.y)
         self._first_states = states if self._first_states is None else self._first_states
@@ -222,11 +236,14 @@ class _Run:
     def estimate(self) -> Estimate:
         """The mean of the last particles."""
         cloud = self._cloud
+        assert self._belief is not None, "there is at least one observation"
         weights = self._forward.weights(cloud.points).reshape(len(cloud.points), -1)
         return Estimate(
             weights=self.online[-1],
             states=self._first_states,
             covariance=_covariance(weights, cloud.shares),
+            parameters=self._forward.parameters(self._belief.mean),
+            parameter_deviations=self._forward.parameter_deviations(self._belief.covariance),
             extras={
                 "objective": self._objective,
                 "online_weights": np.array(self.online),
@@ -238,166 +255,263 @@ class _Run:
 
 def filter_particles(
     prior: Gaussian,
-    expected: Expected,
+    games: Games,
     samples: np.ndarray,
     sigma: float,
     *,
     count: int,
-    most_moves: int,
+    most_draws: int,
     rng: np.random.Generator,
 ) -> Iterator[Cloud]:
     """Filter a constant state through measurements that arrive one by one.
 
     Args:
         prior: belief about the state (n,) before the measurements.
-        expected: points (B, n), the mean first -> expected measurements (B, T, d), NaN for a point
-            that has none.
+        games: expected measurements and their derivatives.
         samples: (T, d) measurements, NaN where missing.
         sigma: standard deviation of their noise.
-        count: number of particles.
-        most_moves: largest number of moves after a resampling.
+        count: as in ``Particle``.
+        most_draws: as in ``Particle``.
         rng: the source of randomness.
 
     Yields:
-        The particles after each of the T measurements.
+        All particles so far after each of the T measurements.
 
     Raises:
-        LostError: if no particle explains a measurement, or if too few distinct ones are left.
+        LostError: if no particle has a game, or too few explain all measurements.
     """
-    particles = _Particles(prior, expected, samples, sigma, count, most_moves, rng)
+    pool = _Pool(prior, games, samples, sigma, count, rng)
     for t in range(len(samples)):
-        yield particles.take_in(t)
+        last = t == len(samples) - 1
+        enough = _ENOUGH_AT_LAST if last else _ENOUGH
+        cloud = pool.take_in(t, enough * count, 2 * most_draws if last else most_draws)
+        yield cloud
+    if cloud.effective < _FAILED * count:
+        raise LostError(f"effective sample size {cloud.effective:.1f} of {count}")
 
 
-class _Particles:
-    """Particles, with the squared errors of their games at every measurement."""
+class _Pool:
+    """The particles of the last draws, with the squared errors of their games."""
 
     def __init__(
         self,
         prior: Gaussian,
-        expected: Expected,
+        games: Games,
         samples: np.ndarray,
         sigma: float,
         count: int,
-        most_moves: int,
         rng: np.random.Generator,
     ) -> None:
-        prior_root = np.linalg.cholesky(prior.covariance)
-        known = multivariate_normal(prior.mean, Covariance.from_cholesky(prior_root))
-        self._log_prior, self._expected = known.logpdf, expected
-        self._samples, self._sigma = samples, sigma
-        self._most_moves, self._rng, self._length = most_moves, rng, 1.0
-        self._points = prior.mean + rng.standard_normal((count, len(prior_root))) @ prior_root.T
-        self._squared = self._squared_errors(prior.mean, self._points)
-        self._log_shares = np.where(np.isfinite(self._squared[:, 0]), 0.0, -np.inf)
-        self._squared[~np.isfinite(self._log_shares)] = 0.0
-        if not np.isfinite(self._log_shares).any():
+        self._games, self._samples, self._sigma, self._rng = games, samples, sigma, rng
+        self._seen = np.isfinite(samples)
+        self._size = max(2, round(_DRAWN * count))
+        self._prior, self._precision = prior, np.linalg.inv(prior.covariance)
+        self._laplace = prior
+        self._proposals: list[_Proposal] = []
+        self._points = np.empty((0, len(prior.mean)))
+        self._squared = np.empty((0, len(samples)))
+        self._log_prior, self._densities = np.empty(0), np.empty((0, 0))
+        self._log_norm = float(-_Proposal(prior, np.inf).log(prior.mean[None])[0])
+        self._peak = self._tangent(prior.mean)
+        self._draw(prior)
+        if not np.isfinite(self._squared).any():
             raise LostError("no particle has an equilibrium before the first measurement")
 
-    def take_in(self, t: int) -> Cloud:
-        """(P1) to (P4) for the measurement at time t.
+    def take_in(self, t: int, enough: float, most_draws: int) -> Cloud:
+        """(P1) to (P5) for the measurement at time t.
 
         Raises:
-            LostError: if it has to be split into too many shares.
+            LostError: if no particle has a game.
         """
-        enough = _RESAMPLE_BELOW * len(self._points)
-        left, least = 1.0, np.inf
-        for _ in range(_MOST_SHARES):
-            half = self._squared[:, t] / 2
-            beta = _largest_share(self._log_shares, half, left, enough)
-            self._log_shares = self._log_shares - beta * half
-            left -= beta
-            effective = effective_sample_size(self._log_shares)
-            least = min(least, effective)
-            if left <= 0 and effective >= enough:
-                return Cloud(self._points, _normalised(self._log_shares), least)
-            self._resample_and_move(t, 1 - left)
-        raise LostError("no particle explains a measurement")
+        log_shares = self._log_shares(t)
+        for k in range(most_draws):
+            if effective_sample_size(log_shares) >= enough:
+                break
+            if k == 0:
+                self._laplace = self._laplace_at(t)
+            self._draw(self._laplace if k == 0 else self._adapted(log_shares, k))
+            log_shares = self._log_shares(t)
+        if not np.isfinite(log_shares).any():
+            raise LostError("no particle has an equilibrium")
+        effective = effective_sample_size(log_shares)
+        return Cloud(self._points, _normalised(log_shares), effective)
 
-    def _resample_and_move(self, t: int, used: float) -> None:
-        """(P4) to (P6); the density includes the share ``used`` of the measurement at t."""
-        shares = _normalised(self._log_shares)
+    def _draw(self, around: Gaussian) -> None:
+        """Draw particles; forget those of the oldest draw if there are too many."""
+        proposal = _Proposal(around, _DEGREES)
+        points = proposal.draw(self._size, self._rng)
+        squared = self._squared_errors(around.mean, points)
+        gone = int(len(self._proposals) == _KEPT)
+        old = slice(gone * self._size, None)
+        self._proposals = [*self._proposals[gone:], proposal]
+        before = self._densities[gone:, old]
+        own = np.array([one.log(points) for one in self._proposals])
+        last = proposal.log(self._points[old])
+        self._densities = np.block([[before, own[:-1]], [last, own[-1]]]) if len(last) else own
+        log_prior = _Proposal(self._prior, np.inf).log(points)
+        self._points = np.vstack([self._points[old], points])
+        self._squared = np.vstack([self._squared[old], squared])
+        self._log_prior = np.concatenate([self._log_prior[old], log_prior])
+
+    def _log_shares(self, t: int) -> np.ndarray:
+        """Log W (P2), without the factor J."""
+        log_target = self._log_prior - self._squared[:, : t + 1].sum(axis=1) / 2
+        return np.asarray(log_target - logsumexp(self._densities, axis=0))
+
+    def _adapted(self, log_shares: np.ndarray, k: int) -> Gaussian:
+        """The second kind of proposal (P5)."""
+        if not np.isfinite(log_shares).any():
+            return self._laplace
+        dimension = len(self._prior.mean)
+        shares = _normalised(_tempered(log_shares, max(self._size / 2, dimension)))
         mean, covariance = shares @ self._points, _covariance(self._points, shares)
-        covariance = (1 - _RIDGE) * covariance + _RIDGE * np.diag(np.diag(covariance))
-        root = np.linalg.cholesky(covariance)
-        reference = multivariate_normal(mean, Covariance.from_cholesky(root))
+        effective = 1 / np.sum(shares**2)
+        own = effective / (effective + _TRUSTED * dimension / k**2)
+        return Gaussian(
+            own * mean + (1 - own) * self._laplace.mean,
+            own * covariance + (1 - own) * self._laplace.covariance,
+        )
 
-        def log_ratio(points: np.ndarray, squared: np.ndarray) -> np.ndarray:
-            """Log pi(s) / N(s; m, C)."""
-            playable = np.isfinite(squared[:, 0])
-            squared = np.where(playable[:, None], squared, 0.0)
-            errors = squared[:, :t].sum(axis=1) + used * squared[:, t]
-            ratio = self._log_prior(points) - errors / 2 - reference.logpdf(points)
-            return np.where(playable, ratio, -np.inf)
+    def _laplace_at(self, t: int) -> Gaussian:
+        """The first kind of proposal (P5); the last one where there is no game to start from."""
+        here, damping = self._start_at(t), 0.0
+        if here is None:
+            return self._laplace
+        for _ in range(_MOST_STEPS):
+            damped = here.precision + damping * np.diag(np.diag(here.precision))
+            step = np.linalg.solve(damped, here.gradient)
+            if here.gradient @ step < _SMALL_DECREASE or damping > _MOST_DAMPING:
+                break
+            there = self._linearised(self._tangent(here.tangent.point - step), t)
+            if there is not None and there.objective < here.objective:
+                here, damping = there, damping / _DAMPING_FACTOR
+                damping = damping if damping >= _FIRST_DAMPING else 0.0
+            else:
+                damping = max(_DAMPING_FACTOR * damping, _FIRST_DAMPING)
+        self._peak = here.tangent
+        return Gaussian(here.tangent.point, np.linalg.inv(here.precision))
 
-        chosen = systematic_resample(shares, self._rng)
-        self._points, self._squared = self._points[chosen], self._squared[chosen]
-        self._log_shares = np.zeros(len(chosen))
-        current, gone = log_ratio(self._points, self._squared), 0.0
-        for _ in range(self._most_moves):
-            noise = self._rng.standard_normal(self._points.shape) @ root.T
-            trial = mean + np.sqrt(1 - self._length**2) * (self._points - mean)
-            trial += self._length * noise
-            squared = self._squared_errors(mean, trial)
-            proposed = log_ratio(trial, squared)
-            accepted = np.log(self._rng.random(len(trial))) < proposed - current
-            jumps = np.linalg.solve(root, (trial - self._points)[accepted].T)
-            gone += float(np.sum(jumps**2)) / (2 * trial.size)
-            for mine, theirs in (
-                (self._points, trial),
-                (self._squared, squared),
-                (current, proposed),
-            ):
-                mine[accepted] = theirs[accepted]
-            self._adapt(float(accepted.mean()))
-            if gone >= 1:
-                return
-        distinct = len(np.unique(self._points, axis=0))
-        if distinct < _LEAST_DISTINCT * len(chosen):
-            raise LostError(f"only {distinct} of {len(chosen)} particles are left, and do not move")
+    def _start_at(self, t: int) -> "_Linearised | None":
+        """Where to look for the peak: at the last one, or at a particle that is far better."""
+        here = self._linearised(self._peak, t)
+        objectives = self._squared[:, : t + 1].sum(axis=1) / 2 - self._log_prior
+        best = int(np.argmin(objectives))
+        gain = self._log_norm + (here.objective if here else np.inf) - objectives[best]
+        if gain > _BETTER:
+            return self._linearised(self._tangent(self._points[best]), t) or here
+        return here
 
-    def _adapt(self, acceptance: float) -> None:
-        if acceptance < _RARE:
-            self._length = max(_SHORTEST, self._length / _LENGTH_FACTOR)
-        elif acceptance > _FREQUENT:
-            self._length = min(1.0, self._length * _LENGTH_FACTOR)
+    def _tangent(self, point: np.ndarray) -> "_Tangent | None":
+        found = self._games.tangent(point)
+        return None if found is None else _Tangent(point, *found)
+
+    def _linearised(self, tangent: "_Tangent | None", t: int) -> "_Linearised | None":
+        if tangent is None:
+            return None
+        seen = self._seen[: t + 1]
+        errors = ((tangent.expected - self._samples)[: t + 1] / self._sigma)[seen]
+        slopes = tangent.slopes[: t + 1][seen] / self._sigma
+        off = tangent.point - self._prior.mean
+        return _Linearised(
+            tangent,
+            float(errors @ errors + off @ self._precision @ off) / 2,
+            slopes.T @ errors + self._precision @ off,
+            slopes.T @ slopes + self._precision,
+        )
 
     def _squared_errors(self, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
         """|e_t(s)|^2 (M, T) of points (M, n); infinite if there is no equilibrium."""
-        expected = self._expected(np.vstack([mean, points]))[1:]
+        expected = self._games.expected(np.vstack([mean, points]))[1:]
         playable = np.isfinite(expected).all(axis=(1, 2))
         squared = np.nansum(((expected - self._samples) / self._sigma) ** 2, axis=2)
         squared[~playable] = np.inf
         return squared
 
 
-def systematic_resample(shares: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Indices (M,) of particles, each as often as its share of M, rounded up or down.
+@dataclass(frozen=True)
+class _Tangent:
+    """A point (n,), its expected measurements (T, d), and their derivative (T, d, n)."""
 
-    ``filterpy.monte_carlo.systematic_resample`` does the same, but draws from NumPy's global
-    generator instead of ``rng``.
+    point: np.ndarray
+    expected: np.ndarray
+    slopes: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """-log pi_t at a point, its gradient (n,), and its Hessian (n, n) by Gauss and Newton.
+
+    The objective leaves out the logarithm of the prior's normalisation.
     """
-    count = len(shares)
-    places = (rng.random() + np.arange(count)) / count
-    return np.searchsorted(np.cumsum(shares), places).clip(max=count - 1)
+
+    tangent: _Tangent
+    objective: float
+    gradient: np.ndarray
+    precision: np.ndarray
+
+
+class _Proposal:
+    """Student's t around a Gaussian; with infinitely many degrees of freedom, the Gaussian."""
+
+    def __init__(self, around: Gaussian, degrees: float) -> None:
+        self._mean, self._degrees = around.mean, degrees
+        self._root = _root_of(around.covariance)
+        size = len(around.mean)
+        self._inverse = solve_triangular(self._root, np.eye(size), lower=True)
+        self._log_peak = -np.log(np.diag(self._root)).sum() - size / 2 * np.log(2 * np.pi)
+        if np.isfinite(degrees):
+            self._log_peak += gammaln((degrees + size) / 2) - gammaln(degrees / 2)
+            self._log_peak -= size / 2 * np.log(degrees / 2)
+
+    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """(count, n)."""
+        noise = rng.standard_normal((count, len(self._mean)))
+        if np.isfinite(self._degrees):
+            noise *= np.sqrt(self._degrees / rng.chisquare(self._degrees, (count, 1)))
+        return np.asarray(self._mean + noise @ self._root.T)
+
+    def log(self, points: np.ndarray) -> np.ndarray:
+        """Log density (M,) of points (M, n)."""
+        squares = (((points - self._mean) @ self._inverse.T) ** 2).sum(axis=1)
+        if not np.isfinite(self._degrees):
+            return np.asarray(self._log_peak - squares / 2)
+        power = (self._degrees + len(self._mean)) / 2
+        return np.asarray(self._log_peak - power * np.log1p(squares / self._degrees))
+
+
+def _root_of(covariance: np.ndarray) -> np.ndarray:
+    """Lower root of a covariance; variances that rounding made negative become tiny ones."""
+    try:
+        return np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+        values = np.maximum(values, _LEAST_VARIANCE * max(float(values[-1]), np.finfo(float).tiny))
+        upper = np.asarray(np.linalg.qr(np.sqrt(values)[:, None] * vectors.T, mode="r"))
+        return np.transpose(upper * np.where(np.diag(upper) < 0, -1, 1)[:, None])
 
 
 def effective_sample_size(log_shares: np.ndarray) -> float:
     """M_eff (P2) of shares that need not sum to one, by their logarithms."""
-    return float(np.exp(2 * logsumexp(log_shares) - logsumexp(2 * log_shares)))
-
-
-def _largest_share(log_shares: np.ndarray, half: np.ndarray, left: float, enough: float) -> float:
-    """(P3): the largest share of a measurement, up to ``left``, that leaves enough particles."""
-
-    def excess(beta: float) -> float:
-        return effective_sample_size(log_shares - beta * half) - enough
-
-    if excess(left) >= 0:
-        return left
-    if excess(0.0) <= 0:
+    largest = log_shares.max()
+    if not np.isfinite(largest):
         return 0.0
-    return float(brentq(excess, 0.0, left, rtol=1e-6, xtol=1e-300))
+    shares = np.exp(log_shares - largest)
+    return float(shares.sum() ** 2 / (shares**2).sum())
+
+
+def _tempered(log_shares: np.ndarray, enough: float) -> np.ndarray:
+    """Log shares times the largest factor, up to one, that leaves enough particles effective."""
+    some = np.isfinite(log_shares)
+
+    def scaled(factor: float) -> np.ndarray:
+        return np.where(some, factor * np.where(some, log_shares, 0.0), -np.inf)
+
+    def excess(factor: float) -> float:
+        return effective_sample_size(scaled(factor)) - enough
+
+    if excess(1.0) >= 0:
+        return log_shares
+    return scaled(brentq(excess, 0.0, 1.0, xtol=1e-12) if excess(0.0) > 0 else 0.0)
 
 
 def _normalised(log_shares: np.ndarray) -> np.ndarray:

@@ -144,6 +144,11 @@ def _check_samples(name: str, samples: np.ndarray, shape: tuple[int, ...], view:
         raise ValueError(f"observation.{name} has infinite entries; a missing sample is NaN")
 
 
+#: Kinds of regions that an estimate may claim.
+SAMPLES, COVARIANCE, LIKELIHOOD = "samples", "covariance", "likelihood"
+REGIONS = (SAMPLES, COVARIANCE, LIKELIHOOD)
+
+
 @dataclass(frozen=True)
 class Estimate:
     """What an estimator returns.
@@ -153,6 +158,16 @@ class Estimate:
         states: (T, N, n) reconstructed trajectory, the first of several, or None.
         covariance: (N*K, N*K) covariance of the weights, each row scaled to sum one, in C order,
             or None.
+        region: where the truth is expected: ``samples``, a quantile of their distances,
+            ``covariance``, an ellipsoid, or ``likelihood``, all weights whose profile likelihood is
+            high enough, which the referee computes itself. None means ``samples`` where there are
+            some, else ``covariance`` where there is one.
+        parameters: (N, U) values of the game's unknowns (``Game.parameters``) in their units; None
+            where it has none. Columns that stand for nothing are not read.
+        parameter_deviations: (N, U) their standard deviations, or None.
+        samples: (M, N, K) weights of equal probability given the observations, M of 40 to 4000, or
+            None; scaled to row sums of one by the harness.
+        parameter_samples: (M, N, U) values of the game's unknowns that belong to them, or None.
         converged: whether the method itself considers the result valid.
         message: one line that explains a failure.
         extras: further results, by name. ``objective`` is stored with the trial, as are other
@@ -162,6 +177,11 @@ class Estimate:
     weights: np.ndarray
     states: np.ndarray | None = None
     covariance: np.ndarray | None = None
+    region: str | None = None
+    parameters: np.ndarray | None = None
+    parameter_deviations: np.ndarray | None = None
+    samples: np.ndarray | None = None
+    parameter_samples: np.ndarray | None = None
     converged: bool = True
     message: str = ""
     extras: Mapping[str, Any] = field(default_factory=dict)
@@ -177,7 +197,8 @@ class Estimator(Protocol):
     An estimator that can explain several trajectories of the same players by one set of weights
     sets the class attribute ``several = True``. If a study has more than one trajectory, it
     receives a tuple of them. Without the attribute an estimator always receives a single
-    ``Observation``, and trials with more are ``skipped``.
+    ``Observation``, and trials with more are ``skipped``. If it can do so for some problems only,
+    its method ``supports_several(problem) -> str | None`` returns the reason why not, or None.
     """
 
     def estimate(
@@ -195,6 +216,9 @@ class Estimator(Protocol):
             observation: what was seen, which must not be changed: an ``Observation`` or, with
                 ``several``, a tuple of two or more, each with its own initial state.
             rng: the only source of randomness, seeded per trial.
-            budget: wall-clock seconds until this call is stopped from outside. Set-up before it
-                (``warm_up`` included) and scoring after it each have the same limit.
+            budget: wall-clock seconds that the search may take. One that has not ended by then
+                ends there, and the estimate says so: ``converged`` is False, or ``message`` names
+                the time. How much is tried before that is limited by counts, never by the clock,
+                so that results do not depend on the machine. The call is stopped from outside when
+                the time limit of the stage has passed, of which the budget is four fifths.
         """

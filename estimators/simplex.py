@@ -8,6 +8,7 @@ With theta^i = floor + (1 - K floor) s^i the share s^i lies on the plain simplex
 """
 
 from functools import lru_cache
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -50,9 +51,14 @@ def weight_covariance_of(
         num_weights: K.
         floor: smallest weight.
     """
-    players = len(log_ratios) // (num_weights - 1)
-    jacobian = np.array(_log_ratio_jacobian(players, num_weights)(log_ratios, floor))
+    jacobian = by_log_ratios(log_ratios, num_weights, floor)
     return jacobian @ covariance @ jacobian.T
+
+
+def by_log_ratios(log_ratios: np.ndarray, num_weights: int, floor: float) -> np.ndarray:
+    """Derivative (N*K, N*(K-1)) of the weights in their log-ratios (N*(K-1),)."""
+    players = len(log_ratios) // (num_weights - 1)
+    return np.array(_log_ratio_jacobian(players, num_weights)(log_ratios, floor))
 
 
 @lru_cache(maxsize=32)
@@ -65,6 +71,23 @@ def _log_ratio_jacobian(players: int, num_weights: int) -> ca.Function:
         rows.append(floor + (1 - num_weights * floor) * sizes / ca.sum1(sizes))
     jacobian = ca.jacobian(ca.vertcat(*rows), phi)
     return ca.Function("weights_phi", [phi, floor], [ca.densify(jacobian)])
+
+
+class Chart(Protocol):
+    """Coordinates of weights (N, K), from zero on."""
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+
+    def ratios(self, weights: np.ndarray) -> np.ndarray:
+        """Coordinates (size,) of weights."""
+
+    def weights(self, ratios: np.ndarray) -> np.ndarray:
+        """Weights of coordinates."""
+
+    def jacobian(self, ratios: np.ndarray) -> np.ndarray:
+        """(N*K, size) derivative of the weights."""
 
 
 class RatioChart:

@@ -10,10 +10,12 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from olne_bench.games.dynamics import dynamics_errors
-from olne_bench.games.game import Game, trajectory_symbols
+from olne_bench.games.dynamics import Dynamics, dynamics_errors
+from olne_bench.games.features import StateDeviation
+from olne_bench.games.game import Game, Player, trajectory_symbols
 from olne_bench.games.ipopt import QUIET
 from olne_bench.games.observation import View, observation_size
+from olne_bench.games.row_functions import RowFunction
 
 #: Passes of the filter over positions before a heading is read off them.
 _HEADING_PASSES = 8
@@ -44,7 +46,7 @@ def fit_trajectory(
         noise_scale: (d,) relative standard deviations of the observations; ones if empty.
     """
     steps = len(y)
-    solver = _fit_solver(game, view, steps)
+    solver = _fit_solver(_motion_of(game), view, steps)
     states = guess_states(game, view, y)
     controls = np.zeros((steps - 1, *game.control_shape[1:]))
     solution = solver(
@@ -65,7 +67,13 @@ def fit_trajectory(
 
 def warm_up_fit(game: Game, view: View, steps: int) -> None:
     """Build the solver for sequences of that many steps ahead of its first use."""
-    _fit_solver(game, view, steps)
+    _fit_solver(_motion_of(game), view, steps)
+
+
+def _motion_of(game: Game) -> Game:
+    """A game of the same motion and number of players; games that differ in costs share it."""
+    any_cost = Player((StateDeviation(game.dynamics.state_names[0]),))
+    return Game((any_cost,) * game.num_players, game.dynamics, 2, game.dt)
 
 
 def squared_error(game: Game, view: View, states: ca.SX, y: ca.SX, precision: ca.SX) -> ca.SX:
@@ -132,9 +140,11 @@ def guess_controls(game: Game, states: np.ndarray) -> np.ndarray:
     """
     steps, players, n = len(states) - 1, *states.shape[1:]
     m = game.dynamics.control_size
-    coasting, effect = _coasting(game)(states[:-1].reshape(-1, n).T)
-    missing = states[1:].reshape(-1, n) - np.array(coasting).T
-    effects = np.array(effect).T.reshape(-1, m, n)  # transposed Jacobians
+    coasting, effects = np.split(
+        _coasting(game.dynamics, game.dt)(states[:-1].reshape(-1, n)), [n], axis=1
+    )
+    missing = states[1:].reshape(-1, n) - coasting
+    effects = effects.reshape(-1, m, n)  # transposed Jacobians
     normal = effects @ effects.transpose(0, 2, 1)
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-12
     normal += ridge[:, None, None] * np.eye(m)
@@ -143,14 +153,14 @@ def guess_controls(game: Game, states: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _coasting(game: Game) -> ca.Function:
-    """States (n, S) -> next states (n, S) under zero controls, Jacobians in them (n m, S)."""
-    n, m = game.dynamics.state_size, game.dynamics.control_size
+def _coasting(dynamics: Dynamics, dt: float) -> RowFunction:
+    """State (n,) -> next state (n,) under zero controls, and the Jacobian (n m,) in them."""
+    n, m = dynamics.state_size, dynamics.control_size
     state, control = ca.SX.sym("x", n), ca.SX.sym("u", m)
-    step = game.dynamics.step(state, control, game.dt)
-    outputs = [step, ca.densify(ca.vec(ca.jacobian(step, control)))]
-    at_zero = ca.substitute(outputs, [control], [ca.SX.zeros(m)])
-    return ca.Function("coasting", [state], at_zero)
+    step = dynamics.step(state, control, dt)
+    both = ca.vertcat(step, ca.vec(ca.jacobian(step, control)))
+    at_zero = ca.substitute(both, control, ca.SX.zeros(m))
+    return RowFunction(ca.Function("coasting", [state], [ca.densify(at_zero)]), None)
 
 
 def _fill_gaps(samples: np.ndarray) -> np.ndarray:
@@ -158,6 +168,8 @@ def _fill_gaps(samples: np.ndarray) -> np.ndarray:
 
     Ends are extrapolated along the line through the nearest few samples.
     """
+    if np.isfinite(samples).all():
+        return samples
     filled = np.zeros_like(samples)
     times = np.arange(len(samples))
     for player, column in enumerate(samples.T):

@@ -16,7 +16,7 @@ from olne_bench.estimators.protocol import Estimate, Observation, Problem, check
 
 @dataclass(frozen=True)
 class Uniform:
-    """Gives every cost feature of every player the same weight."""
+    """Gives every cost feature of every player the same weight, and unknowns their mean."""
 
     name: ClassVar[str] = "uniform"
     several: ClassVar[bool] = True
@@ -31,4 +31,7 @@ class Uniform:
     ) -> Estimate:
         check_observations(problem, observation)
         shape = (problem.game.num_players, problem.game.num_weights)
-        return Estimate(weights=np.full(shape, 1 / shape[1]))
+        known = problem.game.parameters
+        return Estimate(
+            weights=np.full(shape, 1 / shape[1]), parameters=known.means if known.count else None
+        )

@@ -16,6 +16,14 @@ import numpy as np
 from olne_bench.estimators.protocol import Observation, Problem, check_observations
 from olne_bench.games.observation import WhitenedView, whitening
 
+#: Standard deviation of the noise, relative to its scale, that noise-free observations are given.
+_LEAST_SIGMA = 1e-4
+
+
+def assumed_sigma(problem: Problem) -> float:
+    """The noise level, which is never zero where something is divided by it."""
+    return max(problem.sigma, _LEAST_SIGMA)
+
 
 def white_problem(problem: Problem) -> Problem:
     """The equivalent problem in which the noise on each component is independent."""

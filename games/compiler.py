@@ -5,11 +5,12 @@ library that does not match its name, belongs to another user or is writable by 
 loaded but compiled again. The least recently used libraries are deleted when all of them take more
 than ``SIZE_LIMIT``.
 
-Code is compiled for the generic architecture, not for the present processor (no
-``-march=native``), so the same source and compiler give the same machine code on all machines of an
-architecture. The compiler may reorder sums (``-fassociative-math``); their order is then part of
-the machine code. Functions of the C library such as ``sin`` may still differ in the last digits
-between processor families, as in NumPy.
+Code is compiled for one of two kinds of processor, not for the present one (no ``-march=native``):
+for x86-64 with AVX2 and FMA, which almost all have since 2013, and else for the generic
+architecture. So the same source and compiler give the same machine code on all machines of a kind,
+and ``backend`` names the kind. The compiler may reorder sums (``-fassociative-math``); their order
+is then part of the machine code. Functions of the C library such as ``sin`` may still differ in the
+last digits between processor families, as in NumPy.
 
 Environment: ``CC`` names the compiler (default ``cc``), ``OLNE_BENCH_CFLAGS`` further flags,
 ``OLNE_BENCH_CACHE`` the folder (default ``$XDG_CACHE_HOME/olne-bench``, then
@@ -40,6 +41,18 @@ _FLAGS = (
     # The compiler may reorder sums; NaN and infinity keep their meaning.
     *("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"),
 )
+#: Flags of processors with wide vectors, and the source that finds out whether this is one.
+_WIDE_FLAGS = ("-mavx2", "-mfma")
+_PROBE = """
+__attribute__((visibility("default"))) int has_wide_vectors(void)
+{
+#if defined(__x86_64__)
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+#else
+    return 0;
+#endif
+}
+"""
 _LONGEST_COMPILATION = 300.0  # [s]
 _SCRATCH = "compiling-"
 _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as abandoned
@@ -59,9 +72,11 @@ def backend() -> str:
     Between two backends results may differ in the last digits, and in outcome on hard problems;
     rows of one backend are comparable. The probe is compiled, kept and loaded like all other code.
     """
-    if load("int probe(void) { return 1; }") is None:
+    if load(_PROBE) is None:
         return "numpy"
-    return f"native: {', '.join(filter(None, [*_identity(_compiler()), *_further_flags()]))}"
+    compiler = _compiler()
+    names = [*_identity(compiler), *_processor_flags(compiler), *_further_flags()]
+    return f"native: {', '.join(filter(None, names))}"
 
 
 @lru_cache(maxsize=64)
@@ -70,7 +85,8 @@ def load(source: str) -> ctypes.CDLL | None:
     try:
         if os.environ.get("OLNE_BENCH_NATIVE", "1") == "0":
             raise NoCompilerError("OLNE_BENCH_NATIVE=0 switches native code off")
-        return _load(_compiler(), source)
+        compiler = _compiler()
+        return _load(compiler, source, _processor_flags(compiler))
     except (NoCompilerError, OSError) as error:
         _announce(str(error))
         return None
@@ -119,8 +135,14 @@ def _further_flags() -> list[str]:
     return shlex.split(os.environ.get("OLNE_BENCH_CFLAGS", ""))
 
 
-def _load(compiler: str, source: str) -> ctypes.CDLL:
-    flags = [*_FLAGS, *_further_flags()]
+@lru_cache(maxsize=4)
+def _processor_flags(compiler: str) -> tuple[str, ...]:
+    """Flags of the kind of processor that this is."""
+    return _WIDE_FLAGS if _load(compiler, _PROBE).has_wide_vectors() else ()
+
+
+def _load(compiler: str, source: str, processor: tuple[str, ...] = ()) -> ctypes.CDLL:
+    flags = [*_FLAGS, *processor, *_further_flags()]
     key = hashlib.sha256("\n".join([source, *flags, *_identity(compiler)]).encode()).hexdigest()
     if shared := _shared(key):
         return ctypes.CDLL(str(shared))

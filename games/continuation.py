@@ -9,16 +9,16 @@ full values while Newton's method follows the root.
 from dataclasses import dataclass
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
+from olne_bench.games.constraints import refuse_constraints
 from olne_bench.games.dynamics import rollout
 from olne_bench.games.elimination import Elimination
-from olne_bench.games.features import Feature, Stage
 from olne_bench.games.game import Game
 from olne_bench.games.native import elimination
-from olne_bench.games.newton import Root, pack, unpack
-from olne_bench.games.observation import View
+from olne_bench.games.newton import Root, rows, unpack
+from olne_bench.games.numbers import Structure, structure_and_numbers
+from olne_bench.games.terms import reach
 
 #: Smallest step of the coupling strength, which grows from 0 to 1; below it the path is lost.
 _SMALLEST_STEP = 1e-3
@@ -34,27 +34,29 @@ def follow_coupling(
     initial_state: np.ndarray,
     controls: np.ndarray,
     *,
-    max_factorisations: int = 400,
+    max_factorisations: int = 150,
     limit: float = 60.0,
-    view: View | None = None,
 ) -> Root | None:
     """Find a root of G by continuation in the coupling between players.
 
     Args:
         game: the game.
-        weights: (N, K).
+        weights: (N, K), or (N, K + U) with standardised unknowns.
         initial_state: (N, n).
         controls: (T-1, N, m) first plans.
         max_factorisations: budget of Newton steps.
         limit: wall-clock seconds for any one strength of the coupling.
-        view: as of ``games.newton.newton_root``.
 
     Returns:
         A root, whose residual the caller judges, or None if the path was lost.
+
+    Raises:
+        ValueError: if the game has constraints (``games.constrained`` starts elsewhere).
     """
+    refuse_constraints(game.constraints, "continuation in the coupling")
     states = rollout(game.dynamics, initial_state, controls, game.dt)
-    point = pack(game, states, controls, np.zeros_like(states[1:]))[None]
-    path = _Path(elimination(game, view), weights, coupled_features(game), limit)
+    point = rows(game, states, controls, np.zeros_like(states[1:]))[None]
+    path = _Path(elimination(game), weights, coupled_features(game), limit)
     strength, step = 0.0, _LARGEST_STEP
     point, residual, used = path.root_at(0.0, point)
     if not residual < _LOOSE:
@@ -96,22 +98,20 @@ class _Path:
         return trial, float(residuals[0]), int(iterations[0])
 
 
-@lru_cache(maxsize=64)
 def coupled_features(game: Game) -> np.ndarray:
-    """(N, K) booleans: whether this preference of this player depends on other players."""
-    return np.array(
-        [
-            [_is_coupled(game, i, feature) for feature in player.preferences]
-            for i, player in enumerate(game.players)
-        ]
-    )
+    """(N, K + U) booleans: whether this preference of this player depends on other players.
+
+    Unknowns are no preferences.
+    """
+    coupled = _coupled_features(structure_and_numbers(game)[0])
+    return np.pad(coupled, [(0, 0), (0, game.parameters.count)])
 
 
-def _is_coupled(game: Game, player: int, feature: Feature) -> bool:
-    states = tuple(ca.SX.sym(f"x{j}", game.dynamics.state_size) for j in range(game.num_players))
-    control = ca.SX.sym("u", game.dynamics.control_size)
-    others = ca.vertcat(*(x for j, x in enumerate(states) if j != player))
-    running = Stage(player, states, control, game.dynamics, game.dt)
-    final = Stage(player, states, None, game.dynamics, game.dt)
-    cost = ca.SX(feature.running_cost(running)) + feature.final_cost(final)
-    return bool(others.numel()) and bool(ca.depends_on(cost, others))
+@lru_cache(maxsize=64)
+def _coupled_features(structure: Structure) -> np.ndarray:
+    count, dynamics = len(structure.players), structure.dynamics
+    coupled = [
+        [reach(feature, i, count, dynamics) != "own" for feature in player.preferences]
+        for i, player in enumerate(structure.players)
+    ]
+    return np.array(coupled)

@@ -27,7 +27,7 @@ class Dynamics:
     name: str
     state_names: tuple[str, ...]
     control_names: tuple[str, ...]
-    step: Callable[[ca.SX, ca.SX, float], ca.SX]
+    step: Callable[[ca.SX, ca.SX, ca.SX | float], ca.SX]
 
     @property
     def state_size(self) -> int:
@@ -40,7 +40,7 @@ class Dynamics:
         return len(self.control_names)
 
 
-def _unicycle_step(state: ca.SX, control: ca.SX, dt: float) -> ca.SX:
+def _unicycle_step(state: ca.SX, control: ca.SX, dt: ca.SX | float) -> ca.SX:
     px, py, heading, speed = ca.vertsplit(state)
     yaw_rate, acceleration = ca.vertsplit(control)
     return ca.vertcat(
@@ -51,7 +51,7 @@ def _unicycle_step(state: ca.SX, control: ca.SX, dt: float) -> ca.SX:
     )
 
 
-def _double_integrator_step(state: ca.SX, control: ca.SX, dt: float) -> ca.SX:
+def _double_integrator_step(state: ca.SX, control: ca.SX, dt: ca.SX | float) -> ca.SX:
     position, velocity = state[:2], state[2:]
     return ca.vertcat(position + dt * velocity, velocity + dt * control)
 
@@ -82,7 +82,7 @@ class _BicycleStep:
     rear_axle: float
     sub_steps: int
 
-    def __call__(self, state: ca.SX, control: ca.SX, dt: float) -> ca.SX:
+    def __call__(self, state: ca.SX, control: ca.SX, dt: ca.SX | float) -> ca.SX:
         px, py, heading, speed = ca.vertsplit(state)
         steering, acceleration = ca.vertsplit(control)
         slip = ca.atan(ca.tan(steering) / 2)
@@ -125,7 +125,7 @@ def bicycle(rear_axle: float = 2.5, sub_steps: int = 1) -> Dynamics:
 
 
 def dynamics_errors(
-    dynamics: Dynamics, states: Sequence[ca.SX], controls: Sequence[ca.SX], dt: float
+    dynamics: Dynamics, states: Sequence[ca.SX], controls: Sequence[ca.SX], dt: ca.SX | float
 ) -> list[ca.SX]:
     """F_t = x_{t+1} - f(x_t, u_t) of one player, from T states (n,) and T-1 controls (m,)."""
     return [

@@ -1,11 +1,12 @@
 /* Block elimination along time for the first-order conditions of an open-loop game.
  *
- * games/native.py compiles this file once per structure of game. Before it, it writes the sizes
- * NX = N n, NU = N m, NT = N K, ND = N d, the constant SMALLEST_STEP, the nonzero patterns
- * PATTERN_x and the stage functions value, final_value, jacobian, final_jacobian, loss, hessian,
- * final_hessian of games/stage_functions.py, whose numeric constants (goals, targets, dt) are
- * run-time data. games/elimination.py is the same algorithm in NumPy and explains it; the equation
- * labels (E1) to (E8) are defined there. The caller checks all sizes.
+ * games/native.py compiles this file once per structure of game. Before it, it writes the sizes of
+ * one player (STATES n, CONTROLS m, WEIGHTS K, SAMPLES d, NUMBERS P), PLAYERS N, the constants
+ * SMALLEST_STEP and ENOUGH and the functions of games/stage_functions.py; into it, the nonzero patterns, the
+ * kinds of terms and the terms of a stage, each a function of one player or of a pair. The numbers
+ * of a game (goals, targets, lanes, dt) are run-time data. games/elimination.py is the same
+ * algorithm in NumPy and explains it; the equation labels (E1) to (E8) are defined there. The
+ * caller checks all sizes.
  *
  * A trajectory is an array (T, SZ) of rows z_t = (x_t, u_t, lambda_t); residuals have rows
  * (rx_t, ru_t, rf_t) and multipliers rows (p_t, q_t, r_t). Matrices are row-major. */
@@ -14,10 +15,15 @@
 #include <string.h>
 #include <time.h>
 
+#define NX (PLAYERS * STATES)
+#define NU (PLAYERS * CONTROLS + MULTIPLIERS)
+#define NT (PLAYERS * WEIGHTS)
+#define ND (PLAYERS * SAMPLES)
 #define SZ (2 * NX + NU)        /* length of z_t */
 #define PC (NX + NT)            /* columns of Z: d z / d (x_1, theta) */
 #define OFF_U NX                /* where u_t, and ru_t, start */
 #define OFF_L (NX + NU)         /* where lambda_t, and rf_t, start */
+#define WIDTH (PC > OFF_L ? PC : OFF_L)
 #define API __attribute__((visibility("default")))
 
 typedef struct {
@@ -25,18 +31,87 @@ typedef struct {
     const int *rows, *columns;
 } Pattern;
 
-PATTERN_DEFINITIONS
+/* Functions of a term, in the order of games/stage_functions.py */
+enum {
+    VALUE, FINAL_VALUE, JACOBIAN, FINAL_JACOBIAN, HESSIAN, FINAL_HESSIAN, COST, FINAL_COST, MOTION
+};
+
+/* What CasADi writes: arguments, results and three things that are not used here */
+typedef int Function(const double **, double **, int *, double *, int);
+
+typedef struct {
+    Function *functions[9];
+    int sizes[9]; /* of their results */
+    /* Of values and Jacobians, where each nonzero belongs in the rows (g_x, g_u, f) and columns
+     * (x, u) of the term's own player; -1 where it belongs to another one, or to weights */
+    const int *own[4];
+} Kind;
+
+/* One term of the stage: `count` players that it looks at; where the nonzeros of each function but
+ * the costs belong among the values of the stage */
+typedef struct {
+    const Kind *kind;
+    const int owner, count;
+    const int *players, *indices[6];
+} Term;
+
+/* The terms of one player, its own one first */
+typedef struct {
+    const int count, *terms;
+} TermsOf;
+/* Functions of a constraint, in the order of games/constraint_functions.py */
+enum { MARGINS_OF, PUSH_OF, CHANGE_OF, CONDENSED_OF };
+
+/* Margins of one kind of constraint in one step: how many, and the nonzeros of `condensed` */
+typedef struct {
+    Function *functions[4];
+    int margins, nonzeros;
+} ConstraintKind;
+
+/* One constraint: its functions in every step but the last and in the last, where their nonzeros
+ * belong among the values of the stage, its players, and its first margin */
+typedef struct {
+    const ConstraintKind *kinds[2];
+    const int *indices[2], *players;
+    const int count, offset;
+} Constraint;
+
+/* Functions of a constraint that is an equation, in the order of games/complementarity.py */
+enum { VALUE_OF, JACOBIAN_OF, HESSIAN_OF, STEP_MARGINS_OF };
+
+typedef struct {
+    Function *functions[4];
+    int sizes[4]; /* of their results; the last one is the number of margins */
+} EquationKind;
+
+/* One such constraint: its players, its first multiplier; where the nonzeros of its functions
+ * belong among the values of the stage; where its unknowns are in theta */
+typedef struct {
+    const EquationKind *kind;
+    const int count, offset, unknowns;
+    const int *players, *theta, *indices[3];
+} Equation;
+
+DEFINITIONS
 
 typedef struct {
     int horizon;
-    double *constants;                /* of the stage functions */
+    const double *numbers;            /* (PLAYERS, NUMBERS) of the game */
+    const double *view_numbers;       /* of the observation model */
+    const double *constraint_numbers; /* (constraints, CONSTRAINT_NUMBERS) */
     const double *samples, *precision; /* (T, ND) */
     double *blocks;                   /* (T, BLOCKS) first derivatives */
     double *curvature;                /* (T, CURVATURE) second derivatives */
     double *V;                        /* (T, NX, NX) lambda_{t-1} = -V_t x_t + v_t */
     double *M, *K, *S, *L;            /* M^-1 (T, NU, NU), (T, NU, NX) twice, (T, NX, NU) */
+    double *G, *v;                    /* (T, NU, PC), (T, NX, NT): u_t and lambda_{t-1} */
     double *Z;                        /* (T, SZ, PC) */
+    double *squares;                  /* (3, WIDTH, WIDTH) */
+    double *parts;                    /* of games/reduction.c */
     double *scratch;                  /* (4, T, SZ) */
+    double shift;                     /* what the last factorisation added to Q and R */
+    const double *enforced;           /* (T, MULTIPLIERS) 1 where a constraint is enforced */
+    double relaxation;                /* tau of games/complementarity.py */
 } Work;
 
 /* ---- small dense and sparse kernels ------------------------------------------------------- */
@@ -145,12 +220,25 @@ static inline void apply_transposed(int m, int n, double alpha, const double *re
  * working precision */
 static int invert(double *a)
 {
+#if MULTIPLIERS
+    double row_scale[NU];
+#endif
     double scale = 0;
     int pivots[NU];
     for (int i = 0; i < NU * NU; i++) {
         if (!isfinite(a[i])) return 0;
         scale = fmax(scale, fabs(a[i]));
     }
+#if MULTIPLIERS /* rows of complementarity are tiny where constraints are active */
+    for (int i = 0; i < NU; i++) {
+        double largest = 0;
+        for (int j = 0; j < NU; j++) largest = fmax(largest, fabs(a[i * NU + j]));
+        if (!(largest > 0)) return 0;
+        row_scale[i] = 1 / largest;
+        for (int j = 0; j < NU; j++) a[i * NU + j] *= row_scale[i];
+    }
+    scale = 1;
+#endif
     for (int k = 0; k < NU; k++) {
         int best = k;
         for (int i = k + 1; i < NU; i++)
@@ -180,10 +268,88 @@ static int invert(double *a)
                 a[i * NU + k] = a[i * NU + pivots[k]];
                 a[i * NU + pivots[k]] = swap;
             }
+#if MULTIPLIERS
+    for (int i = 0; i < NU; i++)
+        for (int j = 0; j < NU; j++) a[i * NU + j] *= row_scale[j];
+#endif
     return 1;
 }
 
 /* ---- evaluation ---------------------------------------------------------------------------- */
+
+/* Nonzeros of one function of a term at rows z_t and multipliers (SZ,) */
+static inline void term_values(const Work *w, const Term *term, int function, const double *z,
+                               const double *theta, const double *multipliers, double *out)
+{
+    double together[NX];
+    const int o = term->owner;
+    for (int j = 0; j < term->count; j++)
+        memcpy(together + j * STATES, z + term->players[j] * STATES, STATES * sizeof(double));
+    const double *u = z + OFF_U + o * CONTROLS, *costate = z + OFF_L + o * STATES;
+    const double *p = multipliers + o * STATES, *q = multipliers + OFF_U + o * CONTROLS;
+    const double *arguments[] = {together, u, costate, theta + o * WEIGHTS,
+                                 w->numbers + o * NUMBERS, p, q, multipliers + OFF_L + o * STATES};
+    double *results[] = {out};
+    term->kind->functions[function](arguments, results, 0, 0, 0);
+}
+
+/* out (size,) = the values of one function, summed over all terms */
+static void sum_of_terms(const Work *w, int function, int size, const double *z,
+                         const double *theta, const double *multipliers, double *out)
+{
+    double values[MOST_VALUES];
+    memset(out, 0, size * sizeof(double));
+    for (const Term *term = TERMS; term < TERMS + NUM_TERMS; term++) {
+        const int *places = term->indices[function], count = term->kind->sizes[function];
+        term_values(w, term, function, z, theta, multipliers, values);
+        for (int e = 0; e < count; e++) out[places[e]] += values[e];
+    }
+}
+
+/* One function of a constraint that is an equation, at row t of a trajectory */
+static inline void equation_values(const Work *w, const Equation *equation, int function, int t,
+                                   const double *z, const double *theta,
+                                   const double *multipliers, double *out)
+{
+    double x[NX], u[NU], p[NX], q[NU], s[NT];
+    const int count = equation->count, margins = equation->kind->sizes[STEP_MARGINS_OF];
+    const int own = PLAYERS * CONTROLS + equation->offset;
+    for (int j = 0; j < count; j++) {
+        const int from = equation->players[j];
+        memcpy(x + j * STATES, z + from * STATES, STATES * sizeof(double));
+        memcpy(p + j * STATES, multipliers + from * STATES, STATES * sizeof(double));
+        memcpy(u + j * CONTROLS, z + OFF_U + from * CONTROLS, CONTROLS * sizeof(double));
+        memcpy(q + j * CONTROLS, multipliers + OFF_U + from * CONTROLS,
+               CONTROLS * sizeof(double));
+    }
+    memcpy(q + count * CONTROLS, multipliers + OFF_U + own, margins * sizeof(double));
+    for (int k = 0; k < equation->unknowns; k++) s[k] = theta[equation->theta[k]];
+    const double *numbers = w->constraint_numbers + (equation - EQUATIONS) * CONSTRAINT_NUMBERS;
+    const double *on = w->enforced + t * MULTIPLIERS + equation->offset;
+    const double *arguments[] = {x, u, z + OFF_U + own, on, numbers, &w->relaxation, s, p, q};
+    double *results[] = {out};
+    equation->kind->functions[function](arguments, results, 0, 0, 0);
+}
+
+/* out += the values of one function of all constraints that are equations */
+static void add_equations(const Work *w, int function, int t, const double *z, const double *theta,
+                          const double *multipliers, double *out)
+{
+    double values[MOST_EQUATION];
+    for (const Equation *e = EQUATIONS; e < EQUATIONS + NUM_EQUATIONS; e++) {
+        equation_values(w, e, function, t, z, theta, multipliers, values);
+        for (int k = 0; k < e->kind->sizes[function]; k++) out[e->indices[function][k]] += values[k];
+    }
+}
+
+/* out (T - 1, MULTIPLIERS): margins of constraints that are equations */
+API void step_margins(const Work *w, const double *z, const double *theta, double *out)
+{
+    for (int t = 0; t < w->horizon - 1; t++)
+        for (const Equation *e = EQUATIONS; e < EQUATIONS + NUM_EQUATIONS; e++)
+            equation_values(w, e, STEP_MARGINS_OF, t, z + t * SZ, theta, z + t * SZ,
+                            out + t * MULTIPLIERS + e->offset);
+}
 
 /* residual (T, SZ) of (E1); its unused entries are zero */
 API void evaluate(const Work *w, const double *z, const double *theta, double *residual)
@@ -192,9 +358,8 @@ API void evaluate(const Work *w, const double *z, const double *theta, double *r
     for (int t = 0; t < last; t++) {
         const double *x = z + t * SZ;
         double *row = residual + t * SZ;
-        const double *arguments[] = {x, x + OFF_U, x + OFF_L, theta};
-        double *results[] = {row};
-        value(arguments, results, 0, w->constants, 0);
+        sum_of_terms(w, VALUE, SZ, x, theta, x, row);
+        add_equations(w, VALUE_OF, t, x, theta, x, row);
         for (int k = 0; k < NX; k++) row[OFF_L + k] = x[SZ + k] - row[OFF_L + k];
         if (t == 0)
             memset(row, 0, NX * sizeof(double)); /* x_1 is given, not chosen */
@@ -203,55 +368,170 @@ API void evaluate(const Work *w, const double *z, const double *theta, double *r
     }
     const double *x = z + last * SZ;
     double *row = residual + last * SZ;
-    const double *arguments[] = {x, theta};
-    double *results[] = {row};
-    final_value(arguments, results, 0, w->constants, 0);
+    sum_of_terms(w, FINAL_VALUE, SZ, x, theta, x, row);
     for (int k = 0; k < NX; k++) row[k] += x[OFF_L - SZ + k];
-    memset(row + NX, 0, (SZ - NX) * sizeof(double));
+}
+
+static inline void loss_values(const Work *w, Function *function, const double *z, int t, int i,
+                               double *out)
+{
+    const int sample = t * ND + i * SAMPLES;
+    const double *arguments[] = {z + t * SZ + i * STATES, w->samples + sample,
+                                 w->precision + sample, w->view_numbers};
+    double *results[] = {out};
+    function(arguments, results, 0, 0, 0);
 }
 
 /* sum of squared observation errors; its gradient (T, SZ) in the places of x */
 API double observation_loss(const Work *w, const double *z, double *gradient)
 {
-    double sum = 0, result[1 + NX];
+    double sum = 0, result[1 + STATES];
     for (int t = 0; t < w->horizon; t++) {
-        const double *arguments[] = {z + t * SZ, w->samples + t * ND, w->precision + t * ND};
-        double *results[] = {result};
-        loss(arguments, results, 0, w->constants, 0);
-        sum += result[0];
-        memcpy(gradient + t * SZ, result + 1, NX * sizeof(double));
+        for (int i = 0; i < PLAYERS; i++) {
+            loss_values(w, loss, z, t, i, result);
+            sum += result[0];
+            memcpy(gradient + t * SZ + i * STATES, result + 1, STATES * sizeof(double));
+        }
         memset(gradient + t * SZ + NX, 0, (SZ - NX) * sizeof(double));
     }
     return sum;
 }
 
+/* ---- constraints --------------------------------------------------------------------------- */
+
+/* One function of a constraint at step t of z (T, SZ); v, sigma (T, MARGINS), d (T, SZ) or 0 */
+static inline void constraint_values(const Work *w, const Constraint *constraint, int function,
+                                     int t, const double *z, const double *v, const double *sigma,
+                                     const double *d, double *out)
+{
+    double together[NX], direction[OFF_L];
+    const int own = OFF_U + constraint->players[0] * CONTROLS, at = constraint->count * STATES;
+    const int margin = t * MARGINS + constraint->offset;
+    const double *row = z + t * SZ;
+    for (int j = 0; j < constraint->count; j++) {
+        const int x = constraint->players[j] * STATES;
+        memcpy(together + j * STATES, row + x, STATES * sizeof(double));
+        if (d) memcpy(direction + j * STATES, d + t * SZ + x, STATES * sizeof(double));
+    }
+    if (d) memcpy(direction + at, d + t * SZ + own, CONTROLS * sizeof(double));
+    const double *numbers = w->constraint_numbers + (constraint - ALL_CONSTRAINTS) * CONSTRAINT_NUMBERS;
+    const double *arguments[] = {together, row + own, numbers, v ? v + margin : 0,
+                                 sigma ? sigma + margin : 0, direction};
+    double *results[] = {out};
+    constraint->kinds[t == w->horizon - 1]->functions[function](arguments, results, 0, 0, 0);
+}
+
+/* out (T, MARGINS): the margins, or with a direction d (T, SZ) their change along it */
+static void margin_rows(const Work *w, const double *z, const double *d, double *out)
+{
+    const Constraint *end = ALL_CONSTRAINTS + NUM_CONSTRAINTS;
+    memset(out, 0, (size_t)w->horizon * MARGINS * sizeof(double));
+    for (int t = 0; t < w->horizon; t++)
+        for (const Constraint *c = ALL_CONSTRAINTS; c < end; c++)
+            constraint_values(w, c, d ? CHANGE_OF : MARGINS_OF, t, z, 0, 0, d,
+                              out + t * MARGINS + c->offset);
+}
+
+API void margins(const Work *w, const double *z, double *out) { margin_rows(w, z, 0, out); }
+
+API void change(const Work *w, const double *z, const double *d, double *out)
+{
+    margin_rows(w, z, d, out);
+}
+
+/* out (T, SZ) += alpha J' v for v (T, MARGINS) */
+static void add_push(const Work *w, const double *z, double alpha, const double *v, double *out)
+{
+    double values[OFF_L];
+    const Constraint *end = ALL_CONSTRAINTS + NUM_CONSTRAINTS;
+    for (int t = 0; t < w->horizon; t++)
+        for (const Constraint *c = ALL_CONSTRAINTS; c < end; c++) {
+            const int last = t == w->horizon - 1, own = OFF_U + c->players[0] * CONTROLS;
+            double *row = out + t * SZ;
+            if (c->kinds[last]->margins == 0) continue;
+            constraint_values(w, c, PUSH_OF, t, z, v, 0, 0, values);
+            for (int j = 0; j < c->count; j++)
+                for (int k = 0; k < STATES; k++)
+                    row[c->players[j] * STATES + k] += alpha * values[j * STATES + k];
+            if (!last)
+                for (int k = 0; k < CONTROLS; k++)
+                    row[own + k] += alpha * values[c->count * STATES + k];
+        }
+}
+
+API void push(const Work *w, const double *z, const double *v, double *out)
+{
+    memset(out, 0, (size_t)w->horizon * SZ * sizeof(double));
+    add_push(w, z, 1, v, out);
+}
+
+/* What the condensed constraints add to the values of stage t */
+static void add_condensed(const Work *w, int t, const double *z, const double *v,
+                          const double *sigma, double *stage)
+{
+    double values[MOST_CONDENSED];
+    const int last = t == w->horizon - 1;
+    const Constraint *end = ALL_CONSTRAINTS + NUM_CONSTRAINTS;
+    for (const Constraint *c = ALL_CONSTRAINTS; c < end; c++) {
+        constraint_values(w, c, CONDENSED_OF, t, z, v, sigma, 0, values);
+        for (int e = 0; e < c->kinds[last]->nonzeros; e++) stage[c->indices[last][e]] += values[e];
+    }
+}
+
 /* ---- elimination --------------------------------------------------------------------------- */
 
-/* Stage blocks at (z, theta) and the factorisation (E2)-(E4). Returns 0, or t + 1 where the
- * stage matrix M_t is singular. */
-API int linearise(Work *w, const double *z, const double *theta)
+/* Whether the symmetric part of a (NU, NU) is positive definite */
+static int definite(const double *a)
+{
+    double lower[NU * NU], scale = 0;
+    for (int i = 0; i < NU; i++) scale = fmax(scale, fabs(a[i * NU + i]));
+    for (int i = 0; i < NU; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = (a[i * NU + j] + a[j * NU + i]) / 2;
+            for (int l = 0; l < j; l++) sum -= lower[i * NU + l] * lower[j * NU + l];
+            if (i != j)
+                lower[i * NU + j] = sum / lower[j * NU + j];
+            else if (sum > 1e-13 * scale)
+                lower[i * NU + i] = sqrt(sum);
+            else
+                return 0;
+        }
+    return 1;
+}
+
+/* Stage blocks at (z, theta) and the factorisation (E2)-(E4); with v and sigma (T, MARGINS), the
+ * condensed constraints and shift I are added. Returns 0, or t + 1 where the stage matrix M_t is
+ * singular or, with constraints, not positive definite. */
+static int factorise_stages(Work *w, const double *z, const double *theta, const double *v,
+                     const double *sigma, double shift)
 {
     const int last = w->horizon - 1;
+    w->shift = shift;
     {
-        const double *arguments[] = {z + last * SZ, theta};
-        double *results[] = {w->blocks + last * BLOCKS};
-        final_jacobian(arguments, results, 0, w->constants, 0);
+        const double *x = z + last * SZ;
+        double *stage = w->blocks + last * BLOCKS;
+        sum_of_terms(w, FINAL_JACOBIAN, FINAL_BLOCKS, x, theta, x, stage);
+        if (v) add_condensed(w, last, z, v, sigma, stage);
         double *V = w->V + last * NX * NX;
         memset(V, 0, NX * NX * sizeof(double));
-        sparse_scatter(&FINAL_Q, results[0], 1, V, NX);
+        sparse_scatter(&FINAL_Q, stage, 1, V, NX);
+        for (int i = 0; i < NX; i++) V[i * NX + i] += shift;
     }
     for (int t = last - 1; t >= 0; t--) {
         const double *x = z + t * SZ;
         double *stage = w->blocks + t * BLOCKS;
-        const double *arguments[] = {x, x + OFF_U, x + OFF_L, theta};
-        double *results[] = {stage};
-        jacobian(arguments, results, 0, w->constants, 0);
+        sum_of_terms(w, JACOBIAN, BLOCKS, x, theta, x, stage);
+        add_equations(w, JACOBIAN_OF, t, x, theta, x, stage);
+        if (v) add_condensed(w, t, z, v, sigma, stage);
 
         const double *V = w->V + (t + 1) * NX * NX;
         double *M = w->M + t * NU * NU, *K = w->K + t * NU * NX;
         double *S = w->S + t * NU * NX, *L = w->L + t * NX * NU;
         /* [A B]' V, transposed, and again from the left: all inner loops run along rows. */
-        double half[OFF_L * NX] = {0}, turned[NX * OFF_L] = {0}, full[OFF_L * OFF_L] = {0};
+        double *half = w->squares, *turned = half + WIDTH * WIDTH, *full = turned + WIDTH * WIDTH;
+        memset(half, 0, OFF_L * NX * sizeof(double));
+        memset(turned, 0, NX * OFF_L * sizeof(double));
+        memset(full, 0, OFF_L * OFF_L * sizeof(double));
         sparse_rows(&PATTERN_A, stage, 1, 1, V, half, NX, NX);
         sparse_rows(&PATTERN_B, stage, 1, 1, V, half + NX * NX, NX, NX);
         add_transposed(OFF_L, NX, half, NX, turned, OFF_L);
@@ -266,7 +546,8 @@ API int linearise(Work *w, const double *z, const double *theta)
         add_transposed(NU, NU, full + NX * OFF_L + NX, OFF_L, M, NU);
         add_transposed(NX, NU, full + NX, OFF_L, S, NX);
         add_transposed(NU, NX, full + NX * OFF_L, OFF_L, L, NU);
-        if (!invert(M)) return t + 1;
+        for (int i = 0; i < NU; i++) M[i * NU + i] += shift;
+        if ((v && !definite(M)) || !invert(M)) return t + 1;
         memset(K, 0, NU * NX * sizeof(double));
         multiply_add(NU, NU, NX, 1, M, NU, S, NX, K, NX);
         if (t > 0) {
@@ -275,9 +556,21 @@ API int linearise(Work *w, const double *z, const double *theta)
             sparse_scatter(&PATTERN_Q, stage, 1, Vt, NX);
             add_transposed(NX, NX, full, OFF_L, Vt, NX);
             multiply_add(NX, NU, NX, -1, L, NU, K, NX, Vt, NX);
+            for (int i = 0; i < NX; i++) Vt[i * NX + i] += shift;
         }
     }
     return 0;
+}
+
+API int linearise(Work *w, const double *z, const double *theta)
+{
+    return factorise_stages(w, z, theta, 0, 0, 0);
+}
+
+API int linearise_condensed(Work *w, const double *z, const double *theta, const double *v,
+                            const double *sigma, double shift)
+{
+    return factorise_stages(w, z, theta, v, sigma, shift);
 }
 
 /* (E5), (E6): G_z out = right for right, out (T, SZ), with out's x_1 = 0; or G_z' out = right */
@@ -331,150 +624,16 @@ API void solve(const Work *w, int transposed, const double *right, double *out)
         double *costate = out + (last - 1) * SZ + OFF_L;
         memcpy(costate, right + last * SZ, NX * sizeof(double));
         sparse_vector(&FINAL_Q, w->blocks + last * BLOCKS, -1, transposed, out + last * SZ, costate);
+        for (int i = 0; i < NX; i++) costate[i] -= w->shift * out[last * SZ + i];
     }
     for (int t = last - 1; t > 0; t--) {
         const double *stage = w->blocks + t * BLOCKS, *x = out + t * SZ;
         double *costate = out + (t - 1) * SZ + OFF_L;
         memcpy(costate, right + t * SZ, NX * sizeof(double));
         sparse_vector(&PATTERN_Q, stage, -1, transposed, x, costate);
+        for (int i = 0; i < NX; i++) costate[i] -= w->shift * x[i];
         sparse_vector(transposed ? &PATTERN_S : &PATTERN_P, stage, -1, transposed, x + OFF_U, costate);
         sparse_vector(&PATTERN_A, stage, 1, 1, x + OFF_L, costate);
-    }
-}
-
-/* (E7): Z = d z / d (x_1, theta) on the linearised conditions, into w->Z */
-API void sensitivities(Work *w)
-{
-    const int last = w->horizon - 1;
-    double v[NX * NT] = {0}, next_v[NX * NT];
-    sparse_scatter(&FINAL_X, w->blocks + last * BLOCKS, -1, v, NT);
-    for (int t = last - 1; t >= 0; t--) {
-        const double *stage = w->blocks + t * BLOCKS;
-        double *Zu = w->Z + (t * SZ + OFF_U) * PC, right[NU * NT] = {0}, k[NU * NT] = {0};
-        sparse_scatter(&PATTERN_U, stage, -1, right, NT);
-        sparse_rows(&PATTERN_B, stage, 1, 1, v, right, NT, NT);
-        multiply_add(NU, NU, NT, 1, w->M + t * NU * NU, NU, right, NT, k, NT);
-        for (int i = 0; i < NU; i++) {
-            memset(Zu + i * PC, 0, NX * sizeof(double));
-            memcpy(Zu + i * PC + NX, k + i * NT, NT * sizeof(double));
-        }
-        if (t == 0) break;
-        memset(next_v, 0, sizeof(next_v));
-        sparse_scatter(&PATTERN_X, stage, -1, next_v, NT);
-        sparse_rows(&PATTERN_A, stage, 1, 1, v, next_v, NT, NT);
-        multiply_add(NX, NU, NT, -1, w->L + t * NX * NU, NU, k, NT, next_v, NT);
-        memcpy(v, next_v, sizeof(v));
-    }
-    memset(w->Z, 0, NX * PC * sizeof(double));
-    for (int i = 0; i < NX; i++) w->Z[i * PC + i] = 1;
-    for (int t = 0; t < last; t++) {
-        const double *stage = w->blocks + t * BLOCKS;
-        double *Zx = w->Z + t * SZ * PC, *Zu = Zx + OFF_U * PC, *next = Zx + SZ * PC;
-        multiply_add(NU, NX, PC, -1, w->K + t * NU * NX, NX, Zx, PC, Zu, PC);
-        memset(next, 0, NX * PC * sizeof(double));
-        sparse_rows(&PATTERN_A, stage, 1, 0, Zx, next, PC, PC);
-        sparse_rows(&PATTERN_B, stage, 1, 0, Zu, next, PC, PC);
-    }
-    memset(w->Z + (last * SZ + OFF_U) * PC, 0, (SZ - NX) * PC * sizeof(double));
-    for (int t = last; t > 0; t--) {
-        const double *stage = w->blocks + t * BLOCKS;
-        double *Zx = w->Z + t * SZ * PC, *costates = w->Z + ((t - 1) * SZ + OFF_L) * PC;
-        memset(costates, 0, NX * PC * sizeof(double));
-        if (t == last) {
-            sparse_scatter(&FINAL_X, stage, -1, costates + NX, PC);
-            sparse_rows(&FINAL_Q, stage, -1, 0, Zx, costates, PC, PC);
-        } else {
-            sparse_scatter(&PATTERN_X, stage, -1, costates + NX, PC);
-            sparse_rows(&PATTERN_Q, stage, -1, 0, Zx, costates, PC, PC);
-            sparse_rows(&PATTERN_P, stage, -1, 0, Zx + OFF_U * PC, costates, PC, PC);
-            sparse_rows(&PATTERN_A, stage, 1, 1, Zx + OFF_L * PC, costates, PC, PC);
-        }
-    }
-}
-
-/* ---- the inverse problem ------------------------------------------------------------------- */
-
-/* Second derivatives of the Lagrangian into w->curvature, and W = Z' H Z (PC, PC) of (E8) */
-API void reduced_hessian(Work *w, const double *z, const double *theta, const double *multipliers,
-                         double *W)
-{
-    const int last = w->horizon - 1;
-    memset(W, 0, PC * PC * sizeof(double));
-    for (int t = 0; t <= last; t++) {
-        const double *x = z + t * SZ, *p = multipliers + t * SZ;
-        const double *y = w->samples + t * ND, *precision = w->precision + t * ND;
-        double *values = w->curvature + t * CURVATURE;
-        double *results[] = {values};
-        const Pattern *pattern = t == last ? &FINAL_H : &PATTERN_H;
-        if (t == last) {
-            const double *arguments[] = {x, theta, p, y, precision};
-            final_hessian(arguments, results, 0, w->constants, 0);
-        } else {
-            const double *arguments[] = {x,         x + OFF_U, x + OFF_L, theta, p,
-                                         p + OFF_U, p + OFF_L, y,         precision};
-            hessian(arguments, results, 0, w->constants, 0);
-        }
-        /* Half the Hessian has rows of x and u only: it is linear in (lambda, theta). */
-        double Y[OFF_L * PC];
-        memset(Y, 0, sizeof(Y));
-        const double *Z = w->Z + t * SZ * PC;
-        for (int e = 0; e < pattern->size; e++) {
-            double *target = Y + pattern->rows[e] * PC;
-            if (pattern->columns[e] >= SZ)
-                target[pattern->columns[e] - SZ + NX] += values[e];
-            else
-                for (int j = 0; j < PC; j++)
-                    target[j] += values[e] * Z[pattern->columns[e] * PC + j];
-        }
-        transpose_multiply_add(t == last ? NX : OFF_L, PC, Z, Y, W);
-    }
-    for (int i = 0; i < PC; i++)
-        for (int j = 0; j <= i; j++) W[i * PC + j] = W[j * PC + i] = W[i * PC + j] + W[j * PC + i];
-}
-
-/* Z' Z (PC, PC) over states and controls: the metric of the inertia correction */
-API void trajectory_metric(const Work *w, double *metric)
-{
-    memset(metric, 0, PC * PC * sizeof(double));
-    for (int t = 0; t < w->horizon; t++) {
-        const double *Z = w->Z + t * SZ * PC;
-        transpose_multiply_add(OFF_L, PC, Z, Z, metric);
-    }
-}
-
-/* H (d, d_theta) with the curvature of the last reduced_hessian: (T, SZ) and (NT,) */
-API void hessian_product(const Work *w, const double *d, const double *d_theta, double *out,
-                         double *out_theta)
-{
-    memset(out_theta, 0, NT * sizeof(double));
-    memset(out, 0, w->horizon * SZ * sizeof(double));
-    for (int t = 0; t < w->horizon; t++) {
-        const Pattern *pattern = t == w->horizon - 1 ? &FINAL_H : &PATTERN_H;
-        const double *values = w->curvature + t * CURVATURE, *dz = d + t * SZ;
-        double *row = out + t * SZ;
-        for (int e = 0; e < pattern->size; e++) {
-            const int i = pattern->rows[e], j = pattern->columns[e];
-            row[i] += values[e] * (j < SZ ? dz[j] : d_theta[j - SZ]);
-            *(j < SZ ? row + j : out_theta + j - SZ) += values[e] * dz[i];
-        }
-    }
-}
-
-/* out (PC,) = Z' g for g (T, SZ) */
-API void reduce(const Work *w, const double *g, double *out)
-{
-    memset(out, 0, PC * sizeof(double));
-    for (int r = 0; r < w->horizon * SZ; r++)
-        for (int j = 0; j < PC; j++) out[j] += g[r] * w->Z[r * PC + j];
-}
-
-/* out (T, SZ) += Z d for d (PC,) = (x_1, theta) */
-API void expand(const Work *w, const double *d, double *out)
-{
-    for (int r = 0; r < w->horizon * SZ; r++) {
-        double sum = 0;
-        for (int j = 0; j < PC; j++) sum += w->Z[r * PC + j] * d[j];
-        out[r] += sum;
     }
 }
 
@@ -497,45 +656,67 @@ static void norms(const double *v, int n, double *largest, double *squares)
     if (!isfinite(*squares)) *largest = *squares; /* fmax drops NaN */
 }
 
-/* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays fixed; games/elimination.py has
- * the same loop in Python. Returns max |G|; *iterations counts the factorisations. */
-static double newton_one(Work *w, double *z, const double *theta, double tolerance,
-                         int max_iterations, double deadline, int *iterations)
+/* One step of Newton from z with the present factorisation, shortened until the residual falls, or
+ * to `shortest`. Moves z and the residual with its norms; returns 0 where no length was found. */
+static int step_to_root(Work *w, double *z, const double *theta, double shortest, double *largest,
+                        double *squares)
 {
     const int n = w->horizon * SZ;
     double *residual = w->scratch, *step = residual + n, *trial = step + n, *next = trial + n;
-    double largest, squares, trial_largest, trial_squares;
-    evaluate(w, z, theta, residual);
-    norms(residual, n, &largest, &squares);
-    for (*iterations = 0; *iterations < max_iterations; ++*iterations) {
-        if (largest < tolerance || !isfinite(largest) || seconds() > deadline) break;
-        if (linearise(w, z, theta)) break;
-        solve(w, 0, residual, step);
-        double length = 1;
-        for (;; length /= 2) {
-            if (length < SMALLEST_STEP) return largest;
-            for (int i = 0; i < n; i++) trial[i] = z[i] - length * step[i];
-            evaluate(w, trial, theta, next);
-            norms(next, n, &trial_largest, &trial_squares);
-            /* NaN compares false, so an undefined trial point is refused as well. */
-            if (sqrt(trial_squares) < (1 - 1e-4 * length) * sqrt(squares)) break;
+    double trial_largest, trial_squares;
+    solve(w, 0, residual, step);
+    for (double length = 1; length >= shortest; length /= 2) {
+        for (int i = 0; i < n; i++) trial[i] = z[i] - length * step[i];
+        evaluate(w, trial, theta, next);
+        norms(next, n, &trial_largest, &trial_squares);
+        /* NaN compares false, so an undefined trial point is refused as well. */
+        if (sqrt(trial_squares) < (1 - 1e-4 * length) * sqrt(*squares)) {
+            memcpy(z, trial, n * sizeof(double));
+            memcpy(residual, next, n * sizeof(double));
+            *largest = trial_largest;
+            *squares = trial_squares;
+            return 1;
         }
-        memcpy(z, trial, n * sizeof(double));
-        memcpy(residual, next, n * sizeof(double));
-        largest = trial_largest;
-        squares = trial_squares;
+    }
+    return 0;
+}
+
+/* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays fixed; games/elimination.py has
+ * the same loop in Python. Where *again is set, the present factorisation serves first; it serves
+ * as long as whole steps leave at most a share ENOUGH of the residual. Returns max |G|;
+ * *iterations counts the factorisations. */
+static double newton_one(Work *w, double *z, const double *theta, double tolerance,
+                         int max_iterations, double deadline, int *again, int *iterations)
+{
+    double largest, squares;
+    evaluate(w, z, theta, w->scratch);
+    norms(w->scratch, w->horizon * SZ, &largest, &squares);
+    *iterations = 0;
+    while (!(largest < tolerance) && isfinite(largest) && seconds() <= deadline) {
+        const double before = squares;
+        if (*again) {
+            *again = step_to_root(w, z, theta, 1, &largest, &squares);
+        } else {
+            if (*iterations == max_iterations || linearise(w, z, theta)) break;
+            ++*iterations;
+            if (!step_to_root(w, z, theta, SMALLEST_STEP, &largest, &squares)) break;
+            *again = 1;
+        }
+        *again = *again && squares < ENOUGH * ENOUGH * before;
     }
     return largest;
 }
 
 /* The same for `count` games: z (count, T, SZ) in and out, theta (count, NT), residuals and
- * iterations (count,). After `limit` seconds the remaining games stay as they are. */
+ * iterations (count,). A factorisation serves further games as well. After `limit` seconds the
+ * remaining games stay as they are. */
 API void newton(Work *w, int count, double *z, const double *theta, double tolerance,
-                int max_iterations, double limit, double *residuals, int *iterations)
+                int max_iterations, double limit, int factorised, double *residuals,
+                int *iterations)
 {
     const double deadline = seconds() + limit;
     const size_t size = (size_t)w->horizon * SZ;
     for (int b = 0; b < count; b++)
         residuals[b] = newton_one(w, z + b * size, theta + (size_t)b * NT, tolerance,
-                                  max_iterations, deadline, iterations + b);
+                                  max_iterations, deadline, &factorised, iterations + b);
 }

@@ -4,10 +4,14 @@ A feature is one basis function of a player's cost (Peters et al. 2021, eqn. run
 frozen dataclass that holds its parameters and gives its cost as a CasADi
 expression, for a running stage (t < T) and for the final state (t = T). To add a feature, write a
 dataclass with these two methods; nothing has to be registered.
+
+Solvers put symbols in the place of the numbers that a feature holds (``games.numbers``). So its
+methods calculate with them, by CasADi, and do not decide by them.
 """
 
+from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 
@@ -23,14 +27,14 @@ class Stage:
         states: one (n,) symbol per player.
         control: (m,) symbol of this player's control; None at the final step.
         dynamics: the motion model, which names the components.
-        dt: step [s].
+        dt: step [s], a number or a symbol.
     """
 
     player: int
     states: tuple[ca.SX, ...]
     control: ca.SX | None
     dynamics: Dynamics
-    dt: float
+    dt: ca.SX | float
 
     def own_state(self, component: str) -> ca.SX:
         """This player's state component of that name."""
@@ -46,7 +50,7 @@ class Stage:
         return self.states[player][:2]
 
 
-class Feature(Protocol):
+class Feature(Hashable, Protocol):
     """One basis function of a player's cost."""
 
     @property
@@ -58,6 +62,21 @@ class Feature(Protocol):
 
     def final_cost(self, stage: Stage) -> ca.SX | float:
         """Cost of the last state, t = T."""
+
+
+@runtime_checkable
+class Resizable(Protocol):
+    """A feature whose structure has a size, such as a route that has a number of lanes.
+
+    Solvers bring all of a game to the largest, so that games which differ in sizes share them.
+    """
+
+    @property
+    def size(self) -> int:
+        """How large this feature is."""
+
+    def resized(self, size: int) -> Feature:
+        """An equal feature whose structure depends on the given size alone."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +164,26 @@ class StateDeviation:
 
 
 @dataclass(frozen=True)
+class Tracking:
+    """``StateDeviation`` with a scale of its own for the last step."""
+
+    component: str
+    target: float = 0.0
+    scale: float = 1.0
+    final_scale: float = 1.0
+
+    @property
+    def name(self) -> str:
+        return self.component
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * (stage.own_state(self.component) - self.target) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.final_scale * (stage.own_state(self.component) - self.target) ** 2
+
+
+@dataclass(frozen=True)
 class ControlEffort:
     """``scale * (dt * control component)^2``: eqns. runexp-yawrate-cost and runexp-accel-cost.
 
@@ -177,4 +216,4 @@ class FinalGoal:
         return 0.0
 
     def final_cost(self, stage: Stage) -> ca.SX | float:
-        return self.scale * ca.sumsqr(stage.position(stage.player) - ca.DM(self.goal))
+        return self.scale * ca.sumsqr(stage.position(stage.player) - ca.vertcat(*self.goal))

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import spsolve
 
+from olne_bench.games.constraints import refuse_constraints
 from olne_bench.games.dynamics import dynamics_errors
 from olne_bench.games.game import Game, player_cost, trajectory_symbols
 
@@ -97,7 +98,12 @@ class KktSystem:
 
 @lru_cache(maxsize=64)
 def kkt_system(game: Game) -> KktSystem:
-    """Build (or fetch) the first-order conditions of a game."""
+    """Build (or fetch) the first-order conditions of a game without constraints.
+
+    Raises:
+        ValueError: if the game has constraints; ``games.elimination`` has the conditions of those.
+    """
+    refuse_constraints(game.constraints, "the stacked system G")
     states, state_blocks = trajectory_symbols("x", game.state_shape)
     controls, control_blocks = trajectory_symbols("u", game.control_shape)
     costates, costate_blocks = trajectory_symbols(

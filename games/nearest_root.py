@@ -25,7 +25,7 @@ from olne_bench.games.ipopt import QUIET
 from olne_bench.games.kkt import kkt_system
 from olne_bench.games.newton import Root
 from olne_bench.games.published import PUBLISHED_ITERATIONS
-from olne_bench.games.root_following import follow_root
+from olne_bench.games.root_following import follow_root, follow_weights
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,21 @@ def predict(
 
     Args:
         game: the game.
-        weights: (N, K).
+        weights: (N, K), or (N, K + U) with standardised unknowns.
         truth: the true motion, a root at the true weights.
-        true_weights: (N, K).
+        true_weights: those of the truth.
         max_iterations: limit on IPOPT's iterations.
 
     Returns:
-        The root of the published solve, or else that of ``follow_root``.
+        The root of the published solve, or else that of ``follow_root``. The published study has
+        no constraints, and no unknowns besides weights. With them it is always the latter, and
+        counts as published where the path from the true weights leads to it.
     """
+    if game.constraints or game.parameters.count:
+        root = follow_weights(game, truth, true_weights, weights)
+        if root is not None:
+            return Prediction(root, published=True)
+        return Prediction(follow_root(game, truth, true_weights, weights), published=False)
     states, controls, zero = truth.states, truth.controls, np.zeros_like(truth.costates)
     root = nearest_root(game, weights, states, controls, zero, max_iterations=max_iterations)
     if root is not None:

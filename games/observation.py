@@ -36,7 +36,8 @@ class Components(Hashable, Protocol):
 class View(ABC):
     """An observation model, applied to each player's state separately.
 
-    Views are frozen dataclasses: solvers are built once per view and found again by its hash.
+    Views are frozen dataclasses: solvers are built once per structure of a view and found again by
+    its hash; its numbers are data (``games.numbers``).
 
     Attributes:
         name: short name, used in suites and tables.
@@ -191,8 +192,8 @@ class RangeBearingView(View):
         }
 
     @staticmethod
-    def _turn(x: ca.SX, y: ca.SX, angle: float) -> tuple[ca.SX, ca.SX]:
-        cos, sin = float(np.cos(angle)), float(np.sin(angle))
+    def _turn(x: ca.SX, y: ca.SX, angle: ca.SX | float) -> tuple[ca.SX, ca.SX]:
+        cos, sin = ca.cos(angle), ca.sin(angle)
         return cos * x - sin * y, sin * x + cos * y
 
 
@@ -285,7 +286,8 @@ class WhitenedView(View):
         return self.view.name
 
     def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
-        return ca.mtimes(ca.DM(np.array(self.matrix)), self.view.expected(state, dynamics))
+        rows = [ca.horzcat(*row) for row in self.matrix]
+        return ca.mtimes(ca.vertcat(*rows), self.view.expected(state, dynamics))
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
         return self.view.read_off(y @ np.linalg.inv(self.matrix).T, dynamics)

@@ -4,65 +4,47 @@ Roots of the stacked first-order conditions come from two sources. Continuation 
 between the players takes milliseconds but may end at a saddle point of some player's cost. If the
 certificate fails, iterated best response (IBR, Wang et al. 2019; the paper's ground truth) leads
 into the basin of a true equilibrium, and Newton's method brings the residual to machine precision.
+
+Where it is asked for, better responses are looked for far away as well (``games.far_search``). If a
+player has one, it takes it, the others respond in turn, and the next equilibrium is examined.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from olne_bench.games.best_response import best_response
+from olne_bench.games.best_response import best_responses
+from olne_bench.games.constrained import certify_constrained, solve_constrained
 from olne_bench.games.continuation import follow_coupling
-from olne_bench.games.dynamics import rollout
+from olne_bench.games.equilibrium import (
+    CERTIFICATE_TOLERANCE,
+    Certificate,
+    Equilibrium,
+    Gains,
+)
+from olne_bench.games.far_search import FarResponses, far_responses
 from olne_bench.games.game import Game
-from olne_bench.games.kkt import kkt_system
-from olne_bench.games.newton import Root, newton_root
+from olne_bench.games.iterated_response import iterated_best_response
+from olne_bench.games.native import elimination
+from olne_bench.games.newton import Root, newton_root, rows
 
-#: Default certificate tolerance: largest gain of any player, relative to 1 + |J^i|.
-CERTIFICATE_TOLERANCE = 1e-7
+__all__ = [
+    "CERTIFICATE_TOLERANCE",
+    "RESIDUAL_TOLERANCE",
+    "Certificate",
+    "Equilibrium",
+    "Gains",
+    "certify",
+    "iterated_best_response",
+    "solve_olne",
+]
+
+#: Equilibria that are examined for better responses far away.
+_MOST_EQUILIBRIA = 10
 
 #: A point with a residual below this counts as a root of the first-order conditions.
 RESIDUAL_TOLERANCE = 1e-9
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """Evidence that no player gains by deviating alone (eqn. nash, locally).
-
-    Each player's best response is computed from two starts, its equilibrium trajectory and a
-    perturbed one, which leaves saddle points of its cost.
-
-    Attributes:
-        gains: (N,) J^i(equilibrium) - J^i(better of the two responses); about 0 or negative at an
-            equilibrium.
-        costs: (N,) J^i at the equilibrium.
-        tolerance: allowed gain relative to 1 + |J^i|.
-        passed: whether every player's gain is within the tolerance and G is zero.
-    """
-
-    gains: np.ndarray
-    costs: np.ndarray
-    tolerance: float
-    passed: bool
-
-
-@dataclass(frozen=True)
-class Equilibrium:
-    """A solution of a forward game.
-
-    Attributes:
-        states: (T, N, n).
-        controls: (T-1, N, m).
-        costates: (T-1, N, n), of each player's own state.
-        residual: max |G|.
-        certificate: evidence; ``certificate.passed`` is False if the solver failed.
-    """
-
-    states: np.ndarray
-    controls: np.ndarray
-    costates: np.ndarray
-    residual: float
-    certificate: Certificate
 
 
 def solve_olne(
@@ -73,8 +55,9 @@ def solve_olne(
     initial_controls: np.ndarray | None = None,
     certificate_tolerance: float = CERTIFICATE_TOLERANCE,
     max_rounds: int = 100,
+    search_far: bool = False,
 ) -> Equilibrium:
-    """Find an open-loop Nash equilibrium.
+    """Find an open-loop Nash equilibrium, the variational one where the game has constraints.
 
     Args:
         game: the game.
@@ -84,32 +67,44 @@ def solve_olne(
         certificate_tolerance: largest gain that a player may have from deviating alone,
             relative to 1 + |J^i|.
         max_rounds: rounds of best responses per attempt.
+        search_far: also look for better responses far away, and follow them; not with constraints.
 
     Returns:
-        The first certified equilibrium among the attempts (continuation, plain IBR, damped
-        IBR), or the last attempt with ``certificate.passed`` False. A game without a solution does
-        not raise.
+        The first locally certified equilibrium among the attempts (continuation, plain IBR, damped
+        IBR), or the last attempt with ``certificate.passed`` False. With ``search_far``, the first
+        one found without a better response far away. If each has one, it is the first, and its
+        certificate has the gains. A game without a solution does not raise.
 
     Raises:
-        ValueError: on arguments of a wrong shape or non-finite values.
+        ValueError: on arguments of a wrong shape or non-finite values, or a start that breaks
+            constraints.
     """
     weights = game.check_weights(weights)
     initial_state = game.check_initial_state(initial_state)
-    if initial_controls is None:
-        initial_controls = np.zeros(game.control_shape)
-    initial_controls = np.asarray(initial_controls, dtype=float)
-    if initial_controls.shape != game.control_shape:
-        raise ValueError(
-            f"initial_controls have the shape {initial_controls.shape}, "
-            f"expected {game.control_shape}"
-        )
+    initial_controls = _checked_controls(game, initial_controls)
 
+    if game.constraints:
+        start = initial_state, initial_controls
+        return solve_constrained(game, weights, *start, tolerance=certificate_tolerance)
     for guess in _guesses(game, weights, initial_state, initial_controls, max_rounds):
         root = newton_root(game, guess.states, guess.controls, guess.costates, weights)
         certificate = certify(game, root, weights, tolerance=certificate_tolerance)
         if certificate.passed:
             break
+    if search_far and certificate.passed:
+        root, certificate = _without_better_far(game, weights, root, certificate, max_rounds)
     return Equilibrium(root.states, root.controls, root.costates, root.residual, certificate)
+
+
+def _checked_controls(game: Game, controls: np.ndarray | None) -> np.ndarray:
+    if controls is None:
+        return np.zeros(game.control_shape)
+    controls = np.asarray(controls, dtype=float)
+    if controls.shape != game.control_shape:
+        raise ValueError(
+            f"initial_controls have the shape {controls.shape}, expected {game.control_shape}"
+        )
+    return controls
 
 
 def certify(
@@ -118,6 +113,7 @@ def certify(
     weights: np.ndarray,
     *,
     tolerance: float = CERTIFICATE_TOLERANCE,
+    search_far: bool = False,
 ) -> Certificate:
     """Check by best responses that no player gains by deviating alone.
 
@@ -126,30 +122,76 @@ def certify(
         root: the point to check.
         weights: (N, K).
         tolerance: allowed gain relative to 1 + |J^i|.
+        search_far: also look for better responses far from the point, if none is near; not where
+            the game has constraints.
     """
-    function = kkt_system(game).cost_function
-    costs = np.array(function(root.states.ravel(), root.controls.ravel(), weights.ravel())).ravel()
-    if not (root.residual < RESIDUAL_TOLERANCE and np.isfinite(costs).all()):
-        return Certificate(np.full(game.num_players, np.nan), costs, tolerance, passed=False)
+    if game.constraints:
+        return certify_constrained(game, root, weights, tolerance=tolerance)
+    certificate = _certify_near(game, root, weights, tolerance)
+    if search_far and certificate.local.passed:
+        certificate, _ = _certify_far(game, root, weights, certificate)
+    return certificate
 
-    rng = np.random.default_rng(0)  # any fixed direction off the symmetry axes will do
-    perturbed = root.controls + 1e-3 * rng.standard_normal(root.controls.shape)
-    starts = (
-        (root.states, root.controls),
-        (rollout(game.dynamics, root.states[0], perturbed, game.dt), perturbed),
-    )
+
+def _certify_near(
+    game: Game, root: Root | Equilibrium, weights: np.ndarray, tolerance: float
+) -> Certificate:
+    z = rows(game, root.states, root.controls, root.costates)
+    costs = elimination(game).costs(z, np.ravel(weights))
+    plans = _near_plans(root.controls)
+    starts = np.full(game.num_players, len(plans))
+    if not (root.residual < RESIDUAL_TOLERANCE and np.isfinite(costs).all()):
+        nothing = np.full(game.num_players, np.nan)
+        return Certificate(costs, tolerance, Gains(nothing, 0 * starts, passed=False))
     gains = np.empty(game.num_players)
     solved = True
     for i in range(game.num_players):
-        responses = []
-        for own_states, own_controls in starts:
-            states, controls = root.states.copy(), root.controls.copy()
-            states[:, i], controls[:, i] = own_states[:, i], own_controls[:, i]
-            responses.append(best_response(game, i, states, controls, weights[i]))
-        solved = solved and all(response.converged for response in responses)
-        gains[i] = costs[i] - min(response.cost for response in responses)
-    passed = solved and bool((gains <= tolerance * (1 + np.abs(costs))).all())
-    return Certificate(gains, costs, tolerance, passed)
+        responses = best_responses(game, i, plans[:, :, i], root.states, root.controls, weights)
+        solved = solved and bool(responses.converged.all())
+        gains[i] = costs[i] - responses.costs.min()
+    passed = solved and _within(gains, costs, tolerance)
+    return Certificate(costs, tolerance, Gains(gains, starts, passed))
+
+
+def _near_plans(controls: np.ndarray) -> np.ndarray:
+    """Plans (2, T-1, N, m): the given ones, and perturbed ones."""
+    rng = np.random.default_rng(0)  # any fixed direction off the symmetry axes will do
+    return np.stack([controls, controls + 1e-3 * rng.standard_normal(controls.shape)])
+
+
+def _certify_far(
+    game: Game, root: Root | Equilibrium, weights: np.ndarray, near: Certificate
+) -> tuple[Certificate, FarResponses]:
+    """The certificate with its far part, and the plans that it found."""
+    found = far_responses(game, root.states, root.controls, weights)
+    gains = near.costs - found.costs
+    passed = _within(gains, near.costs, near.tolerance)
+    return replace(near, global_so_far=Gains(gains, found.starts, passed)), found
+
+
+def _within(gains: np.ndarray, costs: np.ndarray, tolerance: float) -> bool:
+    return bool((gains <= tolerance * (1 + np.abs(costs))).all())
+
+
+def _without_better_far(
+    game: Game, weights: np.ndarray, root: Root, near: Certificate, max_rounds: int
+) -> tuple[Root, Certificate]:
+    """An equilibrium without a better response far away; if none is found, the given one."""
+    examined: list[tuple[Root, Certificate]] = []
+    while near.passed and len(examined) < _MOST_EQUILIBRIA:
+        certificate, far = _certify_far(game, root, weights, near)
+        if certificate.passed:
+            return root, certificate
+        examined.append((root, certificate))
+        player = int(np.argmax(certificate.gains / (1 + np.abs(certificate.costs))))
+        controls = root.controls.copy()
+        controls[:, player] = far.controls[:, player]
+        guess = iterated_best_response(
+            game, weights, root.states[0], controls, max_rounds=max_rounds, first=player
+        )
+        root = newton_root(game, guess.states, guess.controls, guess.costates, weights)
+        near = _certify_near(game, root, weights, near.tolerance)
+    return examined[0]
 
 
 def _guesses(
@@ -167,46 +209,3 @@ def _guesses(
         yield iterated_best_response(
             game, weights, initial_state, controls, max_rounds=max_rounds, damping=damping
         )
-
-
-def iterated_best_response(
-    game: Game,
-    weights: np.ndarray,
-    initial_state: np.ndarray,
-    controls: np.ndarray,
-    *,
-    max_rounds: int = 100,
-    max_iterations: int = 1500,
-    damping: float = 1.0,
-    tolerance: float = 1e-3,
-) -> Root:
-    """Let the players respond in turn until their plans no longer change (Wang et al. 2019).
-
-    Args:
-        game: the game.
-        weights: (N, K).
-        initial_state: (N, n).
-        controls: (T-1, N, m) first plans.
-        max_rounds: rounds through all players.
-        max_iterations: total iterations of the players' optimisers, after which no round starts.
-        damping: share of the step towards its response that a player takes.
-        tolerance: stop when no control changes by more than this in one round.
-
-    Returns:
-        The last plans; the residual is infinity, as IBR does not evaluate G.
-    """
-    controls = controls.copy()
-    states = rollout(game.dynamics, initial_state, controls, game.dt)
-    costates = np.zeros((game.horizon - 1, *initial_state.shape))
-    used = 0
-    for _ in range(max_rounds):
-        before = controls.copy()
-        for i in range(game.num_players):
-            response = best_response(game, i, states, controls, weights[i])
-            used += response.iterations
-            controls[:, i] += damping * (response.controls - controls[:, i])
-            costates[:, i] = response.costates
-            states[:, i] = rollout(game.dynamics, initial_state, controls, game.dt)[:, i]
-        if np.abs(controls - before).max() < tolerance * damping or used >= max_iterations:
-            break
-    return Root(states, controls, costates, residual=float("inf"))

@@ -6,6 +6,7 @@ This is far cheaper than the search for the root nearest to a trajectory (``game
 import numpy as np
 
 from olne_bench.games.batch import solve_batch
+from olne_bench.games.constrained import as_root, variational_solution
 from olne_bench.games.continuation import follow_coupling
 from olne_bench.games.game import Game
 from olne_bench.games.newton import Root
@@ -55,7 +56,17 @@ def follow_weights(
 def from_independent_players(
     game: Game, initial_state: np.ndarray, controls: np.ndarray, weights: np.ndarray
 ) -> Root | None:
-    """Other parts of ``follow_root``: the root by continuation in the coupling, or None."""
+    """Other parts of ``follow_root``: the root by continuation in the coupling, or None.
+
+    With constraints, the interior point method takes the place of the continuation.
+    """
+    if game.constraints:
+        try:
+            solution = variational_solution(game, weights, initial_state, controls)
+        except ValueError:  # the start breaks a constraint
+            return None
+        found = as_root(game, solution, weights)
+        return found if found.residual < RESIDUAL_TOLERANCE else None
     root = follow_coupling(
         game, weights, initial_state, controls, max_factorisations=_COUPLING_STEPS
     )

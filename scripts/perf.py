@@ -95,8 +95,8 @@ def measure_inverse(scenario: Scenario, truth: Equilibrium, sequences: int) -> d
     rows = []
     for view in VIEWS.values():
         game = scenario.game
-        problem, estimator = Problem(game, view), KktConstrained()
-        estimator.warm_up(problem)
+        estimator = KktConstrained()
+        estimator.warm_up(Problem(game, view))
         published, compact = PublishedLayout(game, view), CompactLayout(game, view)
         rng = np.random.default_rng(0)
         for k, sigma in enumerate(SIGMAS * sequences):
@@ -108,7 +108,7 @@ def measure_inverse(scenario: Scenario, truth: Equilibrium, sequences: int) -> d
             }
             if k == 0:  # slow
                 rivals["published, zero"] = partial(published.solve, consistent=False)
-            rows.append(_race(problem, estimator, rivals, y, sigma))
+            rows.append(_race(Problem(game, view, sigma), estimator, rivals, y))
     table: dict[str, Any] = {"rows": rows, "ours_ms": float(np.median([r["ours"] for r in rows]))}
     for name in ("published", "published, zero", "compact"):
         raced = [row for row in rows if name in row]
@@ -131,7 +131,6 @@ def _race(
     estimator: KktConstrained,
     rivals: "dict[str, Rival]",
     y: np.ndarray,
-    sigma: float,
 ) -> dict[str, Any]:
     """Time all solvers on one sequence; our time includes the pre-solve, the rivals' does not."""
     fit = fit_trajectory(problem.game, problem.view, y)
@@ -144,7 +143,7 @@ def _race(
     estimate = own[0][1]
     row: dict[str, Any] = {
         "view": problem.view.name,
-        "sigma": sigma,
+        "sigma": problem.sigma,
         "ours": float(np.median([each for each, _ in own])),
         "ours objective": _objective(estimate.extras["objective"], estimate.converged),
         "ours starts": estimate.extras["starts"],

@@ -23,7 +23,15 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 #: Pages whose blocks run in ``test_a_page_runs``.
-RUN_HERE = ("README.md", "docs/plugins.md", "docs/study_commands.md", "docs/highway.md")
+RUN_HERE = (
+    "README.md",
+    "docs/plugins.md",
+    "docs/study_commands.md",
+    "docs/highway.md",
+    "docs/constraints.md",
+    "docs/unknowns.md",
+    "docs/online.md",
+)
 #: Those of them that only ``.ci/run`` runs.
 TAKES_LONG = ("docs/study_commands.md",)
 #: Pages that have their own test: below, or in ``test_recordings_guide.py`` and

@@ -23,3 +23,21 @@ def test_play_olne_saves_an_episode_in_which_cars_overtake(tmp_path, monkeypatch
     end = world.state()[:-1].reshape(5, 4)[:, 1]
     overtaken = (start[:, None] < start) & (end[:, None] > end)
     assert overtaken.any()
+
+
+def test_a_network_is_learnt_and_predicts_like_the_true_cost():
+    """From six drives and for six held-out ones; the example has eight and twenty."""
+    example = runpy.run_path(str(EXAMPLES / "lane_network.py"))
+    happened = example["drives"](0, trajectories=6, held_out=6)
+    game, found = example["learnt"](happened.seen)
+    assert found.converged, found.message
+    assert np.isfinite(found.parameters).sum() == 30
+    true, learnt = (
+        example["prediction_error"](one, weights, happened.held_out, happened.noisy_starts)
+        for one, weights in (
+            (example["road"](example["Habit"]()), example["WEIGHTS"]),
+            (game, found.weights),
+        )
+    )
+    assert learnt < 1.5 * true
+    assert 0.01 < true < 0.1

@@ -4,6 +4,7 @@
 COMMANDS = {
     "check": "check",
     "compare": "compare",
+    "draws": "draws",
     "estimate": "estimate",
     "export": "export",
     "gate": "gate",
@@ -11,6 +12,7 @@ COMMANDS = {
     "list": "list_all",
     "merge": "merge",
     "new": "new",
+    "online": "online",
     "record": "record",
     "report": "report",
     "run": "run",

@@ -134,6 +134,9 @@ def _table(players: list[str], names: Sequence[str], fit: Fit) -> pd.DataFrame:
     errors = fit.standard_errors
     if errors is not None:
         table[[f"{name}_error" for name in names]] = errors
+    if fit.intervals is not None:
+        for k, name in enumerate(names):
+            table[[f"{name}_low", f"{name}_high"]] = fit.intervals[:, k]
     return table
 
 
@@ -146,6 +149,8 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
         shown[name] = text
     click.echo("weights" + (" ± standard error:" if "±" in shown.to_string() else ":"))
     click.echo(shown.to_string(index=False))
+    if fit.intervals is not None:
+        _say_intervals(table, fit)
     noise = f"noise {fit.problem.sigma:.2g} m ({source})"
     if fit.residual is None:
         click.echo(f"the estimator gives no motion to compare; {noise}")
@@ -168,6 +173,21 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
     if not fit.result.converged:
         reason = fit.result.message or "the estimator gives no reason"
         click.echo(f"not converged, do not rely on these weights: {reason}", err=True)
+
+
+def _say_intervals(table: pd.DataFrame, fit: Fit) -> None:
+    shown = table[["player"]].copy()
+    for name in fit.problem.weight_names:
+        low, high = (table[f"{name}_{end}"].map(_shown_end) for end in ("low", "high"))
+        shown[name] = low + " to " + high
+    click.echo("95 % intervals:")
+    click.echo(shown.to_string(index=False))
+    if np.isnan(fit.intervals).any():  # type: ignore[arg-type]
+        click.echo("?: the game cannot be followed far enough to find this end", err=True)
+
+
+def _shown_end(value: float) -> str:
+    return "?" if np.isnan(value) else f"{value:.3f}"
 
 
 def _write(table: pd.DataFrame, out: Path) -> None:

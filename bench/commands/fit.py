@@ -1,18 +1,26 @@
 """How well an estimate explains tracks, and how sure its weights are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import ndtri
 
 from olne_bench.bench.judge.estimate_check import CheckedEstimate
-from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.forward_model import game_at
+from olne_bench.estimators.profile_intervals import profile_intervals
+from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Observation, Problem
+from olne_bench.estimators.trajectory_fit import guess_controls
+from olne_bench.estimators.white_noise import with_white_noise
+from olne_bench.games.kkt import consistent_costates
+from olne_bench.games.newton import newton_root
 from olne_bench.games.observation import observe
 
 #: Residuals above this multiple of the noise level are not noise.
 FAR_ABOVE_NOISE = 2.0
 #: Residuals below this [m] give no warning: positions are rounded to about as much.
 NEGLIGIBLE = 0.01
+_TAILS = 0.025, 0.975
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,40 @@ class Fit:
         excess = max(1.0, (self.residual or 0.0) / self.problem.sigma)
         errors = excess * np.sqrt(np.diag(covariance).clip(0))
         return np.asarray(errors.reshape(self.result.weights.shape))
+
+    @cached_property
+    def intervals(self) -> np.ndarray | None:
+        """(N, K, 2) ends of 95 % intervals of the weights, from what the estimator claims.
+
+        From samples they are quantiles, from a covariance normal ones, and for a likelihood region
+        the referee's own profile (``estimators.profile_intervals``): NaN where an end is not
+        found. None if the estimator claims nothing. As for standard errors, a residual above the
+        noise level is used in its place.
+        """
+        result, errors = self.result, self.standard_errors
+        if result.region == SAMPLES and result.samples is not None:
+            return np.moveaxis(np.quantile(result.samples, _TAILS, axis=0), 0, -1)
+        if result.region is None or errors is None or not result.converged:
+            return None
+        if result.region == LIKELIHOOD and result.states is not None:
+            return self._profiled(errors)
+        reach = ndtri(_TAILS[1]) * errors
+        ends = np.stack([result.weights - reach, result.weights + reach], axis=-1)
+        return np.asarray(ends.clip(0, 1))
+
+    def _profiled(self, errors: np.ndarray) -> np.ndarray | None:
+        states = self.result.states
+        assert states is not None, "the caller has checked"
+        game, theta = self.problem.game, self.result.theta(self.problem.game)
+        controls = guess_controls(game, states)
+        costates = consistent_costates(game, states, controls, theta)
+        try:
+            root = newton_root(game, states, controls, costates, theta)
+        except ValueError:  # the states are no motion of this game
+            return None
+        level = max(self.problem.sigma, self.residual or 0.0)
+        problem, seen = with_white_noise(replace(self.problem, sigma=level), Observation(self.y))
+        return profile_intervals(problem, seen, [game_at(game, root, theta)], errors)
 
     @property
     def unexplained(self) -> list[int]:

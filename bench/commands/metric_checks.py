@@ -15,6 +15,7 @@ from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.envs.recording import record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
+from olne_bench.estimators.protocol import COVARIANCE
 from olne_bench.games.olne import solve_olne
 
 
@@ -86,6 +87,9 @@ def _case(recording: Any, weights: np.ndarray, states: np.ndarray | None) -> Jud
         weights=weights.copy(),
         states=None if states is None else states.copy(),
         covariance=spread,
+        region=COVARIANCE,
+        parameters=None,
+        parameter_deviations=None,
         converged=True,
         message="",
         objective=math.nan,

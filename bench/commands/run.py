@@ -5,7 +5,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from tqdm import tqdm
 from olne_bench.bench.commands.options import JOBS, PATH, PLUGIN, memory_option
 from olne_bench.bench.commands.report import show_report
 from olne_bench.bench.plan.check import check_gate
+from olne_bench.bench.plan.draws import draws_path, draws_source
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.outcome import FAILURES, Outcome
 from olne_bench.bench.plan.salt import check_salt, salted
@@ -42,6 +43,7 @@ _SHOWN_FAULTS = 5
 class RunOptions:
     """The options of ``olne-bench run``."""
 
+    suite: str
     out: Path
     jobs: int
     dask: str | None
@@ -137,12 +139,13 @@ def run(suite: str, **options: Any) -> None:
     Trials that are in the run folder are not run again, unless the code of their scenario, sensor,
     estimator or scoring has changed.
     """
-    chosen = RunOptions(**options)
+    chosen = RunOptions(suite=suite, **options)
     drawn = read_formats(chosen.formats) if chosen.figures else ()
     check_salt(chosen.salt)
     text = suite_text(suite)
     whole = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     check_gate(whole)
+    draws_source(suite, whole)  # refused before anything is written
     check_fit(select(whole, chosen.selection), chosen.out)
     if chosen.dask is not None:
         check_cluster(chosen.dask)
@@ -167,11 +170,15 @@ def _go_on(suite: Suite, text: str, options: RunOptions, store: Store) -> signal
     suite = salted(suite, options.salt, former)
     check_same_suite(suite, runs, options.out)
     part, seeds = select(suite, options.selection), options.seeds
+    draws = draws_source(options.suite, suite)
+    if draws is not None:
+        click.echo(f"solved draws are read from {draws_path(options.suite)}", err=True)
     stored, total = Stored(store.records()), number_of_trials(part, seeds)
 
     def todo() -> Iterator[Trial]:
         # A process that ran foreign code serves nothing else. This order needs few processes.
-        return pending(in_order_of_plugins(part, seeds), stored, options.retry)
+        own = pending(in_order_of_plugins(part, seeds), stored, options.retry)
+        return (replace(trial, draws=draws) for trial in own)
 
     number = sum(1 for _ in todo()) if runs else total
     if number < total:

@@ -1,6 +1,8 @@
 """``olne-bench status``: which trials of a run are done, failed, stale or missing."""
 
 from collections import Counter
+from collections.abc import Mapping
+from math import isnan
 from pathlib import Path
 
 import click
@@ -13,6 +15,7 @@ from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import STATES, Stored, last_suite
 from olne_bench.bench.run.store import read_store
+from olne_bench.bench.run.time_left import Cost, in_words, processes, time_left
 from olne_bench.plugins import PluginError
 
 
@@ -24,17 +27,20 @@ def status(folder: Path) -> None:
     done: the result is valid, or the estimator declined the trial. failed: there is no valid
     result. harness_error: the trial could not be judged, which does not count against the
     estimator. stale: parameters or code of scenario, sensor, estimator or scoring have changed
-    since. missing: not run yet.
+    since. missing: not run yet. The time left of missing and stale trials is estimated from the
+    mean time of each estimator's trials in this folder.
     """
     with read_store(folder) as store:
         runs = store.runs()
-        stored = Stored(store.records())
+        stored, costs = Stored(store.records()), store.costs()
     suite = last_suite(runs, folder)
     table, notes = _table(suite, stored)
     click.echo(_heading(folder, runs))
     click.echo(table.to_string(index=False))
     for note in notes:
         click.echo(note)
+    for line in _time_left(table, costs, runs[-1].executor):
+        click.echo(line)
     for hint in _hints(table, runs[-1]):
         click.echo(hint)
 
@@ -52,6 +58,28 @@ def _table(suite: Suite, stored: Stored) -> tuple[pd.DataFrame, list[str]]:
         counts = {state: found[state] for state in STATES}
         rows.append({"scenario": scenario.label, "estimator": estimator.label} | counts)
     return pd.DataFrame(rows, columns=["scenario", "estimator", *STATES]), notes
+
+
+def _time_left(
+    table: pd.DataFrame, costs: Mapping[tuple[str, str], Cost], executor: str
+) -> list[str]:
+    """One line per estimator with trials that are left, and one for all."""
+    places = zip(table["scenario"], table["estimator"], strict=True)
+    pending = dict(zip(places, table["missing"] + table["stale"], strict=True))
+    left = time_left(pending, costs)
+    if not left:
+        return []
+    width, jobs = max(len(one.estimator) for one in left), processes(executor)
+    lines = ["time left in one process:"]
+    lines += [
+        f"  {one.estimator:{width}}  {in_words(one.seconds):>12} for {one.trials} trials"
+        for one in left
+    ]
+    known = sum(one.seconds for one in left if not isnan(one.seconds))
+    whole = f"in all {in_words(known)}" + (f", {in_words(known / jobs)} in {jobs}" * (jobs > 1))
+    unknown = [one.estimator for one in left if isnan(one.seconds)]
+    lines.append(whole + (f", without {', '.join(unknown)}" if unknown else ""))
+    return lines
 
 
 def _heading(folder: Path, runs: list[Provenance]) -> str:

@@ -14,11 +14,15 @@ from olne_bench.bench.judge.raw_estimate import (
 )
 from olne_bench.bench.process.messages import Array, unpack
 from olne_bench.bench.text import clip
-from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.protocol import COVARIANCE, REGIONS, SAMPLES, Problem
+from olne_bench.games.game import Game
 
 #: How far a covariance may be from symmetric and positive semi-definite, as a share of its
 #: largest entry.
 COVARIANCE_TOLERANCE = 1e-6
+#: Samples that an estimate may have: a 95 % quantile needs some, and a table is not to be filled.
+FEWEST_SAMPLES, MOST_SAMPLES = 40, 4000
+
 #: Row sums within these are safe to divide by.
 _SMALLEST_SUM, _LARGEST_SUM = 1e-290, 1e290
 
@@ -31,19 +35,36 @@ class CheckedEstimate:
         weights: (N, K), rows sum to one.
         states: (T, N, n) or None.
         covariance: (N*K, N*K) of weights whose rows sum to one, or None.
+        region: one of ``REGIONS``, or None where there is no region.
+        parameters: (N, U) in their units, zero where columns stand for nothing; None where the game
+            has no unknowns.
+        parameter_deviations: (N, U) of these, or None.
         converged: as in ``Estimate``.
         message: one line.
         objective: what the estimator minimised, or None.
         extras: JSON text of its other scalar extras, or None.
+        samples: (M, N, K) weights, rows sum to one, or None.
+        parameter_samples: (M, N, U) in their units, zero where columns stand for nothing, or None.
     """
 
     weights: np.ndarray
     states: np.ndarray | None
     covariance: np.ndarray | None
+    parameters: np.ndarray | None
+    parameter_deviations: np.ndarray | None
     converged: bool
     message: str
     objective: float | None
     extras: str | None
+    region: str | None = None
+    samples: np.ndarray | None = None
+    parameter_samples: np.ndarray | None = None
+
+    def theta(self, game: Game) -> np.ndarray:
+        """(N, K + U): weights and standardised parameters, as solvers of a game take them."""
+        if self.parameters is None:
+            return self.weights
+        return np.hstack([self.weights, game.parameters.standardised(self.parameters)])
 
 
 def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
@@ -54,30 +75,69 @@ def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
     """
     game = problem.game
     weights = _weights(raw.weights, (game.num_players, game.num_weights))
+    samples = _samples(raw, (game.num_players, game.num_weights))
     return CheckedEstimate(
         weights=weights,
         states=_finite("states", raw.states, game.state_shape),
         covariance=_covariance(raw.covariance, weights.size),
+        region=_region(raw),
+        parameters=_parameters(raw, game),
+        parameter_deviations=_deviations(raw.parameter_deviations, game),
         converged=raw.converged,
         message=clip(raw.message),
         objective=raw.objective,
         extras=_extras(raw),
+        samples=samples,
+        parameter_samples=_parameter_samples(raw, game, samples),
     )
 
 
 def _weights(given: Array, expected: tuple[int, int]) -> np.ndarray:
     weights = _finite("weights", given, expected)
     assert weights is not None
+    return _scaled("weights", weights)
+
+
+def _scaled(name: str, weights: np.ndarray) -> np.ndarray:
+    """Weights (..., K) with row sums of one."""
     if (weights < 0).any():
-        raise InvalidEstimateError(f"weights are negative: the least is {weights.min():g}")
-    largest = weights.max(axis=1, keepdims=True)
+        raise InvalidEstimateError(f"{name} are negative: the least is {weights.min():g}")
+    largest = weights.max(axis=-1, keepdims=True)
     if (largest <= 0).any():
-        raise InvalidEstimateError("a player's weights are all zero")
+        which = "a player's weights" if name == "weights" else f"{name} of a player"
+        raise InvalidEstimateError(f"{which} are all zero")
     with np.errstate(over="ignore"):
-        totals = weights.sum(axis=1, keepdims=True)
+        totals = weights.sum(axis=-1, keepdims=True)
     safe = (totals > _SMALLEST_SUM) & (totals < _LARGEST_SUM)
     weights = weights / np.where(safe, 1.0, largest)
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
+
+
+def _samples(raw: RawEstimate, shape: tuple[int, int]) -> np.ndarray | None:
+    if raw.samples is None:
+        return None
+    given = raw.samples.shape
+    if given[1:] != shape:
+        expected = f"(M, {shape[0]}, {shape[1]})"
+        raise InvalidEstimateError(f"samples have the shape {given}, expected {expected}")
+    samples = _finite("samples", raw.samples, given)
+    assert samples is not None
+    count = len(samples)
+    if not FEWEST_SAMPLES <= count <= MOST_SAMPLES:
+        raise InvalidEstimateError(
+            f"there are {count} samples, expected {FEWEST_SAMPLES} to {MOST_SAMPLES}"
+        )
+    return _scaled("samples", samples)
+
+
+def _parameter_samples(
+    raw: RawEstimate, game: Game, samples: np.ndarray | None
+) -> np.ndarray | None:
+    if raw.parameter_samples is None or not game.parameters.count:
+        return None
+    if samples is None:
+        raise InvalidEstimateError("parameter_samples belong to samples, which are missing")
+    return _used("parameter_samples", raw.parameter_samples, game, len(samples))
 
 
 def _finite(name: str, given: Array | None, expected: tuple[int, ...]) -> np.ndarray | None:
@@ -115,6 +175,64 @@ def _covariance(given: Array | None, size: int) -> np.ndarray | None:
                 f"{least * scale:.2g}, its largest entry {scale:.2g}"
             )
     return covariance
+
+
+def _region(raw: RawEstimate) -> str | None:
+    given = {SAMPLES: raw.samples is not None, COVARIANCE: raw.covariance is not None}
+    kind = raw.region or next((name for name, there in given.items() if there), None)
+    if kind is None:
+        return None
+    if kind not in REGIONS:
+        raise InvalidEstimateError(f"region is {kind!r}, known are {', '.join(REGIONS)}")
+    if not given.get(kind, True):
+        raise InvalidEstimateError(f"region is {kind!r}, but there is no {kind}")
+    return kind
+
+
+def _parameters(raw: RawEstimate, game: Game) -> np.ndarray | None:
+    known, given = game.parameters, raw.parameters
+    if not known.count or (given is None and not raw.converged):
+        return None
+    if given is None:
+        names = ", ".join(sorted({one.name for own in known.unknowns for one in own}))
+        raise InvalidEstimateError(f"parameters are missing: the game has unknowns ({names})")
+    values = _used("parameters", given, game)
+    for i, own in enumerate(known.unknowns):
+        for unknown, value in zip(own, values[i], strict=False):
+            if not unknown.low <= value <= unknown.high:
+                raise InvalidEstimateError(
+                    f"parameters: {unknown.name} of player {i} is {value:g} {unknown.unit}, the "
+                    f"range is {unknown.low:g} to {unknown.high:g}"
+                )
+    return values
+
+
+def _deviations(given: Array | None, game: Game) -> np.ndarray | None:
+    if given is None or not game.parameters.count:
+        return None
+    values = _used("parameter_deviations", given, game)
+    if (values < 0).any():
+        raise InvalidEstimateError(
+            f"parameter_deviations are negative: the least is {values.min():g}"
+        )
+    return values
+
+
+def _used(name: str, given: Array, game: Game, *more: int) -> np.ndarray:
+    """The array (N, U), or (*more, N, U), with zeros in the columns that stand for nothing."""
+    try:
+        array = unpack(given)
+    except ValueError as error:
+        raise InvalidEstimateError(f"{name} are not an array of numbers: {error}") from error
+    used = game.parameters.used
+    if array.shape != (*more, *used.shape):
+        raise InvalidEstimateError(
+            f"{name} have the shape {array.shape}, expected {(*more, *used.shape)}"
+        )
+    array = np.where(used, array, 0.0)
+    if not np.isfinite(array).all():
+        raise InvalidEstimateError(f"{name} are not finite")
+    return array
 
 
 def _extras(raw: RawEstimate) -> str | None:

@@ -11,11 +11,12 @@ from itertools import islice
 
 import numpy as np
 
+from olne_bench.envs import kept_draws
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.games.batch import solve_batch
 from olne_bench.games.dynamics import rollout
 from olne_bench.games.newton import Root
-from olne_bench.games.olne import certify
+from olne_bench.games.olne import Certificate, certify
 from olne_bench.games.root_following import follow_root
 
 #: Standard deviations of starts: positions relative to the least distance between two players
@@ -71,23 +72,36 @@ def _least_distance(states: np.ndarray) -> float:
 
 
 def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[Recording]:
-    scenario = recording.scenario
-    game, weights = scenario.game, scenario.weights
+    game, weights = recording.scenario.game, recording.scenario.weights
     known = recording.root
-    coast = np.zeros((1, *game.control_shape[1:]))
     for start in starts:
-        batch = solve_batch(game, weights[None], known, weights, initial_states=start)
-        root = batch.root(0)
-        certificate = certify(game, root, weights)
+        if kept_draws.was_refused(game, weights, start):
+            continue
+        solved = kept_draws.travelled(game, weights, start)
+        if solved is not None:
+            root = Root(solved.states, solved.controls, solved.costates, solved.residual)
+            yield _played(recording, root, solved.certificate)
+            continue
+        root = solve_batch(game, weights[None], known, weights, initial_states=start).root(0)
+        certificate = certify(game, root, weights, search_far=True)
         if certificate.passed:
-            yield Recording(
-                scenario=replace(scenario, initial_state=start),
-                states=root.states,
-                controls=root.controls,
-                costates=root.costates,
-                extra_state=rollout(game.dynamics, root.states[-1], coast, game.dt)[-1],
-                certificate=certificate,
-            )
+            yield _played(recording, root, certificate)
+        else:
+            kept_draws.refuse(game, weights, start)
+
+
+def _played(recording: Recording, root: Root, certificate: Certificate) -> Recording:
+    """The recording of the same players from another start."""
+    game = recording.scenario.game
+    coast = np.zeros((1, *game.control_shape[1:]))
+    return Recording(
+        scenario=replace(recording.scenario, initial_state=root.states[0]),
+        states=root.states,
+        controls=root.controls,
+        costates=root.costates,
+        extra_state=rollout(game.dynamics, root.states[-1], coast, game.dt)[-1],
+        certificate=certificate,
+    )
 
 
 def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Root) -> list[Root]:
@@ -98,14 +112,14 @@ def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Ro
 
     Args:
         recordings: the motions at the true weights, all of one game.
-        weights: (N, K).
+        weights: (N, K), or (N, K + U) with the standardised unknowns of the scenario's ``told``.
         known: a root at the weights, from another initial state.
 
     Returns:
         The roots, up to the first recording for which none is found.
     """
     starts = np.stack([one.scenario.initial_state for one in recordings])
-    game, repeated = recordings[0].scenario.game, np.repeat(weights[None], len(recordings), axis=0)
+    game, repeated = recordings[0].scenario.told, np.repeat(weights[None], len(recordings), axis=0)
     try:
         batch = solve_batch(game, repeated, known, weights, initial_states=starts)
         followed = [batch.root(k) if batch.converged[k] else None for k in range(len(starts))]
@@ -113,7 +127,7 @@ def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Ro
         followed = [None] * len(recordings)
     roots: list[Root] = []
     for one, root in zip(recordings, followed, strict=True):
-        found = root or follow_root(game, one.root, one.scenario.weights, weights)
+        found = root or follow_root(game, one.root, one.scenario.theta, weights)
         if found is None:
             break
         roots.append(found)

@@ -33,20 +33,30 @@ class RawEstimate(msgspec.Struct, forbid_unknown_fields=True):
         weights: as returned.
         states: as returned, or None.
         covariance: as returned, or None.
+        region: as returned, or None.
+        parameters: as returned, or None.
+        parameter_deviations: as returned, or None.
         converged: as in ``Estimate``.
         message: one line.
         objective: ``extras["objective"]``, or None.
         extras: the other extras that are finite numbers, booleans or short texts, the first
             ``MOST_EXTRAS`` by name.
+        samples: as returned, or None.
+        parameter_samples: as returned, or None.
     """
 
     weights: Array
     states: Array | None
     covariance: Array | None
+    parameters: Array | None
+    parameter_deviations: Array | None
     converged: bool
     message: str
     objective: float | None
     extras: dict[str, bool | int | float | str]
+    region: str | None = None
+    samples: Array | None = None
+    parameter_samples: Array | None = None
 
 
 def read_estimate(result: Any) -> RawEstimate:
@@ -67,10 +77,15 @@ def read_estimate(result: Any) -> RawEstimate:
         weights=weights,
         states=_array(result, "states"),
         covariance=_array(result, "covariance"),
+        region=_region(result),
+        parameters=_array(result, "parameters"),
+        parameter_deviations=_array(result, "parameter_deviations"),
         converged=_converged(result),
         message=_message(result),
         objective=_objective(extras),
         extras=_scalars(extras),
+        samples=_array(result, "samples"),
+        parameter_samples=_array(result, "parameter_samples"),
     )
 
 
@@ -82,6 +97,15 @@ def _read(result: Any, name: str) -> Any:
         raise InvalidEstimateError(
             f"{name} cannot be read: {type(error).__name__}: {error}"
         ) from error
+
+
+def _region(result: Any) -> str | None:
+    value = _read(result, "region")
+    if value is None:
+        return None
+    if not isinstance(value, str):
+        raise InvalidEstimateError(f"region is a {type(value).__name__}, expected a text")
+    return clip(value)
 
 
 def _has(result: Any, name: str) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 
 from olne_bench import plugins
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.likelihood import likelihood_ratio
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.judge.observe import observe, observed, sensor_model
@@ -26,6 +27,7 @@ from olne_bench.bench.judge.truth import (
     true_recordings,
     unit_cosine_limit,
 )
+from olne_bench.bench.judge.weight_levels import weight_levels
 from olne_bench.bench.plan.entries import MetricEntry, SensorEntry
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
@@ -218,7 +220,7 @@ def case_of(trial: Trial) -> Case:
     layers = layers_of(trial.sensor)
     model = _model(draw, layers)
     problem = Problem(
-        scenario.game,
+        scenario.told,
         model.view,
         trial.sigma,
         noise_scale=model.noise_scale,
@@ -263,10 +265,14 @@ def _scored(
     foreign: ForeignMetrics,
 ) -> Outcome:
     """Score a well-formed estimate."""
+    true_weights = case.recordings[0].scenario.weights
+    levels = weight_levels(true_weights, estimate) if trial.sigma else None
     outcome = replace(
         outcome,
         message=estimate.message,
         weights=estimate.weights.tolist(),
+        unknowns=_listed(estimate.parameters),
+        weight_levels=_listed(levels),
         objective=estimate.objective,
         extras=estimate.extras,
     )
@@ -275,7 +281,8 @@ def _scored(
         message = estimate.message or "the estimator gives no reason"
         outcome = replace(outcome, status="not_converged", message=message)
         return _with_scores(outcome, judged, trial, foreign)
-    prediction = predict_from_start(case.draw, estimate.weights, trial.root_iterations)
+    theta = estimate.theta(case.problem.game)
+    prediction = predict_from_start(case.draw, theta, trial.root_iterations)
     outcome = replace(outcome, published_forward=int(prediction.published))
     if prediction.root is None:
         message = "no root of the game found at the estimated weights"
@@ -284,9 +291,18 @@ def _scored(
     judged = replace(
         judged,
         prediction=prediction.root.states,
-        held_out=partial(_held_out, case.draw, estimate.weights, trial.root_iterations),
+        held_out=partial(_held_out, case.draw, theta, trial.root_iterations),
+        likelihood_ratio=partial(
+            likelihood_ratio,
+            *(case.problem, case.observations, case.recordings),
+            *(estimate, prediction.root),
+        ),
     )
     return _with_scores(outcome, judged, trial, foreign)
+
+
+def _listed(array: np.ndarray | None) -> list[list[float]] | None:
+    return None if array is None else array.tolist()
 
 
 def _with_scores(
@@ -308,9 +324,9 @@ def _with_scores(
     return replace(outcome, scores=scores, message=clip("; ".join(notes)))
 
 
-def _held_out(draw: Draw, weights: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
+def _held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
     try:
-        return held_out(draw, weights, root_iterations)
+        return held_out(draw, theta, root_iterations)
     except NoEquilibriumError:  # nothing near this draw to predict
         return None
 

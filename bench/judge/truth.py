@@ -18,6 +18,7 @@ from olne_bench.games.information import (
     joint_weight_covariance,
     observation_sensitivity,
     of_seen,
+    of_weights,
 )
 from olne_bench.games.nearest_root import Prediction, predict
 from olne_bench.games.sensor import SensorModel
@@ -88,8 +89,17 @@ def true_recordings(draw: Draw) -> tuple[Recording, ...]:
     return (true_recording(draw), *_nearby(draw, draw.trajectories - 1, "trajectories"))
 
 
-def held_out(draw: Draw, weights: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
-    """Predictions from nearby initial states at weights (N, K).
+def held_out_recordings(draw: Draw) -> tuple[Recording, ...]:
+    """The true motions from the nearby initial states from which predictions are judged.
+
+    Raises:
+        NoEquilibriumError: if there are too few certified equilibria nearby.
+    """
+    return _nearby(draw, HELD_OUT, "held out")
+
+
+def held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
+    """Predictions from nearby initial states at theta (N, K + U), as in ``predict_from_start``.
 
     There are ``HELD_OUT`` states, each with a certified equilibrium at the true weights. The
     prediction from the draw's own initial state (``predict_from_start``) is followed to each of
@@ -102,16 +112,18 @@ def held_out(draw: Draw, weights: np.ndarray, root_iterations: int) -> tuple[Hel
     Raises:
         NoEquilibriumError: if there are too few certified equilibria nearby.
     """
-    return _held_out(draw, weights.tobytes(), root_iterations)
+    return _held_out(draw, theta.tobytes(), root_iterations)
 
 
-def predict_from_start(draw: Draw, weights: np.ndarray, root_iterations: int) -> Prediction:
-    """The forward game at weights (N, K), from a draw's true initial state.
+def predict_from_start(draw: Draw, theta: np.ndarray, root_iterations: int) -> Prediction:
+    """The forward game at theta (N, K + U), from a draw's true initial state.
+
+    Theta is what the scenario's ``told`` game leaves open: weights and standardised parameters.
 
     The latest predictions are cached, as some estimators return the same weights repeatedly.
     ``root_iterations`` is as in ``Suite``.
     """
-    return _prediction(draw, weights.tobytes(), root_iterations)
+    return _prediction(draw, theta.tobytes(), root_iterations)
 
 
 def unit_cosine_limit(
@@ -145,12 +157,12 @@ def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
     """
     return tuple(
         observation_sensitivity(
-            one.scenario.game,
+            one.scenario.told,
             model.view,
             one.states,
             one.controls,
             one.costates,
-            one.scenario.weights,
+            one.scenario.theta,
             noise_covariance=model.covariance,
         )
         for one in true_recordings(draw)
@@ -168,12 +180,12 @@ def _nearby(draw: Draw, count: int, purpose: str) -> tuple[Recording, ...]:
 
 
 @lru_cache(maxsize=16)
-def _held_out(draw: Draw, weights: bytes, root_iterations: int) -> tuple[HeldOut, ...] | None:
-    recordings = _nearby(draw, HELD_OUT, "held out")
-    known = _prediction(draw, weights, root_iterations).root
+def _held_out(draw: Draw, theta: bytes, root_iterations: int) -> tuple[HeldOut, ...] | None:
+    recordings = held_out_recordings(draw)
+    known = _prediction(draw, theta, root_iterations).root
     if known is None:
         return None
-    shaped = np.frombuffer(weights).reshape(recordings[0].scenario.weights.shape)
+    shaped = np.frombuffer(theta).reshape(recordings[0].scenario.theta.shape)
     roots = follow_start(recordings, shaped, known)
     if len(roots) < len(recordings):
         return None
@@ -187,17 +199,18 @@ def _unit_limit(draw: Draw, model: SensorModel) -> float | None:
 
 
 def _limit(recording: Recording, sensitivities: Sequence[np.ndarray]) -> float | None:
-    covariance = joint_weight_covariance(recording.scenario.game, sensitivities)
+    told = recording.scenario.told
+    covariance = of_weights(told, joint_weight_covariance(told, sensitivities))
     if covariance is None:
         return None
     return cosine_error_limit(covariance, recording.scenario.weights)
 
 
 @lru_cache(maxsize=8)
-def _prediction(draw: Draw, weights: bytes, root_iterations: int) -> Prediction:
+def _prediction(draw: Draw, theta: bytes, root_iterations: int) -> Prediction:
     recording = true_recording(draw)
     scenario = recording.scenario
-    shaped = np.frombuffer(weights).reshape(scenario.weights.shape)
+    shaped = np.frombuffer(theta).reshape(scenario.theta.shape)
     return predict(
-        scenario.game, shaped, recording.root, scenario.weights, max_iterations=root_iterations
+        scenario.told, shaped, recording.root, scenario.theta, max_iterations=root_iterations
     )

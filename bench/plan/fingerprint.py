@@ -5,18 +5,15 @@ files beside a module that share its name, such as data or C code. It does not c
 in other ways, such as ``importlib``.
 """
 
-import ast
 import hashlib
-import re
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 
+from olne_bench.bench.plan.source_summary import Summary, summarised
+
 _COMPILED = {".pyc", ".pyo", ".so", ".pyd"}
 LENGTH = 12
-#: Worlds are named by strings such as "highway_v0" and imported at their first use.
-_WORLD = re.compile(r"[a-z]\w*_v\d+")
-_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def fingerprint(modules: Mapping[str, Path], roots: Mapping[str, Path], own: Path | None) -> str:
@@ -87,21 +84,15 @@ def _imports(path: Path, name: str) -> frozenset[str]:
 def _imported_names(path: Path, name: str) -> Iterator[str]:
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     yield from _parents(package)
-    for node in ast.walk(_tree(path) or ast.Module([], [])):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield from _parents(alias.name)
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                parts = package.split(".")
-                base = ".".join([*parts[: len(parts) - node.level + 1], *filter(None, [base])])
-            yield from _parents(base)
-            yield from (f"{base}.{alias.name}" for alias in node.names)
-        elif isinstance(node, ast.Constant):
-            text = node.value if isinstance(node.value, str) else ""
-            if _WORLD.fullmatch(text):
-                yield f"olne_bench.envs.{text}"
+    found = _summary(path)
+    for one in found.imports:
+        base = one.module
+        if one.level:
+            parts = package.split(".")
+            base = ".".join([*parts[: len(parts) - one.level + 1], *filter(None, [base])])
+        yield from _parents(base)
+        yield from (f"{base}.{name}" for name in one.names)
+    yield from (f"olne_bench.envs.{name}" for name in found.worlds)
 
 
 def _parents(name: str) -> Iterator[str]:
@@ -111,23 +102,14 @@ def _parents(name: str) -> Iterator[str]:
 
 
 @lru_cache(maxsize=512)
-def _tree(path: Path) -> ast.Module | None:
-    """The syntax tree without docstrings; None if the file is not Python."""
-    try:
-        tree = ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError):
-        return None
-    for node in ast.walk(tree):
-        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-            node.body = node.body[1:] or [ast.Pass()]
-    return tree
+def _summary(path: Path) -> Summary:
+    return summarised(path.read_bytes())
 
 
 @lru_cache(maxsize=512)
 def _content(path: Path) -> str:
-    digest = hashlib.sha256()
-    tree = _tree(path)
-    digest.update(path.read_bytes() if tree is None else ast.unparse(tree).encode())
+    code = _summary(path).code
+    digest = hashlib.sha256(path.read_bytes() if code is None else code.encode())
     for sibling in data_beside(path):
         digest.update(f"{sibling.name}\n".encode() + sibling.read_bytes())
     return digest.hexdigest()

@@ -33,9 +33,14 @@ class Outcome:
             noise scale.
         solve_seconds: wall-clock time of the estimate, solver construction excluded.
         weights: (N, K) nested list of estimated weights.
+        unknowns: (N, U) nested list of what was estimated besides weights, each in its unit; None
+            if the game has no unknowns.
+        weight_levels: (N, K) nested list: the estimate's probability that each weight is below its
+            true value; None if it says nothing about single weights.
         extras: JSON text of the estimator's other finite numbers and short texts; None if there
             are none.
         scores: score by metric column; None, or no entry, where a metric does not apply.
+        trial_seconds: wall-clock time of the whole trial; no column has it, but sums are kept.
     """
 
     status: str
@@ -47,12 +52,20 @@ class Outcome:
     truth_objective: float | None = None
     solve_seconds: float | None = None
     weights: list[list[float]] | None = None
+    unknowns: list[list[float]] | None = None
+    weight_levels: list[list[float]] | None = None
     extras: str | None = None
     scores: dict[str, float | None] = field(default_factory=dict)
+    trial_seconds: float | None = field(default=None, compare=False)
 
 
-_TEXTS = {"status", "message", "weights", "extras"}
+#: Columns of nested lists, which a store keeps as JSON text.
+NESTED = ("weights", "unknowns", "weight_levels")
+_NO_COLUMNS = ("scores", "trial_seconds")
+_TEXTS = {"status", "message", "extras", *NESTED}
 #: Columns of a row that hold an outcome, and their SQL types; those of metrics follow.
 OUTCOME_COLUMNS = {
-    f.name: "TEXT" if f.name in _TEXTS else "REAL" for f in fields(Outcome) if f.name != "scores"
+    f.name: "TEXT" if f.name in _TEXTS else "REAL"
+    for f in fields(Outcome)
+    if f.name not in _NO_COLUMNS
 }

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, NamedTuple
 
+from olne_bench.bench.plan.draws import DrawsSource
 from olne_bench.bench.plan.entries import (
     EstimatorEntry,
     MetricEntry,
@@ -56,6 +57,7 @@ class Trial:
         root_iterations: as in ``Suite``.
         salt: seeds the streams of noise and draws, together with the seed.
         versions: versions of the code to run it with.
+        draws: file that holds its truth, if there is one.
     """
 
     suite: str
@@ -70,6 +72,7 @@ class Trial:
     root_iterations: int
     salt: str
     versions: Versions = field(default_factory=Versions)
+    draws: DrawsSource | None = None
 
     @property
     def plugin(self) -> str:

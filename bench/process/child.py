@@ -35,7 +35,7 @@ from olne_bench.bench.process.messages import (
     decode_value,
 )
 from olne_bench.bench.text import clip
-from olne_bench.envs.draws_folder import draws_folder
+from olne_bench.envs.draws_folder import draws_folder, shipped_draws
 from olne_bench.errors import UserError
 from olne_bench.games.compiler import reader_environment
 
@@ -198,7 +198,8 @@ class Child:
                     self._deadline = time.monotonic() + self._limit
                 elif isinstance(message, Stage) and self._may_announce:
                     self.stage = message.name
-                    self._deadline = time.monotonic() + message.seconds
+                    self._limit = message.seconds
+                    self._deadline = time.monotonic() + self._limit
                 else:
                     return self._take(message, kind)
         except ClosedError as error:
@@ -237,7 +238,8 @@ class Child:
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
         # An estimator must not see the draws that the user has played either.
-        hidden = [str(f.resolve()) for f in (self._hidden, draws_folder()) if f is not None]
+        folders = (self._hidden, draws_folder(), shipped_draws())
+        hidden = [str(folder.resolve()) for folder in folders if folder is not None]
         options = f"memory={self._memory}, hidden={hidden!r}, restricted={self._restricted}"
         options += f", guarded={adopts_orphans()}"
         call = f"serve({theirs.fileno()}, {os.getpid()}, {options})"
@@ -294,11 +296,11 @@ class Child:
         """End the work if it takes too much time or memory."""
         now = time.monotonic()
         if now > self._deadline:
-            started, stage = self._ready, self.stage
+            started, stage = self._ready, f" of {self.stage}" if self.stage else ""
             self.stop()
             if not started:
                 raise StartError(f"a process did not start within {START_LIMIT:g} s")
-            raise TimedOutError(stage)
+            raise TimedOutError(f"killed after {self._limit:g} s{stage}")
         if self._memory is not None and self._restricted and now > self._next_look:
             self._next_look = now + _MEMORY_SECONDS
             assert self._process is not None

@@ -37,11 +37,18 @@ def primary(metrics: Sequence[MetricDeclaration]) -> MetricDeclaration | None:
 
 
 def in_table(metrics: Iterable[MetricDeclaration], trials: pd.DataFrame) -> list[MetricDeclaration]:
-    """The metrics with a value in a table of trials, and the compared ones with a column in it."""
+    """The metrics with a value in a table of trials; if all trials failed, also the compared ones.
+
+    A metric without any value, where some trials went well, does not apply to the scenarios. Levels
+    have tables and figures of their own (``report.statistics.calibration``).
+    """
+    failed = not trials["status"].eq("ok").any()
     return [
         metric
         for metric in metrics
-        if metric.name in trials and (metric.compared or trials[metric.name].notna().any())
+        if metric.name in trials
+        and not metric.is_level
+        and (trials[metric.name].notna().any() or (metric.compared and failed))
     ]
 
 

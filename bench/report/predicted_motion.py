@@ -17,7 +17,7 @@ from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.envs.recording import Recording
 from olne_bench.games.game import Game
-from olne_bench.games.nearest_root import nearest_root
+from olne_bench.games.nearest_root import nearest_root, predict
 from olne_bench.games.root_following import follow_weights
 
 _ITERATIONS = 60  # of IPOPT
@@ -29,7 +29,8 @@ def predict_again(draw: Draw, trial: Mapping[Any, Any]) -> np.ndarray | None:
 
     Args:
         draw: draw of the trial.
-        trial: its row, with ``seed, status, weights, position_error, published_forward``.
+        trial: its row, with ``seed, status, weights, unknowns, position_error,
+            published_forward``.
 
     Returns:
         None if the trial has no prediction by the published step, or no motion with its error is
@@ -38,12 +39,15 @@ def predict_again(draw: Draw, trial: Mapping[Any, Any]) -> np.ndarray | None:
     Raises:
         NotDrawnError: if its weights do not fit the scenario.
     """
-    game = true_recording(draw).scenario.game
-    weights = estimated_weights(trial["weights"], game)
+    told = true_recording(draw).scenario.told
+    weights = estimated_weights(trial["weights"], told)
     if trial["status"] != "ok" or weights is None or trial["published_forward"] == 0:
         return None
-    error = float(trial["position_error"])
-    return _predict_again(draw, weights.tobytes(), error)
+    theta = weights
+    if told.parameters.used.any():
+        unknowns = np.array([list(row) for row in trial["unknowns"]], dtype=float)
+        theta = np.hstack([weights, told.parameters.standardised(unknowns)])
+    return _predict_again(draw, theta.tobytes(), float(trial["position_error"]))
 
 
 def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
@@ -63,9 +67,9 @@ def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
 
 
 @lru_cache(maxsize=4096)  # the page and the figures show the same trials
-def _predict_again(draw: Draw, weights: bytes, error: float) -> np.ndarray | None:
+def _predict_again(draw: Draw, theta: bytes, error: float) -> np.ndarray | None:
     recording = true_recording(draw)
-    shaped = np.frombuffer(weights).reshape(recording.scenario.weights.shape)
+    shaped = np.frombuffer(theta).reshape(recording.scenario.theta.shape)
     absolute, relative = _TOLERANCE
     for find in (_followed, _nearest):
         states = find(recording, shaped)
@@ -76,16 +80,20 @@ def _predict_again(draw: Draw, weights: bytes, error: float) -> np.ndarray | Non
     return None
 
 
-def _followed(recording: Recording, weights: np.ndarray) -> np.ndarray | None:
+def _followed(recording: Recording, theta: np.ndarray) -> np.ndarray | None:
     truth = recording.scenario
-    root = follow_weights(truth.game, recording.root, truth.weights, weights)
+    root = follow_weights(truth.told, recording.root, truth.theta, theta)
     return None if root is None else root.states
 
 
-def _nearest(recording: Recording, weights: np.ndarray) -> np.ndarray | None:
+def _nearest(recording: Recording, theta: np.ndarray) -> np.ndarray | None:
+    truth = recording.scenario
+    if truth.told.constraints or truth.told.parameters.count:
+        found = predict(truth.told, theta, recording.root, truth.theta).root
+        return None if found is None else found.states
     root = nearest_root(
-        recording.scenario.game,
-        weights,
+        truth.told,
+        theta,
         recording.states,
         recording.controls,
         np.zeros_like(recording.costates),

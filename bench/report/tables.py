@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.report.statistics.calibration import calibration_table
 from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
 from olne_bench.bench.report.statistics.harness_errors import harness_errors
 from olne_bench.bench.report.statistics.identifiability import (
@@ -12,6 +13,11 @@ from olne_bench.bench.report.statistics.identifiability import (
     identifiability_table,
     identifiable_errors,
     unknown_truths,
+)
+from olne_bench.bench.report.statistics.recognition import (
+    confusion_table,
+    drivers,
+    temperament_table,
 )
 from olne_bench.bench.report.study import USUAL, Study
 
@@ -25,6 +31,9 @@ class RunTables:
         comparisons: comparisons of estimators, in pairs.
         identifiability: identifiability of each weight in each scenario and sensor.
         bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
+        calibration: how often regions of several levels hold the truth.
+        temperaments: errors, and who is recognised, by the temperament of drivers.
+        confusions: who is mistaken for whom.
         harness_errors: errors of the harness.
         notes: what could not be computed, and why.
     """
@@ -33,30 +42,40 @@ class RunTables:
     comparisons: pd.DataFrame
     identifiability: pd.DataFrame
     bound_ratios: pd.DataFrame
+    calibration: pd.DataFrame
+    temperaments: pd.DataFrame
+    confusions: pd.DataFrame
     harness_errors: pd.DataFrame
     notes: tuple[str, ...] = ()
 
     def by_name(self) -> dict[str, pd.DataFrame]:
         """The tables that are written to the run folder, by name."""
-        return {
+        usual = {
             "leaderboard": self.leaderboard,
             "comparisons": self.comparisons,
             "identifiability": self.identifiability,
             "bound_ratios": self.bound_ratios,
+            "calibration": self.calibration,
         }
+        tempered = {"temperaments": self.temperaments, "confusions": self.confusions}
+        return usual | {name: table for name, table in tempered.items() if len(table)}
 
 
 def tabulate(trials: pd.DataFrame, study: Study = USUAL) -> RunTables:
     """Compute all tables from a run's trials."""
     # The weights of a million trials are slow to copy, and most tables do not need them.
-    plain = trials.drop(columns="weights")
+    plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
     comparisons = compare_estimators(plain, study)
+    seen = drivers(trials, study)
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
     return RunTables(
         leaderboard=leaderboard(known, comparisons, study),
         comparisons=comparisons,
         identifiability=identifiability_table(trials, study),
         bound_ratios=bound_ratios(trials, study),
+        calibration=calibration_table(trials),
+        temperaments=temperament_table(seen),
+        confusions=confusion_table(seen),
         harness_errors=harness_errors(plain),
         notes=tuple(unknown_truths(trials, study)),
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 from pyarrow import Table, csv, parquet
 
+from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.escapes import csv_safe, csv_safe_arrow
 from olne_bench.bench.report.figures import draw_figures
@@ -15,8 +16,10 @@ from olne_bench.bench.report.page.render import Extras, render_page
 from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.tables import RunTables, tabulate
+from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import read_store
-from olne_bench.bench.run.store_table import parse_weights, to_frame
+from olne_bench.bench.run.store_table import parse_nested, to_frame
+from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 from olne_bench.files import whole_file
 
@@ -42,8 +45,9 @@ def write_report(
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
-    in pairs), ``identifiability`` and ``bound_ratios`` (of weights); the leaderboard comes in
-    Markdown and LaTeX, too.
+    in pairs), ``identifiability`` and ``bound_ratios`` (of weights), and, where drivers have
+    temperaments, ``temperaments`` and ``confusions``; the leaderboard comes in Markdown and LaTeX,
+    too. Truths are read from the draws that come with the suite, where there are some.
 
     Args:
         folder: a run folder.
@@ -57,8 +61,21 @@ def write_report(
         rows, runs = store.table(), store.runs()
     if not rows.num_rows:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    study = study_of(read_suite_json(run.suite) for run in runs)
+    suites = [read_suite_json(run.suite) for run in runs]
+    study = study_of(suites)
     _refuse_unknown(rows, playable)
+    with travelling(draws_of(suites[-1].name, suites[-1]) if suites else None):
+        return _written(folder, rows, runs, study, formats, playable)
+
+
+def _written(
+    folder: Path,
+    rows: Table,
+    runs: list[Provenance],
+    study: Study,
+    formats: Sequence[str],
+    playable: Sequence[tuple[float, int]],
+) -> Report:
     try:
         trials = weighed(_write_trials(rows, folder))
         tables = tabulate(trials, study)
@@ -89,7 +106,7 @@ def _refuse_unknown(rows: Table, places: Sequence[tuple[float, int]]) -> None:
 def _write_trials(rows: Table, folder: Path) -> pd.DataFrame:
     with whole_file(folder / "trials.csv") as path:
         csv.write_csv(csv_safe_arrow(rows), path)
-    parsed = parse_weights(rows)
+    parsed = parse_nested(rows)
     with whole_file(folder / "trials.parquet") as path:
         parquet.write_table(parsed, path, compression="zstd")
     return to_frame(parsed)

@@ -61,6 +61,8 @@ def prepare(
         reason = estimator.supports(given) if hasattr(estimator, "supports") else None
         if trajectories > 1 and not getattr(estimator, "several", False):
             reason = f"takes one trajectory at a time, not {trajectories}"
+        elif trajectories > 1 and not reason and hasattr(estimator, "supports_several"):
+            reason = estimator.supports_several(given)
         if reason:
             return Prepared(clip(str(reason)))
         if hasattr(estimator, "warm_up"):
@@ -75,7 +77,7 @@ def estimate(observations: tuple[Observation, ...], seed: int, budget: float) ->
     Args:
         observations: one for each trajectory.
         seed: seed of the estimator's random numbers.
-        budget: time until it is stopped [s].
+        budget: time that its search may take [s]; it is stopped from outside later.
     """
     assert _seat is not None
     for one in observations:

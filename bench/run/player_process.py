@@ -2,6 +2,8 @@
 
 import pickle
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
@@ -18,6 +20,9 @@ from olne_bench.bench.process.child import (
 )
 from olne_bench.bench.run.player import Answered, Prepared, estimate, prepare
 from olne_bench.errors import UserError
+
+#: Share of the time limit that an estimate may spend, so that it can say that its time has ended.
+_BUDGET = 0.8
 
 
 class PlayerProcess:
@@ -63,8 +68,7 @@ class PlayerProcess:
         self._child.stop()
 
     def _attempt(self, task: PlayerTask) -> Answer:
-        stage = "set-up"
-        try:
+        with faults_of("set-up", task.time_limit):
             prepared: Prepared = self._child.call(
                 prepare,
                 task.reference,
@@ -75,28 +79,44 @@ class PlayerProcess:
                 kind=Prepared,
                 seconds=task.time_limit,
             )
-            if prepared.declined is not None:
-                return Answer(declined=prepared.declined)
-            stage = "estimate"
-            started = time.perf_counter()
+        if prepared.declined is not None:
+            return Answer(declined=prepared.declined)
+        started = time.perf_counter()
+        with faults_of("estimate", task.time_limit):
             answered: Answered = self._child.call(
                 estimate,
                 task.observations,
                 task.seed,
-                task.time_limit,
+                _BUDGET * task.time_limit,
                 kind=Answered,
                 seconds=task.time_limit,
             )
-            seconds = time.perf_counter() - started
-        except TimedOutError as error:
-            message = f"killed after {task.time_limit:g} s of {stage}"
-            raise PlayerFault("timeout", message) from error
-        except (LeftProcessesError, MisspokeError) as error:
-            raise PlayerFault("invalid", str(error)) from error
-        except (DiedError, StartError):
-            raise
-        except (ChildError, RaisedError, UserError) as error:
-            raise PlayerFault("crash", str(error)) from error
+        seconds = time.perf_counter() - started
         if answered.estimate is None:
             raise PlayerFault("invalid", answered.malformed, seconds)
         return Answer(estimate=answered.estimate, seconds=seconds)
+
+
+@contextmanager
+def faults_of(stage: str, limit: float) -> Iterator[None]:
+    """What goes wrong in a player's process as the player's fault, but for its death.
+
+    Args:
+        stage: name of its work.
+        limit: time limit of it [s].
+
+    Raises:
+        PlayerFault: if the work has no valid result.
+        DiedError: if the process died.
+        StartError: if it did not start.
+    """
+    try:
+        yield
+    except TimedOutError as error:
+        raise PlayerFault("timeout", f"killed after {limit:g} s of {stage}") from error
+    except (LeftProcessesError, MisspokeError) as error:
+        raise PlayerFault("invalid", str(error)) from error
+    except (DiedError, StartError):
+        raise
+    except (ChildError, RaisedError, UserError) as error:
+        raise PlayerFault("crash", str(error)) from error

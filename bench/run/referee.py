@@ -1,20 +1,27 @@
 """The code inside a referee process: it judges trials and has players for the estimates."""
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from olne_bench.bench.judge.referee import judge
+from olne_bench.bench.plan.draws import opened
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, explain_difference
 from olne_bench.bench.process.child import StartError
 from olne_bench.bench.process.inside import announce
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.run.player_process import PlayerProcess
+from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 
 
 class OtherCodeError(UserError):
     """This process has other code than the driver, so its rows would belong to another study."""
+
+
+#: Time [s] for reading the files of the code, once a process. No foreign code runs meanwhile.
+_CODE_SECONDS = 300.0
 
 
 @dataclass
@@ -39,6 +46,7 @@ def run_trial(trial: Trial, memory: int | None, hidden: Path | None) -> Outcome:
         StartError: if processes do not start.
     """
     global _staff
+    announce("check of the code", _CODE_SECONDS)
     difference = explain_difference(trial)
     if difference is not None:
         raise OtherCodeError(difference)
@@ -46,8 +54,11 @@ def run_trial(trial: Trial, memory: int | None, hidden: Path | None) -> Outcome:
         _staff = _Staff(
             PlayerProcess(memory=memory, hidden=hidden), MetricProcess(memory=memory, hidden=hidden)
         )
+    began = time.monotonic()
     try:
-        return judge(trial, _staff.player, _staff.metrics, announce)
+        with travelling(opened(trial.draws)):
+            outcome = judge(trial, _staff.player, _staff.metrics, announce)
+        return replace(outcome, trial_seconds=time.monotonic() - began)
     except StartError:
         raise
     except UserError as error:  # all input was checked before the run

@@ -13,7 +13,6 @@ from olne_bench.bench.process.child import (
     ChildError,
     DiedError,
     RaisedError,
-    TimedOutError,
 )
 from olne_bench.bench.run.referee import run_trial
 
@@ -69,9 +68,6 @@ class RefereeProcess:
                 self._send(self.trial)
                 return None
             outcome = self._of_death(error)
-        except TimedOutError as error:
-            stage = f" of {error}" if str(error) else ""
-            outcome = Outcome("harness_error", f"killed after {own_seconds(self.trial):g} s{stage}")
         except (ChildError, RaisedError) as error:
             outcome = Outcome("harness_error", str(error))
         if outcome is not None:

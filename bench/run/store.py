@@ -10,7 +10,7 @@ from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.outcome import NESTED, Outcome
 from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial
 from olne_bench.bench.plan.versions import VERSION_COLUMNS, Versions
 from olne_bench.bench.run.provenance import Provenance, provenance_json, read_provenance
@@ -19,11 +19,15 @@ from olne_bench.bench.run.store_layout import (
     COLUMNS,
     CURRENT,
     NAMED,
+    add_cost,
     add_metric_columns,
+    costs,
+    create_costs,
     metric_columns,
     quoted,
 )
 from olne_bench.bench.run.store_merge import merge_stores
+from olne_bench.bench.run.time_left import Cost
 
 if TYPE_CHECKING:
     # Importing them takes longer than all else that a run does before its first trial.
@@ -64,6 +68,7 @@ class Store:
             place = tuple(labels[name] for name in NAMED)
             current[place] = (labels["parameters"], *_flat(trial.versions))
             self._make_columns(trial)
+        create_costs(self._connection)
         places = ", ".join("?" for _ in (*NAMED, *CURRENT))
         with self._connection:
             cursor = self._connection.execute(
@@ -79,17 +84,18 @@ class Store:
         """Write the row of a finished trial and commit it."""
         self._make_columns(trial)
         row = asdict(outcome)
-        scores = row.pop("scores")
+        scores, seconds = row.pop("scores"), row.pop("trial_seconds")
         row |= {name: scores.get(name) for name in self._metrics}
         row |= trial.labels | {"message": _shortened(outcome.message), "run": self._run}
         row |= zip(VERSION_COLUMNS, _flat(trial.versions), strict=True)
-        if outcome.weights is not None:
-            row["weights"] = dumps(outcome.weights)
+        row |= {name: dumps(row[name]) for name in NESTED if row[name] is not None}
         places = ", ".join(f":{name}" for name in row)
         with self._connection:
             self._connection.execute(
                 f"INSERT OR REPLACE INTO trials ({quoted(row)}) VALUES ({places})", row
             )
+            if seconds is not None:
+                add_cost(self._connection, row["scenario"], row["estimator"], seconds)
 
     def _make_columns(self, trial: Trial) -> None:
         missing = [entry.column for entry in trial.metrics if entry.column not in self._metrics]
@@ -107,6 +113,11 @@ class Store:
             key = tuple(sys.intern(str(value)) for value in row[:width])
             yield Record(key, version(*row[width:-1]), sys.intern(row[-1]))
 
+    def costs(self) -> dict[tuple[str, str], Cost]:
+        """What trials have taken so far, by scenario and estimator."""
+        found = costs(self._connection)
+        return {(place, name): Cost(trials, seconds) for place, name, trials, seconds in found}
+
     def runs(self) -> list[Provenance]:
         """Every run that has written here, the first one first."""
         rows = self._connection.execute("SELECT provenance FROM runs ORDER BY id")
@@ -115,7 +126,7 @@ class Store:
     def table(self) -> "pa.Table":
         """Current rows, in an order that does not depend on when they were written.
 
-        Each metric has a column, after all others. The weights are JSON text.
+        Each metric has a column, after all others. Weights and unknowns are JSON text.
         """
         from olne_bench.bench.run.store_table import as_table
 
@@ -130,10 +141,10 @@ class Store:
         return as_table(cursor, columns)
 
     def frame(self) -> "pd.DataFrame":
-        """``table()`` as a pandas table, with weights as nested lists."""
-        from olne_bench.bench.run.store_table import parse_weights, to_frame
+        """``table()`` as a pandas table, with weights and unknowns as nested lists."""
+        from olne_bench.bench.run.store_table import parse_nested, to_frame
 
-        return to_frame(parse_weights(self.table()))
+        return to_frame(parse_nested(self.table()))
 
     def merge(self, other: Path) -> tuple[int, int]:
         """Add the rows and runs of another store, as ``merge_stores`` does.

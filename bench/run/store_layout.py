@@ -14,13 +14,24 @@ from olne_bench.bench.plan.versions import VERSION_COLUMNS
 FILE_NAME = "trials.sqlite"
 #: Mark the file as a store, and its layout.
 APPLICATION_ID = 0x4F4C4E45  # "OLNE"
-VERSION = 4
+VERSION = 6
 
 #: Columns of every store, and their types.
 COLUMNS = LABEL_COLUMNS | OUTCOME_COLUMNS | VERSION_COLUMNS
 #: Rows are current if their values of ``CURRENT`` are those last run under the same ``NAMED``.
 NAMED = ("scenario", "sensor", "estimator")
 CURRENT = ("parameters", *VERSION_COLUMNS)
+
+
+#: Sums over finished trials, for estimates of the time left; older stores have none.
+_COSTS = (
+    "CREATE TABLE IF NOT EXISTS costs (scenario TEXT, estimator TEXT, trials INTEGER, "
+    "seconds REAL, PRIMARY KEY (scenario, estimator)) WITHOUT ROWID"
+)
+_ADD_COST = (
+    "INSERT INTO costs VALUES (?, ?, 1, ?) ON CONFLICT DO UPDATE SET trials = trials + 1, "
+    "seconds = seconds + excluded.seconds"
+)
 
 
 def create(connection: sqlite3.Connection) -> None:
@@ -47,6 +58,22 @@ def add_metric_columns(connection: sqlite3.Connection, names: Iterable[str]) -> 
     """Add columns for metrics that have none; older rows have no value in them."""
     for name in sorted(set(names) - set(metric_columns(connection))):
         connection.execute(f'ALTER TABLE trials ADD COLUMN "{name}" REAL')
+
+
+def create_costs(connection: sqlite3.Connection) -> None:
+    """Create the table of costs, unless it is there."""
+    connection.execute(_COSTS)
+
+
+def add_cost(connection: sqlite3.Connection, scenario: str, estimator: str, seconds: float) -> None:
+    """Add the time of one trial [s]."""
+    connection.execute(_ADD_COST, [scenario, estimator, seconds])
+
+
+def costs(connection: sqlite3.Connection) -> list[tuple[str, str, int, float]]:
+    """Scenario, estimator, number of trials and their seconds in all."""
+    found = connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'costs'").fetchone()
+    return connection.execute("SELECT * FROM costs").fetchall() if found else []
 
 
 def quoted(columns: Iterable[str], prefix: str = "") -> str:

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import pandas as pd
 import pyarrow as pa
 
+from olne_bench.bench.plan.outcome import NESTED
 from olne_bench.errors import UserError
 
-WEIGHTS = pa.list_(pa.list_(pa.float64()))
+NUMBERS = pa.list_(pa.list_(pa.float64()))
 
 _TYPES = {"TEXT": pa.string(), "REAL": pa.float64(), "INTEGER": pa.int64()}
 _BATCH = 50_000
@@ -31,27 +32,30 @@ def as_table(rows: sqlite3.Cursor, columns: Mapping[str, str]) -> pa.Table:
     return pa.Table.from_batches(batches, schema=schema)
 
 
-def parse_weights(table: pa.Table) -> pa.Table:
-    """``Store.table()`` with weights as nested lists.
+def parse_nested(table: pa.Table) -> pa.Table:
+    """``Store.table()`` with weights and unknowns as nested lists.
 
     Raises:
-        UserError: on weights that cannot be read.
+        UserError: on texts that cannot be read.
     """
-    place = table.schema.get_field_index("weights")
-    try:
-        chunks = [
-            # One call of the parser per chunk is much faster than one per row.
-            pa.array(
-                json.loads(f"[{','.join(t or 'null' for t in chunk.to_pylist())}]"), type=WEIGHTS
-            )
-            for chunk in table.column(place).chunks
-        ]
-    except (ValueError, RecursionError, pa.ArrowException) as error:
-        raise UserError(f"the store is damaged: weights that cannot be read ({error})") from error
-    return table.set_column(place, "weights", pa.chunked_array(chunks, type=WEIGHTS))
+    for name in NESTED:
+        place = table.schema.get_field_index(name)
+        try:
+            chunks = [_parsed(chunk) for chunk in table.column(place).chunks]
+        except (ValueError, RecursionError, pa.ArrowException) as error:
+            raise UserError(
+                f"the store is damaged: {name} that cannot be read ({error})"
+            ) from error
+        table = table.set_column(place, name, pa.chunked_array(chunks, type=NUMBERS))
+    return table
+
+
+def _parsed(texts: pa.Array) -> pa.Array:
+    # One call of the parser per chunk is much faster than one per row.
+    return pa.array(json.loads(f"[{','.join(t or 'null' for t in texts.to_pylist())}]"), NUMBERS)
 
 
 def to_frame(table: pa.Table) -> pd.DataFrame:
     """A table as a pandas table, in which nested lists stay in Arrow's compact form."""
-    types = {WEIGHTS: pd.ArrowDtype(WEIGHTS)}
+    types = {NUMBERS: pd.ArrowDtype(NUMBERS)}
     return table.to_pandas(types_mapper=types.get)

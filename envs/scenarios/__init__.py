@@ -1,9 +1,9 @@
 """Scenarios: games with ground truth. One file each; the file's name is the scenario's name.
 
 A scenario is a class with a ``name``, fields that are its options, and ``draw``. A family, in which
-each seed draws another member, has ``draw(self, seed)``; a fixed scenario has ``draw(self)``. The
-constructor refuses bad options, without drawing. ``get_scenario`` finds new files in this folder,
-installed packages and other files.
+each seed draws another member, has ``draw(self, seed)``; a fixed scenario has ``draw(self)``, or an
+attribute ``fixed`` where its options decide. The constructor refuses bad options, without drawing.
+``get_scenario`` finds new files in this folder, installed packages and other files.
 """
 
 import numpy as np
@@ -41,13 +41,13 @@ def scenario_names() -> list[str]:
     return names(SCENARIO)
 
 
-def is_family(name: str) -> bool:
-    """Whether a scenario is a family: each seed draws another member.
+def is_family(name: str, **options: object) -> bool:
+    """Whether a scenario with these options is a family: each seed draws another member.
 
     Raises:
-        PluginError: on an unknown name, or a scenario that cannot be imported.
+        PluginError: as ``check_options`` does.
     """
-    return takes_seed(find_class(SCENARIO, name))
+    return takes_seed(check_options(name, **options))
 
 
 def scenario_options(name: str) -> list[str]:
@@ -74,7 +74,7 @@ def get_scenario(name: str, seed: int | None = None, **options: object) -> Scena
         NoEquilibriumError: if a family finds no member that can be played.
     """
     plugin = check_options(name, **options)
-    arguments = (checked_seed(seed),) if takes_seed(type(plugin)) else ()
+    arguments = (checked_seed(seed),) if takes_seed(plugin) else ()
     if is_built_in(SCENARIO, name):
         drawn: Scenario = plugin.draw(*arguments)  # type: ignore[attr-defined]
         return drawn

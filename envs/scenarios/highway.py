@@ -17,6 +17,7 @@ from olne_bench.envs.driving import (
     driving_scenario,
 )
 from olne_bench.envs.highway_roads import road_network, route
+from olne_bench.envs.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
 PLAYERS = (3, 8)
@@ -37,10 +38,11 @@ class Highway(RoadFamily):
 
     name: ClassVar[str] = "highway"
     players: ClassVar[tuple[int, int]] = PLAYERS
-    num_players: int = 5
+    speeds: ClassVar[tuple[float, float]] = (SLOW[0], QUICK[1])
+    num_players: PlayerNumber = 5
 
-    def propose(self, rng: np.random.Generator) -> Scenario:
-        return propose(rng, self.num_players)
+    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
+        return propose(rng, count)
 
 
 def propose(rng: np.random.Generator, count: int) -> Scenario:

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
+from olne_bench.envs.true_weights import PublishedOrDrawn
 from olne_bench.games.dynamics import UNICYCLE
 from olne_bench.games.features import ControlEffort, Proximity, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -19,6 +20,8 @@ DT = 1.0  # [s]
 ROAD_HEADING = np.pi / 2  # [rad]
 #: Controls well beyond those of equilibria, and states that they can reach.
 LIMITS = Limits(controls=(1.0, 0.5), states=(100.0, 100.0, 21.0, 10.0))
+#: With drawn weights: who minds a control little uses much of it.
+WIDE_LIMITS = Limits(controls=(10.0, 5.0), states=(1000.0, 1000.0, 192.0, 100.0))
 
 
 @dataclass(frozen=True)
@@ -43,19 +46,19 @@ CARS = (
 
 
 @dataclass(frozen=True)
-class HighwayOvertaking:
-    """The fixed scenario."""
+class HighwayOvertaking(PublishedOrDrawn):
+    """The published scenario, or the same players with weights that each seed draws."""
 
     name: ClassVar[str] = "highway_overtaking"
 
-    def draw(self) -> Scenario:
+    def draw(self, seed: int = 0) -> Scenario:
         """The scenario."""
         return Scenario(
             name=self.name,
             game=Game(tuple(_player(car) for car in CARS), UNICYCLE, HORIZON, DT),
-            weights=np.array([[car.proximity, 1, 1, 1] for car in CARS]),
+            weights=self.drawn(np.array([[car.proximity, 1, 1, 1] for car in CARS]), seed),
             initial_state=np.array([[car.px, car.py, ROAD_HEADING, car.speed] for car in CARS]),
-            limits=LIMITS,
+            limits=LIMITS if self.fixed else WIDE_LIMITS,
         )
 
 

@@ -13,6 +13,7 @@ from olne_bench.envs.driving import (
     driving_scenario,
 )
 from olne_bench.envs.highway_roads import road_network, route
+from olne_bench.envs.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
 PLAYERS = (2, 4)
@@ -33,10 +34,11 @@ class Intersection(RoadFamily):
 
     name: ClassVar[str] = "intersection"
     players: ClassVar[tuple[int, int]] = PLAYERS
-    num_players: int = 3
+    speeds: ClassVar[tuple[float, float]] = SPEED
+    num_players: PlayerNumber = 3
 
-    def propose(self, rng: np.random.Generator) -> Scenario:
-        return propose(rng, self.num_players)
+    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
+        return propose(rng, count)
 
 
 def propose(rng: np.random.Generator, count: int) -> Scenario:

@@ -13,6 +13,7 @@ from olne_bench.envs.driving import (
     driving_scenario,
 )
 from olne_bench.envs.highway_roads import road_network, route
+from olne_bench.envs.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
 PLAYERS = (2, 6)
@@ -34,10 +35,11 @@ class Merge(RoadFamily):
 
     name: ClassVar[str] = "merge"
     players: ClassVar[tuple[int, int]] = PLAYERS
-    num_players: int = 4
+    speeds: ClassVar[tuple[float, float]] = (SPEED[0], LEFT_SPEED[1])
+    num_players: PlayerNumber = 4
 
-    def propose(self, rng: np.random.Generator) -> Scenario:
-        return propose(rng, self.num_players)
+    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
+        return propose(rng, count)
 
 
 def propose(rng: np.random.Generator, count: int) -> Scenario:

@@ -11,6 +11,8 @@ import numpy as np
 
 from olne_bench.checks import as_text, check_whole
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
+from olne_bench.envs.scenarios.two_player import WIDE_LIMITS
+from olne_bench.envs.true_weights import DIRICHLET, MODERATE, check_kind, flat_dirichlet
 from olne_bench.games.dynamics import UNICYCLE
 from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -34,12 +36,16 @@ class Random:
 
     Attributes:
         num_players: N, 1 to 50; drawn if None.
+        weights: ``moderate``, each from 0.2 to 1 before they are scaled, or ``dirichlet`` for
+            weights that are uniform on the simplex.
     """
 
     name: ClassVar[str] = "random"
     num_players: int | None = None
+    weights: str = MODERATE
 
     def __post_init__(self) -> None:
+        check_kind(self.weights, (MODERATE, DIRICHLET))
         if self.num_players is not None:
             check_whole("num_players", self.num_players)
             if not 1 <= self.num_players <= MOST_PLAYERS:
@@ -60,12 +66,15 @@ class Random:
         headings = direction + rng.uniform(-HEADING_SPREAD, HEADING_SPREAD, count)
         speeds = rng.uniform(*SPEED_RANGE, count)
 
+        weights = rng.uniform(*WEIGHT_RANGE, (count, 4))
+        if self.weights == DIRICHLET:
+            weights = flat_dirichlet(seed, *weights.shape)
         return Scenario(
             name=self.name,
             game=Game(tuple(_player(goal) for goal in goals), UNICYCLE, HORIZON, DT),
-            weights=rng.uniform(*WEIGHT_RANGE, (count, 4)),
+            weights=weights,
             initial_state=np.column_stack([starts, headings, speeds]),
-            limits=LIMITS,
+            limits=WIDE_LIMITS if self.weights == DIRICHLET else LIMITS,
         )
 
 

@@ -8,7 +8,10 @@ from olne_bench.games.game import Game
 
 
 class NoEquilibriumError(Exception):
-    """No certified equilibrium was found for a scenario, so it cannot serve as ground truth."""
+    """No equilibrium that is certified locally and globally so far was found for a scenario.
+
+    So it cannot serve as ground truth.
+    """
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,13 @@ class Scenario:
         world: module of ``envs`` whose ``parallel_env`` plays the scenario.
         noise_scale: (n,) standard deviation of a sensor's noise on each component of the state,
             relative to that on a position [m]. Default: ones, as in the paper.
+        asked: the game that estimators are told of, with unknowns in place of numbers of ``game``;
+            None where only weights are unknown.
+        parameters: (N, U) true values of these unknowns, in their units; None where there are none.
 
     Raises:
-        ValueError: on arrays of a wrong shape, or noise scales that are not positive.
+        ValueError: on arrays of a wrong shape, noise scales that are not positive, or parameters
+            that are out of their ranges or do not make ``asked`` the same as ``game``.
     """
 
     name: str
@@ -53,6 +60,8 @@ class Scenario:
     limits: Limits | None = None
     world: str = "olne_v0"
     noise_scale: tuple[float, ...] = ()
+    asked: Game | None = None
+    parameters: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", self.game.check_weights(self.weights))
@@ -66,3 +75,26 @@ class Scenario:
                 f"{', '.join(self.game.dynamics.state_names)}, got {self.noise_scale}"
             )
         object.__setattr__(self, "noise_scale", scale)
+        self._check_parameters()
+
+    def _check_parameters(self) -> None:
+        if (self.asked is None) != (self.parameters is None):
+            raise ValueError(f"scenario {self.name!r} needs both asked and parameters, or neither")
+        if self.asked is None or self.parameters is None:
+            return
+        values = self.asked.parameters.check(self.parameters)
+        object.__setattr__(self, "parameters", values)
+        if self.asked.known(values) != self.game:
+            raise ValueError(f"the parameters of {self.name!r} do not make asked the same as game")
+
+    @property
+    def told(self) -> Game:
+        """The game that estimators are told of."""
+        return self.game if self.asked is None else self.asked
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(N, K + U): weights and standardised parameters, as solvers of ``told`` take them."""
+        if self.parameters is None:
+            return self.weights
+        return np.hstack([self.weights, self.told.parameters.standardised(self.parameters)])

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
+from olne_bench.envs.true_weights import PublishedOrDrawn
 from olne_bench.games.dynamics import UNICYCLE
 from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -22,24 +23,26 @@ HEADING_OFFSET = np.deg2rad(10)  # [rad]
 INITIAL_SPEED = 0.1  # [m/s]
 #: Controls well beyond those of equilibria, and states that they can reach.
 LIMITS = Limits(controls=(1.0, 1.0), states=(20.0, 20.0, 8.0, 7.0))
+#: With drawn weights: who minds a control little uses much of it.
+WIDE_LIMITS = Limits(controls=(30.0, 20.0), states=(400.0, 400.0, 192.0, 126.0))
 
 
 @dataclass(frozen=True)
-class TwoPlayer:
-    """The fixed scenario."""
+class TwoPlayer(PublishedOrDrawn):
+    """The published scenario, or the same players with weights that each seed draws."""
 
     name: ClassVar[str] = "two_player"
 
-    def draw(self) -> Scenario:
+    def draw(self, seed: int = 0) -> Scenario:
         """The scenario."""
         return Scenario(
             name=self.name,
             game=Game(tuple(_player(d) for d in DIRECTIONS), UNICYCLE, HORIZON, DT),
-            weights=np.ones((2, 4)),
+            weights=self.drawn(np.ones((2, 4)), seed),
             initial_state=np.array(
                 [[-np.cos(d), -np.sin(d), d + HEADING_OFFSET, INITIAL_SPEED] for d in DIRECTIONS]
             ),
-            limits=LIMITS,
+            limits=LIMITS if self.fixed else WIDE_LIMITS,
         )
 
 

@@ -116,7 +116,7 @@ def costs_of(name: str, seed: int | None, count: int) -> Scenario:
         if seed is None and is_family(name):
             plugin = check_options(name)
             if isinstance(plugin, RoadFamily):
-                return plugin.propose(np.random.default_rng(0))
+                return plugin.propose(np.random.default_rng(0), plugin.count(0))
         sized = {"num_players": count} if "num_players" in scenario_options(name) else {}
         return get_scenario(name, seed, **(sized if seed is not None else {}))
     except (ValueError, NoEquilibriumError) as error:

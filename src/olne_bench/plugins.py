@@ -269,7 +269,7 @@ def describe(
             reference=absolute(reference),
             label=found.name,
             parameters=tuple(parameter_names(found)),
-            family=kind == SCENARIO and takes_seed(found),
+            family=kind == SCENARIO and takes_seed(plugin),
             several=kind == ESTIMATOR and _attribute(plugin, "several", reference) is True,
             declaration=_declaration(kind, plugin, reference),
         )
@@ -295,10 +295,15 @@ def parameter_names(found: type[Any]) -> list[str]:
         return []
 
 
-def takes_seed(scenario: type[Any]) -> bool:
-    """Whether a scenario's class is a family: each seed draws another member."""
+def takes_seed(scenario: Any) -> bool:
+    """Whether a scenario is a family: each seed draws another member.
+
+    Its ``draw`` takes a seed then. Where that depends on its options, the attribute ``fixed`` says
+    so.
+    """
     try:
-        return "seed" in inspect.signature(scenario.draw).parameters
+        seeded = "seed" in inspect.signature(scenario.draw).parameters
+        return seeded and not getattr(scenario, "fixed", False)
     except BaseException:  # this may run foreign code
         return False
 

@@ -64,7 +64,7 @@ class Hangs(Drawn):
 #: Functions that cache the code which they have read.
 READ_ONCE = (
     fingerprint._imports,
-    fingerprint._tree,
+    fingerprint._summary,
     fingerprint._content,
     versions._version,
     versions._scoring,

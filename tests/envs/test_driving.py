@@ -10,7 +10,6 @@ from olne_bench.envs.driving import (
     MAX_DRAWS,
     TOWN,
     Driver,
-    check_num_players,
     draw_playable,
     draw_weights,
     driving_scenario,
@@ -78,13 +77,3 @@ def test_weights_are_drawn_from_their_range() -> None:
     assert weights.shape == (500, 4)
     assert 0.2 <= weights.min() < 0.21
     assert 0.99 < weights.max() <= 1.0
-
-
-def test_a_road_holds_so_many_cars() -> None:
-    for number in (3, 8):
-        check_num_players("highway", number, 3, 8)
-    for number in (2, 9):
-        with pytest.raises(ValueError, match=f"holds 3 to 8 players, got num_players = {number}"):
-            check_num_players("highway", number, 3, 8)
-    with pytest.raises(ValueError, match="num_players"):
-        check_num_players("highway", 3.5, 3, 8)

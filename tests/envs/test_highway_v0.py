@@ -227,7 +227,7 @@ def test_more_players_than_the_road_holds(name):
 @pytest.mark.parametrize("count", ["5", 4.0, True, None])
 @pytest.mark.parametrize("name", ROAD_NAMES)
 def test_a_number_of_players_that_is_none(name, count):
-    message = f"num_players must be a whole number, got {count!r}"
+    message = f"num_players must be a whole number.*, got {count!r}"
     with pytest.raises(ValueError, match=message):
         get_scenario(name, num_players=count)
     with pytest.raises(ValueError, match=message):

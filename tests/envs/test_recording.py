@@ -16,6 +16,7 @@ from olne_bench.envs.recording_file import (
     read_recording,
     write_recording,
 )
+from olne_bench.envs.recording_metadata import CertificateEntry
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Limits
 from olne_bench.envs.worlds import make_world
@@ -84,6 +85,12 @@ def test_one_frame_per_state(recorded):
     assert (frames[0] != frames[-1]).any()
 
 
+def test_certificates_of_older_files_are_read():
+    known = {"gains": [0.0], "costs": [1.0], "tolerance": 1e-7, "passed": True}
+    entry = CertificateEntry.model_validate(known)
+    assert entry.local is None and entry.global_so_far is None
+
+
 def test_files_keep_everything(tmp_path, recorded):
     seeds = [0, 1, 2]  # with different numbers of players
     recordings = [recorded("random", seed) for seed in seeds]
@@ -103,6 +110,11 @@ def test_files_keep_everything(tmp_path, recorded):
         np.testing.assert_array_equal(entry.weights, played.scenario.weights)
         np.testing.assert_array_equal(entry.certificate.gains, played.certificate.gains)
         assert entry.certificate.passed
+        assert entry.certificate.local.gains == played.certificate.local.values.tolist()
+        far = entry.certificate.global_so_far
+        players = len(played.scenario.weights)
+        assert far.passed and far.starts == [17 + 4 * (players - 1)] * players
+        assert far.gains == played.certificate.global_so_far.values.tolist()
     rows = pq.read_table(path).to_pandas()
     assert rows.loc[rows["time"] == rows["time"].max(), "yaw_rate"].isna().all()
     assert rows.loc[rows["time"] < rows["time"].max(), "yaw_rate"].notna().all()

@@ -17,7 +17,7 @@ from olne_bench.plugins import PluginError
         ("random", {"num_players": 0}, "num_players must be"),
         ("random", {"num_players": True}, "num_players must be"),
         ("merge", {"num_players": 7}, "'merge' holds 2 to 6 players, got num_players = 7"),
-        ("two_player", {"size": 1}, "'two_player' has no option 'size'; known are: none"),
+        ("two_player", {"size": 1}, "'two_player' has no option 'size'; known are: weights"),
         ("nope", {}, "unknown scenario 'nope'; known are: highway"),
     ],
 )

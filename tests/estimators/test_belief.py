@@ -1,6 +1,7 @@
 """Beliefs over log-ratios of weights and an initial state."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from olne_bench.estimators.belief import (
 )
 from olne_bench.estimators.forward_model import initial_state_prior, uniform_weights
 from olne_bench.estimators.simplex import flat_covariance, log_ratios_of
+from olne_bench.games.complementarity import RELAXATION
+from olne_bench.games.native import elimination
 
 
 @pytest.fixture(scope="module")
@@ -98,3 +101,27 @@ def test_nothing_is_played_after_the_deadline(followed) -> None:
 def test_positions_have_to_be_told(followed, seen) -> None:
     assert hidden_positions(followed[0]) is None
     assert hidden_positions(seen(view="partial")[0]) is None
+
+
+def test_tangents_are_those_of_finite_differences(followed) -> None:
+    problem, _, start = followed
+    forward, point = games(problem, start), point_of(problem, start)
+    expected, slopes = forward.tangent(point)
+    np.testing.assert_allclose(expected, forward.expected(point[None])[0], atol=1e-6)
+    step = 1e-4
+    for k in (0, 5, len(point) - 1):
+        ahead, behind = (
+            forward.expected(np.array([point, point + sign * step * np.eye(len(point))[k]]))[1]
+            for sign in (1, -1)
+        )
+        np.testing.assert_allclose(slopes[..., k], (ahead - behind) / (2 * step), atol=1e-4)
+
+
+def test_complementarity_is_relaxed_for_filters_only(followed) -> None:
+    problem, _, start = followed
+    forward, solver = games(problem, start), elimination(problem.game)
+    with forward._relaxed():
+        assert solver.relaxation == forward._relaxation >= RELAXATION
+    assert solver.relaxation == RELAXATION
+    noisy = games(replace(problem, sigma=1.0), start)
+    assert noisy._relaxation > RELAXATION

@@ -8,7 +8,7 @@ import pytest
 
 from olne_bench.estimators import bilevel
 from olne_bench.estimators.bilevel import Bilevel, OuterResiduals
-from olne_bench.estimators.forward_model import first_games, squared_error_of
+from olne_bench.estimators.forward_model import Certainty, first_games, squared_error_of
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation
 from olne_bench.estimators.simplex import RatioChart
@@ -128,12 +128,12 @@ def descents(monkeypatch):
     """Descents that end as they are told to; what they started from, and until when."""
     answers, begun = [], []
 
-    def descend(_problem, _observations, games, most, deadline):
+    def descend(_problem, _observations, games, most, deadline, _pull):
         begun.append((games, most, deadline))
         return replace(answers.pop(0), games=games)
 
     monkeypatch.setattr(bilevel, "_descend", descend)
-    monkeypatch.setattr(bilevel, "likelihood_covariance", lambda *_: None)
+    monkeypatch.setattr(bilevel, "likelihood_certainty", lambda *_, **__: Certainty(None))
     return answers, begun
 
 
@@ -153,14 +153,13 @@ def test_starts_are_tried_until_two_agree_or_there_are_enough(seen, monkeypatch,
     assert result.extras == {"objective": 1.0, "starts": 3, "evaluations": 9}
     assert result.converged and result.message == ""
     assert {most for _, most, _ in begun} == {7}
-    # Half of the budget is for what follows the search.
-    assert all(20 < deadline - before < 45 for *_, deadline in begun)
+    assert all(50 < deadline - before < 75 for *_, deadline in begun)  # all of the budget
     answers += [ended(float(k)) for k in range(9, 0, -1)]
     assert estimate_of(seen, monkeypatch, starts=4).extras["starts"] == 4
     assert estimate_of(seen, monkeypatch, starts=4, games=2).extras["starts"] == 2
 
 
-def test_a_flat_optimum_is_gone_on_with_while_there_is_time(seen, monkeypatch, descents):
+def test_a_flat_optimum_is_gone_on_with_a_number_of_times(seen, monkeypatch, descents):
     answers, begun = descents
     long = bilevel._TOO_LONG
     answers += [ended(3.0, long), ended(2.0, long), ended(1.5)]
@@ -169,9 +168,25 @@ def test_a_flat_optimum_is_gone_on_with_while_there_is_time(seen, monkeypatch, d
     assert result.converged and result.extras["objective"] == 1.5
     answers += [ended(3.0, "no equilibrium"), ended(2.0)]
     assert estimate_of(seen, monkeypatch, starts=1).message == "no equilibrium"
-    answers[:] = [ended(3.0, long)]
+    answers[:] = [ended(3.0, long) for _ in range(20)]
+    flat = estimate_of(seen, monkeypatch, starts=1)
+    assert (flat.message, flat.converged) == (long, False)
+    assert len(answers) == 20 - 1 - bilevel._MOST_CONTINUATIONS
+
+
+def test_the_clock_decides_no_number_of_starts(seen, monkeypatch, descents):
+    """Only a start that the time has ended is the last one, and the estimate says so."""
+    answers, _ = descents
+    answers += [ended(3.0), ended(2.0), ended(1.0)]
     late = estimate_of(seen, monkeypatch, starts=3, budget=0.0)
-    assert (late.message, late.converged, late.extras["starts"]) == (long, False, 1)
+    assert (late.extras["starts"], late.message) == (3, "")
+    answers[:] = [ended(3.0), ended(2.0, bilevel._NO_TIME), ended(1.0)]
+    late = estimate_of(seen, monkeypatch, starts=3)
+    assert (late.extras["objective"], late.extras["starts"], late.converged) == (2.0, 2, False)
+    answers[:] = [ended(2.0), ended(3.0, bilevel._NO_TIME)]
+    late = estimate_of(seen, monkeypatch, starts=3)
+    assert late.converged and late.extras["objective"] == 2.0
+    assert late.message.startswith("time limit reached in start 2")
 
 
 def test_an_observation_near_which_no_game_is_found_is_named(seen, monkeypatch):
@@ -218,3 +233,28 @@ def test_samples_that_are_missing_are_no_errors(seen):
     np.testing.assert_array_equal(part.jacobian(point), whole.jacobian(point)[there])
     assert not part.blocked
     np.testing.assert_allclose(point[chart.size :], game.initial_state.ravel())
+
+
+def test_trajectories_start_at_one_theta_that_all_of_their_games_reach(seen, monkeypatch):
+    problem, observations, _ = seen(1, sigma=0.01, count=2)
+    found = [first_games(problem, one)[:2] for one in observations]
+    play = bilevel.play_batch
+
+    def not_from_the_best(problem, game, *rest):
+        batch = play(problem, game, *rest)
+        lost = game is found[1][0]
+        return replace(batch, residuals=np.full(1, np.inf)) if lost else batch
+
+    monkeypatch.setattr(bilevel, "play_batch", not_from_the_best)
+    games = bilevel._at_one_theta(problem, tuple(own[0] for own in found), found)
+    np.testing.assert_array_equal(games[0].theta, found[0][0].theta)
+    np.testing.assert_array_equal(games[1].theta, found[0][0].theta)
+    np.testing.assert_allclose(games[1].initial_state, found[1][1].initial_state)
+
+
+def test_without_a_common_theta_the_first_games_are_tried(seen, monkeypatch):
+    problem, observations, _ = seen(1, sigma=0.01, count=2)
+    found = [first_games(problem, one)[:1] for one in observations]
+    monkeypatch.setattr(bilevel, "_first_at", lambda *_: None)
+    firsts = tuple(own[0] for own in found)
+    assert bilevel._at_one_theta(problem, firsts, found) is firsts

@@ -12,7 +12,7 @@ from olne_bench.estimators.forward_model import (
     first_games,
     fitted_game,
     initial_state_prior,
-    likelihood_covariance,
+    likelihood_certainty,
     play_batch,
     scaled_samples,
     squared_error_of,
@@ -122,15 +122,17 @@ def test_games_are_played_from_one_that_is_known(seen) -> None:
 def test_the_covariance_grows_with_the_noise_and_shrinks_with_trajectories(seen) -> None:
     problem, (observation,), _ = seen(sigma=0.01)
     start = fitted_game(problem, observation)
-    one = likelihood_covariance(problem, [observation], [start])
+    one = likelihood_certainty(problem, [observation], [start]).covariance
     size = start.weights.size
     assert one.shape == (size, size)
     np.testing.assert_allclose(one, one.T, atol=1e-12)
-    double = likelihood_covariance(replace(problem, sigma=0.02), [observation], [start])
+    double = likelihood_certainty(replace(problem, sigma=0.02), [observation], [start]).covariance
     np.testing.assert_allclose(double, 4 * one, rtol=1e-6)
-    two = likelihood_covariance(problem, [observation] * 2, [start] * 2)
+    two = likelihood_certainty(problem, [observation] * 2, [start] * 2).covariance
     np.testing.assert_allclose(two, one / 2, rtol=1e-5, atol=1e-9)
-    assert likelihood_covariance(replace(problem, sigma=0.0), [observation], [start]) is None
+    assert (
+        likelihood_certainty(replace(problem, sigma=0.0), [observation], [start]).covariance is None
+    )
 
 
 def test_a_quarter_is_two_steps_at_least() -> None:
@@ -183,7 +185,7 @@ def test_no_covariance_where_weights_are_not_identifiable(seen, monkeypatch) -> 
         raise ValueError("no function of them")
 
     monkeypatch.setattr(forward_model, "sample_sensitivity", fails)
-    assert likelihood_covariance(problem, [observation], [start]) is None
+    assert likelihood_certainty(problem, [observation], [start]).covariance is None
 
 
 def test_a_fit_that_does_not_converge_is_no_game(seen, monkeypatch) -> None:

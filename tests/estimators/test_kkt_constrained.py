@@ -8,7 +8,7 @@ import pytest
 
 from olne_bench.envs.recording import record
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators import kkt_constrained as module
+from olne_bench.estimators import joint_starts as module
 from olne_bench.estimators.bilevel import Bilevel
 from olne_bench.estimators.joint_problem import JointSolution, Status
 from olne_bench.estimators.kkt_constrained import KktConstrained
@@ -61,8 +61,18 @@ def test_starts_that_agree_are_enough(solver: str, starts: int) -> None:
     assert easy.extras["starts"] == starts
 
 
+def test_where_time_ends_the_search_the_estimate_says_so() -> None:
+    problem, y = observed("full", 0.01)
+    cut = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=0.0)
+    assert not cut.converged
+    assert cut.message == "time limit reached"
+    late = KktConstrained(solver="ipopt").estimate(problem, Observation(y), rng=RNG, budget=0.0)
+    assert late.converged and late.extras["starts"] == 1
+    assert late.message.startswith("time limit reached in start 1")
+
+
 def test_starts_that_disagree_call_for_more() -> None:
-    problem, y = observed("partial", 0.1, seed=6)
+    problem, y = observed("partial", 0.1, seed=7)
     hard = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
     assert hard.converged
     assert hard.extras["starts"] == 6

@@ -1,10 +1,9 @@
 """The particle filter: posteriors with known values, lost particles, small games."""
 
-import filterpy.monte_carlo.resampling as filterpy_resampling
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, multivariate_t, norm
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.belief import Gaussian, LostError
@@ -16,10 +15,10 @@ from olne_bench.estimators.forward_model import (
 )
 from olne_bench.estimators.particle import (
     Particle,
-    _largest_share,
+    _Proposal,
+    _tempered,
     effective_sample_size,
     filter_particles,
-    systematic_resample,
 )
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.simplex import from_log_ratios
@@ -31,14 +30,28 @@ from olne_bench.games.olne import solve_olne
 COUNT = 2000
 
 
-def last_cloud(prior, expected, samples, sigma, count=COUNT, seed=0):
+class Mapped:
+    """Games whose expected measurements are a function of points."""
+
+    def __init__(self, expected):
+        self.expected = expected
+
+    def tangent(self, point):
+        steps = 1e-6 * np.eye(len(point))
+        ahead, behind = self.expected(point + steps), self.expected(point - steps)
+        slopes = np.moveaxis((ahead - behind) / 2e-6, 0, -1)
+        known = np.isfinite(slopes).all()
+        return (self.expected(point[None])[0], slopes) if known else None
+
+
+def last_cloud(prior, expected, samples, sigma, count=COUNT, seed=0, most_draws=10):
     clouds = filter_particles(
         prior,
-        expected,
+        Mapped(expected),
         samples,
         sigma,
         count=count,
-        most_moves=10,
+        most_draws=most_draws,
         rng=np.random.default_rng(seed),
     )
     return list(clouds)[-1]
@@ -147,31 +160,39 @@ def test_a_linear_problem_has_the_posterior_of_a_kalman_filter():
     assert_same_moments(cloud, kalman.x[:, 0], np.sqrt(np.diag(kalman.P)))
 
 
-def test_resampling_is_filterpy_s(monkeypatch):
-    shares = np.random.default_rng(0).dirichlet(np.full(50, 0.3))
-    for seed in range(10):
-        first = np.random.default_rng(seed).random()
-        monkeypatch.setattr(filterpy_resampling, "random", lambda first=first: first)
-        expected = filterpy_resampling.systematic_resample(shares)
-        chosen = systematic_resample(shares, np.random.default_rng(seed))
-        np.testing.assert_array_equal(chosen, expected)
+@pytest.mark.parametrize("degrees", [3.0, np.inf])
+def test_proposals_are_those_of_scipy(degrees):
+    rng = np.random.default_rng(0)
+    factor = rng.standard_normal((4, 4))
+    around = Gaussian(rng.standard_normal(4), factor @ factor.T + np.eye(4))
+    proposal, points = _Proposal(around, degrees), 3 * rng.standard_normal((20, 4))
+    known = (
+        multivariate_t(around.mean, around.covariance, df=degrees)
+        if np.isfinite(degrees)
+        else multivariate_normal(around.mean, around.covariance)
+    )
+    np.testing.assert_allclose(proposal.log(points), known.logpdf(points))
+    draws = proposal.draw(200_000, rng)
+    inside = known.logpdf(draws) > known.logpdf(points[0])
+    expected = known.logpdf(known.rvs(200_000, random_state=rng)) > known.logpdf(points[0])
+    assert abs(inside.mean() - expected.mean()) < 4 * np.sqrt(0.5 / 200_000)
 
 
 def test_effective_sample_size():
     assert effective_sample_size(np.full(7, -1e4)) == pytest.approx(7)
     assert effective_sample_size(np.array([0.0, -np.inf, 0.0])) == pytest.approx(2)
     assert effective_sample_size(np.array([0.0, -800.0])) == pytest.approx(1)
+    assert effective_sample_size(np.full(3, -np.inf)) == 0
 
 
-def test_as_much_of_a_measurement_is_taken_as_leaves_enough_particles():
-    rng = np.random.default_rng(0)
-    log_shares, half = np.zeros(100), 20 * rng.uniform(size=100)
-    share = _largest_share(log_shares, half, 1.0, 50.0)
-    assert 0 < share < 1
-    assert effective_sample_size(log_shares - share * half) == pytest.approx(50, rel=1e-4)
-    assert _largest_share(log_shares, half, share / 2, 50.0) == share / 2  # no more is left
-    few = np.array([0.0, -50.0])  # one particle only, which a gain for the other does not change
-    assert _largest_share(few, np.array([0.0, 50.0]), 1.0, 1.5) == 0.0
+def test_shares_are_tempered_until_enough_particles_are_effective():
+    log_shares = np.append(-20 * np.random.default_rng(0).uniform(size=100), -np.inf)
+    tempered = _tempered(log_shares, 50.0)
+    assert effective_sample_size(tempered) == pytest.approx(50, rel=1e-4)
+    np.testing.assert_allclose(np.diff(tempered[:2] / log_shares[:2]), 0, atol=1e-12)
+    assert tempered[-1] == -np.inf
+    np.testing.assert_array_equal(_tempered(log_shares, 2.0), log_shares)
+    np.testing.assert_array_equal(_tempered(np.array([0.0, -9.0]), 5.0), [0, 0])
 
 
 def test_no_game_at_all_is_the_end():
@@ -180,19 +201,50 @@ def test_no_game_at_all_is_the_end():
         last_cloud(prior, lambda p: np.full((len(p), 2, 1), np.nan), samples, 1.0)
 
 
-def test_particles_that_cannot_move_are_the_end():
+def test_particles_that_explain_nothing_are_the_end():
     drawn: list[np.ndarray] = []
 
     def expected(points):
-        """Only the points asked for first have a game."""
-        if not drawn:
+        """Only the first particles have a game."""
+        if len(points) > 2 and not drawn:
             drawn.append(points)
             return points[:, None]
         return np.full((len(points), 1, 1), np.nan)
 
     prior = Gaussian(np.zeros(1), np.eye(1))
-    with pytest.raises(LostError, match="particles are left, and do not move"):
-        last_cloud(prior, expected, np.array([[3.0]]), 0.001, count=100)
+    with pytest.raises(LostError, match=r"effective sample size 1\.\d of 100"):
+        last_cloud(prior, expected, np.array([[3.0]]), 0.001, count=100, most_draws=2)
+
+
+def test_what_is_said_at_a_time_does_not_depend_on_later_samples():
+    """Given the belief before the first measurement."""
+    rng, prior = np.random.default_rng(5), Gaussian(np.zeros(3), np.eye(3))
+    matrices = rng.standard_normal((6, 2, 3))
+
+    def expected(points):
+        straight = np.einsum("tdn,bn->btd", matrices, points)
+        return straight + 0.1 * straight**2
+
+    samples = rng.standard_normal((6, 2))
+    changed = np.where(np.arange(6)[:, None] < 4, samples, rng.standard_normal((6, 2)))
+    before, after = (
+        list(
+            filter_particles(
+                prior,
+                Mapped(expected),
+                some,
+                0.3,
+                count=100,
+                most_draws=4,
+                rng=np.random.default_rng(0),
+            )
+        )
+        for some in (samples, changed)
+    )
+    for one, other in zip(before[:4], after[:4], strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+        np.testing.assert_array_equal(one.shares, other.shares)
+    assert not np.array_equal(before[4].shares, after[4].shares)
 
 
 @pytest.mark.parametrize("view", ["full", "partial"])
@@ -208,7 +260,8 @@ def test_small_games(seen, view):
     )
     assert online.shape == (12, 2, 4)
     assert effective.shape == (12,)
-    assert result.extras["least_effective_sample_size"] == effective.min() > 90
+    assert result.extras["least_effective_sample_size"] == effective.min() > 45
+    assert effective[-1] >= 100
     np.testing.assert_array_equal(online[-1], result.weights)
     np.testing.assert_allclose(online.sum(axis=2), 1)
     deviations = np.sqrt(np.diag(result.covariance)).reshape(weights.shape)
@@ -241,9 +294,23 @@ def test_time_is_kept(seen):
     [
         ({"count": 1}, "count must be an integer of 2 to"),
         ({"spread": 0.0}, "spread must be a number of"),
-        ({"most_moves": 0}, "most_moves must be an integer of 1 to"),
+        ({"most_draws": 0}, "most_draws must be an integer of 1 to"),
     ],
 )
 def test_parameters_out_of_range_are_refused(parameters, message):
     with pytest.raises(ValueError, match=message):
         Particle(**parameters)
+
+
+def test_a_proposal_without_variance_in_a_direction_is_flat_there() -> None:
+    rng = np.random.default_rng(0)
+    directions = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+    variances = np.array([-1e-17, 1e-3, 0.1, 1.0])  # rounding made one negative
+    covariance = directions @ np.diag(variances) @ directions.T
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(covariance)
+    proposal = _Proposal(Gaussian(np.ones(4), covariance), np.inf)
+    points = proposal.draw(4000, rng)
+    assert np.isfinite(proposal.log(points)).all()
+    np.testing.assert_allclose(np.cov(points, rowvar=False), covariance, atol=0.08)
+    assert np.abs((points - 1) @ directions[:, 0]).max() < 1e-5

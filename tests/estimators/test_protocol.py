@@ -151,7 +151,7 @@ def test_the_joint_method_explains_the_data_no_worse_than_the_truth():
         ("particle", {"count": 1}, "count must be an integer of 2 to 1000000, got 1"),
         ("particle", {"count": 20.5}, "count must be an integer of 2 to 1000000, got 20.5"),
         ("particle", {"spread": -1.0}, "spread must be a number of 1e-06 to 1000, got -1.0"),
-        ("particle", {"most_moves": True}, "most_moves must be an integer of 1 to 1000000, got T"),
+        ("particle", {"most_draws": True}, "most_draws must be an integer of 1 to 1000000, got T"),
         ("bilevel", {"starts": 0}, "starts must be an integer of 1 to 1000000, got 0"),
         ("bilevel", {"max_evaluations": "9"}, "max_evaluations must be an integer of 1 to 1000000"),
         ("kkt_constrained", {"max_iterations": 0}, "max_iterations must be an integer of 1 to 100"),

@@ -39,7 +39,7 @@ ESTIMATORS = {
     "kkt_constrained with ipopt": KktConstrained("ipopt"),
     "bilevel": Bilevel(),
     "ukf": Ukf(),
-    "particle": Particle(count=20, most_moves=3),
+    "particle": Particle(count=40, most_draws=4),
     "kkt_residual": KktResidual(),
     "maxent_residual": MaxentResidual(),
     "uniform": Uniform(),

@@ -4,10 +4,17 @@ import time
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from filterpy.kalman import KalmanFilter
 
 from olne_bench.estimators.belief import Gaussian, LostError
-from olne_bench.estimators.ukf import _MOST_AT_ONCE, Ukf, _largest_share, filter_samples
+from olne_bench.estimators.ukf import (
+    _MOST_AT_ONCE,
+    Ukf,
+    _largest_share,
+    _regression,
+    _sigma_points,
+    filter_samples,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -41,24 +48,72 @@ def test_it_equals_a_linear_kalman_filter_on_a_linear_problem(alpha):
         np.testing.assert_allclose(belief.covariance, kalman.P, atol=1e-8)
 
 
+def sets_of(expected):
+    """The expected measurements, and the sets of sigma points that they are asked for."""
+    sets = []
+
+    def counted(points):
+        if len(points) > 1:
+            sets.append(points)
+        return expected(points)
+
+    return counted, sets
+
+
+@pytest.mark.parametrize("sigma", [0.1, 1e-3])
+def test_a_linear_problem_needs_one_set_of_sigma_points(sigma):
+    prior, matrices, samples = linear_problem()
+    counted, sets = sets_of(through(matrices))
+    filter_samples(prior, counted, samples, sigma, 0.5)
+    assert len(sets) == 1
+
+
+def bent_problem():
+    prior, matrices, samples = linear_problem()
+
+    def expected(points):
+        straight = through(matrices)(points)
+        return straight + 0.3 * np.sin(straight)
+
+    return prior, expected, expected(prior.mean[None] + 0.3)[0] + 0.02 * samples
+
+
+def test_sigma_points_are_used_as_long_as_they_serve(monkeypatch):
+    """New ones for every share change the belief by far less than its own width."""
+    prior, expected, samples = bent_problem()
+    counted, sets = sets_of(expected)
+    belief = filter_samples(prior, counted, samples, 0.3, 0.5)[-1]
+    for name, value in (("_BENT", 1e-9), ("_DRIFT", 0.0)):
+        monkeypatch.setattr(f"olne_bench.estimators.ukf.{name}", value)
+    every, all_sets = sets_of(expected)
+    other = filter_samples(prior, every, samples, 0.3, 0.5)[-1]
+    assert 1 < len(sets) < 0.7 * len(all_sets)
+    width = np.sqrt(np.diag(other.covariance))
+    assert (np.abs(belief.mean - other.mean) < 0.3 * width).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(belief.covariance)), width, rtol=0.2)
+
+
 def shares_of(function, sigma):
     """The share of a measurement of a standard normal state of two components."""
-    points = MerweScaledSigmaPoints(2, alpha=1.0, beta=2.0, kappa=0.0)
-    kalman = UnscentedKalmanFilter(2, 2, dt=1.0, hx=None, fx=None, points=points)
-    return _largest_share(kalman, function(points.sigma_points(np.zeros(2), np.eye(2))), sigma)
+    belief, points = Gaussian(np.zeros(2), np.eye(2)), _sigma_points(2, 1.0)
+    rows = function(points.sigma_points(belief.mean, belief.covariance))
+    regression = _regression(belief, points, rows[:, None])
+    return _largest_share(regression, belief, 0, np.array([True, True]), sigma)
 
 
 def test_a_measurement_is_taken_in_by_shares_the_more_precise_it_is():
     """As much at once as keeps its noise in a given ratio to the variance that it removes."""
     scale = np.array([3.0, 1.0])
-    share = shares_of(lambda points: scale * points, 0.1)
-    np.testing.assert_allclose(share, _MOST_AT_ONCE * 0.1**2 / 3.0**2)
-    np.testing.assert_allclose(shares_of(lambda points: scale * points, 0.2), 4 * share)
-    np.testing.assert_allclose(shares_of(lambda points: scale * points + 5, 0.1), share)
-    # What is even in the state is noise to it: a little of it lets more in, much of it all.
-    bent = shares_of(lambda points: scale * points + 0.02 * points**2, 0.1)
-    assert share < bent < 1.5 * share
-    assert shares_of(lambda points: scale * points + 9 * points**2, 0.1) == np.inf
+    assert shares_of(lambda points: scale * points, 0.1) == np.inf
+    bent = [lambda points, b=b: scale * points + b * points**2 for b in (0.005, 0.2, 9.0)]
+    share, least = shares_of(bent[1], 0.1), _MOST_AT_ONCE * 0.1**2 / 3.0**2
+    assert least < share < 1
+    np.testing.assert_allclose(shares_of(bent[1], 0.2), 4 * share)
+    np.testing.assert_allclose(shares_of(lambda points: bent[1](points) + 5, 0.1), share)
+    # What is even in the state is noise to it: all of the measurement, if there is a lot of it, and
+    # if it is nothing beside the noise.
+    assert shares_of(bent[2], 0.1) == np.inf
+    assert shares_of(bent[0], 0.1) > 1
 
 
 def test_sigma_points_without_a_measurement_draw_the_set_closer():
@@ -98,7 +153,7 @@ def test_the_covariance_leaves_the_sums_of_weights_alone(seen):
     np.testing.assert_allclose(result.covariance @ np.repeat(np.eye(2), 4, axis=1).T, 0, atol=1e-12)
 
 
-def test_half_of_the_time_is_for_games(seen, monkeypatch):
+def test_all_of_the_budget_is_for_games(seen, monkeypatch):
     problem, (observation,), _ = seen(1, sigma=0.05)
     left = []
 
@@ -110,7 +165,7 @@ def test_half_of_the_time_is_for_games(seen, monkeypatch):
     begin = time.monotonic()
     result = Ukf().estimate(problem, observation, rng=RNG, budget=1000.0)
     assert (result.converged, result.message) == (False, "enough")
-    assert 500 - (time.monotonic() - begin) - 1 <= left[0] <= 500
+    assert 1000 - (time.monotonic() - begin) - 1 <= left[0] <= 1000
 
 
 def test_time_is_kept(seen):

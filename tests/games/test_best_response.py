@@ -1,8 +1,10 @@
 import numpy as np
 
 from olne_bench.games.best_response import best_response
+from olne_bench.games.dynamics import rollout
 from olne_bench.games.game import Game
-from olne_bench.games.olne import Equilibrium, iterated_best_response
+from olne_bench.games.iterated_response import iterated_best_response
+from olne_bench.games.olne import Equilibrium
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 
@@ -41,3 +43,22 @@ def test_iterations_of_best_responses_are_kept_within_their_budget(crossing: Cro
     long = iterated_best_response(game, weights, initial_state, controls)
     np.testing.assert_array_equal(short.controls, once.controls)
     assert not np.array_equal(long.controls, once.controls)
+
+
+def test_a_native_round_is_each_player_s_best_response_in_turn(crossing: Crossing) -> None:
+    """The same round by IPOPT, whichever player begins, at full and at half steps."""
+    game, weights, initial_state = crossing
+    for first, damping in ((0, 1.0), (1, 0.5)):
+        controls = np.zeros(game.control_shape)
+        states = rollout(game.dynamics, initial_state, controls, game.dt)
+        found = iterated_best_response(
+            game, weights, initial_state, controls, max_rounds=1, first=first, damping=damping
+        )
+        for k in range(game.num_players):
+            i = (first + k) % game.num_players
+            response = best_response(game, i, states, controls, weights[i])
+            controls[:, i] += damping * (response.controls - controls[:, i])
+            states = rollout(game.dynamics, initial_state, controls, game.dt)
+            np.testing.assert_allclose(found.costates[:, i], response.costates, atol=1e-5)
+        np.testing.assert_allclose(found.controls, controls, atol=1e-5)
+        np.testing.assert_allclose(found.states, states, atol=1e-6)

@@ -17,6 +17,7 @@ SOURCE = '__attribute__((visibility("default"))) int answer(void) { return 42; }
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache folder that does not exist yet, in a new home folder."""
+    compiler.backend()  # the probe of the processor is not one of the libraries counted here
     folder = tmp_path / "cache"
     monkeypatch.setenv("OLNE_BENCH_CACHE", str(folder))
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
@@ -67,6 +68,21 @@ def test_flags_are_part_of_the_key_and_of_the_name(
     load()
     assert len(libraries(cache)) == before + 1
     assert compiler.backend() == f"{plain}, -O1, -g"
+
+
+@pytest.mark.usefixtures("compiler")
+@pytest.mark.parametrize("wide", [True, False])
+def test_code_is_for_the_kind_of_processor_that_this_is(
+    wide: bool, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load()
+    monkeypatch.setattr(compiler, "_processor_flags", lambda _: compiler._WIDE_FLAGS * wide)
+    assert ("-mavx2, -mfma" in compiler.backend()) == wide
+    here = "avx2" in Path("/proc/cpuinfo").read_text() if sys.platform == "linux" else wide
+    before = len(libraries(cache))
+    if wide <= here:
+        assert load().answer() == 42  # type: ignore[union-attr]
+        assert len(libraries(cache)) == before + (wide != here)
 
 
 @pytest.mark.usefixtures("compiler")

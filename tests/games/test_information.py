@@ -10,6 +10,7 @@ from olne_bench.games.game import Game, Player
 from olne_bench.games.information import (
     cosine_error_limit,
     identifiability,
+    joint_weight_covariance,
     observation_sensitivity,
     trajectory_sensitivity,
     weight_covariance,
@@ -188,3 +189,26 @@ def test_what_is_left_is_the_posterior_of_a_gaussian_prior(
         assert np.trace(projection) == pytest.approx(
             (np.linalg.eigvalsh(block) * 20 < 0.5).sum(), abs=1e-9
         )
+
+
+def test_unknowns_have_bounds_and_widen_those_of_weights() -> None:
+    """Against the Cramer-Rao bound, and against the same game whose goals are known."""
+    scenario = get_scenario("unknown_goals", 0)
+    found = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
+    point = FullView(), found.states, found.controls, found.costates
+    told = scenario.told
+    seen = observation_sensitivity(told, *point, scenario.theta)
+    known = identifiability(told, [seen], sigma=1e-6)
+    covariance = joint_weight_covariance(told, [seen])
+    deviations = 1e-6 * np.sqrt(np.diag(covariance)).reshape(2, 6)
+    np.testing.assert_allclose(known.bound, deviations[:, :4], rtol=1e-6)
+    np.testing.assert_allclose(known.parameter_bound, deviations[:, 4:], rtol=1e-6)
+    assert known.parameters_identified.all()
+    assert known.parameter_left.max() < 1e-3
+    alone = observation_sensitivity(scenario.game, *point, scenario.weights)
+    without = identifiability(scenario.game, [alone], sigma=1e-6)
+    assert (known.bound > without.bound).all()
+    assert without.parameter_bound.shape == (2, 0)
+    blurred = identifiability(told, [seen], sigma=1e6)
+    assert not blurred.parameters_identified.any()
+    assert blurred.parameter_left.min() > 0.99

@@ -4,9 +4,16 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from olne_bench.games.dynamics import bicycle
+from olne_bench.games.dynamics import UNICYCLE, bicycle
 from olne_bench.games.features import Stage
-from olne_bench.games.lanes import ArcLane, LaneKeeping, StraightLane
+from olne_bench.games.lanes import (
+    ArcLane,
+    Lane,
+    LaneKeeping,
+    RouteTable,
+    SineLane,
+    StraightLane,
+)
 
 EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 20.0)
 # Goes on where EAST ends, a quarter turn towards +y about (20, 10).
@@ -76,3 +83,65 @@ def test_beside_a_route_each_lane_costs_what_it_costs_alone():
 def test_a_route_needs_lanes():
     with pytest.raises(ValueError, match="at least one lane"):
         LaneKeeping(())
+
+
+SINE = SineLane(EAST, amplitude=2.0, pulsation=0.1, phase=0.4)
+CLOCKWISE = ArcLane((3.0, -2.0), 8.0, 2.0, -1.5)
+SLANTED = StraightLane((3.6, -10.0), (0.0, 1.0), 10.0)  # from its end to EAST
+
+
+@pytest.mark.parametrize("route", [(EAST, TURN), (SINE,), (CLOCKWISE, SLANTED, SINE)])
+@pytest.mark.parametrize("spare", [0, 2])
+def test_a_table_costs_what_its_route_costs(route: tuple[Lane, ...], spare: int) -> None:
+    """Up to third derivatives, which the inverse problem needs; where lanes begin, too."""
+    keeping = LaneKeeping(route, width=2.0, heading_scale=3.0, blend=1.5)
+    table = keeping.resized(len(route) + spare)
+    assert isinstance(table, RouteTable) and len(table.route) == len(route) + spare
+    state = ca.SX.sym("x", 4)
+    direction = ca.SX([0.3, -0.8, 0.5, 0.1])
+
+    def derivatives(feature: LaneKeeping) -> ca.Function:
+        stage = Stage(0, (state,), ca.SX.sym("u", 2), UNICYCLE, 0.25)
+        cost = feature.running_cost(stage)
+        gradient = ca.gradient(cost, state)
+        third = ca.hessian(ca.dot(gradient, direction), state)[0]
+        return ca.Function("f", [state], [cost, ca.densify(gradient), ca.densify(third)])
+
+    plain, general = derivatives(keeping), derivatives(table)
+    rng = np.random.default_rng(1)
+    places = [[0.0, 0.0, 0.1, 1.0], [1.0, 2.0, 0.1, 1.0], *rng.uniform(-15, 15, (20, 4))]
+    for place in places:
+        for a, b in zip(general(place), plain(place), strict=True):
+            np.testing.assert_allclose(np.array(a), np.array(b), rtol=1e-9, atol=1e-9)
+
+
+def test_a_route_longer_than_its_table_is_refused() -> None:
+    with pytest.raises(ValueError, match="a route of 2 lanes does not fit into 1"):
+        LaneKeeping((EAST, TURN)).resized(1)
+
+
+@pytest.mark.parametrize(
+    "lane",
+    [
+        StraightLane((3.0, 4.0), (0.6, 0.8), 50.0),
+        SineLane(StraightLane((0.0, 0.0), (0.6, 0.8), 60.0), 3.0, 0.05, 0.7),
+        ArcLane((5.0, 6.0), 20.0, 0.4, 1.9),
+        ArcLane((5.0, 6.0), 20.0, 1.9, 0.4),
+    ],
+)
+def test_points_of_a_lane_lie_on_it(lane) -> None:
+    for along in (0.0, 0.3 * lane.length, lane.length):
+        located = lane.locate(ca.SX(lane.general().point(along)))[:2]
+        found = [float(ca.evalf(ca.SX(value))) for value in located]
+        np.testing.assert_allclose(found, [along, 0.0], atol=1e-9)
+
+
+def test_lanes_of_a_route_have_to_join() -> None:
+    first = StraightLane((0.0, 0.0), (1.0, 0.0), 10.0)
+    LaneKeeping((first, StraightLane((5.0, 4.0), (1.0, 0.0), 20.0)))  # beside, as to overtake
+    away = StraightLane((10.0, 30.0), (1.0, 0.0), 20.0)
+    with pytest.raises(ValueError, match=r"lanes 0 and 1 of a route do not join: one ends at"):
+        LaneKeeping((first, away))
+    behind = StraightLane((30.0, 0.0), (1.0, 0.0), 20.0)
+    with pytest.raises(ValueError, match=r"20\.0 m away from the next"):
+        LaneKeeping((first, behind))

@@ -12,8 +12,8 @@ from olne_bench.games import native
 from olne_bench.games.batch import solve_batch
 from olne_bench.games.elimination import Elimination
 from olne_bench.games.information import trajectory_sensitivity
-from olne_bench.games.native import elimination
-from olne_bench.games.newton import newton_root, pack, unpack
+from olne_bench.games.native import elimination, plain_elimination
+from olne_bench.games.newton import newton_root, rows, unpack
 from olne_bench.games.observation import VIEWS
 from olne_bench.games.olne import Equilibrium, certify, solve_olne
 from olne_bench.games.stage_functions import stage_functions
@@ -38,7 +38,7 @@ def nearby(scenario: Scenario) -> np.ndarray:
 
 def test_pack_and_unpack_are_inverse(scenario: Scenario, equilibrium: Equilibrium) -> None:
     parts = (equilibrium.states, equilibrium.controls, equilibrium.costates)
-    for part, back in zip(parts, unpack(scenario.game, pack(scenario.game, *parts)), strict=True):
+    for part, back in zip(parts, unpack(scenario.game, rows(scenario.game, *parts)), strict=True):
         np.testing.assert_array_equal(part, back)
 
 
@@ -71,9 +71,9 @@ def test_newton_returns_an_undefined_start_as_it_is(
 @pytest.mark.usefixtures("compiler")
 def test_numpy_and_native_newton_agree(scenario: Scenario, nearby: np.ndarray) -> None:
     game = scenario.game
-    plain = Elimination(stage_functions(game, VIEWS["full"]), game.horizon)
+    plain = plain_elimination(game)
     start = solve_olne(game, scenario.weights, scenario.initial_state)
-    points = np.repeat(pack(game, start.states, start.controls, start.costates)[None], 5, axis=0)
+    points = np.repeat(rows(game, start.states, start.controls, start.costates)[None], 5, axis=0)
     results = []
     for solver in (plain, elimination(game)):
         z = points.copy()
@@ -84,6 +84,26 @@ def test_numpy_and_native_newton_agree(scenario: Scenario, nearby: np.ndarray) -
         results.append((z, iterations))
     np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-9)
     np.testing.assert_array_equal(results[0][1], results[1][1])
+
+
+def test_a_factorisation_serves_several_steps_and_games(
+    scenario: Scenario, equilibrium: Equilibrium
+) -> None:
+    game, solver = scenario.game, plain_elimination(scenario.game)
+    limits = {"tolerance": 1e-10, "max_iterations": 20, "limit": 10.0}
+    point = rows(game, equilibrium.states, equilibrium.controls, equilibrium.costates)
+    starts = np.repeat(point[None], 3, axis=0)
+    starts[:, 0, :8] += 1e-3 * np.random.default_rng(0).standard_normal((3, 8))
+    theta = np.repeat(scenario.weights.reshape(1, -1), 3, axis=0)
+    fresh, warm = starts.copy(), starts.copy()
+    residuals, used = solver.newton(fresh, theta, **limits)
+    assert (residuals < 1e-10).all()
+    assert used.tolist() == [1, 0, 0]
+    assert solver.linearise(point, theta[0])
+    residuals, used = solver.newton(warm, theta, factorised=True, **limits)
+    assert (residuals < 1e-10).all()
+    assert used.sum() == 0
+    np.testing.assert_allclose(fresh, warm, atol=1e-7)
 
 
 @pytest.mark.parametrize("which", ["weights", "initial state"])
@@ -159,7 +179,8 @@ def test_a_batch_refuses_bad_input(scenario: Scenario, equilibrium: Equilibrium)
 def test_games_that_differ_in_numbers_share_one_library() -> None:
     goals = [get_scenario("random", seed, num_players=2).game for seed in (1, 2)]
     games = [*goals, dataclasses.replace(goals[0], dt=0.2, horizon=7)]
-    sources = {native._source(stage_functions(game, VIEWS["full"]))[0] for game in games}
+    assert len({stage_functions(game, VIEWS["full"]) for game in games}) == 1
+    sources = {native._source(stage_functions(game, VIEWS["full"])) for game in games}
     assert len(sources) == 1
 
 

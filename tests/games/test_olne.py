@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games.best_response import Response, best_response
+from olne_bench.games.best_response import Responses, best_response, best_responses
 from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, rollout
 from olne_bench.games.features import ControlEffort, FinalGoal, Stage, StateDeviation
 from olne_bench.games.game import Game, Player
@@ -270,11 +270,11 @@ class TestCertificate:
         game, weights, _ = crossing
         assert certify(game, crossing_equilibrium, weights).passed
 
-        def lost(game: Game, player: int, *arguments: np.ndarray) -> Response:
-            found = best_response(game, player, *arguments)
-            return replace(found, converged=player != 0)
+        def lost(game: Game, player: int, *arguments: np.ndarray) -> Responses:
+            found = best_responses(game, player, *arguments)
+            return replace(found, converged=found.converged & (player != 0))
 
-        monkeypatch.setattr("olne_bench.games.olne.best_response", lost)
+        monkeypatch.setattr("olne_bench.games.olne.best_responses", lost)
         assert not certify(game, crossing_equilibrium, weights).passed
 
     def test_gains_are_allowed_relative_to_costs(

@@ -696,7 +696,7 @@ MESSAGES = [
         from olne_bench.bench.judge.raw_estimate import RawEstimate
         from olne_bench.bench.process.messages import Array
         weights = Array((2, 4), np.full(8, np.nan).tobytes())
-        raw = RawEstimate(weights, None, None, True, "", None, {})
+        raw = RawEstimate(weights, None, None, None, None, True, "", None, {})
         player.read_estimate = lambda result: raw
         """,
     ),
@@ -708,7 +708,7 @@ MESSAGES = [
         from olne_bench.bench.run import player
         from olne_bench.bench.judge.raw_estimate import RawEstimate
         from olne_bench.bench.process.messages import Array
-        raw = RawEstimate(Array((-1, 4), b"abc"), None, None, True, "", None, {})
+        raw = RawEstimate(Array((-1, 4), b"abc"), None, None, None, None, True, "", None, {})
         player.read_estimate = lambda result: raw
         """,
     ),
@@ -720,7 +720,7 @@ MESSAGES = [
         from olne_bench.bench.run import player
         from olne_bench.bench.judge.raw_estimate import RawEstimate
         from olne_bench.bench.process.messages import pack
-        raw = RawEstimate(pack(np.ones((2, 4))), None, None, True, "m" * 10**7, None, {})
+        raw = RawEstimate(pack(np.ones((2, 4))), *[None] * 4, True, "m" * 10**7, None, {})
         player.read_estimate = lambda result: raw
         """,
     ),

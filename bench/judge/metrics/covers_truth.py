@@ -1,11 +1,13 @@
-"""Whether the covariance of an estimate covers the truth."""
+"""Whether the region of an estimate covers the truth."""
 
-from olne_bench.bench.judge.metrics import formulas
+from olne_bench.bench.judge.metrics.credible_level import level_of
 from olne_bench.bench.judge.metrics.judged import Judged
+
+_LEVEL = 0.95
 
 
 class CoversTruth:
-    """Share of the estimates' 95 % ellipsoids that hold the true weights."""
+    """Share of the estimates' 95 % regions that hold the true weights."""
 
     name = "covers_truth"
     label = "covered"
@@ -13,8 +15,6 @@ class CoversTruth:
     summary = "share"
 
     def score(self, case: Judged) -> float | None:
-        """1 if the ellipsoid holds the truth, else 0; None without a covariance or noise."""
-        covariance = case.estimate.covariance
-        if covariance is None or case.sigma == 0:
-            return None
-        return float(formulas.covers_truth(case.weights, case.estimate.weights, covariance))
+        """1 if the region holds the truth, else 0; None without a region or noise."""
+        level = level_of(case)
+        return None if level is None else float(level <= _LEVEL)

@@ -7,8 +7,9 @@ from typing import Any
 
 from olne_bench.errors import UserError
 
-#: How trials are summarised: errors by quantiles and a mean, a share (of 0 and 1) by its mean.
-SUMMARIES = ("error", "share")
+#: How trials are summarised: errors by quantiles and a mean, a share (of 0 and 1) by its mean. A
+#: level is a probability whose distribution tells of calibration; it has figures of its own.
+SUMMARIES = ("error", "share", "level")
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class MetricDeclaration:
             trial without a prediction then counts as a failure.
         gated: whether a suite's gate may limit it.
         compared: whether estimators, and runs, are compared and ranked by it.
+        drawn: whether the figure of errors has a row for it.
         summary: one of ``SUMMARIES``.
         negligible: errors below this are rounding of solvers; figures draw them at the lower edge.
         description: one sentence.
@@ -36,6 +38,7 @@ class MetricDeclaration:
     needs_prediction: bool = False
     gated: bool = False
     compared: bool = False
+    drawn: bool = True
     summary: str = "error"
     negligible: float = 1e-9
     description: str = ""
@@ -51,6 +54,11 @@ class MetricDeclaration:
     def is_share(self) -> bool:
         """Whether trials are summarised by a share."""
         return self.summary == "share"
+
+    @property
+    def is_level(self) -> bool:
+        """Whether trials are summarised by the distribution of a level."""
+        return self.summary == "level"
 
     @property
     def title(self) -> str:
@@ -107,7 +115,7 @@ def _problem(declared: MetricDeclaration) -> str:
         return "worst is not a number"
     if declared.summary not in SUMMARIES:
         return f"summary is {declared.summary!r}; known are: {', '.join(SUMMARIES)}"
-    if declared.is_share and (declared.compared or declared.gated):
+    if declared.summary != "error" and (declared.compared or declared.gated):
         return "a share has no error to compare or to limit; it cannot be compared or gated"
     if not declared.negligible > 0:
         return f"negligible is {declared.negligible!r}, expected more than 0"
@@ -124,4 +132,5 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "needs_prediction": (bool,),
     "gated": (bool,),
     "compared": (bool,),
+    "drawn": (bool,),
 }

@@ -1,12 +1,13 @@
 """What metrics compute: pure functions of arrays."""
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtr
 
 from olne_bench.games.simplex import simplex_tangent
 
 _SINGULAR = 1e-14  # variances, relative to the largest one
 _EXACT = 1e-9  # errors of weights, which sum to one
+_LEAST = 1e-12  # weights below are as good as zero, so that log-ratios are finite
 
 
 def cosine_error(weights: np.ndarray, estimated: np.ndarray) -> float:
@@ -18,10 +19,15 @@ def cosine_error(weights: np.ndarray, estimated: np.ndarray) -> float:
         weights: (N, K) true weights.
         estimated: (N, K).
     """
-    products = np.sum(weights * estimated, axis=1)
-    norms = np.linalg.norm(weights, axis=1) * np.linalg.norm(estimated, axis=1)
+    return float(np.mean(cosine_errors(weights, estimated)))
+
+
+def cosine_errors(weights: np.ndarray, estimated: np.ndarray) -> np.ndarray:
+    """1 - cos(angle) between true weights (..., K) and estimated ones: (...)."""
+    products = np.sum(weights * estimated, axis=-1)
+    norms = np.linalg.norm(weights, axis=-1) * np.linalg.norm(estimated, axis=-1)
     # Rounding can take the cosine of equal vectors past one.
-    return float(np.mean(np.maximum(0.0, 1 - products / norms)))
+    return np.asarray(np.maximum(0.0, 1 - products / norms))
 
 
 def identifiable_cosine_error(
@@ -60,23 +66,20 @@ def position_error(states: np.ndarray, other: np.ndarray) -> float:
     return float(np.mean(np.abs(states[..., :2] - other[..., :2])))
 
 
-def covers_truth(
-    weights: np.ndarray, estimated: np.ndarray, covariance: np.ndarray, level: float = 0.95
-) -> bool:
-    """Whether the truth lies in the ellipsoid of an estimate's covariance.
+def ellipsoid_level(weights: np.ndarray, estimated: np.ndarray, covariance: np.ndarray) -> float:
+    """Level of the ellipsoid of a covariance on whose surface the truth lies.
 
     Each player's weights sum to one, so the ellipsoid lies in the tangent space of the simplex,
-    which has N*(K-1) dimensions. Its size is the chi-squared quantile of the level.
+    which has N*(K-1) dimensions.
 
     Args:
         weights: (N, K) true weights, rows sum to one.
         estimated: (N, K), rows sum to one.
         covariance: (N*K, N*K) of the estimate.
-        level: probability with which an ellipsoid should hold the truth.
 
     Returns:
-        Whether the truth is inside. A direction without variance means that the estimate is exact
-        there, so any error in this direction puts the truth outside.
+        The chi-squared probability of the truth's distance. A direction without variance means that
+        the estimate is exact there, so any error in this direction gives 1.
     """
     players, count = weights.shape
     tangent = simplex_tangent(players, count)
@@ -86,6 +89,55 @@ def covers_truth(
     along = vectors.T @ error
     flat = values <= _SINGULAR * max(values[-1], 0.0)
     if (np.abs(along[flat]) > _EXACT).any():
-        return False
+        return 1.0
+    if flat.all():
+        return 0.0
     distance = float(np.sum(along[~flat] ** 2 / values[~flat]))
-    return bool(flat.all() or distance <= chdtri(np.count_nonzero(~flat), 1 - level))
+    return float(chdtr(np.count_nonzero(~flat), distance))
+
+
+def sample_level(weights: np.ndarray, samples: np.ndarray) -> float:
+    """Share of samples that are closer to their mean than the truth is.
+
+    Distances are Mahalanobis distances in log-ratios of weights, where samples lie around their
+    mean more evenly than on the simplex. The share is that among the samples themselves, so it
+    assumes no distribution of theirs.
+
+    Args:
+        weights: (N, K) true weights.
+        samples: (M, N, K) weights.
+    """
+    points, truth = _log_ratios(samples), _log_ratios(weights[None])[0]
+    mean = points.mean(axis=0)
+    spread = np.atleast_2d(np.cov(points, rowvar=False))
+    inverse = np.linalg.pinv(spread, hermitian=True)
+
+    def distance(places: np.ndarray) -> np.ndarray:
+        away = places - mean
+        return np.einsum("...i,ij,...j->...", away, inverse, away)
+
+    return float(np.mean(distance(points) < distance(truth)))
+
+
+def covariance_width(covariance: np.ndarray, shape: tuple[int, int]) -> float:
+    """Geometric mean of the standard deviations along a covariance's axes.
+
+    Args:
+        covariance: (N*K, N*K) of weights whose rows sum to one.
+        shape: (N, K).
+    """
+    tangent = simplex_tangent(*shape)
+    spread = tangent.T @ covariance @ tangent
+    variances = np.linalg.eigvalsh((spread + spread.T) / 2)
+    return float(np.exp(np.mean(np.log(np.maximum(variances, _LEAST**2))) / 2))
+
+
+def sample_width(samples: np.ndarray) -> float:
+    """``covariance_width`` of samples (M, N, K)."""
+    covariance = np.cov(samples.reshape(len(samples), -1), rowvar=False)
+    return covariance_width(covariance, (samples.shape[1], samples.shape[2]))
+
+
+def _log_ratios(samples: np.ndarray) -> np.ndarray:
+    logarithms = np.log(np.maximum(samples, _LEAST))
+    return (logarithms[..., :-1] - logarithms[..., -1:]).reshape(len(samples), -1)

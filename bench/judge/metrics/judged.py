@@ -26,6 +26,10 @@ def nothing_held_out() -> None:
     """Held-out predictions of a trial that has none: None."""
 
 
+def no_ratio() -> None:
+    """The likelihood ratio of a trial that has none: None."""
+
+
 @dataclass(frozen=True)
 class Judged:
     """One trial to score. Its arrays are read-only, because trials share the truth.
@@ -36,6 +40,8 @@ class Judged:
         prediction: (T, N, n) states of the forward game at the estimated weights, from the first
             recording's start; None if there is none.
         sigma: noise level of the observations [m].
+        likelihood_ratio: computes twice the log of the largest likelihood, next to the estimate,
+            less that of the true weights; None if that fails.
         held_out: computes predictions from other initial states; returns None if there are none,
             or if the game has no root at one of them.
     """
@@ -45,12 +51,14 @@ class Judged:
     prediction: np.ndarray | None
     sigma: float
     held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing_held_out
+    likelihood_ratio: Callable[[], float | None] = no_ratio
 
     def __post_init__(self) -> None:
         for one in self.recordings:
             _lock(one.states, one.controls, one.costates, one.extra_state, one.scenario.weights)
         estimate = self.estimate
         _lock(estimate.weights, estimate.states, estimate.covariance, self.prediction)
+        _lock(estimate.samples, estimate.parameter_samples)
 
     @property
     def states(self) -> np.ndarray:

@@ -10,9 +10,19 @@ from pathlib import Path
 
 import pandas as pd
 
-from olne_bench.bench.report.figures import errors, failures, landscape, style, trajectories
+from olne_bench.bench.report.figures import (
+    calibration,
+    confusion,
+    errors,
+    failures,
+    landscape,
+    ranks,
+    style,
+    trajectories,
+)
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.statistics.recognition import is_tempered
 from olne_bench.bench.report.study import USUAL, Study
 
 __all__ = ["FORMATS", "USUAL_FORMATS", "Drawn", "draw_figures"]
@@ -22,6 +32,8 @@ _KINDS = {
     "failures": failures.draw,
     "trajectories": trajectories.draw,
     "landscape": landscape.draw,
+    "calibration": calibration.draw,
+    "ranks": ranks.draw,
 }
 
 
@@ -62,17 +74,13 @@ def draw_figures(
     with style.applied():
         for scenario in sorted(trials["scenario"].unique()):
             rows = trials[trials["scenario"] == scenario]
-            for kind, draw in _KINDS.items():
+            tempered = {"confusion": confusion.draw} if is_tempered(scenario, study) else {}
+            for kind, draw in (_KINDS | tempered).items():
                 try:
                     figure = draw(rows, study)
                 except NotDrawnError as error:
                     drawn.notes.append(f"figure {kind} of {scenario}: {error}")
                 else:
-                    stem = directory / f"{kind}_{_file_name(scenario)}"
+                    stem = directory / f"{kind}_{style.file_name(scenario)}"
                     drawn.files.extend(style.save(figure, stem, formats))
     return drawn
-
-
-def _file_name(label: str) -> str:
-    """A label as part of a file name that any system allows."""
-    return "".join(c if c.isprintable() and c not in '/\\:*?"<>|' else "_" for c in label)

@@ -24,7 +24,8 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
         NotDrawnError: if there are no attempts or no metrics.
     """
     series = split(trials, study)
-    metrics = in_table(study.metrics, pd.concat([s.trials for s in series]))
+    known = [metric for metric in study.metrics if metric.drawn]
+    metrics = in_table(known, pd.concat([s.trials for s in series]))
     if not metrics:
         raise NotDrawnError("no metric has a value")
     draw_panels = draw_curves if has_curve(series) else draw_level_panels

@@ -23,25 +23,29 @@ from olne_bench.bench.report.statistics.attempts import FLOOR
 
 #: One (strong, light) pair per built-in estimator, for the paper's two sensors: shades of one hue
 #: of Okabe and Ito, which colour-blind readers can distinguish. A name keeps its pair in every
-#: study. No player has one of these colours (``envs.scene.PLAYER_COLOURS``).
+#: study. No player has one of these colours (``envs.scene.PLAYER_COLOURS``). ``ignorant`` stands
+#: for several estimators, so that its labels decide.
 ESTIMATOR_COLOURS = {
     "kkt_constrained": ("#0072B2", "#56B4E9"),
     "kkt_residual": ("#D55E00", "#E69F00"),
     "bilevel": ("#007A59", "#4FC9A4"),
+    "posterior": ("#463983", "#C6BFDE"),
+    "map": ("#1B6F77", "#8DBBBF"),
     "maxent_residual": ("#9E3D75", "#DD9BC2"),
     "particle": ("#7A6A00", "#CFC22B"),
     "ukf": ("#3B2A1A", "#A98F76"),
+    "ridge": ("#5C5C3D", "#B3B39C"),
 }
 #: Pairs of all other estimators, chosen by name.
 FOREIGN_COLOURS = (
-    ("#463983", "#C6BFDE"),
     ("#7B242E", "#C48E94"),
     ("#215605", "#8FB07E"),
     ("#73176F", "#BE86BB"),
     ("#9B5F55", "#D2B3AD"),
     ("#46606E", "#A3B4BD"),
-    ("#1B6F77", "#8DBBBF"),
-    ("#5C5C3D", "#B3B39C"),
+    ("#3D5A00", "#A9B96E"),
+    ("#8A4B08", "#CFA574"),
+    ("#5A2A5A", "#B592B5"),
 )
 
 _PAPER_SENSORS = ("full", "partial")
@@ -49,7 +53,9 @@ _PAPER_SENSORS = ("full", "partial")
 FLOOR_COLOUR = "#8C8C8C"
 
 LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
+#: Markers of plugins, and of built-in estimators. A triangle that points up is a failure.
 MARKERS = ("o", "s", "D", "v", "P", "X")
+_OWN_MARKERS = (*MARKERS, "p", "h", "d")
 
 _DPI = 130
 _SAVING: dict[str, dict[str, Any]] = {
@@ -110,6 +116,11 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> 
     return paths
 
 
+def file_name(label: str) -> str:
+    """A label as part of a file name that any system allows."""
+    return "".join(c if c.isprintable() and c not in '/\\:*?"<>|' else "_" for c in label)
+
+
 def printable(name: str) -> str:
     """A name that can be drawn: one line, of bounded length, without what XML forbids."""
     name = "".join(c if c.isprintable() else " " for c in name).strip() or "(no name)"
@@ -132,8 +143,9 @@ def estimator_colours(name: str) -> tuple[str, str]:
 def estimator_marker(name: str) -> str:
     """An estimator's marker, the same in every study; it distinguishes two of one colour."""
     own = list(ESTIMATOR_COLOURS)
-    place = own.index(name) if name in own else _digest(name) // len(FOREIGN_COLOURS)
-    return MARKERS[place % len(MARKERS)]
+    if name in own:
+        return _OWN_MARKERS[own.index(name)]
+    return MARKERS[_digest(name) // len(FOREIGN_COLOURS) % len(MARKERS)]
 
 
 def _digest(name: str) -> int:

@@ -51,7 +51,7 @@ def chart_data(
         wanted: noise levels and seeds of sequences that must be playable.
     """
     names = sorted(trials["scenario"].unique())
-    plain = trials.drop(columns="weights")
+    plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
     parts: dict[str, list[Series]] = {}
     scenes: dict[str, dict[str, Any] | None] = dict.fromkeys(names)
     notes = []

@@ -108,6 +108,7 @@ def render_page(
         changes=None if extras.changes is None else _rows(extras.changes),
         comparisons=_rows(tables.comparisons),
         weights=_weights(tables),
+        calibration=_rows(tables.calibration),
         cards=[(card, measured_cost(table, card.label)) for card in cards(study, labels)],
         fields=FIELDS,
         trial_count=int(table["trials"].sum()),

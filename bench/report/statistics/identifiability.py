@@ -28,12 +28,14 @@ _GROUP = ["scenario", "sensor"]
 
 
 def identifiability_table(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """One row per scenario, sensor, player and weight.
+    """One row per scenario, sensor, player and weight, or unknown parameter.
 
     Returns:
         Columns ``scenario, sensor, player`` (from 1), ``weight, truth``, ``bound`` (Cramer-Rao, as
         a standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that is
-        left given the data) and ``identified``. Scenarios that cannot be played here have no rows.
+        left given the data) and ``identified``. A parameter is named with its unit, in which truth
+        and bound are given, and is compared with its own prior. Scenarios that cannot be played
+        here have no rows.
     """
     return _table(
         ["truth", "bound", "left", "identified"],
@@ -46,7 +48,7 @@ def identifiability_table(trials: pd.DataFrame, study: Study = USUAL) -> pd.Data
 
 
 def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """How far from the Cramer-Rao bound each estimator is, weight by weight.
+    """How far from the Cramer-Rao bound each estimator is, by weight and unknown parameter.
 
     Returns:
         Columns ``scenario, sensor, player, weight, estimator, ratio, identified``: the root mean
@@ -54,11 +56,10 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
         1 is the best that an unbiased estimator can reach; a failure makes it infinite. If a weight
         is not ``identified``, the bound exceeds any possible error and the ratio means nothing.
     """
-    small = attempts_of(trials)
-    small = small[small["sigma"].between(0, REFERENCE_SIGMA, inclusive="right")]
-    rows = []
+    attempts, rows = attempts_of(trials), []
     for labels, truth, known in _known_truths(trials, study):
-        chosen = _rows_of(small, labels, study)
+        chosen = _rows_of(attempts, labels, study)
+        chosen = chosen[chosen["sigma"].between(0, REFERENCE_SIGMA, inclusive="right")]
         for estimator, group in chosen.groupby("estimator", sort=True):
             ratios = _ratios(group, truth, known)
             rows += [
@@ -67,6 +68,10 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
                 | {"ratio": ratios[i, k], "identified": known.identified[i, k]}
                 for i in range(len(ratios))
                 for k, weight in enumerate(truth.scenario.game.weight_names)
+            ]
+            rows += [
+                labels | cell | {"estimator": estimator}
+                for cell in _parameter_ratios(group, truth, known)
             ]
     return _table(["estimator", "ratio", "identified"], rows)
 
@@ -92,7 +97,11 @@ def identifiable_errors(trials: pd.DataFrame, study: Study = USUAL) -> np.ndarra
 
 def weights_of(rows: pd.DataFrame, shape: tuple[int, ...]) -> np.ndarray:
     """Weights (R, N, K) of R rows, all of which have them."""
-    column = rows["weights"]
+    return nested_numbers(rows["weights"], shape)
+
+
+def nested_numbers(column: pd.Series, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers (R, ...) of a column of nested lists, all of which are there."""
     if isinstance(column.dtype, pd.ArrowDtype):
         lists = pa.array(column)
         if isinstance(lists, pa.ChunkedArray):
@@ -136,7 +145,7 @@ def _truths(
         if (scenario, sensor) not in judged:  # playing it might crash this process as well
             yield scenario, sensor, _Unknown("none of its trials could be judged")
             continue
-        first = int(trials.loc[trials["scenario"] == scenario, "seed"].min())
+        first = _first_seed(trials, scenario)
         try:
             draw = study.draw(scenario, first)
             found = _truth(draw, study.sensor_model(sensor, draw))
@@ -155,7 +164,7 @@ def _truth(draw: Draw, model: SensorModel) -> tuple[Recording, Identifiability]:
     """
     recording = true_recording(draw)
     known = identifiability(
-        recording.scenario.game, sensitivities_of(draw, model), sigma=REFERENCE_SIGMA
+        recording.scenario.told, sensitivities_of(draw, model), sigma=REFERENCE_SIGMA
     )
     return recording, known
 
@@ -164,8 +173,16 @@ def _rows_of(trials: pd.DataFrame, labels: dict[str, str], study: Study) -> pd.D
     scenario, sensor = labels["scenario"], labels["sensor"]
     rows = trials[(trials["scenario"] == scenario) & (trials["sensor"] == sensor)]
     if study.is_family(scenario):
-        rows = rows[rows["seed"] == trials.loc[trials["scenario"] == scenario, "seed"].min()]
+        rows = rows[rows["seed"] == _first_seed(trials, scenario)]
     return rows
+
+
+def _first_seed(trials: pd.DataFrame, scenario: str) -> int:
+    """The first seed whose draw has an equilibrium: all trials of the others are skipped."""
+    rows = trials[trials["scenario"] == scenario]
+    played = attempts_of(rows)
+    seeds = (played if len(played) else rows)["seed"]
+    return int(seeds.min()) if len(seeds) else -1  # which no trial has
 
 
 def _weights_are_there(rows: pd.DataFrame) -> np.ndarray:
@@ -188,6 +205,25 @@ def _cells(
                     "identified": bool(known.identified[i, k]),
                 },
             )
+        yield from _parameter_cells(i, truth, known)
+
+
+def _parameter_cells(
+    i: int, truth: Recording, known: Identifiability
+) -> Iterator[tuple[tuple[int, str], dict[str, float | bool]]]:
+    scenario = truth.scenario
+    if scenario.parameters is None:
+        return
+    for k, unknown in enumerate(scenario.told.parameters.unknowns[i]):
+        yield (
+            (i, f"{unknown.name} [{unknown.unit}]"),
+            {
+                "truth": float(scenario.parameters[i, k]),
+                "bound": float(known.parameter_bound[i, k] * unknown.deviation),
+                "left": float(known.parameter_left[i, k]),
+                "identified": bool(known.parameters_identified[i, k]),
+            },
+        )
 
 
 def _ratios(group: pd.DataFrame, truth: Recording, known: Identifiability) -> np.ndarray:
@@ -197,6 +233,31 @@ def _ratios(group: pd.DataFrame, truth: Recording, known: Identifiability) -> np
     errors = weights_of(group, shape) - truth.scenario.weights
     relative = errors / (group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA * known.bound)
     return np.sqrt((relative**2).mean(axis=0))
+
+
+def _parameter_ratios(
+    group: pd.DataFrame, truth: Recording, known: Identifiability
+) -> Iterator[dict[str, object]]:
+    """Cells of ``bound_ratios`` for the unknown parameters; none if rows do not hold them."""
+    scenario = truth.scenario
+    if scenario.parameters is None or "unknowns" not in group:
+        return
+    parameters = scenario.told.parameters
+    if _weights_are_there(group).all() and group["unknowns"].notna().all():
+        found = nested_numbers(group["unknowns"], scenario.parameters.shape)
+        errors = (found - scenario.parameters) / parameters.deviations
+        sigma = group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA
+        ratios = np.sqrt(((errors / (sigma * known.parameter_bound)) ** 2).mean(axis=0))
+    else:
+        ratios = np.full(scenario.parameters.shape, np.inf)
+    for i, own in enumerate(parameters.unknowns):
+        for k, unknown in enumerate(own):
+            yield {
+                "player": i + 1,
+                "weight": f"{unknown.name} [{unknown.unit}]",
+                "ratio": ratios[i, k],
+                "identified": known.parameters_identified[i, k],
+            }
 
 
 def _table(columns: list[str], rows: list[dict[str, object]]) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from olne_bench.errors import UserError
 Row = Mapping[str, Any]
 
 #: Columns that may differ between machines and runs, and enter no table.
-_FREE = {"solve_seconds", "message", "extras"}
+_FREE = {"solve_seconds", "trial_seconds", "message", "extras"}
 _TIMEOUT = "timeout"
 
 

@@ -56,6 +56,21 @@ SUITES = {
         f'{{name = "random", options = {{num_players = {10**9}}}}}',
         "num_players must be",
     ),
+    "more players than a road holds": (
+        '"two_player"',
+        '{name = "merge", options = {num_players = [2, 7]}}',
+        "scenario 'merge' holds 2 to 6 players, got num_players = 7",
+    ),
+    "an unknown temperament": (
+        '"two_player"',
+        '{name = "merge", options = {weights = "temperaments", shares = {hasty = 1.0}}}',
+        "unknown temperament 'hasty'; known are: aggressive, normal, cautious",
+    ),
+    "shares of less than all": (
+        '"two_player"',
+        '{name = "merge", options = {weights = "temperaments", shares = {normal = 0.7}}}',
+        "shares of temperaments must sum to 1, got 0.7",
+    ),
     "too many iterations": ("seeds = 3", f"seeds = 3\nroot_iterations = {2**31}", "root_iter"),
     "too many trajectories": ("seeds = 3", f"seeds = 3\ntrajectories = {10**9}", "trajectories"),
     "an endless limit": ("seeds = 3", "seeds = 3\ntime_limit = 1e300", "time_limit: Input should"),

@@ -34,7 +34,10 @@ def fails(capsys, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["run", "nope"], "unknown suite 'nope'; known are: field, highway, paper, quick"),
+        (
+            ["run", "nope"],
+            "unknown suite 'nope'; known are: calibration, constrained, field, highway, online",
+        ),
         (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
         (["run", "quick", "--sensor", "x"], "no sensor 'x'; it has: full, partial"),
         (["run", "quick", "--estimator", "x"], "no estimator 'x'; it has: kkt_constrained"),
@@ -52,7 +55,7 @@ def fails(capsys, *arguments):
         (["run", "quick", "--plugin", "no.py"], "no plugin file"),
         (
             ["frobnicate"],
-            "known are: check, compare, estimate, export, gate, import, list, merge, new",
+            "known are: check, compare, draws, estimate, export, gate, import, list, merge, new",
         ),
     ],
 )

@@ -1,7 +1,10 @@
 """Residuals, standard errors and unexplained players."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.stats import beta
 
 from olne_bench.bench.commands.fit import Fit
 from olne_bench.bench.judge.estimate_check import CheckedEstimate
@@ -23,6 +26,8 @@ def fit(sigma: float, error: float, *, covariance: bool = True, states: bool = T
         weights=np.full((2, 4), 0.25),
         states=expected if states else None,
         covariance=4e-4 * np.eye(8) if covariance else None,
+        parameters=None,
+        parameter_deviations=None,
         converged=True,
         message="",
         objective=None,
@@ -58,3 +63,25 @@ def test_estimators_may_give_neither() -> None:
     without = fit(0.1, 0.3, states=False)
     assert without.residual is None and without.unexplained == []
     np.testing.assert_allclose(without.standard_errors, 0.02)
+
+
+def test_intervals_follow_what_is_claimed() -> None:
+    silent = fit(0.5, 0.3)
+    assert silent.intervals is None
+    normal = replace(silent, result=replace(silent.result, region="covariance"))
+    assert normal.intervals is not None
+    np.testing.assert_allclose(
+        normal.intervals, [0.25 - 0.0392, 0.25 + 0.0392] * np.ones((2, 4, 2)), atol=1e-4
+    )
+    samples = np.random.default_rng(0).dirichlet(np.ones(4), size=(2000, 2))
+    claim = replace(silent.result, region="samples", samples=samples)
+    sampled = replace(silent, result=claim)
+    assert sampled.intervals is not None
+    tails = beta(1, 3).ppf([0.025, 0.975])
+    np.testing.assert_allclose(sampled.intervals, tails * np.ones((2, 4, 2)), atol=0.03)
+
+
+def test_states_that_are_no_motion_of_the_game_give_no_profile() -> None:
+    found = fit(0.5, 0.3)
+    claimed = replace(found, result=replace(found.result, region="likelihood"))
+    assert claimed.intervals is None or np.isnan(claimed.intervals).any()

@@ -1,6 +1,7 @@
 """Recording, importing tracks and estimating from both, end to end."""
 
 import gc
+import re
 import subprocess
 from importlib import import_module
 from types import SimpleNamespace
@@ -49,6 +50,12 @@ def test_record_writes_every_draw(tmp_path, capsys):
     captured = capsys.readouterr()
     assert "3 of 3 episodes of random" in captured.out
     assert "3/3" in captured.err  # the progress bar
+    # Two players: two near plans each; 17 far ones, and four past the other.
+    assert re.search(
+        r"certified: local, largest gain \S+ from 12 first plans; global so far, largest gain \S+ "
+        "from 126 first plans",
+        captured.out,
+    )
     known = read_recording(out)
     assert known.metadata.options == {"num_players": 2}
     assert [entry.seed for entry in known.metadata.episodes] == [0, 1, 2]
@@ -469,6 +476,8 @@ def fit_of(*, off=0.0, covariance=4e-4, states=True, converged=True, message="",
         covariance=None if covariance is None else covariance * np.eye(8),
         converged=converged,
         message=message,
+        region=None,
+        samples=None,
     )
     return Fit(Problem(game, FullView(), sigma=sigma), y, result)
 
@@ -563,3 +572,18 @@ def test_targets_are_listed_and_warned_of_where_the_data_suggested_them(capsys):
     assert "targets guessed from the data (source 'data'): goal; the weights depend" in said.err
     estimating._say_assumptions("merge", 0.25, told[:1])
     assert capsys.readouterr().err == ""
+
+
+def test_intervals_are_told_and_an_open_end_is_marked(capsys):
+    found = fit_of()
+    ends = np.broadcast_to([0.05, 0.45], (2, 4, 2)).copy()
+    ends[0, 1, 1] = np.nan
+    found.__dict__["intervals"] = ends
+    out, err = told_of(capsys, found)
+    place = out.index("95 % intervals:")
+    assert out[place + 2].startswith("one 0.050 to 0.450 0.050 to ?")
+    assert "cannot be followed far enough" in err
+    table = estimating._table(["one", "two"], found.problem.weight_names, found)
+    name = found.problem.weight_names[0]
+    assert table[f"{name}_low"].tolist() == [0.05, 0.05]
+    assert table[f"{name}_high"].tolist() == [0.45, 0.45]

@@ -1,5 +1,7 @@
 """Other starts of the same players."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ from olne_bench.games.dynamics import rollout
 from olne_bench.games.nearest_root import Prediction
 from olne_bench.games.newton import Root, newton_root
 from olne_bench.games.observation import FullView
+from olne_bench.games.olne import solve_olne
 from olne_bench.games.root_following import follow_root
 
 TWO = Draw.of(ScenarioEntry(name="two_player"), 0, "")
@@ -39,6 +42,7 @@ def test_neighbours_are_certified_equilibria_from_other_starts():
     assert len(found) == 3
     for one in found:
         assert one.certificate.passed
+        assert one.certificate.global_so_far is not None
         start = one.scenario.initial_state
         assert 0 < np.abs(start - recording.scenario.initial_state).max() < 0.5
         game, weights = one.scenario.game, one.scenario.weights
@@ -50,6 +54,19 @@ def test_neighbours_are_certified_equilibria_from_other_starts():
         np.testing.assert_array_equal(one.extra_state, coasted)
         # Players pass each other as in the scenario itself.
         assert position_error(one.states, recording.states) < 0.2
+
+
+def test_starts_at_which_a_player_has_a_better_plan_far_away_are_left_out():
+    recording = true_recording(Draw("random", '{"num_players": 3}', 1, 34))
+    scenario = recording.scenario
+    game, controls = scenario.game, np.zeros(scenario.game.control_shape)
+    controls[:, 0, 0] = -1.0
+    first = solve_olne(game, scenario.weights, scenario.initial_state, initial_controls=controls)
+    assert first.certificate.passed  # but only locally
+    trap = replace(recording, states=first.states, controls=first.controls, costates=first.costates)
+    assert len(neighbours(recording, 1, "test", 0)) == 1
+    with pytest.raises(NoEquilibriumError, match="only 0 of 1 starts"):
+        neighbours(trap, 1, "test", 0)
 
 
 def test_they_depend_on_seed_and_use_and_on_nothing_else():

@@ -1,5 +1,7 @@
 """Judging of one trial."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.run.store import open_store
 
 
 def test_draws_without_an_equilibrium_are_rows_of_their_own(monkeypatch, judged):
@@ -33,6 +36,23 @@ def test_a_draw_of_the_highway_suite_is_scored(judged):
     assert joint.objective is not None and joint.truth_objective is not None
     assert joint.objective <= joint.truth_objective * (1 + 1e-6)
     assert joint.scores["position_error"] < 0.3 * floor.scores["position_error"]
+
+
+def test_estimated_parameters_are_kept_and_covered(judged, tmp_path):
+    goals = Selection(scenarios=("unknown_goals",), sensors=("full",), sigmas=(0.01,))
+    part = select(load_suite("parameters"), goals)
+    (trial,) = (
+        trial for trial in expand(part, seeds=1) if trial.estimator.label == "kkt_constrained"
+    )
+    outcome = judged(trial)
+    assert np.shape(outcome.unknowns) == (2, 2)
+    assert outcome.scores["covers_parameters"] in (0, 0.25, 0.5, 0.75, 1)
+    assert outcome.scores["parameter_error"] < 0.2
+    with open_store(tmp_path) as store:
+        store.add(trial, outcome)
+        (row,) = store.table().to_pylist()
+    assert json.loads(row["unknowns"]) == outcome.unknowns
+    assert row["parameters"] == "{}"  # those of the estimator
 
 
 SEVERAL = """

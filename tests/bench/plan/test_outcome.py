@@ -8,7 +8,7 @@ def test_failures_are_attempts_that_did_not_succeed() -> None:
 
 
 def test_every_part_but_the_scores_has_a_column_of_its_type() -> None:
-    assert set(OUTCOME_COLUMNS) == set(vars(Outcome("ok"))) - {"scores"}
+    assert set(OUTCOME_COLUMNS) == set(vars(Outcome("ok"))) - {"scores", "trial_seconds"}
     texts = {name for name, kind in OUTCOME_COLUMNS.items() if kind == "TEXT"}
-    assert texts == {"status", "message", "weights", "extras"}
+    assert texts == {"status", "message", "weights", "unknowns", "weight_levels", "extras"}
     assert set(OUTCOME_COLUMNS.values()) == {"TEXT", "REAL"}

@@ -73,7 +73,7 @@ def test_paper_suite_is_the_published_study():
         (
             '"uniform"',
             '"unifrom"',
-            "unknown estimator 'unifrom'; known are: bilevel, kkt_constrained",
+            "unknown estimator 'unifrom'; known are: bilevel, ignorant",
         ),
         ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
         ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),

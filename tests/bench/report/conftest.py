@@ -22,6 +22,7 @@ def usual() -> Study:
         ScenarioEntry(name="two_player", label="two_player(trajectories=4)", trajectories=4),
         ScenarioEntry(name="highway_overtaking", label="highway_overtaking"),
         ScenarioEntry(name="random", label="random", family=True),
+        ScenarioEntry(name="unknown_goals", label="unknown_goals", family=True),
     ]
     sensors = [SensorEntry(label=n, layers=(PluginEntry(name=n),)) for n in ("full", "partial")]
     return Study(

@@ -24,9 +24,16 @@ def test_estimators_are_ranked_by_the_position_error_or_the_first_that_is_compar
 
 
 def test_a_table_is_about_what_it_has_something_of() -> None:
-    trials = pd.DataFrame({"position_error": [None, None], "touches": [1.0, None]})
+    trials = pd.DataFrame(
+        {"status": ["crash", "invalid"], "position_error": [None, None], "touches": [1.0, None]}
+    )
     assert in_table([POSITION, JERK, TOUCHES], trials) == [POSITION, TOUCHES]
     assert in_table([POSITION, TOUCHES], trials.assign(touches=None)) == [POSITION]
+
+
+def test_a_metric_that_does_not_apply_has_no_column() -> None:
+    trials = pd.DataFrame({"status": ["ok", "crash"], "jerk": [None, None], "touches": [1.0, None]})
+    assert in_table([JERK, TOUCHES], trials) == [TOUCHES]
 
 
 def test_a_leaderboard_shows_what_it_summarises() -> None:

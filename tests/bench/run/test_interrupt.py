@@ -54,13 +54,17 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(study, number):
         pd.testing.assert_frame_equal(study.rows("out"), study.rows("whole"), check_exact=True)
 
 
+#: Bytes that hold the tables of a store, but not 80 trials.
+_DISK = 150_000
+
+
 @pytest.mark.long
 def test_a_full_disk_is_one_line_and_loses_nothing(study):
     # A limit on the size of files looks like a full disk to the store.
     study.suite.write_text(study.suite.read_text().replace("seeds = 4", "seeds = 40"))
 
     def fill():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (_DISK, _DISK))
 
     error = study.call_alone(*study.arguments("out"), code=2, preexec_fn=fill)
     last = error.strip().splitlines()[-1]

@@ -44,7 +44,7 @@ def score(tmp_path):
     path = tmp_path / "scores.py"
     path.write_text(PLUGIN)
     metrics = MetricProcess(memory=None, hidden=None)
-    estimate = CheckedEstimate(np.full((2, 4), 0.25), None, None, True, "", None, None)
+    estimate = CheckedEstimate(np.full((2, 4), 0.25), None, None, None, None, True, "", None, None)
     case = Judged((), estimate, prediction=np.zeros((3, 2, 4)), sigma=0.5)
 
     def ask(name: str, seconds: float = 30.0, **parameters: float) -> float | None:

@@ -39,6 +39,9 @@ class Choosy(Several):
         said.append("asked")
         return None if len(problem) >= self.least else "too\\nsmall"
 
+    def supports_several(self, problem):
+        return "one at a time" if problem == "a problem" else None
+
     def warm_up(self, problem):
         said.append("warmed up for " + problem)
 
@@ -109,6 +112,8 @@ def test_several_observations_come_together(plugin):
 
 def test_who_takes_one_trajectory_is_not_given_two(plugin):
     assert prepare(plugin, "Plain", trajectories=2) == "takes one trajectory at a time, not 2"
+    assert prepare(plugin, "Choosy", trajectories=2) == "one at a time"
+    assert prepare(plugin, "Choosy", trajectories=1) is None
 
 
 def test_an_estimator_may_decline_and_is_set_up_where_it_does_not(plugin):

@@ -81,7 +81,10 @@ def test_another_programs_database_is_refused_and_left_alone(tmp_path):
 
 @pytest.mark.parametrize(
     ("layout", "expected"),
-    [(VERSION + 1, "a newer version.*layout 5"), (VERSION - 1, "an unreleased version.*layout 3")],
+    [
+        (VERSION + 1, f"a newer version.*layout {VERSION + 1}"),
+        (VERSION - 1, f"an unreleased version.*layout {VERSION - 1}"),
+    ],
 )
 def test_a_store_of_another_layout_is_refused(tmp_path, trials, layout, expected):
     with open_store(tmp_path) as store:

@@ -70,7 +70,7 @@ def test_families_are_those_of_the_roads(name: str) -> None:
     assert made.players == (fewest, most)
     assert fewest <= made().num_players <= most
     assert name in ROAD_NAMES
-    same = [made(fewest).propose(np.random.default_rng(4)) for _ in range(2)]
+    same = [made(fewest).propose(np.random.default_rng(4), fewest) for _ in range(2)]
     np.testing.assert_array_equal(same[0].initial_state, same[1].initial_state)
     assert same[0].game.num_players == fewest
 

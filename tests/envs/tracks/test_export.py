@@ -16,7 +16,7 @@ NAMES = ["px", "py", "heading", "speed"]
 
 def episode() -> Episode:
     """Two cars on the roundabout that drive straight on."""
-    scenario = Roundabout(2).propose(np.random.default_rng(0))
+    scenario = Roundabout().propose(np.random.default_rng(0), 2)
     states = np.repeat(scenario.initial_state[None], 6, axis=0)
     way = np.stack([np.cos(states[..., 2]), np.sin(states[..., 2])], axis=-1)
     times = 0.1 * np.arange(6)

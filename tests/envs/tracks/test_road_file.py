@@ -19,7 +19,7 @@ from olne_bench.games.lanes import LaneKeeping, StraightLane
 
 
 def test_a_scenario_comes_back_from_its_file(tmp_path: Path) -> None:
-    scenario = Merge(3).propose(np.random.default_rng(0))
+    scenario = Merge().propose(np.random.default_rng(0), 3)
     path = tmp_path / "merge.toml"
     write_road_file(path, road_file(scenario))
     known = read_road_file(path)

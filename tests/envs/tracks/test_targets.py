@@ -15,7 +15,7 @@ from olne_bench.games.game import Player
 from olne_bench.games.lanes import LaneKeeping, StraightLane
 
 EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 100.0)
-NORTH = StraightLane((0.0, 50.0), (0.0, 1.0), 100.0)
+NORTH = StraightLane((100.0, 0.0), (0.0, 1.0), 100.0)
 ROAD = Road({"east": RoadLane((EAST,)), "north": RoadLane((NORTH,))})
 
 

@@ -91,12 +91,14 @@ function fillEstimates(scene, shown) {
   const title = (text, numeric = true) => {
     const cell = document.createElement("th");
     cell.scope = "col";
-    cell.textContent = text;
+    // A name may break behind an underscore.
+    text.split(/(?<=_)/).forEach((part) => cell.append(part, document.createElement("wbr")));
     if (numeric) cell.className = "n";
     head.append(cell);
   };
   title("Player", false); title("Weight", false); title("Truth");
   shown.forEach((p) => title(p.estimator));
+  table.style.setProperty("--one", `${Math.min(5, 46 / (shown.length + 1))}rem`);
   table.tHead.replaceChildren(head);
   const names = scenario().scene.weights;
   table.tBodies[0].replaceChildren(...scene.weights.flatMap((own, i) => own.map((value, k) => {

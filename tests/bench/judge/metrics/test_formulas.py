@@ -6,12 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.linalg import block_diag
+from scipy.stats import kstest
 
 from olne_bench.bench.judge.metrics.formulas import (
     cosine_error,
-    covers_truth,
+    ellipsoid_level,
     identifiable_cosine_error,
     position_error,
+    sample_level,
 )
 
 weights = arrays(float, (3, 4), elements=st.floats(0.01, 10))
@@ -86,6 +88,10 @@ WEIGHTS = np.array([[0.4, 0.2, 0.1, 0.3], [0.25, 0.25, 0.3, 0.2]])
 CENTRED = block_diag(*[np.eye(4) - 0.25] * 2)
 
 
+def covers_truth(weights, estimated, covariance, level=0.95):
+    return ellipsoid_level(weights, estimated, covariance) <= level
+
+
 def test_true_ellipsoids_hold_the_truth_as_often_as_they_say():
     rng = np.random.default_rng(0)
     factor = CENTRED @ rng.standard_normal((8, 8)) * 0.01
@@ -133,3 +139,15 @@ def test_a_covariance_counts_with_both_its_halves():
     inside = [covers_truth(WEIGHTS, WEIGHTS + e.reshape(2, 4), covariance) for e in edge.T]
     again = [covers_truth(WEIGHTS, WEIGHTS + e.reshape(2, 4), covariance + skew) for e in edge.T]
     assert inside == again and 0.9 < np.mean(inside) < 1
+
+
+def test_levels_of_samples_are_uniform_where_the_truth_is_one_of_them():
+    rng = np.random.default_rng(2)
+    draws = rng.dirichlet([0.5, 1.0, 3.0, 8.0], size=(300, 81, 2))
+    levels = [sample_level(one[0], one[1:]) for one in draws]
+    assert kstest(levels, "uniform").pvalue > 0.01
+    narrow = [
+        sample_level(one[0], one[1:].mean(axis=0) + 0.2 * (one[1:] - one[1:].mean(axis=0)))
+        for one in draws
+    ]
+    assert np.mean(np.array(narrow) <= 0.95) < 0.5

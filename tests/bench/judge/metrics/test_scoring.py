@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
+from olne_bench.bench.judge.metrics.covers_parameters import CoversParameters
 from olne_bench.bench.judge.metrics.covers_truth import CoversTruth
+from olne_bench.bench.judge.metrics.credible_level import CredibleLevel
+from olne_bench.bench.judge.metrics.crps import Crps
+from olne_bench.bench.judge.metrics.energy_score import EnergyScore
 from olne_bench.bench.judge.metrics.held_out_error import HeldOutError
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged
 from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.judge.metrics.reconstruction_error import ReconstructionError
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 
-ALL = (CosineError(), PositionError(), HeldOutError(), ReconstructionError(), CoversTruth())
+ALL = (
+    *(CosineError(), PositionError(), HeldOutError(), ReconstructionError(), CoversTruth()),
+    *(CredibleLevel(), EnergyScore(), Crps()),
+)
 WEIGHTS = np.array([[0.5, 0.5], [0.2, 0.8]])
 
 
@@ -30,7 +37,12 @@ def judged(**changes: object) -> Judged:
         scenario=SimpleNamespace(weights=WEIGHTS.copy()),
     )
     estimate = SimpleNamespace(
-        weights=WEIGHTS[:, ::-1].copy(), states=states(2.0), covariance=np.eye(4)
+        weights=WEIGHTS[:, ::-1].copy(),
+        states=states(2.0),
+        covariance=np.eye(4),
+        region="covariance",
+        samples=None,
+        parameter_samples=None,
     )
     fields = {"estimate": estimate, "prediction": states(1.0), "sigma": 0.1}
     return Judged(recordings=(recording,), **fields | changes)  # type: ignore[arg-type]
@@ -41,6 +53,10 @@ def test_every_metric_says_its_own():
     scores = score_all(ALL, judged(held_out=lambda: pairs))
     # One player's weights are right; the other's have the cosine 0.32 / 0.68.
     assert scores.pop("cosine_error") == pytest.approx((1 - 0.32 / 0.68) / 2)
+    # The other player's weights are 0.6 off, twice.
+    assert scores.pop("credible_level") == pytest.approx(1 - np.exp(-0.36))
+    assert scores.pop("energy_score") == pytest.approx(np.sqrt(0.72))
+    assert scores.pop("crps") == pytest.approx(0.3)
     assert scores == {
         "position_error": 1.0,
         "held_out_error": 1.0,
@@ -59,11 +75,36 @@ def test_without_a_prediction_nobody_is_asked_for_its_error():
 
 
 def test_what_an_estimate_lacks_is_not_scored():
-    bare = SimpleNamespace(weights=WEIGHTS.copy(), states=None, covariance=None)
+    bare = SimpleNamespace(
+        weights=WEIGHTS.copy(),
+        states=None,
+        covariance=None,
+        region=None,
+        samples=None,
+        parameter_samples=None,
+    )
     scores = score_all(ALL, judged(estimate=bare))
     assert scores["reconstruction_error"] is scores["covers_truth"] is None
     assert scores["held_out_error"] is None
     assert score_all(ALL, judged(sigma=0.0))["covers_truth"] is None
+
+
+@pytest.mark.parametrize(
+    ("deviations", "share"),
+    [([[0.2, 0.2], [0.2, np.nan]], 1.0), ([[0.2, 0.04], [0.2, np.nan]], 2 / 3), (None, None)],
+)
+def test_intervals_of_parameters_hold_the_truth_or_not(deviations, share):
+    truth = np.array([[1.0, 2.0], [3.0, np.nan]])  # the second player has one parameter only
+    case = judged()
+    case.recordings[0].scenario.parameters = truth
+    case.estimate.parameters = truth + 0.1
+    case.estimate.parameter_deviations = None if deviations is None else np.array(deviations)
+    assert CoversParameters().score(case) == (share and pytest.approx(share))
+    noise_free = judged(sigma=0.0)
+    noise_free.recordings[0].scenario.parameters = truth
+    assert CoversParameters().score(noise_free) is None
+    case.recordings[0].scenario.parameters = None
+    assert CoversParameters().score(case) is None
 
 
 class Odd:

@@ -21,7 +21,7 @@ def test_estimators_have_an_order_and_keep_their_looks() -> None:
     # Only the name decides on the colours of plugins, which differ from those of built-in ones.
     strangers = {f"e{k}": style.estimator_colours(f"e{k}") for k in range(40)}
     assert set(strangers.values()) == set(style.FOREIGN_COLOURS)
-    assert strangers["e0"] == ("#7B242E", "#C48E94")
+    assert strangers["e0"] == ("#215605", "#8FB07E")
     looks = {(strangers[name], style.estimator_marker(name)) for name in strangers}
     assert len(looks) > 25
     known = [style.estimator_marker(name) for name in style.ESTIMATOR_COLOURS]
@@ -29,7 +29,7 @@ def test_estimators_have_an_order_and_keep_their_looks() -> None:
 
 
 def test_every_estimator_of_this_package_has_colours_of_its_own() -> None:
-    assert set(names(ESTIMATOR)) - {"uniform"} == set(style.ESTIMATOR_COLOURS)
+    assert set(names(ESTIMATOR)) - {"uniform", "ignorant"} == set(style.ESTIMATOR_COLOURS)
 
 
 def test_no_player_looks_like_an_estimator() -> None:

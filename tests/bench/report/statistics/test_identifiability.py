@@ -111,3 +111,37 @@ def test_seeing_less_identifies_less(usual, sensor: str) -> None:
     assert len(full) == len(other) == truth.size
     assert (other["bound"] >= full["bound"] * (1 - 1e-9)).all()
     assert (other["left"] >= full["left"] * (1 - 1e-9)).all()
+
+
+def test_parameters_have_bounds_and_ratios(usual) -> None:
+    rows = trials("unknown_goals", get_scenario("unknown_goals").weights[None].repeat(2, axis=0))
+    rows = rows.assign(seed=0)  # of a family, the first draw stands for the truth
+    table = identifiability_table(rows, usual)
+    goals = table[table["weight"].str.startswith("goal")]
+    assert goals["weight"].tolist() == ["goal x [m]", "goal y [m]"] * 2
+    assert goals["identified"].all()
+    truth, bound = (goals[name].to_numpy().reshape(2, 2) for name in ("truth", "bound"))
+    found = [(truth + sign * 3 * bound).tolist() for sign in (1, -1)]
+    ratios = bound_ratios(rows.assign(unknowns=found), usual)
+    assert len(ratios) == len(table)
+    of_goals = ratios[ratios["weight"].str.startswith("goal")]
+    np.testing.assert_allclose(of_goals["ratio"], 3, rtol=1e-9)
+    lost = bound_ratios(rows.assign(unknowns=[found[0], None]), usual)
+    assert np.isinf(lost.loc[lost["weight"].str.startswith("goal"), "ratio"]).all()
+    former = bound_ratios(rows, usual)  # rows of a version that did not keep them
+    assert not former["weight"].str.startswith("goal").any()
+
+
+def test_draws_without_an_equilibrium_are_passed_over(usual) -> None:
+    rows = trials("unknown_goals", np.full((2, 2, 4), 0.25))  # a family
+    second = identifiable_errors(rows[rows["seed"] == 1], usual)
+    assert np.isfinite(second).all()
+    rows.loc[rows["seed"] == 0, ["status", "weights"]] = ["skipped", None]
+    found = identifiable_errors(rows, usual)
+    np.testing.assert_array_equal(found[1:], second)
+    assert np.isnan(found[0])
+
+
+def test_where_everybody_declines_there_is_no_ratio(usual) -> None:
+    rows = trials("unknown_goals", np.full((2, 2, 4), 0.25), status="skipped")
+    assert bound_ratios(rows, usual).empty

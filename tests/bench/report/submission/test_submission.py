@@ -266,13 +266,13 @@ def test_what_cannot_be_packed(run: Path, packed: Path, tmp_path: Path, capsys) 
         # Contents of files are cached within a process.
         from olne_bench.bench.plan import fingerprint, versions
 
-        for cached in (fingerprint._content, fingerprint._tree, versions._version):
+        for cached in (fingerprint._content, fingerprint._summary, versions._version):
             cached.cache_clear()
         assert "6 of 12 trials in" in (told := refused(run, "--name", "x", "--out", new))
         assert "other code than the present one" in told
     finally:
         helper.write_text(text)
-        for cached in (fingerprint._content, fingerprint._tree, versions._version):
+        for cached in (fingerprint._content, fingerprint._summary, versions._version):
             cached.cache_clear()
     assert not new.exists()
 

@@ -1,0 +1,55 @@
+"""The likelihood ratio of an estimate against the truth, computed by the referee."""
+
+import numpy as np
+
+from olne_bench.bench.judge.estimate_check import CheckedEstimate
+from olne_bench.envs.recording import Recording
+from olne_bench.estimators.forward_model import SolvedGame, game_at
+from olne_bench.estimators.profile_likelihood import least_error
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.white_noise import with_white_noise
+from olne_bench.games.newton import Root
+from olne_bench.games.root_following import follow_root
+
+
+def likelihood_ratio(
+    problem: Problem,
+    observations: tuple[Observation, ...],
+    recordings: tuple[Recording, ...],
+    estimate: CheckedEstimate,
+    found: Root,
+) -> float | None:
+    """Twice the log of the largest likelihood less that of the true weights.
+
+    The largest one is that of the optimum to which the estimate leads: an estimate that is not an
+    optimum gets no larger region for that. At the true weights, initial states and unknowns are
+    fitted. The estimate's own error counts where it is less than what is found: who claims more
+    than can be found gets a smaller region.
+
+    Args:
+        problem: what the estimator was told.
+        observations: one for each trajectory.
+        recordings: the true motion of each.
+        estimate: the estimate; its ``objective`` is the sum of squared errors.
+        found: the forward game at the estimate, from the first recording's start.
+
+    Returns:
+        None if no fit is found at the true weights, or near the estimated ones.
+    """
+    white, seen = with_white_noise(problem, observations)
+    scenario = recordings[0].scenario
+    theta, true_theta = estimate.theta(problem.game), scenario.theta
+    others = [follow_root(problem.game, one.root, true_theta, theta) for one in recordings[1:]]
+    roots = [found, *(root for root in others if root is not None)]
+    if len(roots) < len(recordings):
+        return None
+    at_truth = least_error(white, seen, _games(white, [r.root for r in recordings], true_theta))
+    at_best = least_error(white, seen, _games(white, roots, theta), held=False)
+    if at_truth is None or at_best is None:
+        return None
+    claimed = np.inf if estimate.objective is None else estimate.objective
+    return (at_truth - min(at_best, claimed)) / problem.sigma**2
+
+
+def _games(problem: Problem, roots: list[Root], theta: np.ndarray) -> tuple[SolvedGame, ...]:
+    return tuple(game_at(problem.game, root, theta) for root in roots)

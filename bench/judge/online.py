@@ -1,0 +1,269 @@
+"""The referee of motions that go on: it hands out one sample at a time and scores each estimate.
+
+A player has the problem and the samples so far. What comes later is not there, so no estimate can
+depend on it. An estimate counts if it is there before the next sample; until a valid one is, the
+one before it counts.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.metrics.formulas import cosine_error
+from olne_bench.bench.judge.predictions import drive_as_stock, drive_on, play_on, turn_on
+from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
+from olne_bench.bench.judge.referee import Answer, Case, PlayerFault, case_of
+from olne_bench.bench.judge.streams import stream
+from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.text import clip
+from olne_bench.envs.scene import is_on_road
+from olne_bench.estimators.protocol import Problem
+
+#: How far ahead predictions are scored [s].
+AHEAD = (1.0, 2.0, 3.0, 4.0)
+
+#: Columns of the errors of predictions.
+ERROR_COLUMNS = tuple(f"{kind}_{ahead:g}s" for ahead in AHEAD for kind in ("ade", "fde"))
+
+#: Names of what the referee itself compares with: driving straight on, going on with the present
+#: controls, HighwayEnv's own drivers (on its roads), and the true weights.
+CONSTANT_VELOCITY, CONSTANT_CONTROLS = "constant_velocity", "constant_controls"
+STOCK, TRUE_WEIGHTS = "stock", "true_weights"
+REFERENCES = (CONSTANT_VELOCITY, CONSTANT_CONTROLS, STOCK, TRUE_WEIGHTS)
+
+
+@dataclass(frozen=True)
+class StreamTask:
+    """All that a player is told before the first sample.
+
+    Attributes:
+        reference: name or file of the estimator.
+        parameters: parameters of the estimator.
+        plugin: identifies an estimator that is a plugin; empty for a built-in one.
+        problem: what is known about the game.
+        lag: number of latest samples that count; None for all.
+        seed: seed of the estimator's random numbers.
+        time_limit: time [s] for set-up, and again for each update.
+    """
+
+    reference: str
+    parameters: dict[str, Any]
+    plugin: str
+    problem: Problem
+    lag: int | None
+    seed: int
+    time_limit: float
+
+
+class StreamPlayer(Protocol):
+    """Runs an estimator on one motion after the other."""
+
+    def start(self, task: StreamTask) -> str | None:
+        """Begin a motion; why the estimator declines the problem, or None.
+
+        Raises:
+            PlayerFault: if it does neither.
+        """
+
+    def update(self, sample: np.ndarray) -> Answer:
+        """The estimator's answer to the next sample (N, d).
+
+        Raises:
+            PlayerFault: if there is none.
+        """
+
+
+@dataclass(frozen=True)
+class Update:
+    """What became of one sample.
+
+    Attributes:
+        sample: number of samples so far.
+        time: time of the sample since the first one [s].
+        status: as of trials (``plan.outcome.STATUSES``).
+        message: one line; empty if there is nothing to say.
+        latency: time from sending the sample to receiving the estimate [s].
+        late: whether that was longer than the time until the next sample.
+        counted: number of samples that the estimate which counts now was made from; None while
+            there is none, and where the referee estimates nothing.
+        cosine_error: of the weights that count.
+        prior_error: cosine error of uniform weights.
+        errors: distance [m] between predicted and true positions, mean over players, by column:
+            ``fde_1s`` is that after a second, ``ade_1s`` the mean up to then. Those that would be
+            beyond the horizon are missing.
+    """
+
+    sample: int
+    time: float
+    status: str
+    message: str = ""
+    latency: float | None = None
+    late: bool = False
+    counted: int | None = None
+    cosine_error: float | None = None
+    prior_error: float | None = None
+    errors: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class OnlineRules:
+    """Rules of an online study.
+
+    Attributes:
+        lag: number of latest samples that count; None for all.
+        deadline: time [s] in which an update has to end; None for a step of the game.
+    """
+
+    lag: int | None = None
+    deadline: float | None = None
+
+
+def judge_online(trial: Trial, player: StreamPlayer, rules: OnlineRules) -> Iterator[Update]:
+    """Judge an estimator on one motion, one row for each sample.
+
+    Raises:
+        NoEquilibriumError: if the scenario has no certified equilibrium.
+    """
+    case = case_of(trial)
+    task = StreamTask(
+        reference=trial.estimator.name,
+        parameters=trial.estimator.parameters,
+        plugin=trial.plugin,
+        problem=case.problem,
+        lag=rules.lag,
+        seed=stream(trial.salt, "online", *trial.key),
+        time_limit=trial.time_limit,
+    )
+    try:
+        declined = player.start(task)
+    except PlayerFault as fault:
+        yield from _all_alike(case, fault.status, str(fault))
+        return
+    if declined is not None:
+        yield from _all_alike(case, "skipped", declined)
+        return
+    yield from _Episode(case, player, rules).updates()
+
+
+def reference_updates(trial: Trial, name: str) -> Iterator[Update]:
+    """The rows of one of ``REFERENCES`` on a trial's motion; none where it makes no sense.
+
+    Raises:
+        NoEquilibriumError: if the scenario has no certified equilibrium.
+    """
+    case = case_of(trial)
+    scenario = case.recordings[0].scenario
+    if name == STOCK and not is_on_road(scenario):
+        return  # they drive on its roads only
+    for count in range(1, len(case.recordings[0].states) + 1):
+        states = _referred(case, name, case.observations[0].y[:count])
+        yield Update(
+            sample=count,
+            time=_time(case, count),
+            status="failed_forward" if states is None else "ok",
+            errors={} if states is None else prediction_errors(case, states, count),
+        )
+
+
+def _referred(case: Case, name: str, seen: np.ndarray) -> np.ndarray | None:
+    """States (T, N, n) that one of ``REFERENCES`` predicts; None if it finds none."""
+    scenario = case.recordings[0].scenario
+    if name == TRUE_WEIGHTS:
+        return play_on(case.problem, seen, scenario.weights, scenario.parameters)
+    if name == STOCK:
+        return drive_as_stock(scenario.name, case.problem, seen)
+    return (
+        drive_on(case.problem, seen) if name == CONSTANT_VELOCITY else turn_on(case.problem, seen)
+    )
+
+
+def prediction_errors(case: Case, states: np.ndarray, count: int) -> dict[str, float]:
+    """Errors of states (T, N, n) after so many samples, by column."""
+    truth, dt = case.recordings[0].states, case.problem.game.dt
+    distances = np.linalg.norm(states[count:, :, :2] - truth[count:, :, :2], axis=-1).mean(axis=1)
+    errors: dict[str, float] = {}
+    for ahead in AHEAD:
+        steps = round(ahead / dt)
+        if 1 <= steps <= len(distances):
+            errors[f"ade_{ahead:g}s"] = float(distances[:steps].mean())
+            errors[f"fde_{ahead:g}s"] = float(distances[steps - 1])
+    return errors
+
+
+def _all_alike(case: Case, status: str, message: str) -> Iterator[Update]:
+    """Rows of a motion on which the estimator never began."""
+    for count in range(1, len(case.observations[0].y) + 1):
+        yield Update(count, _time(case, count), status, clip(message))
+
+
+def _time(case: Case, count: int) -> float:
+    return float((count - 1) * case.problem.game.dt)
+
+
+class _Counting:
+    """The estimate that counts, and what it predicts."""
+
+    def __init__(self, case: Case, estimate: CheckedEstimate, count: int) -> None:
+        seen = case.observations[0].y[:count]
+        self.count, self.weights = count, estimate.weights
+        self.states = estimate.states
+        if self.states is None:
+            self.states = play_on(case.problem, seen, estimate.weights, estimate.parameters)
+
+
+class _Episode:
+    """One motion and the estimates of it."""
+
+    def __init__(self, case: Case, player: StreamPlayer, rules: OnlineRules) -> None:
+        self._case, self._player = case, player
+        self._deadline = rules.deadline or case.problem.game.dt
+        self._counting: _Counting | None = None
+
+    def updates(self) -> Iterator[Update]:
+        """A row for each sample; after a fault there are no further estimates."""
+        lost: PlayerFault | None = None
+        for count, sample in enumerate(self._case.observations[0].y, start=1):
+            if lost is None:
+                try:
+                    yield self._updated(count, self._player.update(sample.copy()))
+                    continue
+                except PlayerFault as fault:
+                    lost = fault
+            yield self._row(count, lost.status, str(lost), None)
+
+    def _updated(self, count: int, answer: Answer) -> Update:
+        assert answer.estimate is not None
+        try:
+            estimate = check_estimate(answer.estimate, self._case.problem)
+        except InvalidEstimateError as error:
+            return self._row(count, "invalid", str(error), answer.seconds)
+        if not estimate.converged:
+            message = estimate.message or "the estimator gives no reason"
+            return self._row(count, "not_converged", message, answer.seconds)
+        found = _Counting(self._case, estimate, count)
+        if answer.seconds <= self._deadline:
+            self._counting = found
+        row = self._row(count, "ok", estimate.message, answer.seconds)
+        self._counting = found  # a late one counts from the next sample on
+        return row
+
+    def _row(self, count: int, status: str, message: str, seconds: float | None) -> Update:
+        counting, weights = self._counting, self._case.recordings[0].scenario.weights
+        errors: dict[str, float] = {}
+        if counting is not None and counting.states is not None:
+            errors = prediction_errors(self._case, counting.states, count)
+        return Update(
+            sample=count,
+            time=_time(self._case, count),
+            status=status,
+            message=clip(message),
+            latency=seconds,
+            late=seconds is not None and seconds > self._deadline,
+            counted=None if counting is None else counting.count,
+            cosine_error=None if counting is None else cosine_error(weights, counting.weights),
+            prior_error=cosine_error(weights, np.ones_like(weights)),
+            errors=errors,
+        )

@@ -1,0 +1,139 @@
+"""Predictions from the samples so far, for weights that come without a motion, and without weights.
+
+The present state is that of the motion with constant controls that explains the latest samples
+best. It knows no game.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.trajectory_fit import guess_states
+from olne_bench.estimators.window_starts import drive_alone
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.observation import observe
+from olne_bench.games.olne import solve_olne
+
+#: Number of latest samples that tell the present state.
+_RECENT = 5
+
+#: Pull to what is read off the samples [m per unit], where they leave something open.
+_PULL = 1e-2
+
+#: Evaluations of the fit, and rounds of best responses of a prediction.
+_EVALUATIONS, _ROUNDS = 30, 30
+
+
+def drive_on(problem: Problem, seen: np.ndarray) -> np.ndarray:
+    """Every player goes on as it is, with controls of zero.
+
+    Args:
+        problem: what is known.
+        seen: (S, N, d) the samples so far.
+
+    Returns:
+        States (T, N, n); those of past samples are read off them.
+    """
+    states, controls = _until_now(problem, seen)
+    return _held(problem, states, np.zeros_like(controls))
+
+
+def turn_on(problem: Problem, seen: np.ndarray) -> np.ndarray:
+    """Every player goes on with its present controls: constant acceleration and turning.
+
+    Args:
+        problem: what is known.
+        seen: (S, N, d) the samples so far.
+
+    Returns:
+        States (T, N, n); those of past samples are read off them.
+    """
+    states, controls = _until_now(problem, seen)
+    return _held(problem, states, controls)
+
+
+def drive_as_stock(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray:
+    """Every player goes on as HighwayEnv's own drivers do, towards its present speed.
+
+    Args:
+        road: name of the road.
+        problem: what is known.
+        seen: (S, N, d) the samples so far.
+
+    Returns:
+        States (T, N, n); those of past samples are read off them.
+    """
+    from olne_bench.envs.stock_drivers import StockDriver, drive_stock  # slow, and for roads only
+
+    states, _ = _until_now(problem, seen)
+    drivers = [StockDriver(float(speed)) for speed in states[-1, :, 3]]
+    steps = problem.game.horizon - len(seen)
+    ahead = drive_stock(road, problem.game, states[-1], drivers, steps)
+    return np.concatenate([states[:-1], ahead])
+
+
+def play_on(
+    problem: Problem, seen: np.ndarray, weights: np.ndarray, parameters: np.ndarray | None = None
+) -> np.ndarray | None:
+    """What is left of the game at given weights, from the present state.
+
+    Args:
+        problem: what is known.
+        seen: (S, N, d) the samples so far.
+        weights: (N, K).
+        parameters: (N, U) values of the game's unknowns; None where it has none.
+
+    Returns:
+        States (T, N, n): what is read off past samples, and the equilibrium that follows; None if
+        none is found.
+    """
+    game, (states, _) = problem.game, _until_now(problem, seen)
+    if parameters is not None:
+        game = game.known(parameters)
+    left = game.horizon - len(seen)
+    if left == 0:
+        return states
+    rest_of_game = replace(game, horizon=left + 1)
+    # From coasting, players would have to find their way round a bend at once.
+    plans = drive_alone(rest_of_game, states[-1]).controls
+    try:
+        rest = solve_olne(
+            rest_of_game, weights, states[-1], initial_controls=plans, max_rounds=_ROUNDS
+        )
+    except ValueError:  # the present state breaks a constraint
+        return None
+    return np.concatenate([states[:-1], rest.states]) if rest.certificate.passed else None
+
+
+def _held(problem: Problem, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """States (T, N, n): those so far (S, N, n), then controls (N, m) that are held."""
+    game = problem.game
+    held = np.repeat(controls[None], game.horizon - len(states), axis=0)
+    return np.concatenate([states[:-1], rollout(game.dynamics, states[-1], held, game.dt)])
+
+
+def _until_now(problem: Problem, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What samples (S, N, d) tell: states (S, N, n), the last one fitted, and controls (N, m)."""
+    game, view = problem.game, problem.view
+    states, recent = guess_states(game, view, seen), seen[-_RECENT:]
+    known, steps = np.isfinite(recent), len(recent) - 1
+    if steps == 0:
+        return states, np.zeros(game.control_shape[1:])
+    size = states[0].size
+    first = np.concatenate([states[-len(recent)].ravel(), np.zeros(game.control_shape[1:]).ravel()])
+
+    def motion(unknown: np.ndarray) -> np.ndarray:
+        start = unknown[:size].reshape(states.shape[1:])
+        controls = np.repeat(unknown[size:].reshape(1, *game.control_shape[1:]), steps, axis=0)
+        return rollout(game.dynamics, start, controls, game.dt)
+
+    def errors(unknown: np.ndarray) -> np.ndarray:
+        missed = observe(view, game.dynamics, motion(unknown)) - recent
+        scaled = (missed / np.array(problem.noise_scale))[known]
+        return np.concatenate([scaled, _PULL * (unknown - first)])
+
+    found = least_squares(errors, first, max_nfev=_EVALUATIONS)
+    controls = found.x[size:].reshape(game.control_shape[1:])
+    return np.concatenate([states[:-1], motion(found.x)[-1:]]), controls

@@ -1,0 +1,84 @@
+"""The file of a suite's solved draws (``envs.draws_file``): where it is, and which one it is."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from olne_bench.bench.plan.salt import salt_id
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.envs.draws_file import SUFFIX, Draws, OtherDrawsError, read_draws
+from olne_bench.envs.draws_folder import shipped_draws
+
+
+@dataclass(frozen=True)
+class DrawsSource:
+    """A file of draws, as processes and machines of a run find it.
+
+    Attributes:
+        place: its absolute path, or the name of a suite whose file comes with this package.
+        digest: SHA-256 of its content, as hexadecimal text.
+    """
+
+    place: str
+    digest: str
+
+
+def draws_path(reference: str) -> Path:
+    """The place of a suite's draws: beside its TOML file, or in this package."""
+    if reference.endswith(".toml"):
+        return Path(reference).with_suffix(SUFFIX)
+    return shipped_draws() / f"{reference}{SUFFIX}"
+
+
+def about(suite: Suite) -> dict[str, str]:
+    """What a file of draws says of its suite; the salt itself stays secret."""
+    return {"suite": suite.name, "salt_id": salt_id(suite.salt)}
+
+
+def draws_of(reference: str, suite: Suite) -> Draws | None:
+    """The draws of a suite; None if there is no file, or it is for another salt.
+
+    Raises:
+        OtherDrawsError: if the file is damaged, of another version or of another suite.
+    """
+    path = draws_path(reference)
+    if not path.exists():
+        return None
+    draws, own = read_draws(path), about(suite)
+    if draws.about.get("suite") != suite.name:
+        raise OtherDrawsError(
+            f"draws file {path} is of suite {draws.about.get('suite')!r}, not {suite.name!r}"
+        )
+    return draws if draws.about.get("salt_id") == own["salt_id"] else None
+
+
+def draws_source(reference: str, suite: Suite) -> DrawsSource | None:
+    """The source of ``draws_of``, for trials.
+
+    Raises:
+        OtherDrawsError: as ``draws_of``.
+    """
+    draws = draws_of(reference, suite)
+    if draws is None:
+        return None
+    place = str(draws_path(reference).resolve()) if reference.endswith(".toml") else reference
+    return DrawsSource(place, draws.digest)
+
+
+@lru_cache(maxsize=2)
+def opened(source: DrawsSource | None) -> Draws | None:
+    """The draws of a source, which is read once per process.
+
+    Raises:
+        OtherDrawsError: if the file here is another one than where the run was started.
+    """
+    if source is None:
+        return None
+    is_path = source.place.endswith(SUFFIX)
+    draws = read_draws(Path(source.place) if is_path else draws_path(source.place))
+    if draws.digest != source.digest:
+        raise OtherDrawsError(
+            f"draws file {draws.place} has the hash {draws.digest[:12]} in the worker and "
+            f"{source.digest[:12]} where the run was started"
+        )
+    return draws

@@ -1,0 +1,114 @@
+"""What a fingerprint needs of a source file: the code without comments, and what it imports.
+
+Reading all sources takes seconds, which every process of a run would spend again. So summaries are
+kept in a folder beside that of compiled libraries (``games.compiler``), with the same name and the
+suffix ``-sources``. A file's name is a digest of the source and of Python's version. Files that
+belong to another user or are writable by others are not read.
+"""
+
+import ast
+import hashlib
+import re
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+
+from olne_bench.games.compiler import kept_folder, why_foreign
+
+#: Changes with what a summary holds.
+_FORMAT = 1
+#: Largest number of kept summaries; the least recently written ones are removed.
+_MOST = 2000
+#: Worlds are named by strings such as "highway_v0" and imported at their first use.
+_WORLD = re.compile(r"[a-z]\w*_v\d+")
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+class Import(msgspec.Struct, frozen=True):
+    """One import: ``import <module>``, or ``from <module> import <names>`` at a relative level."""
+
+    module: str
+    names: tuple[str, ...] = ()
+    level: int = 0
+
+
+class Summary(msgspec.Struct, frozen=True):
+    """A source file.
+
+    Attributes:
+        code: the code without comments and docstrings; None if it is not Python.
+        imports: its imports.
+        worlds: names of worlds in its strings.
+    """
+
+    code: str | None
+    imports: tuple[Import, ...] = ()
+    worlds: tuple[str, ...] = ()
+
+
+def summarised(source: bytes) -> Summary:
+    """The summary of a source, from the folder of kept ones if it is there."""
+    folder = _folder()
+    if folder is None:
+        return _made(source)
+    version = f"{_FORMAT} {sys.version_info.major}.{sys.version_info.minor} ".encode()
+    path = folder / f"{hashlib.sha256(version + source).hexdigest()}.json"
+    found = _read(path)
+    if found is None:
+        found = _made(source)
+        _write(path, found)
+    return found
+
+
+def _folder() -> Path | None:
+    libraries = kept_folder()
+    return libraries and libraries.with_name(f"{libraries.name}-sources")
+
+
+def _made(source: bytes) -> Summary:
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError):
+        return Summary(None)
+    for node in ast.walk(tree):
+        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            node.body = node.body[1:] or [ast.Pass()]
+    imports, worlds = [], []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imports += [Import(alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = tuple(alias.name for alias in node.names)
+            imports.append(Import(node.module or "", names, node.level))
+        elif isinstance(node, ast.Constant) and _names_world(node.value):
+            worlds.append(str(node.value))
+    return Summary(ast.unparse(tree), tuple(imports), tuple(worlds))
+
+
+def _names_world(value: object) -> bool:
+    return isinstance(value, str) and _WORLD.fullmatch(value) is not None
+
+
+def _read(path: Path) -> Summary | None:
+    with suppress(OSError, msgspec.MsgspecError):
+        if not (why_foreign(path) or why_foreign(path.parent)):
+            return msgspec.json.decode(path.read_bytes(), type=Summary)
+    return None
+
+
+def _write(path: Path, found: Summary) -> None:
+    """Keep a summary; if the file cannot be written, it is not kept."""
+    with suppress(OSError):
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        if why_foreign(path.parent):
+            return
+        # Written to another file and then moved, so that several processes can write at once.
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(msgspec.json.encode(found))
+        Path(file.name).replace(path)
+        kept = sorted(path.parent.iterdir(), key=lambda one: one.stat().st_mtime)
+        for old in kept[:-_MOST]:
+            old.unlink(missing_ok=True)

@@ -1,0 +1,91 @@
+"""Calibration: whether regions and intervals hold the truth as often as they claim.
+
+Each trial tells the level of the smallest region around its estimate that holds the truth
+(``credible_level``), the level of each true weight in its distribution (``weight_levels``), and
+with samples the share of them that is closer to a random point than the truth (``tarp_level``). If
+estimates are calibrated, all of these are uniform between 0 and 1.
+"""
+
+import numpy as np
+import pandas as pd
+from scipy.stats import kstest
+
+from olne_bench.bench.report.statistics.estimator_comparison import holm
+from olne_bench.bench.report.statistics.identifiability import nested_numbers
+from olne_bench.bench.report.statistics.intervals import share_interval
+
+LEVEL, TARP, WEIGHTS = "credible_level", "tarp_level", "weight_levels"
+#: Levels of the table.
+NOMINAL = (0.5, 0.8, 0.95)
+_COLUMNS = ["scenario", "sensor", "estimator", "sigma", "trials", "p_uniform"]
+
+
+def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
+    """How often regions and intervals of several levels hold the truth.
+
+    Args:
+        trials: one row per trial.
+
+    Returns:
+        One row per scenario, sensor, estimator and noise level with any region: the number of
+        ``trials``, the share ``covered_50`` and so on with its 95 % interval ``_low, _high``, and
+        ``p_uniform``, the probability of levels as uneven as these if all were calibrated
+        (Kolmogorov and Smirnov). ``weights_50`` and so on, with intervals, are shares of single
+        weights in their central intervals; ``p_weights`` is the smallest probability of levels as
+        uneven as those of a weight, adjusted after Holm; ``p_tarp`` is that of TARP. They are empty
+        where a region tells nothing about them. Estimates that failed claim nothing. Trials of one
+        seed in a fixed scenario differ by their noise.
+    """
+    if LEVEL not in trials:
+        return pd.DataFrame(columns=_COLUMNS)
+    told = trials[trials[LEVEL].notna() & (trials["status"] == "ok")]
+    rows = [
+        dict(zip(_COLUMNS, (*place, len(group)), strict=False)) | _of_cell(group)
+        for place, group in told.groupby(_COLUMNS[:4], sort=True)
+    ]
+    return pd.DataFrame(rows) if rows else pd.DataFrame(columns=_COLUMNS)
+
+
+def weight_levels_of(group: pd.DataFrame) -> np.ndarray:
+    """The levels (R, W) of all weights in trials that tell them."""
+    if WEIGHTS not in group:
+        return np.empty((0, 0))
+    column = group[WEIGHTS].dropna()
+    if not len(column):
+        return np.empty((0, 0))
+    return nested_numbers(column, (sum(len(player) for player in column.iloc[0]),))
+
+
+def _of_cell(group: pd.DataFrame) -> dict[str, float]:
+    levels, units = group[LEVEL].to_numpy(float), group["seed"].to_numpy()
+    found = {"p_uniform": _uneven(levels)}
+    for nominal in NOMINAL:
+        found |= _share("covered", nominal, levels <= nominal, units)
+    weights = weight_levels_of(group)
+    if weights.size:
+        units = np.repeat(group.loc[group[WEIGHTS].notna(), "seed"].to_numpy(), weights.shape[1])
+        for nominal in NOMINAL:
+            inside = np.abs(weights - 0.5) <= nominal / 2
+            found |= _share("weights", nominal, inside.ravel(), units)
+        p = np.array([_uneven(column) for column in weights.T])
+        found["p_weights"] = float(holm(p).min())
+    if TARP in group and group[TARP].notna().any():
+        found["p_tarp"] = _uneven(group[TARP].dropna().to_numpy(float))
+    return found
+
+
+def _share(name: str, nominal: float, inside: np.ndarray, units: np.ndarray) -> dict[str, float]:
+    share = share_interval(inside.astype(float), units)
+    name = f"{name}_{100 * nominal:.0f}"
+    return {name: share.estimate, f"{name}_low": share.low, f"{name}_high": share.high}
+
+
+def _uneven(levels: np.ndarray) -> float:
+    return float(kstest(levels, "uniform").pvalue)
+
+
+def coverage_curve(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nominal level and share of trials covered, as steps from (0, 0) to (1, 1)."""
+    ordered = np.sort(levels)
+    shares = np.arange(1, len(ordered) + 1) / len(ordered)
+    return np.concatenate([[0.0], ordered, [1.0]]), np.concatenate([[0.0], shares, [1.0]])

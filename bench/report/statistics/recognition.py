@@ -1,0 +1,141 @@
+"""Who is recognised: results by the temperament of drivers (``envs.temperaments``).
+
+A temperament is a function of a scenario's options and the seed of its draw, so that no game is
+solved here. An estimate recognises a driver if its weights have the largest density under the
+driver's own temperament.
+"""
+
+import json
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.bench.judge.metrics.formulas import cosine_errors
+from olne_bench.bench.judge.truth import Draw
+from olne_bench.bench.report.statistics.attempts import attempts_of, quantile
+from olne_bench.bench.report.statistics.identifiability import weights_of
+from olne_bench.bench.report.statistics.intervals import share_interval
+from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study
+from olne_bench.envs.scenarios import check_options
+from olne_bench.envs.temperaments import checked_shares, recognised
+from olne_bench.envs.true_weights import TEMPERED
+from olne_bench.plugins import SCENARIO, is_built_in
+
+#: Recognised temperament of a driver whose trial has no valid weights.
+NOBODY = "none"
+
+_CELL = ["scenario", "sensor", "sigma", "estimator"]
+_DRIVER = [*_CELL, "seed", "temperament", "recognised", "cosine_error"]
+
+
+def drivers(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """Every driver of every attempt in scenarios whose drivers have temperaments.
+
+    Returns:
+        Columns ``scenario, sensor, sigma, estimator, seed, temperament, recognised`` (a
+        temperament, or ``NOBODY``) and ``cosine_error`` of the driver's weights, infinite for
+        failures.
+    """
+    labels = [label for label in trials["scenario"].unique() if is_tempered(label, study)]
+    attempts = attempts_of(trials[trials["scenario"].isin(labels)])
+    parts = []
+    for label, of_label in attempts.groupby("scenario", sort=True):
+        for seed in sorted(of_label["seed"].unique()):
+            rows = of_label[of_label["seed"] == seed]
+            with suppress(*UNKNOWN_HERE):  # the options are those of another version
+                parts.append(_drivers_of_draw(rows, study.draw(str(label), int(seed))))
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=_DRIVER)
+
+
+def is_tempered(label: str, study: Study) -> bool:
+    """Whether the drivers of the scenario with this label have temperaments."""
+    entry = study.scenarios.get(label)
+    tempered = entry is not None and entry.options.get("weights") == TEMPERED
+    return tempered and is_built_in(SCENARIO, entry.name)  # type: ignore[union-attr]
+
+
+def temperament_table(found: pd.DataFrame) -> pd.DataFrame:
+    """Results by temperament.
+
+    Args:
+        found: from ``drivers``.
+
+    Returns:
+        One row per scenario, sensor, noise level, estimator and true ``temperament``, and one per
+        scenario, sensor and estimator over all levels (``sigma`` NaN): ``drivers``, ``failures``,
+        median and quartiles of the cosine error of their weights (failures at infinity), and the
+        share ``recognised`` with its 95 % interval over draws.
+    """
+    whole = found.assign(sigma=np.nan)
+    rows = [
+        dict(zip([*_CELL, "temperament"], key, strict=True)) | _summary(group)
+        for part in (whole, found)
+        for key, group in part.groupby([*_CELL, "temperament"], dropna=False)
+    ]
+    return pd.DataFrame(rows, columns=[*_CELL, "temperament", *_SUMMARY])
+
+
+def confusion_table(found: pd.DataFrame) -> pd.DataFrame:
+    """Who is mistaken for whom.
+
+    Args:
+        found: from ``drivers``.
+
+    Returns:
+        One row per scenario, sensor, noise level, estimator, true ``temperament`` and temperament
+        ``recognised`` (``NOBODY`` for failures) that occurs: ``drivers``, and their ``share`` of
+        the drivers of that temperament.
+    """
+    key = [*_CELL, "temperament"]
+    counts = found.groupby([*key, "recognised"]).size().rename("drivers").reset_index()
+    counts["share"] = counts["drivers"] / counts.groupby(key)["drivers"].transform("sum")
+    return counts
+
+
+_SUMMARY = (
+    "drivers",
+    "failures",
+    "cosine_error_median",
+    "cosine_error_q25",
+    "cosine_error_q75",
+    "recognised",
+    "recognised_low",
+    "recognised_high",
+)
+
+
+def _summary(group: pd.DataFrame) -> dict[str, float | int]:
+    errors, once = group["cosine_error"].to_numpy(float), np.ones(len(group), int)
+    right = group["recognised"].eq(group["temperament"]).to_numpy(float)
+    share = share_interval(right, group["seed"].to_numpy())
+    quantiles = [quantile(errors, once, part) for part in (0.5, 0.25, 0.75)]
+    failures = int(group["recognised"].eq(NOBODY).sum())
+    values = (len(group), failures, *quantiles, share.estimate, share.low, share.high)
+    return dict(zip(_SUMMARY, values, strict=True))
+
+
+def _drivers_of_draw(rows: pd.DataFrame, draw: Draw) -> pd.DataFrame:
+    """The drivers of the attempts on one draw."""
+    names, weights, shares = _truth(draw)
+    valid = rows["status"].isin(["ok", "failed_forward"]) & rows["weights"].notna()
+    seen = np.full((len(rows), len(names)), NOBODY, dtype=object)
+    errors = np.full(seen.shape, np.inf)
+    if valid.any():
+        estimated = weights_of(rows[valid], weights.shape)
+        seen[valid] = recognised(estimated, shares)
+        errors[valid] = cosine_errors(weights, estimated)
+    places = np.repeat(np.arange(len(rows)), len(names))
+    found = rows[[*_CELL, "seed"]].iloc[places].reset_index(drop=True)
+    return found.assign(
+        temperament=list(names) * len(rows), recognised=seen.ravel(), cosine_error=errors.ravel()
+    )
+
+
+@lru_cache(maxsize=4096)
+def _truth(draw: Draw) -> tuple[tuple[str, ...], np.ndarray, dict[str, float]]:
+    """Temperaments and weights (N, 4) of a draw's players, and the shares of its traffic."""
+    family: Any = check_options(draw.name, **json.loads(draw.options))
+    return family.temperaments(draw.seed), family.tempered(draw.seed), checked_shares(family.shares)

@@ -1,0 +1,168 @@
+"""The posterior (B1) of ``posterior`` as a density of errors, with games followed from each other.
+
+A point is (z, x_1): coordinates of weights and unknowns in which their prior is standard normal
+(``normal_chart``), and the initial state. Its errors are those of the expected samples over sigma,
+and z. A game starts from the first-order prediction of the one at the place before, and is refined
+by Newton's method. So points stay on the branch of equilibria from which they come.
+"""
+
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from olne_bench.estimators.forward_model import SolvedGame
+from olne_bench.estimators.normal_chart import NormalChart
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.residual_density import Places
+from olne_bench.games.dynamics import Dynamics
+from olne_bench.games.native import elimination
+from olne_bench.games.newton import pack
+from olne_bench.games.observation import View
+from olne_bench.games.olne import RESIDUAL_TOLERANCE
+from olne_bench.games.row_functions import RowFunction
+
+#: Residuals of games, relative to the noise; factorisations per game.
+_TOLERANCE, _FACTORISATIONS = 1e-5, 12
+
+
+@dataclass(frozen=True)
+class FollowedGames:
+    """Errors and their derivatives.
+
+    Attributes:
+        problem: what is known; its noise is white and its sigma positive.
+        observation: what was seen.
+        chart: coordinates of weights and unknowns.
+        deadline: in seconds of ``time.monotonic``.
+    """
+
+    problem: Problem
+    observation: Observation
+    chart: NormalChart
+    deadline: float
+
+    def place(self, game: SolvedGame) -> Places:
+        """The place of a known game."""
+        root = game.root
+        start = self.chart.point(game.theta), root.states[0].ravel()
+        packed = pack(self.problem.game, root.states, root.controls, root.costates, game.theta)
+        return self._places(np.concatenate(start)[None], packed[None], np.ones(1, dtype=bool))
+
+    def reach(self, points: np.ndarray, near: Places) -> Places:
+        """As of ``residual_density.Density``; nothing is possible after the deadline."""
+        solver, (theta, start) = elimination(self.problem.game), self.split(points)
+        old_theta, old_start = self.split(near.points)
+        flat = len(points), -1
+        before = np.hstack([old_start.reshape(flat), old_theta.reshape(flat)])
+        after = np.hstack([start.reshape(flat), theta.reshape(flat)])
+        roots, width = near.roots.copy(), _width(self.problem)
+        for root, response, change in zip(roots, near.responses, after - before, strict=True):
+            root += response @ change.astype(np.float32)
+        roots[:, 0, :width] = after[:, :width]  # exact, without rounding
+        residuals, _ = solver.newton(
+            roots,
+            theta.reshape(flat),
+            tolerance=self._tolerance,
+            max_iterations=_FACTORISATIONS,
+            limit=max(0.0, self.deadline - time.monotonic()),
+        )
+        return self._places(points, roots, residuals < max(self._tolerance, RESIDUAL_TOLERANCE))
+
+    def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Theta (B, N, K + U) and x_1 (B, N, n) of points (B, d)."""
+        size = self.chart.size
+        starts = points[:, size:].reshape(len(points), *self.problem.game.state_shape[1:])
+        return self.chart.theta(points[:, :size]), starts
+
+    def states(self, theta: np.ndarray, start: np.ndarray, near: Places) -> np.ndarray:
+        """States (T, N, n) of the game at theta (N, K + U) and x_1 (N, n), or else of one place."""
+        point = np.concatenate([self.chart.point(theta), start.ravel()])[None]
+        found = self.reach(point, near)
+        roots = (found if found.possible[0] else near).roots
+        return roots[0, :, : _width(self.problem)].reshape(-1, *_shape(self.problem))
+
+    @property
+    def late(self) -> bool:
+        """Whether the deadline has passed."""
+        return time.monotonic() > self.deadline
+
+    @property
+    def _tolerance(self) -> float:
+        return _TOLERANCE * self.problem.sigma
+
+    def _places(self, points: np.ndarray, roots: np.ndarray, possible: np.ndarray) -> Places:
+        problem, size = self.problem, self.chart.size
+        possible, responses = self._responses(points, roots, possible)
+        samples, slopes = self._seen(roots[:, :, : _width(problem)])
+        seen = np.isfinite(self.observation.y).ravel()
+        errors = samples - self.observation.y / np.array(problem.noise_scale)
+        errors = errors.reshape(len(points), -1)[:, seen] / problem.sigma
+        rows = self._rows(points, slopes, responses)[:, seen] / problem.sigma
+        prior = np.zeros((len(points), size, points.shape[1]))
+        prior[:, np.arange(size), np.arange(size)] = 1.0
+        errors = np.hstack([errors, points[:, :size]])
+        rows = np.concatenate([rows, prior], axis=1)
+        errors[~possible], rows[~possible] = 0.0, 0.0
+        return Places(points, errors, rows, possible, roots, responses)
+
+    def _responses(
+        self, points: np.ndarray, roots: np.ndarray, possible: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Which roots (B, T, s) are regular, and their derivatives in (x_1, theta).
+
+        The latter are (B,) arrays (T, s, C) of their own, which need not be copied where places
+        are. Single precision is enough for predictions and determinants.
+        """
+        solver, theta = (
+            elimination(self.problem.game),
+            self.chart.theta(points[:, : self.chart.size]),
+        )
+        columns = _width(self.problem) + theta[0].size
+        found, nothing = np.empty(len(roots), dtype=object), np.zeros((*roots[0].shape, columns))
+        possible = possible.copy()
+        for k in range(len(roots)):
+            possible[k] = possible[k] and solver.linearise(roots[k], theta[k].ravel())
+            found[k] = solver.sensitivities().astype(np.float32) if possible[k] else nothing
+        return possible, found
+
+    def _seen(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Expected samples (B, T, N, d) of states (B, T, N*n), and h_x (B, T, N, d, n)."""
+        size = _shape(self.problem)[1]
+        function = _view_function(self.problem.view, self.problem.game.dynamics)
+        found = function(states.reshape(-1, size))
+        found = found.reshape(*states.shape[:2], -1, 1 + size, len(self.problem.noise_scale))
+        found = found / np.array(self.problem.noise_scale)
+        return found[..., 0, :], np.swapaxes(found[..., 1:, :], -1, -2)
+
+    def _rows(self, points: np.ndarray, slopes: np.ndarray, responses: np.ndarray) -> np.ndarray:
+        """Derivatives (B, T*N*d, size + N*n) of the expected samples."""
+        width, columns = _width(self.problem), responses[0].shape[-1]
+        states = np.stack([response[:, :width] for response in responses])
+        shape = *slopes.shape[:3], slopes.shape[-1], columns
+        changes = slopes.astype(np.float32) @ states.reshape(shape)
+        changes = changes.reshape(len(points), -1, columns).astype(float)
+        by_start, by_theta = np.split(changes, [width], axis=2)
+        jacobian = self.chart.jacobian(points[:, : self.chart.size])
+        return np.concatenate([by_theta @ jacobian, by_start], axis=2)
+
+
+@lru_cache(maxsize=16)
+def _view_function(view: View, dynamics: Dynamics) -> RowFunction:
+    """State (n,) -> (d, 1 + n), column by column: what is seen of it and its derivative."""
+    state = ca.SX.sym("x", dynamics.state_size)
+    seen = view.expected(state, dynamics)
+    both = ca.densify(ca.horzcat(seen, ca.jacobian(seen, state)))
+    return RowFunction(ca.Function("seen", [state], [both]), None)
+
+
+def _shape(problem: Problem) -> tuple[int, ...]:
+    """(N, n)."""
+    return problem.game.state_shape[1:]
+
+
+def _width(problem: Problem) -> int:
+    """N*n."""
+    return int(np.prod(_shape(problem)))

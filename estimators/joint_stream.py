@@ -1,0 +1,108 @@
+"""The joint method as a stream: each solve begins at the solution of the one before.
+
+A new sample changes the optimum little, so that a few iterations suffice. The methods of
+``kkt_constrained`` and ``map`` start from scratch where there is no last solution, and where the
+solve from it does not converge or leaves an error that noise of the known level does not explain.
+
+A motion whose last solution lets players pass each other in another order than they will is found
+out as its error grows. So where the error is larger than noise leaves once in twenty times, a solve
+that begins at the samples is tried as well.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from olne_bench.estimators.interior_point import solve_joint
+from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, inside
+from olne_bench.estimators.joint_starts import largest_explicable
+from olne_bench.estimators.protocol import Estimate, Problem
+from olne_bench.estimators.stream import Past, Samples
+from olne_bench.estimators.white_noise import with_white_noise
+from olne_bench.estimators.window_starts import seen_then_free
+
+#: First barriers of a solve from the last solution, and of one from the samples.
+_BARRIER, _SEEN_BARRIER = 1e-3, 1.0
+
+#: Noise leaves a larger squared error with this probability.
+_DOUBTFUL = 0.05
+
+#: Searches for the lowest optimum of a problem (T, N, d), from scratch, until a deadline.
+Search = Callable[[Problem, np.ndarray, float], list[JointSolution]]
+#: Makes an estimate of a solution and the number of starts that led to it.
+Describe = Callable[[Problem, np.ndarray, JointSolution, int, bool], Estimate]
+
+
+class JointStream:
+    """A stream of the joint method."""
+
+    def __init__(
+        self,
+        samples: Samples,
+        settings: Callable[[Problem], JointSettings],
+        search: Search,
+        describe: Describe,
+    ) -> None:
+        self._samples, self._settings = samples, settings
+        self._search, self._describe = search, describe
+        self._past = Past()
+        self._last: JointPoint | None = None
+        self._dropped = 0
+
+    def update(self, sample: np.ndarray, *, budget: float) -> Estimate:
+        """As of ``Stream``.
+
+        Raises:
+            ValueError: as ``Samples.add``.
+        """
+        deadline = time.monotonic() + budget
+        self._samples.add(sample)
+        problem, (observation,) = with_white_noise(*self._samples.window())
+        best, starts = self._warm(problem, observation.y, deadline), 0
+        if best is None:
+            attempts = self._search(problem, observation.y, deadline)
+            best = min(attempts, key=lambda one: (not one.converged, one.criterion))
+            starts = len(attempts)
+        self._last = best.point if best.converged else None
+        self._dropped = self._samples.dropped
+        late = time.monotonic() > deadline
+        estimate = self._describe(problem, observation.y, best, starts, late)
+        return self._past.with_states_of(estimate, self._samples.dropped)
+
+    def _warm(self, problem: Problem, y: np.ndarray, deadline: float) -> JointSolution | None:
+        """The solution to which the last one leads; None if it explains nothing."""
+        if self._last is None:
+            return None
+        rest = _later(self._last, self._samples.dropped - self._dropped)
+        best = self._solved(problem, y, rest, _BARRIER, deadline)
+        if best is None or best.objective > largest_explicable(problem, [y], _DOUBTFUL):
+            second = self._solved(problem, y, seen_then_free(problem, y), _SEEN_BARRIER, deadline)
+            found = [one for one in (best, second) if one is not None]
+            best = min(found, key=lambda one: one.criterion, default=None)
+        explained = best is not None and best.objective <= largest_explicable(problem, [y])
+        return best if explained else None
+
+    def _solved(
+        self, problem: Problem, y: np.ndarray, start: JointPoint, barrier: float, deadline: float
+    ) -> JointSolution | None:
+        """The solution to which a start leads; None if it leads to none."""
+        settings = replace(
+            self._settings(problem),
+            first_barrier=barrier,
+            limit=max(0.0, deadline - time.monotonic()),
+        )
+        start = inside(start, problem.weight_floor)
+        solution = solve_joint(problem.game, problem.view, y, start, settings)
+        return solution if solution.converged else None
+
+
+def _later(point: JointPoint, steps: int) -> JointPoint:
+    """The rest of a motion, without so many first steps."""
+    return replace(
+        point,
+        states=point.states[steps:],
+        controls=point.controls[steps:],
+        costates=point.costates[steps:],
+    )

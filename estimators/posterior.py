@@ -1,0 +1,226 @@
+"""Samples of the posterior: weights, unknowns and initial state, given all observations.
+
+The prior of a player's weights is a Dirichlet distribution with all parameters alpha, flat by
+default; that of standardised unknowns is normal within their ranges; that of x_1 is flat. With
+Gaussian noise, in coordinates z of weights and unknowns in which their prior is standard normal
+(``normal_chart``),
+
+    (B1)  log pi(z, x_1) = -|y - h(x(theta(z), x_1))|^2 / (2 sigma^2) - |z|^2 / 2,
+
+with the equilibrium x(theta, x_1) that is followed from one that explains the observations
+(``followed_games``).
+
+1. Every optimum of the joint problem with the prior (``map``) that could be meant is moved to the
+   peak of (B1) near it by Gauss-Newton steps.
+2. Fits of perturbed observations from all peaks are independent points of a known density, which
+   follows the bends of (B1); further fits start where they miss it (``perturbed_fits``).
+3. The points are resampled by their importance weights.
+
+Equilibria end at folds, where the posterior ends as well.
+
+Paper: sampling after Bardsley et al. 2014 (randomize-then-optimize).
+Assumes: truths drawn from the prior, and what ``kkt_constrained`` does.
+Cost: 1,300 to 50,000 games and as many derivatives.
+Trust: for what else the observations allow: near the simplex's boundary, at folds and between
+    optima. Where noise is high, or constraints are hard, its weights may be too uneven within its
+    fits, and it says ``not_converged``.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from olne_bench.checks import check_count, check_number
+from olne_bench.estimators.followed_games import FollowedGames
+from olne_bench.estimators.forward_model import (
+    SolvedGame,
+    squared_error_of,
+    uniform_weights,
+    warm_up_games,
+)
+from olne_bench.estimators.joint_problem import JointSolution
+from olne_bench.estimators.map import probable_optima
+from olne_bench.estimators.normal_chart import NormalChart
+from olne_bench.estimators.perturbed_fits import Fits, Peak, perturbed_fits
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.residual_density import climbed
+from olne_bench.estimators.white_noise import assumed_sigma, white_problem, with_white_noise
+from olne_bench.games.newton import Root
+
+#: An effective sample size below this is reported as a failure.
+LEAST_EFFECTIVE = 400.0
+
+#: R-hat above this is reported as a failure.
+LARGEST_R_HAT = 1.1
+
+#: Optima whose log-density is lower by more than this are not meant.
+_MEANT = 15.0
+
+#: Gauss-Newton steps from an optimum to the peak.
+_STEPS = 12
+
+#: Peaks nearer to each other than this, in standard deviations, are one.
+_SAME = 0.1
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Samples of weights, unknowns and initial state.
+
+    Attributes:
+        alpha: parameter of the Dirichlet distribution; 1 is flat.
+        first: fits of perturbed observations from all peaks together.
+        more: fits from every further place.
+        most: number of all fits at most.
+        enough: effective sample size at which they end.
+        count: number of samples, all of equal weight.
+
+    Raises:
+        ValueError: on a parameter out of range.
+    """
+
+    name: ClassVar[str] = "posterior"
+    alpha: float = 1.0
+    first: int = 300
+    more: int = 150
+    most: int = 2400
+    enough: float = 500.0
+    count: int = 1000
+
+    def __post_init__(self) -> None:
+        check_number("alpha", self.alpha)
+        check_count("first", self.first, least=40)
+        check_count("more", self.more, least=10)
+        check_count("most", self.most, least=self.first)
+        check_number("enough", self.enough)
+        check_count("count", self.count, least=40, most=4000)
+
+    def estimate(
+        self,
+        problem: Problem,
+        observation: Observation,
+        *,
+        rng: np.random.Generator,
+        budget: float,
+    ) -> Estimate:
+        problem, (seen,) = with_white_noise(problem, observation)
+        deadline = time.monotonic() + budget
+        unseen = np.flatnonzero(~np.isfinite(seen.y).any(axis=(0, 2)))
+        if unseen.size:
+            players = ", ".join(map(str, unseen))
+            return _nothing(problem, f"never seen, hence not identified: player {players}")
+        problem, game = replace(problem, sigma=assumed_sigma(problem)), problem.game
+        optima = probable_optima(problem, seen.y, self.alpha, deadline)
+        size = game.num_players, game.num_weights, problem.weight_floor
+        chart = NormalChart(*size, self.alpha, game.parameters)
+        density = FollowedGames(problem, seen, chart, deadline)
+        return self._sampled(density, _meant(problem, optima), rng)
+
+    def _sampled(
+        self, density: FollowedGames, optima: Sequence[JointSolution], rng: np.random.Generator
+    ) -> Estimate:
+        peaks = _peaks(density, optima)
+        if not peaks:
+            return _nothing(density.problem, "no equilibrium found that explains the observations")
+        fits = perturbed_fits(
+            density,
+            peaks,
+            rng,
+            first=self.first,
+            more=self.more,
+            most=self.most,
+            enough=self.enough,
+        )
+        if not fits.effective:
+            return _nothing(density.problem, "no game could be followed from the most probable one")
+        return _estimate(density, peaks, fits, fits.resampled(self.count, rng))
+
+    def warm_up(self, problem: Problem) -> None:
+        """Build the solvers."""
+        warm_up_games(white_problem(problem))
+
+
+def _nothing(problem: Problem, message: str) -> Estimate:
+    known = problem.game.parameters
+    return Estimate(
+        weights=uniform_weights(problem),
+        parameters=known.means if known.count else None,
+        converged=False,
+        message=message,
+    )
+
+
+def _meant(problem: Problem, optima: Sequence[JointSolution]) -> list[JointSolution]:
+    """Optima that are probable enough."""
+    limit = 2 * problem.sigma**2 * _MEANT
+    return [one for one in optima if one.criterion - optima[0].criterion < limit]
+
+
+def _peaks(density: FollowedGames, optima: Sequence[JointSolution]) -> list[Peak]:
+    """Different peaks near optima, the most probable first."""
+    found: list[Peak] = []
+    for one in optima:
+        point = one.point
+        root = Root(point.states, point.controls, point.costates, residual=0.0)
+        place = density.place(SolvedGame(root, point.weights, point.parameters))
+        if not place.possible[0]:  # a game at a fold
+            continue
+        try:
+            peak = Peak.at(climbed(density, place, _STEPS))
+        except np.linalg.LinAlgError:
+            continue
+        if all(_apart(peak, other) > _SAME for other in found):
+            found.append(peak)
+    return sorted(found, key=lambda peak: -float(peak.place.log_density[0]))
+
+
+def _apart(one: Peak, other: Peak) -> float:
+    """Distance in standard deviations."""
+    return float(np.linalg.norm(other.triangle @ (one.place.points - other.place.points)[0]))
+
+
+def _estimate(
+    density: FollowedGames, peaks: Sequence[Peak], fits: Fits, chosen: np.ndarray
+) -> Estimate:
+    """Mean, covariance and samples."""
+    problem, known = density.problem, density.problem.game.parameters
+    theta, starts = density.split(fits.places.points)
+    weights, parameters = np.split(theta, [problem.game.num_weights], axis=2)
+    unknown = known.values(parameters) if known.count else None
+    shares = fits.shares
+    mean = np.tensordot(shares, theta, 1)
+    states = density.states(mean, np.tensordot(shares, starts, 1), peaks[0].place)
+    message = _complaint(density, fits)
+    return Estimate(
+        weights=mean[:, : problem.game.num_weights],
+        states=states,
+        covariance=np.cov(weights.reshape(len(weights), -1), rowvar=False, aweights=shares),
+        parameters=None if unknown is None else np.tensordot(shares, unknown, 1),
+        parameter_deviations=None if unknown is None else unknown[chosen].std(axis=0),
+        samples=weights[chosen],
+        parameter_samples=None if unknown is None else unknown[chosen],
+        converged=not message,
+        message=message,
+        extras={
+            "objective": squared_error_of(problem, states, density.observation.y),
+            "effective_sample_size": fits.effective,
+            "split_r_hat": fits.split_r_hat,
+            "lost": fits.lost,
+            "fits": fits.asked,
+            "games": fits.tried,
+            "optima": len(peaks),
+        },
+    )
+
+
+def _complaint(density: FollowedGames, fits: Fits) -> str:
+    if density.late:
+        return f"time limit reached at an effective sample size of {fits.effective:.0f}"
+    if fits.effective < LEAST_EFFECTIVE:
+        return f"the effective sample size is {fits.effective:.0f}, below {LEAST_EFFECTIVE:g}"
+    if fits.split_r_hat > LARGEST_R_HAT:
+        return f"the parts of the samples disagree: split R-hat is {fits.split_r_hat:.2f}"
+    return ""

@@ -1,0 +1,197 @@
+"""Whether posterior samples are calibrated: truths from the prior, one line per sensor and noise.
+
+    python scripts/posterior_calibration.py two_player --draws 1000
+    python scripts/posterior_calibration.py highway_overtaking --draws 300 --sigmas 0.005 0.02
+
+Every draw has weights that are uniform on the simplex, and noise of its own. The 95 % region holds
+the samples that are nearest to their mean, in Mahalanobis distance of log-ratios: its limit is a
+quantile of the distances among the samples. The rank of a true weight among its samples is uniform
+if the posterior is right (simulation-based calibration: Talts et al. 2018); the p after Holm's
+correction is the least over all weights. Draws that did not converge count like all others.
+
+The column "control" says how many draws the score test at the truth holds at the same level. It
+depends on the noise alone, and its distribution is exact: where it is far from 95 %, so is luck.
+"""
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+from scipy.stats import binomtest, chisquare
+from tqdm import tqdm
+
+from olne_bench.bench.judge.metrics.formulas import cosine_error
+from olne_bench.bench.judge.observe import observe, sensor_model
+from olne_bench.envs.recording import NoEquilibriumError, Recording, record
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.true_weights import DIRICHLET
+from olne_bench.estimators.forward_model import (
+    SolvedGame,
+    expected_samples,
+    sample_sensitivity,
+    scaled_samples,
+)
+from olne_bench.estimators.posterior import Posterior
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.information import of_seen
+from olne_bench.games.observation import VIEWS
+from olne_bench.games.simplex import theta_tangent
+
+LEVEL = 0.95
+BINS = 10  # of the ranks' histogram
+MARGINAL_LEVELS = (0.5, 0.8, 0.95)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One draw.
+
+    Attributes:
+        error: mean cosine error of the posterior mean.
+        covered: whether the region holds the truth.
+        control: whether the score test at the truth does not refuse it.
+        ranks: (N, K) share of the samples below each true weight, in [0, 1].
+        effective: effective sample size.
+        r_hat: split R-hat.
+        converged: whether the estimator said so.
+        seconds: processor time.
+    """
+
+    error: float
+    covered: bool
+    control: bool
+    ranks: np.ndarray
+    effective: float
+    r_hat: float
+    converged: bool
+    seconds: float
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenario", help="two_player, highway_overtaking, ...")
+    parser.add_argument("--draws", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first draw")
+    parser.add_argument("--views", nargs="+", default=["full", "partial"], choices=sorted(VIEWS))
+    parser.add_argument("--sigmas", nargs="+", type=float, default=[0.01, 0.03, 0.1])
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.draws)
+    recordings = dict(_recordings(options.scenario, seeds))
+    if not recordings:
+        parser.error(f"no draw of {options.scenario} has a certified equilibrium")
+    print(f"{options.scenario}: {len(recordings)} of {len(seeds)} draws are certified")
+    print(_TITLES)
+    every: list[Outcome] = []
+    for view in options.views:
+        for sigma in options.sigmas:
+            pairs = tqdm(recordings.items(), disable=None, leave=False)
+            outcomes = [_outcome(one, seed, view, sigma) for seed, one in pairs]
+            print(f"{view:8}{sigma:7g}" + _line(outcomes), flush=True)
+            every += outcomes
+    print(f"{'all':15}" + _line(every))
+
+
+def _recordings(scenario: str, seeds: range) -> Iterator[tuple[int, Recording]]:
+    for seed in tqdm(seeds, desc="draws", disable=None, leave=False):
+        try:
+            yield seed, record(get_scenario(scenario, seed, weights=DIRICHLET))
+        except NoEquilibriumError:
+            continue
+
+
+def _outcome(recording: Recording, seed: int, view: str, sigma: float) -> Outcome:
+    layers, truth = (VIEWS[view],), recording.scenario.weights
+    scale = sensor_model(recording.scenario, layers).noise_scale
+    problem = Problem(recording.scenario.game, VIEWS[view], sigma, noise_scale=scale)
+    noise = int(np.random.SeedSequence([seed, len(view), round(1e6 * sigma)]).generate_state(1)[0])
+    seen: Observation = observe([recording], layers, sigma, noise)[0]
+    estimator, rng = Posterior(), np.random.default_rng(seed)
+    estimator.warm_up(problem)
+    started = time.process_time()
+    found = estimator.estimate(problem, seen, rng=rng, budget=600.0)
+    seconds = time.process_time() - started
+    truth = truth / truth.sum(axis=1, keepdims=True)
+    samples = found.samples
+    return Outcome(
+        error=cosine_error(truth, found.weights),
+        covered=samples is not None and covers(samples, truth),
+        control=_control(problem, recording, seen.y),
+        ranks=np.full(truth.shape, np.nan) if samples is None else (samples < truth).mean(axis=0),
+        effective=float(found.extras.get("effective_sample_size", 0.0)),
+        r_hat=float(found.extras.get("split_r_hat", np.inf)),
+        converged=found.converged,
+        seconds=seconds,
+    )
+
+
+def _control(problem: Problem, recording: Recording, y: np.ndarray) -> bool:
+    """Whether noise has no more than its 95 % quantile in the directions of the weights."""
+    game, truth = problem.game, recording.scenario.weights
+    truth = truth / truth.sum(axis=1, keepdims=True)
+    rows = of_seen(sample_sensitivity(problem, SolvedGame(recording.root, truth)), y)
+    by_theta, by_start = np.split(rows, [truth.size], axis=1)
+    tangent, start = by_theta @ theta_tangent(game), np.linalg.qr(by_start)[0]
+    own = np.linalg.qr(tangent - start @ (start.T @ tangent))[0]
+    noise = scaled_samples(problem, y) - expected_samples(problem, recording.states)
+    noise = noise.ravel()[np.isfinite(noise.ravel())] / problem.sigma
+    return bool(np.sum((own.T @ noise) ** 2) <= chdtri(own.shape[1], 1 - LEVEL))
+
+
+def covers(samples: np.ndarray, truth: np.ndarray) -> bool:
+    """Whether the 95 % region of samples (M, N, K) holds the truth (N, K)."""
+    ratios, true_ratios = _log_ratios(samples), _log_ratios(truth)
+    mean, spread = ratios.mean(axis=0), np.cov(ratios, rowvar=False)
+    inverse = np.linalg.pinv(spread)
+    distances = np.einsum("mi,ij,mj->m", ratios - mean, inverse, ratios - mean)
+    own = (true_ratios - mean) @ inverse @ (true_ratios - mean)
+    return bool(own <= np.quantile(distances, LEVEL))
+
+
+def _log_ratios(weights: np.ndarray) -> np.ndarray:
+    ratios = np.log(weights[..., :-1] / weights[..., -1:])
+    return ratios.reshape(*weights.shape[:-2], -1)
+
+
+_TITLES = (
+    f"{'view':8}{'sigma':>7}{'draws':>7}{'error':>8}{'covered % [95 % interval]':>27}"
+    f"{'control':>9}"
+    f"{'weights at 50, 80, 95 %':>25}{'least p':>9}{'ESS 5 %':>9}{'median':>8}"
+    f"{'R-hat 95 %':>12}{'poor %':>8}{'s median':>10}{'95 %':>7}"
+)
+
+
+def _line(outcomes: list[Outcome]) -> str:
+    """The columns of some draws."""
+    covered = [one.covered for one in outcomes]
+    interval = binomtest(sum(covered), len(covered)).proportion_ci()
+    share = f"{100 * np.mean(covered):.1f} [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+    ranks = np.array([one.ranks.ravel() for one in outcomes])
+    within = [100 * np.mean(np.abs(ranks - 0.5) <= level / 2) for level in MARGINAL_LEVELS]
+    effective = np.array([one.effective for one in outcomes])
+    r_hats = [one.r_hat for one in outcomes]
+    poor = 100 * np.mean([not one.converged for one in outcomes])
+    seconds = [one.seconds for one in outcomes]
+    return (
+        f"{len(outcomes):7}{np.mean([one.error for one in outcomes]):8.4f}{share:>27}"
+        f"{100 * np.mean([one.control for one in outcomes]):9.1f}"
+        f"{'  '.join(f'{value:.1f}' for value in within):>25}{least_p(ranks):9.3f}"
+        f"{np.quantile(effective, 0.05):9.0f}{np.median(effective):8.0f}"
+        f"{np.quantile(r_hats, 0.95):12.3f}{poor:8.1f}"
+        f"{np.median(seconds):10.2f}{np.quantile(seconds, 0.95):7.2f}"
+    )
+
+
+def least_p(ranks: np.ndarray) -> float:
+    """The least p after Holm's correction that ranks (draws, weights) are uniform."""
+    known = ranks[np.isfinite(ranks).all(axis=1)]
+    places = np.minimum((known * BINS).astype(int), BINS - 1)
+    counts = [np.bincount(column, minlength=BINS) for column in places.T]
+    return float(min(1.0, len(counts) * min(chisquare(one).pvalue for one in counts)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""Time of processor on HighwayEnv's roads: one more draw, and trials of estimators.
+
+    python scripts/road_speed.py [--draws 10] [--trials 2] [--estimators kkt_constrained ukf ...]
+
+First a line per road on draws: number of players, median and largest time until the game is ready,
+solved and certified locally, and how many are. Each road's first draw, which compiles its solver,
+is not counted. Then a line per road and estimator: median and largest time of a trial, over draws,
+two levels of noise and both views, how many converged, and the median cosine error. Building
+solvers (``warm_up``) is not counted, as in a run.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import time
+from itertools import product
+
+import numpy as np
+
+from olne_bench.envs.scenarios import (
+    get_scenario,
+    highway,
+    intersection,
+    merge,
+    roundabout,
+    two_way,
+)
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.particle import Particle
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.ukf import Ukf
+from olne_bench.games.observation import VIEWS, observe
+from olne_bench.games.olne import solve_olne
+
+ROADS = {
+    "highway": (highway.propose, 5),
+    "merge": (merge.propose, 5),
+    "two_way": (two_way.propose, 5),
+    "roundabout": (roundabout.propose, 4),
+    "intersection": (intersection.propose, 4),
+}
+ESTIMATORS: dict[str, type[KktConstrained | Ukf | Particle]] = {
+    "kkt_constrained": KktConstrained,
+    "ukf": Ukf,
+    "particle": Particle,
+}
+SIGMAS = (0.1, 0.5)
+BUDGET = 120.0  # [s]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draws", type=int, default=10)
+    parser.add_argument("--trials", type=int, default=2, help="draws for each estimator")
+    parser.add_argument("--estimators", nargs="*", choices=ESTIMATORS, default=list(ESTIMATORS))
+    options = parser.parse_args()
+    print("road          N  median ms  largest ms  certified")
+    for name in ROADS:
+        print_draws(name, options.draws)
+    print("road         estimator         N  median ms  largest ms  converged  cosine error")
+    for name, estimator in product(ROADS, options.estimators):
+        print_trials(name, estimator, options.trials)
+
+
+def print_draws(name: str, draws: int) -> None:
+    """Time the draws after the first."""
+    propose, players = ROADS[name]
+    times, certified = [], 0
+    for seed in range(draws + 1):
+        scenario = propose(np.random.default_rng([seed, players, 0]), players)
+        started = time.process_time()
+        found = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
+        times.append(1e3 * (time.process_time() - started))
+        certified += bool(seed and found.certificate.passed)
+    median, largest = np.median(times[1:]), max(times[1:])
+    print(
+        f"{name:12} {players:2} {median:10.1f} {largest:11.1f}  {certified} of {draws}", flush=True
+    )
+
+
+def print_trials(name: str, estimator: str, draws: int) -> None:
+    """Time the trials of one estimator on one road."""
+    times, converged, errors, players = [], 0, [], 0
+    for seed, sigma, view in product(range(draws), SIGMAS, VIEWS):
+        scenario = get_scenario(name, seed)
+        players = scenario.game.num_players
+        milliseconds, estimate = run_trial(scenario, estimator, sigma, view, seed)
+        times.append(milliseconds)
+        converged += estimate.converged
+        errors.append(cosine_error(estimate.weights, scenario.weights))
+    print(
+        f"{name:12} {estimator:16} {players:2} {np.median(times):10.1f} {max(times):11.1f}  "
+        f"{converged} of {len(times)}  {np.median(errors):12.4f}",
+        flush=True,
+    )
+
+
+def run_trial(
+    scenario: Scenario, estimator: str, sigma: float, view: str, seed: int
+) -> tuple[float, Estimate]:
+    """One trial, in milliseconds of processor time; solvers are built before."""
+    game, model = scenario.game, VIEWS[view]
+    truth = solve_olne(game, scenario.weights, scenario.initial_state)
+    noise = np.random.default_rng(seed).standard_normal(truth.states.shape)
+    noisy = truth.states + sigma * np.array(scenario.noise_scale) * noise
+    scale = model.noise_scale(np.array(scenario.noise_scale), game.dynamics)
+    problem = Problem(game, model, sigma, noise_scale=tuple(map(float, scale)))
+    method = ESTIMATORS[estimator]()
+    method.warm_up(problem)
+    observation = Observation(observe(model, game.dynamics, noisy))
+    started = time.process_time()
+    estimate = method.estimate(problem, observation, rng=np.random.default_rng(seed), budget=BUDGET)
+    return 1e3 * (time.process_time() - started), estimate
+
+
+def cosine_error(found: np.ndarray, true: np.ndarray) -> float:
+    """Mean over players of one minus the cosine between weights (N, K)."""
+    dots = (found * true).sum(axis=1)
+    norms = np.linalg.norm(found, axis=1) * np.linalg.norm(true, axis=1)
+    return float(np.mean(1 - dots / norms))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Figures of calibration."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from olne_bench.bench.report.figures import calibration, ranks
+from olne_bench.bench.report.not_drawn import NotDrawnError
+
+NUMBER = 60
+
+
+@pytest.fixture
+def told() -> pd.DataFrame:
+    """Two estimators that are calibrated, of which one has samples, and one that says nothing."""
+    rng = np.random.default_rng(0)
+    frames = []
+    for estimator in ("kkt_constrained", "posterior", "uniform"):
+        for sensor in ("full", "partial"):
+            silent = estimator == "uniform"
+            frames.append(
+                pd.DataFrame(
+                    {
+                        "suite": "test",
+                        "scenario": "two_player",
+                        "sensor": sensor,
+                        "estimator": estimator,
+                        "sigma": 0.1,
+                        "seed": range(NUMBER),
+                        "status": "ok",
+                        "credible_level": np.nan if silent else rng.random(NUMBER),
+                        "tarp_level": rng.random(NUMBER) if estimator == "posterior" else np.nan,
+                        "weight_levels": [
+                            rng.random((2, 3)).tolist() if estimator == "posterior" else None
+                            for _ in range(NUMBER)
+                        ],
+                    }
+                )
+            )
+    return pd.concat(frames)
+
+
+def test_a_curve_for_each_region_and_for_random_points(told: pd.DataFrame) -> None:
+    figure = calibration.draw(told)
+    assert [axes.get_title() for axes in figure.axes] == [
+        f"{sensor}: {NUMBER} trials or more" for sensor in ("full", "partial")
+    ]
+    for axes in figure.axes:
+        # the diagonal, two regions, and one around random points
+        assert [line.get_linestyle() for line in axes.lines].count(":") == 1
+        assert len(axes.lines) == 4
+
+
+def test_a_line_for_each_weight(told: pd.DataFrame) -> None:
+    figure = ranks.draw(told)
+    assert [axes.get_title() for axes in figure.axes] == ["full", "partial"]
+    for axes in figure.axes:
+        assert len(axes.lines) == 1 + 2 * 3
+        for line in axes.lines[1:]:
+            assert np.abs(line.get_ydata()[[0, -1]]).max() < 1e-12
+
+
+def test_nothing_to_draw_is_said(told: pd.DataFrame) -> None:
+    silent = told[told["estimator"] == "uniform"]
+    for module in (calibration, ranks):
+        with pytest.raises(NotDrawnError):
+            module.draw(silent)

@@ -1,0 +1,155 @@
+"""Streams: past samples only, windows, and solves that begin at the last solution."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from olne_bench.estimators.joint_stream import JointStream
+from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.map import Map
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.stream import (
+    Samples,
+    StreamEndedError,
+    Windows,
+    WindowStream,
+    as_stream_estimator,
+    warm_up_stream,
+)
+from olne_bench.estimators.uniform import Uniform
+from olne_bench.games.observation import VIEWS
+
+SIGMA = 0.01
+
+
+@pytest.fixture(scope="module")
+def passing(recorded) -> tuple[Problem, np.ndarray, np.ndarray, np.ndarray]:
+    """A problem, its samples (T, N, d), the true states and weights."""
+    recording = recorded("two_player")
+    scenario = recording.scenario
+    noise = SIGMA * np.random.default_rng(0).standard_normal(recording.states.shape)
+    problem = Problem(scenario.game, VIEWS["full"], SIGMA)
+    return problem, recording.states + noise, recording.states, scenario.weights
+
+
+def follow(estimator: Any, problem: Problem, y: np.ndarray, lag: int | None = None) -> list:
+    """The estimates after each sample."""
+    stream = estimator.start(problem, rng=np.random.default_rng(0), lag=lag)
+    return [stream.update(sample, budget=60) for sample in y]
+
+
+def test_windows_are_estimates_of_what_was_seen(passing) -> None:
+    problem, y, _, _ = passing
+    estimates = follow(Windows(Map()), problem, y[:6])
+    for count in (1, 4, 6):
+        seen = np.where(np.arange(len(y))[:, None, None] < count, y, np.nan)
+        rng = np.random.default_rng(0)
+        expected = Map().estimate(problem, Observation(seen), rng=rng, budget=60)
+        np.testing.assert_array_equal(estimates[count - 1].weights, expected.weights)
+        np.testing.assert_array_equal(estimates[count - 1].states, expected.states)
+
+
+@pytest.mark.parametrize("estimator", [Map(), KktConstrained()], ids=["map", "kkt_constrained"])
+@pytest.mark.parametrize("lag", [None, 8])
+def test_solves_from_the_last_solution_end_where_others_do(passing, estimator, lag) -> None:
+    problem, y, _, _ = passing
+    warm, cold = (follow(one, problem, y, lag) for one in (estimator, Windows(estimator)))
+    assert all(one.converged for one in warm)
+    assert sum(one.extras["starts"] == 0 for one in warm) >= len(y) - 5
+    for ours, theirs in list(zip(warm, cold, strict=True))[6:]:
+        assert ours.extras["objective"] == pytest.approx(theirs.extras["objective"], rel=1e-3)
+        np.testing.assert_allclose(ours.weights, theirs.weights, atol=2e-3)
+
+
+def test_what_explains_nothing_is_no_start(passing) -> None:
+    problem, y, states, _ = passing
+    stream = KktConstrained().start(problem, rng=np.random.default_rng(0))
+    assert isinstance(stream, JointStream)
+    for sample in y[:10]:
+        stream.update(sample, budget=60)
+    stream._last = replace(stream._last, states=stream._last.states + 5.0)  # somewhere else
+    found = stream.update(y[10], budget=60)
+    assert found.converged
+    assert np.abs(found.states - states)[..., :2].max() < 0.1
+
+
+def test_the_rest_of_a_motion_is_a_game_of_the_same_weights(passing) -> None:
+    problem, _, states, weights = passing
+    exact = replace(problem, sigma=0.0)
+    last = follow(KktConstrained(), exact, states, lag=12)[-1]
+    np.testing.assert_allclose(last.weights, weights, atol=1e-5)
+    np.testing.assert_allclose(last.states, states, atol=1e-5)
+
+
+def test_states_go_back_to_the_beginning(passing) -> None:
+    problem, y, states, _ = passing
+    for estimate in follow(Map(), problem, y, lag=5):
+        assert estimate.states.shape == states.shape
+    assert np.abs(estimate.states - states)[..., :2].max() < 0.2
+
+
+class Reads:
+    """Keeps the observations that it gets; its estimates have no states at first."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, np.ndarray]] = []
+
+    def estimate(self, problem: Problem, observation: Observation, **_: Any) -> Estimate:
+        self.seen.append((problem.game.horizon, observation.y))
+        states = np.zeros(problem.game.state_shape) if len(self.seen) > 3 else None
+        return Estimate(weights=np.ones((2, 4)), states=states)
+
+    def warm_up(self, problem: Problem) -> None:
+        self.seen.append((problem.game.horizon, np.zeros(0)))
+
+
+def test_the_latest_samples_count(passing) -> None:
+    problem, y, _, _ = passing
+    reader, horizon = Reads(), len(y)
+    found = follow(Windows(reader), problem, y[:5], lag=3)
+    assert [length for length, _ in reader.seen] == [
+        horizon,
+        horizon,
+        horizon,
+        horizon - 1,
+        horizon - 2,
+    ]
+    _, last = reader.seen[-1]
+    np.testing.assert_array_equal(last[:3], y[2:5])
+    assert np.isnan(last[3:]).all()
+    assert found[-1].states is None  # nothing is known of the first two steps
+
+
+def test_solvers_of_all_windows_are_built(passing) -> None:
+    problem, y, _, _ = passing
+    reader = Reads()
+    warm_up_stream(reader, problem, 20)
+    assert [length for length, _ in reader.seen] == list(range(len(y), 19, -1))
+    warm_up_stream(Uniform(), problem, None)  # it has nothing to build
+
+
+def test_every_estimator_can_follow(passing) -> None:
+    problem, y, _, _ = passing
+    assert isinstance(as_stream_estimator(Map()), Map)
+    (first,) = follow(as_stream_estimator(Uniform()), problem, y[:1])
+    assert first.states is None
+    ipopt = KktConstrained(solver="ipopt").start(problem, rng=np.random.default_rng(0))
+    assert isinstance(ipopt, WindowStream)
+
+
+def test_bad_samples_are_refused(passing) -> None:
+    problem, y, _, _ = passing
+    samples = Samples(problem)
+    with pytest.raises(ValueError, match=r"has the shape \(2, 3\), expected \(2, 4\)"):
+        samples.add(y[0, :, :3])
+    with pytest.raises(ValueError, match="infinite"):
+        samples.add(np.full_like(y[0], np.inf))
+    for sample in y:
+        samples.add(sample)
+    with pytest.raises(StreamEndedError, match=f"ends after {len(y)} samples"):
+        samples.add(y[0])
+    for lag in (1, 0, -3, 2.5, True):
+        with pytest.raises(ValueError, match="a lag is a number of samples of at least 2"):
+            Samples(problem, lag)

@@ -1,0 +1,91 @@
+"""Best responses by Newton's method of one player, against IPOPT and against the definition."""
+
+import numpy as np
+import pytest
+
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games import olne
+from olne_bench.games.best_response import best_response, best_responses
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.kkt import kkt_system
+from olne_bench.games.native import NativeElimination, Stop, elimination, plain_elimination
+from olne_bench.games.newton import Root, rows
+
+NAMES = {"two_player": None, "random": 3, "two_way": 0}
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def played(request: pytest.FixtureRequest):
+    """A scenario and its equilibrium."""
+    scenario = get_scenario(request.param, NAMES[request.param])
+    return scenario, olne.solve_olne(scenario.game, scenario.weights, scenario.initial_state)
+
+
+def test_costs_are_those_of_the_stacked_system(played) -> None:
+    scenario, found = played
+    game, theta = scenario.game, scenario.weights.ravel()
+    z = rows(game, found.states, found.controls, found.costates)
+    function = kkt_system(game).cost_function
+    wanted = np.array(function(found.states.ravel(), found.controls.ravel(), theta)).ravel()
+    plain = plain_elimination(game)
+    for solver in (plain, elimination(game)):
+        np.testing.assert_allclose(solver.costs(z, theta), wanted, rtol=1e-12)
+
+
+def deviating(scenario, found, player: int, plan: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States and controls where one player follows a plan of its own."""
+    game, controls, states = scenario.game, found.controls.copy(), found.states.copy()
+    controls[:, player] = plan
+    rolled = rollout(game.dynamics, found.states[0], controls, game.dt)
+    states[:, player] = rolled[:, player]
+    return states, controls
+
+
+@pytest.mark.usefixtures("compiler")
+def test_near_responses_end_at_the_equilibrium(played) -> None:
+    scenario, found = played
+    rng = np.random.default_rng(0)
+    for player in range(scenario.game.num_players):
+        own = found.controls[:, player]
+        plans = own + 1e-3 * rng.standard_normal((3, *own.shape))
+        arguments = found.states, found.controls, scenario.weights
+        result = best_responses(scenario.game, player, plans, *arguments)
+        assert result.converged.all() and result.iterations.max() < 20
+        np.testing.assert_allclose(result.costs, found.certificate.costs[player], rtol=1e-9)
+        for controls, costates in zip(result.controls, result.costates, strict=True):
+            np.testing.assert_allclose(controls, own, atol=1e-4)
+            np.testing.assert_allclose(costates, found.costates[:, player], atol=1e-2)
+
+
+@pytest.mark.usefixtures("compiler")
+def test_far_responses_are_stationary_feasible_and_no_worse_than_their_plans(played) -> None:
+    scenario, found = played
+    game, theta = scenario.game, scenario.weights.ravel()
+    solver = elimination(game)
+    assert isinstance(solver, NativeElimination)
+    for player in range(game.num_players):
+        plan = 0.5 * found.controls[::-1, player]
+        states, controls = deviating(scenario, found, player, plan)
+        z = rows(game, states, controls, found.costates)
+        result = solver.responses(player, plan[None], z, theta)
+        if result.stops[0] == Stop.EARLY:
+            continue
+        assert result.costs[0] <= solver.costs(z, theta)[player]
+        states, controls = deviating(scenario, found, player, result.controls[0])
+        z = rows(game, states, controls, found.costates)
+        assert solver.costs(z, theta)[player] == pytest.approx(result.costs[0], rel=1e-12)
+        again = best_response(game, player, states, controls, scenario.weights[player])
+        assert again.cost >= result.costs[0] - 1e-7 * (1 + abs(result.costs[0]))
+
+
+def test_what_is_no_equilibrium_is_not_certified() -> None:
+    scenario = get_scenario("random", 1, num_players=2)
+    game = scenario.game
+    found = olne.solve_olne(game, scenario.weights, scenario.initial_state)
+    assert found.certificate.passed
+    other = Root(found.states, found.controls, found.costates, residual=1.0)
+    assert not olne.certify(game, other, scenario.weights).passed
+    worse = rollout(game.dynamics, found.states[0], found.controls + 0.05, game.dt)
+    moved = Root(worse, found.controls + 0.05, found.costates, residual=0.0)
+    certificate = olne.certify(game, moved, scenario.weights)
+    assert not certificate.passed and certificate.gains.max() > 1e-4
