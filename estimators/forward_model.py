@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from olne_bench.estimators.interior_point import joint_elimination, solve_joint
-from olne_bench.estimators.joint_problem import JointPoint, JointSettings
+from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.estimators.joint_starts import largest_explicable
 from olne_bench.estimators.kkt_residual import residual_weights
 from olne_bench.estimators.protocol import Observation, Problem
@@ -25,7 +25,13 @@ from olne_bench.estimators.trajectory_fit import (
     warm_up_fit,
 )
 from olne_bench.estimators.white_noise import assumed_sigma
-from olne_bench.estimators.window_starts import followed, free_drive, is_window, window_points
+from olne_bench.estimators.window_starts import (
+    followed,
+    free_drive,
+    is_window,
+    tied_settings,
+    window_points,
+)
 from olne_bench.games.batch import Batch, solve_batch
 from olne_bench.games.continuation import follow_coupling
 from olne_bench.games.elimination import Elimination
@@ -49,8 +55,8 @@ from olne_bench.games.root_following import from_independent_players
 #: where the equilibrium is not a function of (theta, x_1).
 _TIES = (1.0, 10.0)
 
-#: Iterations of the joint problem for a first game, and its tolerance.
-_MOST_ITERATIONS, _LOOSE = 150, 1e-6
+#: Iterations of the joint problem for a first game.
+_MOST_ITERATIONS = 150
 
 #: Its first barrier, and those that are tried where most of the motion is still to come.
 _BARRIER, _WINDOW_BARRIERS = 0.1, (1.0, 1e-3)
@@ -194,21 +200,8 @@ def _tied_game(
 ) -> SolvedGame | None:
     """The game to which a start of the tied problem leads, or None."""
     game = problem.game
-    solution = solve_joint(
-        game,
-        problem.view,
-        y,
-        start,
-        JointSettings(
-            noise_scale=problem.noise_scale,
-            weight_floor=problem.weight_floor,
-            tie=tie,
-            parameter_tie=tie,
-            tolerance=_LOOSE,
-            max_iterations=_MOST_ITERATIONS,
-            first_barrier=barrier,
-        ),
-    )
+    settings = replace(tied_settings(problem, tie, _MOST_ITERATIONS), first_barrier=barrier)
+    solution = solve_joint(game, problem.view, y, start, settings)
     # With constraints, the tied optimum is often at a kink, where iterations do not settle. Any
     # root nearby will do.
     if not (solution.converged or game.constraints):

@@ -99,10 +99,8 @@ def seen_then_free(problem: Problem, y: np.ndarray) -> JointPoint:
         problem: what is known. Hard constraints do not count here.
         y: (T, N, d) observations, NaN where missing.
     """
-    game = problem.game
-    shown = max(_LEAST, int(_last_seen(y).min()))
-    states = smoothed(guess_states(game, problem.view, y[:shown]), _SMOOTHING)
-    if shown < game.horizon:
+    game, states = problem.game, _shown_states(problem, y)
+    if (shown := len(states)) < game.horizon:
         ahead = drive_alone(replace(game, horizon=game.horizon - shown + 1), states[-1])
         states = np.concatenate([states, ahead.states[1:]])
     return JointPoint.from_trajectory(game, states, guess_controls(game, states))
@@ -115,10 +113,14 @@ def free_drive(problem: Problem, y: np.ndarray) -> JointPoint:
         problem: what is known. Hard constraints do not count here.
         y: (T, N, d) observations, NaN where missing.
     """
-    game = problem.game
+    states = _shown_states(problem, y)
+    return drive_alone(problem.game, states[0], guess_controls(problem.game, states))
+
+
+def _shown_states(problem: Problem, y: np.ndarray) -> np.ndarray:
+    """(S, N, n) states up to the last sample that shows every player, slightly smoothed."""
     shown = max(_LEAST, int(_last_seen(y).min()))
-    states = smoothed(guess_states(game, problem.view, y[:shown]), _SMOOTHING)
-    return drive_alone(game, states[0], guess_controls(game, states))
+    return smoothed(guess_states(problem.game, problem.view, y[:shown]), _SMOOTHING)
 
 
 def drive_alone(game: Game, start: np.ndarray, first: np.ndarray | None = None) -> JointPoint:
@@ -146,6 +148,24 @@ def drive_alone(game: Game, start: np.ndarray, first: np.ndarray | None = None) 
     return replace(point, states=states, controls=controls, costates=costates)
 
 
+def tied_settings(problem: Problem, tie: float, iterations: int) -> JointSettings:
+    """Settings of a loose solve whose weights and unknowns are tied to uniform and to their means.
+
+    Args:
+        problem: what is known.
+        tie: factor of the terms |theta - 1/K|^2 and |s|^2.
+        iterations: most iterations.
+    """
+    return JointSettings(
+        noise_scale=problem.noise_scale,
+        weight_floor=problem.weight_floor,
+        tie=tie,
+        parameter_tie=tie,
+        tolerance=_LOOSE,
+        max_iterations=iterations,
+    )
+
+
 def followed(problem: Problem, y: np.ndarray, start: JointPoint, tie: float = 1.0) -> JointPoint:
     """The solution with weights tied to uniform, as samples are added to the first ones.
 
@@ -158,14 +178,7 @@ def followed(problem: Problem, y: np.ndarray, start: JointPoint, tie: float = 1.
     Returns:
         The last point at which a solve converged.
     """
-    settings = JointSettings(
-        noise_scale=problem.noise_scale,
-        weight_floor=problem.weight_floor,
-        tie=tie,
-        parameter_tie=tie,
-        tolerance=_LOOSE,
-        max_iterations=_ITERATIONS,
-    )
+    settings = tied_settings(problem, tie, _ITERATIONS)
     point, shown = start, int(_last_seen(y).max())
     growth = max(1, -(-(shown - _FIRST) // _ADDITIONS))
     for count in (*range(_FIRST, shown, growth), shown):

@@ -63,13 +63,23 @@ def alone(tmp_path_factory) -> pd.DataFrame:
     return Run(tmp_path_factory.mktemp("alone"), []).neighbours()
 
 
+def rows_of(run: Run, group: list[Hostile]) -> dict[str, tuple[str, str]]:
+    """Status and message of each, by name."""
+    return {one.name: tuple(run.rows.loc[one.name, ["status", "message"]]) for one in group}
+
+
 def check(folder, group: list[Hostile], alone: pd.DataFrame, limit: float = 4.0) -> None:
     run = Run(folder / "run", write(folder / "plugins", group), limit=limit)
     assert run.code == 0, run.said
     assert "Traceback" not in run.said
     assert run.left == []
     pd.testing.assert_frame_equal(run.neighbours(), alone, check_exact=True)
-    found = {one.name: tuple(run.rows.loc[one.name, ["status", "message"]]) for one in group}
+    found = rows_of(run, group)
+    # A busy machine may stop for seconds: what was killed has another try, alone and without haste.
+    slow = [one for one in group if found[one.name][0] == "timeout" and one.status != "timeout"]
+    if slow:
+        again = Run(folder / "again", write(folder / "slow", slow), limit=30.0)
+        found |= rows_of(again, slow)
     wrong = {
         one.name: (found[one.name], one.status, one.phrase)
         for one in group
