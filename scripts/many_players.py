@@ -42,7 +42,11 @@ def line(num_players: int, draws: int, estimates: int) -> str:
     set_up = -used()
     KktConstrained().warm_up(problem_of(get_scenario("random", 0, num_players=num_players)))
     set_up += used()
-    certified, solves, certificates, inverse, errors = 0, [], [], [], []
+    certified = 0
+    solves: list[float] = []
+    certificates: list[float] = []
+    inverse: list[float] = []
+    errors: list[float] = []
     for seed in range(draws):
         scenario = get_scenario("random", seed, num_players=num_players)
         solve, check, found = forward(scenario)
