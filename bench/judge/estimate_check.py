@@ -66,6 +66,16 @@ class CheckedEstimate:
             return self.weights
         return np.hstack([self.weights, game.parameters.standardised(self.parameters)])
 
+    def sampled_theta(self, game: Game, most: int) -> np.ndarray | None:
+        """(M, N, K + U) of so many samples at most, evenly spaced; None without samples."""
+        if self.samples is None or (game.parameters.count and self.parameter_samples is None):
+            return None
+        chosen = np.linspace(0, len(self.samples) - 1, min(most, len(self.samples))).astype(int)
+        if self.parameter_samples is None:
+            return self.samples[chosen]
+        unknown = [game.parameters.standardised(one) for one in self.parameter_samples[chosen]]
+        return np.concatenate([self.samples[chosen], unknown], axis=2)
+
 
 def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
     """Check an estimate and scale its weights.

@@ -22,6 +22,7 @@ from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.judge.truth import (
     Draw,
     held_out,
+    held_out_samples,
     noise_seed,
     predict_from_start,
     true_recordings,
@@ -292,6 +293,7 @@ def _scored(
         judged,
         prediction=prediction.root.states,
         held_out=partial(_held_out, case.draw, theta, trial.root_iterations),
+        held_out_samples=partial(_held_out_samples, case, trial, estimate),
         likelihood_ratio=partial(
             likelihood_ratio,
             *(case.problem, case.observations, case.recordings),
@@ -327,6 +329,20 @@ def _with_scores(
 def _held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
     try:
         return held_out(draw, theta, root_iterations)
+    except NoEquilibriumError:  # nothing near this draw to predict
+        return None
+
+
+def _held_out_samples(
+    case: Case, trial: Trial, estimate: CheckedEstimate, most: int
+) -> np.ndarray | None:
+    game = case.problem.game
+    samples = estimate.sampled_theta(game, most)
+    if samples is None:
+        return None
+    try:
+        theta = estimate.theta(game)
+        return held_out_samples(case.draw, theta, samples, trial.root_iterations)
     except NoEquilibriumError:  # nothing near this draw to predict
         return None
 

@@ -13,6 +13,7 @@ from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.batch import solve_batch
 from olne_bench.games.information import (
     cosine_error_limit,
     joint_weight_covariance,
@@ -21,6 +22,7 @@ from olne_bench.games.information import (
     of_weights,
 )
 from olne_bench.games.nearest_root import Prediction, predict
+from olne_bench.games.newton import Root
 from olne_bench.games.sensor import SensorModel
 
 #: Number of other initial states from which predictions are judged.
@@ -112,7 +114,42 @@ def held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldO
     Raises:
         NoEquilibriumError: if there are too few certified equilibria nearby.
     """
-    return _held_out(draw, theta.tobytes(), root_iterations)
+    roots = _held_out_roots(draw, theta.tobytes(), root_iterations)
+    if roots is None:
+        return None
+    pairs = zip(held_out_recordings(draw), roots, strict=True)
+    return tuple(HeldOut(one.states, root.states) for one, root in pairs)
+
+
+def held_out_samples(
+    draw: Draw, theta: np.ndarray, samples: np.ndarray, root_iterations: int
+) -> np.ndarray | None:
+    """Predictions from the states of ``held_out`` at samples of theta, followed from its own.
+
+    Args:
+        draw: the truth.
+        theta: (N, K + U) of the estimate.
+        samples: (M, N, K + U).
+        root_iterations: as in ``Suite``.
+
+    Returns:
+        (H, M, T, N, n), NaN for a sample whose game is not found; None as in ``held_out``.
+
+    Raises:
+        NoEquilibriumError: as in ``held_out``.
+    """
+    roots = _held_out_roots(draw, theta.tobytes(), root_iterations)
+    if roots is None:
+        return None
+    game = true_recording(draw).scenario.told
+    found = []
+    for root in roots:
+        try:
+            batch = solve_batch(game, samples, root, theta)
+        except ValueError:  # singular at the estimate
+            return None
+        found.append(np.where(batch.converged[:, None, None, None], batch.states, np.nan))
+    return np.stack(found)
 
 
 def predict_from_start(draw: Draw, theta: np.ndarray, root_iterations: int) -> Prediction:
@@ -180,17 +217,15 @@ def _nearby(draw: Draw, count: int, purpose: str) -> tuple[Recording, ...]:
 
 
 @lru_cache(maxsize=16)
-def _held_out(draw: Draw, theta: bytes, root_iterations: int) -> tuple[HeldOut, ...] | None:
+def _held_out_roots(draw: Draw, theta: bytes, root_iterations: int) -> tuple[Root, ...] | None:
+    """Roots from the held-out states at theta; None as in ``held_out``."""
     recordings = held_out_recordings(draw)
     known = _prediction(draw, theta, root_iterations).root
     if known is None:
         return None
     shaped = np.frombuffer(theta).reshape(recordings[0].scenario.theta.shape)
     roots = follow_start(recordings, shaped, known)
-    if len(roots) < len(recordings):
-        return None
-    pairs = zip(recordings, roots, strict=True)
-    return tuple(HeldOut(one.states, root.states) for one, root in pairs)
+    return tuple(roots) if len(roots) == len(recordings) else None
 
 
 @lru_cache(maxsize=128)

@@ -13,6 +13,7 @@ from olne_bench.bench.judge.metrics.crps import Crps
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
 from olne_bench.bench.judge.metrics.energy_score import EnergyScore
 from olne_bench.bench.judge.metrics.held_out_error import HeldOutError
+from olne_bench.bench.judge.metrics.held_out_log_score import HeldOutLogScore
 from olne_bench.bench.judge.metrics.parameter_error import ParameterError
 from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.judge.metrics.reconstruction_error import ReconstructionError
@@ -25,6 +26,6 @@ BUILT_IN: tuple[MetricDeclaration, ...] = tuple(
     for metric in (
         *(PositionError, HeldOutError, CosineError, ParameterError),
         *(ReconstructionError, CoversTruth, CoversParameters),
-        *(RegionWidth, CredibleLevel, TarpLevel, EnergyScore, Crps),
+        *(RegionWidth, CredibleLevel, TarpLevel, EnergyScore, Crps, HeldOutLogScore),
     )
 )

@@ -26,6 +26,10 @@ def nothing_held_out() -> None:
     """Held-out predictions of a trial that has none: None."""
 
 
+def nothing_sampled(most: int) -> None:
+    """Held-out predictions at samples of a trial that has none: None."""
+
+
 def no_ratio() -> None:
     """The likelihood ratio of a trial that has none: None."""
 
@@ -44,6 +48,9 @@ class Judged:
             less that of the true weights; None if that fails.
         held_out: computes predictions from other initial states; returns None if there are none,
             or if the game has no root at one of them.
+        held_out_samples: computes predictions (H, M, T, N, n) from the same states at so many of
+            the estimate's samples at most, NaN where a sample has no game; None as in ``held_out``,
+            and without samples.
     """
 
     recordings: tuple[Recording, ...]
@@ -52,6 +59,7 @@ class Judged:
     sigma: float
     held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing_held_out
     likelihood_ratio: Callable[[], float | None] = no_ratio
+    held_out_samples: Callable[[int], np.ndarray | None] = nothing_sampled
 
     def __post_init__(self) -> None:
         for one in self.recordings:

@@ -112,6 +112,15 @@ def test_a_plugin_of_one_trajectory_is_skipped_where_there_are_more(tmp_path, ou
         assert outcome.message == "takes one trajectory at a time, not 2"
 
 
+def test_samples_foretell_held_out_positions(outcomes):
+    noise_free, noisy, joint_free, joint = outcomes(
+        '["posterior", "kkt_constrained"]', trajectories=""
+    )
+    assert noise_free.scores.get("held_out_log_score") is None
+    assert joint_free.scores.get("held_out_log_score") is None
+    assert -0.1 < noisy.scores["held_out_log_score"] < joint.scores["held_out_log_score"] + 0.05
+
+
 def test_a_plugin_of_one_trajectory_is_given_one(tmp_path, outcomes):
     for outcome in outcomes(plugin(tmp_path), trajectories=""):
         assert outcome.status == "ok"
