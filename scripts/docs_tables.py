@@ -17,7 +17,18 @@ from paper_claims import claims_of
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
 PAPER = ["two_player", "highway_overtaking"]
-PAGES = ("README.md", "docs/estimators.md", "docs/study.md")
+PAGES = (
+    "README.md",
+    "docs/estimators.md",
+    "docs/study.md",
+    "docs/unknowns.md",
+    "docs/constraints.md",
+)
+#: Columns of a leaderboard, and their heads in the table of constraints.
+_WORTH = {
+    "position_error_median": "Position error",
+    "cosine_error_median": "Cosine error",
+}
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -101,6 +112,44 @@ def exponents() -> str:
     return _markdown(["Sensor", "Noise [m]", *wide.columns, "Cramér-Rao limit"], rows, left=1)
 
 
+def parameters() -> str:
+    """Suite ``parameters``: errors of weights and unknowns, all noise levels together."""
+    board = _leaderboard("parameters")
+    board = board[board["cosine_error_median"].notna()]
+    rows = [
+        [
+            row["scenario"],
+            row["sensor"],
+            row["estimator"],
+            _number(row["cosine_error_median"]),
+            _number(row["parameter_error_median"]),
+            _share(row["covers_parameters_share"]),
+            f"{row['failures']} of {row['trials']}",
+            _number(1e3 * row["solve_seconds_median"]),
+        ]
+        for row in board.to_dict("records")
+    ]
+    heads = "Scenario, Sensor, Estimator, Cosine error, Parameter error, Covered, Failures, ms"
+    return _markdown(heads.split(", "), rows, left=3)
+
+
+def constrained() -> str:
+    """Suite ``constrained``, full sensor: median errors with the constraints and in ignorance."""
+    board = _leaderboard("constrained")
+    board = board[board["sensor"] == "full"].set_index(["scenario", "estimator"])
+    rows = []
+    for scenario, name in board.index:
+        if (scenario, f"{name}, ignorant") not in board.index:
+            continue
+        pair = [board.loc[(scenario, one)] for one in (name, f"{name}, ignorant")]
+        cells = [_number(one[column]) for column in _WORTH for one in pair]
+        failures = [f"{one['failures']} of {one['trials']}" for one in pair]
+        rows.append([scenario, name, *cells, *failures])
+    heads = (*_WORTH.values(), "Failures")
+    both = [f"{head}{end}" for head in heads for end in ("", ", ignorant")]
+    return _markdown(["Scenario", "Estimator", *both], rows, left=2)
+
+
 def claims() -> str:
     """The measurements of ``scripts/paper_claims.py``."""
     rows = [
@@ -116,7 +165,8 @@ def claims() -> str:
 
 
 TABLES: dict[str, Callable[[], str]] = {
-    table.__name__: table for table in (paper, field, times, coverage, exponents, claims)
+    table.__name__: table
+    for table in (paper, field, times, coverage, exponents, claims, parameters, constrained)
 }
 
 
@@ -133,6 +183,10 @@ def _number(value: float) -> str:
     if abs(value) < 1e-9:
         return "0"
     return f"{value:.0f}" if abs(value) >= 99.5 else f"{float(f'{value:.2g}'):g}"
+
+
+def _share(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.0%}"
 
 
 def _markdown(heads: list[str], rows: list[list[str]], left: int) -> str:

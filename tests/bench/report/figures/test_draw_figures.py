@@ -46,9 +46,19 @@ def assert_drawn(files: list[Path]) -> None:
             assert inked > 0.01, f"{file.name} is blank"
 
 
-def test_a_study_gives_every_figure_small_and_not_blank(drawn, make_trials, tmp_path):
-    files = drawn(make_trials(), tmp_path / "new" / "folder", FORMATS)
-    assert names(files) == expected("two_player", formats=FORMATS)
+@pytest.mark.parametrize(
+    ("formats", "part"),
+    [
+        (ONE_FORMAT, {"sensors": ("full",), "seeds": 1}),
+        pytest.param(FORMATS, {}, marks=pytest.mark.long),
+    ],
+    ids=["one format", "all"],
+)
+def test_a_study_gives_every_figure_small_and_not_blank(
+    drawn, make_trials, tmp_path, formats, part
+):
+    files = drawn(make_trials(**part), tmp_path / "new" / "folder", formats)
+    assert names(files) == expected("two_player", formats=formats)
     assert_drawn(files)
     assert max(file.stat().st_size for file in files) < 300_000
 
@@ -62,6 +72,7 @@ def test_reruns_give_identical_files(drawn, make_trials, tmp_path):
         assert b"<dc:date>" not in a.read_bytes()
 
 
+@pytest.mark.long
 def test_the_users_own_settings_do_not_matter(drawn, make_trials, tmp_path):
     trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
     plain = drawn(trials, tmp_path / "a")
@@ -89,9 +100,8 @@ def test_any_part_of_a_study_will_do(drawn, make_trials, tmp_path, part):
     assert_drawn(files)
 
 
-@pytest.mark.parametrize("status", ["crash", "not_converged"])
-def test_failures_alone_are_drawn_as_such(drawn, make_trials, tmp_path, status):
-    files = drawn(make_trials(status=status), tmp_path)
+def test_failures_alone_are_drawn_as_such(drawn, make_trials, tmp_path):
+    files = drawn(make_trials(status="not_converged"), tmp_path)
     # Without weights there is no landscape, but the bundles say that all failed.
     assert names(files) == expected("two_player", ("errors", "failures", "trajectories"))
     assert_drawn(files)
@@ -108,6 +118,7 @@ def test_nothing_attempted_gives_no_figure(drawn, make_trials, tmp_path):
     assert drawn(trials.head(0), tmp_path) == []
 
 
+@pytest.mark.long
 def test_skipped_trials_change_nothing(drawn, make_trials, tmp_path):
     trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
     declined = make_trials(estimators=("picky",), status="skipped")
