@@ -112,19 +112,10 @@ class Posterior:
         if unseen.size:
             players = ", ".join(map(str, unseen))
             return _nothing(problem, f"never seen, hence not identified: player {players}")
-        problem, game = replace(problem, sigma=assumed_sigma(problem)), problem.game
-        optima = probable_optima(problem, seen.y, self.alpha, deadline)
-        size = game.num_players, game.num_weights, problem.weight_floor
-        chart = NormalChart(*size, self.alpha, game.parameters)
-        density = FollowedGames(problem, seen, chart, deadline)
-        return self._sampled(density, _meant(problem, optima), rng)
-
-    def _sampled(
-        self, density: FollowedGames, optima: Sequence[JointSolution], rng: np.random.Generator
-    ) -> Estimate:
-        peaks = _peaks(density, optima)
+        problem = replace(problem, sigma=assumed_sigma(problem))
+        density, peaks = self.peaks(problem, seen, deadline)
         if not peaks:
-            return _nothing(density.problem, "no equilibrium found that explains the observations")
+            return _nothing(problem, "no equilibrium found that explains the observations")
         fits = perturbed_fits(
             density,
             peaks,
@@ -135,8 +126,25 @@ class Posterior:
             enough=self.enough,
         )
         if not fits.effective:
-            return _nothing(density.problem, "no game could be followed from the most probable one")
+            return _nothing(problem, "no game could be followed from the most probable one")
         return _estimate(density, peaks, fits, fits.resampled(self.count, rng))
+
+    def peaks(
+        self, problem: Problem, observation: Observation, deadline: float
+    ) -> tuple[FollowedGames, list[Peak]]:
+        """The density (B1) and its peaks, the most probable first.
+
+        Args:
+            problem: what is known; its noise is white and its sigma positive.
+            observation: what was seen.
+            deadline: in seconds of ``time.monotonic``.
+        """
+        game = problem.game
+        optima = probable_optima(problem, observation.y, self.alpha, deadline)
+        size = game.num_players, game.num_weights, problem.weight_floor
+        chart = NormalChart(*size, self.alpha, game.parameters)
+        density = FollowedGames(problem, observation, chart, deadline)
+        return density, _peaks(density, _meant(problem, optima))
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""

@@ -1,0 +1,122 @@
+"""Long Markov chains on a density of errors, as a reference for faster samplers.
+
+Steps are those of the simplified manifold Metropolis-adjusted Langevin algorithm (Girolami and
+Calderhead 2011). With F and its derivative J at a place (``residual_density``), G = J' J:
+
+    x' ~ N(x - h^2/2 G^-1 J' F, h^2 G^-1),
+
+accepted by Metropolis and Hastings. The length h is adapted in the first half, which is not kept.
+A point without a game has a density of zero.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from tqdm import tqdm
+
+from olne_bench.estimators.perturbed_fits import Peak, counts_of
+from olne_bench.estimators.residual_density import Density, Places, joined
+
+#: Wanted share of accepted steps, the first length, and how fast the length follows the share.
+_ACCEPTED, _LENGTH, _RATE = 0.57, 0.8, 0.1
+
+
+@dataclass(frozen=True)
+class Chains:
+    """The second half of all chains.
+
+    Attributes:
+        points: (C, S, d).
+        accepted: share of accepted steps.
+    """
+
+    points: np.ndarray
+    accepted: float
+
+
+def run_chains(
+    density: Density,
+    peaks: list[Peak],
+    rng: np.random.Generator,
+    *,
+    count: int,
+    steps: int,
+    thin: int,
+) -> Chains:
+    """Chains that start around all peaks.
+
+    Args:
+        density: of what is sampled.
+        peaks: where chains start, by Laplace's approximation.
+        rng: the source of randomness.
+        count: number of chains.
+        steps: of each chain; the first half is not kept.
+        thin: one of so many points is kept.
+    """
+    places, length = _starts(density, peaks, count, rng), _LENGTH
+    kept, accepted = [], []
+    for step in tqdm(range(steps), leave=False, disable=None):
+        share = _step(density, places, length, rng)
+        if step < steps // 2:
+            length *= np.exp(_RATE * (share - _ACCEPTED))
+        else:
+            accepted.append(share)
+            if step % thin == 0:
+                kept.append(places.points.copy())
+    return Chains(np.stack(kept, axis=1), float(np.mean(accepted)))
+
+
+def _starts(density: Density, peaks: list[Peak], count: int, rng: np.random.Generator) -> Places:
+    """Points around the peaks; the peak itself where there is no game."""
+    found = []
+    for peak, number in zip(peaks, counts_of(peaks, count), strict=True):
+        places = peak.place.at(np.zeros(number, dtype=int))
+        offsets = np.linalg.solve(peak.triangle, rng.standard_normal((peak.size, number))).T
+        trial = density.reach(places.points + offsets, places)
+        places.put(trial.possible, trial.at(trial.possible))
+        found.append(places)
+    return joined(found)
+
+
+def _step(density: Density, places: Places, length: float, rng: np.random.Generator) -> float:
+    """One step of all chains, in place; the share that is accepted."""
+    here = _Proposal.at(places, length)
+    noise = rng.standard_normal(places.points.shape)
+    trial = density.reach(here.draw(noise), places)
+    good = trial.possible.copy()
+    if good.any():
+        back = _Proposal.at(trial.at(good), length)
+        gain = trial.log_density[good] - places.log_density[good]
+        gain += back.log_density(places.points[good])
+        gain -= here.log_density(trial.points)[good]
+        good[good] = np.log(rng.random(int(good.sum()))) < gain
+        places.put(good, trial.at(good))
+    return float(good.mean())
+
+
+@dataclass(frozen=True)
+class _Proposal:
+    """Where chains go from places: means (B, d), and roots L (B, d, d) of the precisions L L'."""
+
+    means: np.ndarray
+    roots: np.ndarray
+
+    @classmethod
+    def at(cls, places: Places, length: float) -> "_Proposal":
+        rows = places.rows
+        metric = np.swapaxes(rows, 1, 2) @ rows
+        slope = np.einsum("bod,bo->bd", rows, places.errors)
+        drift = np.linalg.solve(metric, slope[..., None])[..., 0]
+        means = places.points - length**2 / 2 * drift
+        return cls(means, np.linalg.cholesky(metric) / length)
+
+    def draw(self, noise: np.ndarray) -> np.ndarray:
+        """Points (B, d) for standard normal numbers (B, d)."""
+        upper = np.swapaxes(self.roots, 1, 2)
+        return np.asarray(self.means + np.linalg.solve(upper, noise[..., None])[..., 0])
+
+    def log_density(self, points: np.ndarray) -> np.ndarray:
+        """Log density (B,), less a constant, of points (B, d)."""
+        away = np.einsum("bij,bi->bj", self.roots, points - self.means)
+        volumes = np.log(np.diagonal(self.roots, axis1=1, axis2=2)).sum(axis=1)
+        return np.asarray(volumes - np.sum(away**2, axis=1) / 2)

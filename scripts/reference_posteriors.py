@@ -1,0 +1,170 @@
+"""Posterior samples against long Markov chains, by a classifier (C2ST).
+
+    pip install -e ".[references]"
+    python scripts/reference_posteriors.py two_player --observations 10
+
+Each observation has a draw, a view and a noise level of its own: weights are uniform on the
+simplex. ``manifold_chains`` samples the same density as ``posterior`` by another method, and starts
+at the same peaks. A network then learns to tell 1,000 samples of the weights of one from those of
+the other (Lopez-Paz and Oquab 2017): a share of right answers of 0.5 means that it cannot. Prints a
+line per observation, and writes the chains' samples to
+results/calibration/references_SCENARIO.parquet.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import arviz
+import numpy as np
+import pandas as pd
+from manifold_chains import Chains, run_chains
+from sklearn.model_selection import StratifiedKFold, cross_val_score
+from sklearn.neural_network import MLPClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from olne_bench.bench.judge.observe import observe, sensor_model
+from olne_bench.envs.recording import NoEquilibriumError, Recording, record
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.true_weights import DIRICHLET
+from olne_bench.estimators.posterior import Posterior
+from olne_bench.estimators.protocol import Estimate, Problem
+from olne_bench.games.observation import VIEWS
+
+FOLDER = Path(__file__).parents[1] / "results" / "calibration"
+SIGMAS = {
+    "two_player": (0.01, 0.03, 0.1),
+    "highway_overtaking": (0.005, 0.02, 0.05),
+    "highway": (0.05, 0.2, 0.5),
+    "merge": (0.05, 0.2, 0.5),
+}
+#: Seed of the first draw. `scripts/posterior_calibration.py` uses others.
+FIRST = 7000
+KEPT = 1000  # samples of each observation
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Samples of the chains.
+
+    Attributes:
+        weights: (M, N, K).
+        r_hat: the largest over weights.
+        effective: the least bulk effective sample size.
+        accepted: share of accepted steps.
+    """
+
+    weights: np.ndarray
+    r_hat: float
+    effective: float
+    accepted: float
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenario", choices=SIGMAS)
+    parser.add_argument("--observations", type=int, default=10)
+    parser.add_argument("--chains", type=int, default=40)
+    parser.add_argument("--steps", type=int, default=6000)
+    parser.add_argument("--out", type=Path, default=FOLDER)
+    options = parser.parse_args()
+    print("seed view    sigma   C2ST  peaks  R-hat   ESS  accepted  ESS of posterior  seconds")
+    rows = []
+    cells = list(product(SIGMAS[options.scenario], ("full", "partial")))
+    for k, seed in enumerate(range(FIRST, FIRST + options.observations)):
+        sigma, view = cells[k % len(cells)]
+        try:
+            recording = record(_scenario(options.scenario, seed))
+        except NoEquilibriumError:
+            print(f"{seed}: no certified equilibrium")
+            continue
+        started = time.process_time()
+        estimate, reference, peaks = _both(recording, seed, view, sigma, options)
+        score = c2st(estimate, reference) if estimate.samples is not None else np.nan
+        effective = estimate.extras.get("effective_sample_size", 0)
+        print(
+            f"{seed} {view:8}{sigma:5g}  {score:.3f}  {peaks:5}  {reference.r_hat:.3f}"
+            f"{reference.effective:6.0f}  {reference.accepted:8.2f}  {effective:16.0f}"
+            f"{'' if estimate.converged else ' (not converged)'}"
+            f"  {time.process_time() - started:7.0f}",
+            flush=True,
+        )
+        rows.append(
+            {
+                "scenario": options.scenario,
+                "seed": seed,
+                "view": view,
+                "sigma": sigma,
+                "c2st": score,
+                "r_hat": reference.r_hat,
+                "effective": reference.effective,
+                "weights": reference.weights[..., :-1].astype(np.float32).ravel(),
+            }
+        )
+    options.out.mkdir(parents=True, exist_ok=True)
+    table = pd.DataFrame(rows)
+    table.to_parquet(options.out / f"references_{options.scenario}.parquet", compression="zstd")
+    print(f"C2ST: median {table['c2st'].median():.3f}, largest {table['c2st'].max():.3f}")
+
+
+def _scenario(name: str, seed: int) -> Scenario:
+    players = {} if name in ("two_player", "highway_overtaking") else {"num_players": 3}
+    return get_scenario(name, seed, weights=DIRICHLET, **players)
+
+
+def _both(
+    recording: Recording, seed: int, view: str, sigma: float, options: argparse.Namespace
+) -> tuple[Estimate, Reference, int]:
+    layers = (VIEWS[view],)
+    scale = sensor_model(recording.scenario, layers).noise_scale
+    problem = Problem(recording.scenario.told, VIEWS[view], sigma, noise_scale=scale)
+    (seen,) = observe([recording], layers, sigma, seed)
+    estimator = Posterior()
+    estimate = estimator.estimate(problem, seen, rng=np.random.default_rng(seed), budget=600.0)
+    deadline = time.monotonic() + 24 * 3600.0
+    density, peaks = estimator.peaks(problem, seen, deadline)
+    thin = max(1, options.chains * options.steps // (8 * KEPT))
+    chains = run_chains(
+        density,
+        peaks,
+        np.random.default_rng([seed, 1]),
+        count=options.chains,
+        steps=options.steps,
+        thin=thin,
+    )
+    weights = density.chart.weights(chains.points[..., : density.chart.size])
+    return estimate, _reference(chains, weights, seed), len(peaks)
+
+
+def _reference(chains: Chains, weights: np.ndarray, seed: int) -> Reference:
+    """Of weights (C, S, N, K)."""
+    data = arviz.convert_to_dataset({"weights": weights})
+    r_hat = float(arviz.rhat(data)["weights"].max())
+    effective = float(arviz.ess(data)["weights"].min())
+    flat = weights.reshape(-1, *weights.shape[2:])
+    chosen = np.random.default_rng(seed).choice(len(flat), KEPT, replace=len(flat) < KEPT)
+    return Reference(flat[chosen], r_hat, effective, chains.accepted)
+
+
+def c2st(estimate: Estimate, reference: Reference) -> float:
+    """Share of right answers of a network that tells the samples of both apart."""
+    assert estimate.samples is not None
+    own = np.asarray(estimate.samples)[:KEPT, :, :-1].reshape(min(KEPT, len(estimate.samples)), -1)
+    other = reference.weights[:, :, :-1].reshape(KEPT, -1)
+    points, labels = np.vstack([own, other]), np.repeat([0, 1], [len(own), len(other)])
+    size = 10 * points.shape[1]
+    network = make_pipeline(
+        StandardScaler(),
+        MLPClassifier((size, size), max_iter=1000, random_state=1),
+    )
+    folds = StratifiedKFold(5, shuffle=True, random_state=1)
+    return float(cross_val_score(network, points, labels, cv=folds).mean())
+
+
+if __name__ == "__main__":
+    main()
