@@ -37,7 +37,8 @@ Proposals have tails of Student's t; those of the last draws are kept, older one
 weights (P2) come from exact games, so that a poor proposal costs effective sample size but no bias.
 
 A point whose game has no equilibrium that can be followed from the mean's has a density of zero.
-The effective sample size after each measurement is reported. Between several trajectories, the
+The effective sample size after each measurement is reported, and the covariance of the weights is
+wider by what so few samples leave open (``widening``). Between several trajectories, the
 belief about the weights is passed on as a Gaussian.
 
 Paper: Peters 2020; proposals and weights after Cornuet et al. 2012.
@@ -245,10 +246,16 @@ class _Run:
         cloud = self._cloud
         assert self._belief is not None, "there is at least one observation"
         weights = self._forward.weights(cloud.points).reshape(len(cloud.points), -1)
+        wider = widening(cloud.effective, self._forward.num_log_ratios)
+        if wider is None and not self._message:
+            self._message = (
+                f"{cloud.effective:.1f} effective particles do not tell the covariance of "
+                f"{self._forward.num_log_ratios} free weights"
+            )
         return Estimate(
             weights=self._online[-1],
             states=self._first_states,
-            covariance=_covariance(weights, cloud.shares),
+            covariance=(wider or 1.0) * _covariance(weights, cloud.shares),
             parameters=self._forward.parameters(self._belief.mean),
             parameter_deviations=self._forward.parameter_deviations(self._belief.covariance),
             converged=not self._message,
@@ -471,6 +478,16 @@ def effective_sample_size(log_shares: np.ndarray) -> float:
         return 0.0
     shares = np.exp(log_shares - largest)
     return float(shares.sum() ** 2 / (shares**2).sum())
+
+
+def widening(effective: float, size: int) -> float | None:
+    """Factor of a sample covariance for regions around a sample mean; None for too few samples.
+
+    The inverse of the covariance of M samples in d dimensions is too large by (M-1) / (M-d-2) in
+    the mean (Hartlap, Simon and Schneider 2007), and their mean errs by 1/M of the covariance.
+    """
+    left = effective - size - 2
+    return (effective - 1) / left * (1 + 1 / effective) if left > 0 else None
 
 
 def _tempered(log_shares: np.ndarray, enough: float) -> np.ndarray:
