@@ -45,11 +45,9 @@ class JointStream:
         search: Search,
         describe: Describe,
     ) -> None:
-        self._samples, self._settings = samples, settings
-        self._search, self._describe = search, describe
+        self._samples, self._describe = samples, describe
+        self._optimum = FollowedOptimum(settings, search)
         self._past = Past()
-        self._last: JointPoint | None = None
-        self._dropped = 0
 
     def update(self, sample: np.ndarray, *, budget: float) -> Estimate:
         """As of ``Stream``.
@@ -60,23 +58,48 @@ class JointStream:
         deadline = time.monotonic() + budget
         self._samples.add(sample)
         problem, (observation,) = with_white_noise(*self._samples.window())
-        best, starts = self._warm(problem, observation.y, deadline), 0
+        dropped = self._samples.dropped
+        best, starts = self._optimum.find(problem, observation.y, deadline, dropped)
+        late = time.monotonic() > deadline
+        estimate = self._describe(problem, observation.y, best, starts, late)
+        return self._past.with_states_of(estimate, dropped)
+
+
+class FollowedOptimum:
+    """The optimum of a joint problem whose observations grow."""
+
+    def __init__(self, settings: Callable[[Problem], JointSettings], search: Search) -> None:
+        self._settings, self._search = settings, search
+        self._last: JointPoint | None = None
+        self._dropped = 0
+
+    def find(
+        self, problem: Problem, y: np.ndarray, deadline: float, dropped: int = 0
+    ) -> tuple[JointSolution, int]:
+        """The optimum, and the number of starts of the search for it; zero if there was none.
+
+        Args:
+            problem: what is known; its noise is white.
+            y: (T, N, d) observations, NaN where missing.
+            deadline: solves end by then, in seconds of ``time.monotonic``.
+            dropped: number of steps before the first one of ``y``.
+        """
+        best, starts = self._warm(problem, y, deadline, dropped - self._dropped), 0
         if best is None:
-            attempts = self._search(problem, observation.y, deadline)
+            attempts = self._search(problem, y, deadline)
             best = min(attempts, key=lambda one: (not one.converged, one.criterion))
             starts = len(attempts)
         self._last = best.point if best.converged else None
-        self._dropped = self._samples.dropped
-        late = time.monotonic() > deadline
-        estimate = self._describe(problem, observation.y, best, starts, late)
-        return self._past.with_states_of(estimate, self._samples.dropped)
+        self._dropped = dropped
+        return best, starts
 
-    def _warm(self, problem: Problem, y: np.ndarray, deadline: float) -> JointSolution | None:
+    def _warm(
+        self, problem: Problem, y: np.ndarray, deadline: float, gone: int
+    ) -> JointSolution | None:
         """The solution to which the last one leads; None if it explains nothing."""
         if self._last is None:
             return None
-        rest = _later(self._last, self._samples.dropped - self._dropped)
-        best = self._solved(problem, y, rest, _BARRIER, deadline)
+        best = self._solved(problem, y, _later(self._last, gone), _BARRIER, deadline)
         if best is None or best.objective > largest_explicable(problem, [y], _DOUBTFUL):
             second = self._solved(problem, y, seen_then_free(problem, y), _SEEN_BARRIER, deadline)
             found = [one for one in (best, second) if one is not None]

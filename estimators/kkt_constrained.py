@@ -158,13 +158,13 @@ class KktConstrained:
 
     def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
         if self._uses_ipopt(problem):
-            return _in_time(self._ipopt_attempts(problem, y), deadline)
+            return in_time(self._ipopt_attempts(problem, y), deadline)
         structured = joint_attempts(problem, y, self._structured_settings(problem), deadline)
-        attempts = _in_time(structured, deadline)
+        attempts = in_time(structured, deadline)
         lost = not any(attempt.converged for attempt in attempts)
         only_weights = not (problem.game.constraints or problem.game.parameters.count)
         if lost and only_weights and time.monotonic() < deadline:
-            attempts += _in_time(self._ipopt_attempts(problem, y), deadline)
+            attempts += in_time(self._ipopt_attempts(problem, y), deadline)
         return attempts
 
     def _several(
@@ -224,7 +224,7 @@ class KktConstrained:
         )
 
     def _structured_settings(self, problem: Problem) -> JointSettings:
-        return replace(self._settings(problem), tolerance=_tolerance(problem.sigma))
+        return replace(self._settings(problem), tolerance=solver_tolerance(problem.sigma))
 
     def _certainty(
         self,
@@ -253,7 +253,7 @@ class KktConstrained:
         yield solve(inside(tied.point, problem.weight_floor))
 
 
-def _tolerance(sigma: float) -> float:
+def solver_tolerance(sigma: float) -> float:
     """Of the structured solver. Its barrier, whose last weight is a tenth, pulls weights inwards.
 
     The objective is as flat as the noise is small, so the barrier has to be smaller there.
@@ -277,7 +277,7 @@ def _verdict(problem: Problem, ys: Sequence[np.ndarray], best: JointSolution) ->
     return best.converged, best.message
 
 
-def _in_time(solutions: Iterator[JointSolution], deadline: float) -> list[JointSolution]:
+def in_time(solutions: Iterator[JointSolution], deadline: float) -> list[JointSolution]:
     """The first solution, and those after it that begin before the deadline."""
     attempts = []
     for attempt in solutions:

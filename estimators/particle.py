@@ -9,8 +9,8 @@ Where this departs from the paper, and why:
 
 - The paper re-plans a game at every step from a state that it knows. Here one open-loop
   equilibrium is observed from an unknown initial state, so that a particle is a point
-  s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``
-  (``estimators.belief``): around a first game that all observations were used to find.
+  s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``,
+  around uniform weights.
 - s is constant, so particles only lose diversity by resampling, and moving them by Markov chains
   took tens of thousands of games. New particles are drawn instead, where the measurements so far
   put them, and all particles are weighed as draws from the mixture of all proposals (adaptive
@@ -29,17 +29,21 @@ were drawn M at a time from proposals q_1 to q_J:
                   Laplace's approximation the more, the fewer they are for their dimension
 
 J_r = de_r/ds is exact, by the implicit function theorem, and m is found by damped Gauss-Newton
-steps from the last one. The first particles are drawn from the prior. Proposals have tails of
-Student's t; those of the last draws are kept, older ones forgotten. The weights (P2) come from
-exact games, so that a poor proposal costs effective sample size but no bias.
+steps from the last one, from a particle, or from the most probable game so far, which the joint
+problem finds (``estimators.past_posterior``): whichever is the most probable. The first particles
+are drawn after the first quarter of the samples. No particle depends on later samples.
+
+Proposals have tails of Student's t; those of the last draws are kept, older ones forgotten. The
+weights (P2) come from exact games, so that a poor proposal costs effective sample size but no bias.
 
 A point whose game has no equilibrium that can be followed from the mean's has a density of zero.
-The effective sample size after each measurement is reported. Between several trajectories, the
+The effective sample size after each measurement is reported, and the covariance of the weights is
+wider by what so few samples leave open (``widening``). Between several trajectories, the
 belief about the weights is passed on as a Gaussian.
 
 Paper: Peters 2020; proposals and weights after Cornuet et al. 2012.
-Assumes: a known noise level, and weights near those of a first game that explains the observations.
-Cost: 0.5 s for two players, 3 s for five, 1 to 3 s on roads: by far the most games.
+Assumes: a known noise level, and the prior of ``ukf``.
+Cost: 0.2 s for two players, 1 to 4 s for five and on roads: by far the most games.
 Trust: if the posterior is far from Gaussian; the least effective sample size shows how well it
     worked.
 """
@@ -47,7 +51,7 @@ Trust: if the posterior is far from Gaussian; the least effective sample size sh
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -59,15 +63,22 @@ from olne_bench.estimators.belief import (
     FollowedGames,
     Gaussian,
     LostError,
-    first_game,
     hidden_positions,
-    prior_belief,
+    lost_estimate,
 )
 from olne_bench.estimators.forward_model import (
     scaled_samples,
     squared_error_of,
-    uniform_weights,
     warm_up_games,
+)
+from olne_bench.estimators.past_posterior import (
+    Games,
+    Linearised,
+    PastPeaks,
+    PastPosterior,
+    Tangent,
+    outset,
+    unexplained,
 )
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.white_noise import assumed_sigma, white_problem, with_white_noise
@@ -86,27 +97,12 @@ _DEGREES = 25.0
 #: approximation to their own moments.
 _TRUSTED = 10
 
-#: Gauss-Newton: steps at most, decrease of the objective below which none is taken, and damping:
-#: the first, its factor, and the largest.
-_MOST_STEPS, _SMALL_DECREASE = 40, 0.02
-_FIRST_DAMPING, _DAMPING_FACTOR, _MOST_DAMPING = 0.01, 10.0, 1e3
-
 #: Least variance of a proposal, relative to its largest one.
 _LEAST_VARIANCE = 1e-14
 
 #: A particle whose log density is higher by this is a better start for these steps than the last
 #: peak.
 _BETTER = 10.0
-
-
-class Games(Protocol):
-    """Expected measurements at points (``belief.FollowedGames``)."""
-
-    def expected(self, points: np.ndarray) -> np.ndarray:
-        """(B, T, d) at points (B, n), NaN where there is none; the first point is their centre."""
-
-    def tangent(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """(T, d) at a point (n,) and their derivative (T, d, n); None where there is none."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +130,7 @@ class Particle:
         spread: prior standard deviation of the log-ratios, in units of that of weights that are
             uniform on the simplex.
         most_draws: largest number of draws for a measurement; twice as many for the last one.
+        peek: as of ``Ukf``.
 
     Raises:
         ValueError: on a parameter out of range.
@@ -144,6 +141,7 @@ class Particle:
     count: int = 200
     spread: float = 0.5
     most_draws: int = 8
+    peek: bool = False
 
     def __post_init__(self) -> None:
         check_count("count", self.count, least=2)
@@ -165,8 +163,7 @@ class Particle:
             for one in observations:
                 run.take_in(one)
         except LostError as error:
-            last = run.online[-1] if run.online else uniform_weights(problem)
-            return Estimate(weights=last, converged=False, message=str(error))
+            return run.lost(str(error))
         return run.estimate()
 
     def supports(self, problem: Problem) -> str | None:
@@ -180,11 +177,7 @@ class Particle:
 
 
 class _Run:
-    """The state of one estimate, which filters trajectories in turn.
-
-    Attributes:
-        online: mean weights (N, K) after each measurement.
-    """
+    """The state of one estimate, which filters trajectories in turn."""
 
     def __init__(
         self,
@@ -196,11 +189,11 @@ class _Run:
         self._estimator, self._problem = estimator, problem
         self._deadline, self._rng = deadline, rng
         self._sigma = assumed_sigma(problem)
-        self.online: list[np.ndarray] = []
+        self._online: list[np.ndarray] = []
         self._effective: list[float] = []
         self._belief: Gaussian | None = None
         self._first_states: np.ndarray | None = None
-        self._objective = 0.0
+        self._objective, self._message = 0.0, ""
 
     def take_in(self, observation: Observation) -> None:
         """Filter a trajectory, starting from the current belief about the weights.
@@ -209,46 +202,69 @@ class _Run:
             LostError: as in ``filter_particles``.
         """
         problem, estimator = self._problem, self._estimator
-        start = first_game(problem, observation)
-        prior = prior_belief(
-            problem, observation, start, self._belief, estimator.spread, self._sigma
+        begin = outset(
+            problem,
+            observation,
+            self._belief,
+            estimator.spread,
+            self._deadline,
+            peek=estimator.peek,
         )
-        self._forward = forward = FollowedGames(problem, start, self._deadline)
+        self._forward = forward = begin.games
+        self._online += [forward.mean_weights(begin.prior)] * begin.first
+        self._effective += [np.nan] * begin.first
         clouds = filter_particles(
-            prior,
+            begin.prior,
             forward,
             scaled_samples(problem, observation.y),
             self._sigma,
             count=estimator.count,
             most_draws=estimator.most_draws,
             rng=self._rng,
+            first=begin.first,
+            peaks=begin.peaks,
         )
         for cloud in clouds:
-            self.online.append(_mean_weights(forward, cloud))
+            self._online.append(_mean_weights(forward, cloud))
             self._effective.append(cloud.effective)
         self._cloud = cloud
         mean, size = cloud.shares @ cloud.points, forward.num_theta
         states = forward.play(mean).root.states
-        self._objective += squared_error_of(problem, states, observation.y)
+        error = squared_error_of(problem, states, observation.y)
+        if not estimator.peek:
+            self._message = self._message or unexplained(problem, error, observation.y)
+        self._objective += error
         self._first_states = states if self._first_states is None else self._first_states
         self._belief = Gaussian(mean[:size], _covariance(cloud.points[:, :size], cloud.shares))
+
+    def lost(self, message: str) -> Estimate:
+        """What was known when the filter could not continue."""
+        return lost_estimate(self._problem, self._online, message)
 
     def estimate(self) -> Estimate:
         """The mean of the last particles."""
         cloud = self._cloud
         assert self._belief is not None, "there is at least one observation"
         weights = self._forward.weights(cloud.points).reshape(len(cloud.points), -1)
+        wider = widening(cloud.effective, self._forward.num_log_ratios)
+        if wider is None and not self._message:
+            self._message = (
+                f"{cloud.effective:.1f} effective particles do not tell the covariance of "
+                f"{self._forward.num_log_ratios} free weights"
+            )
         return Estimate(
-            weights=self.online[-1],
+            weights=self._online[-1],
             states=self._first_states,
-            covariance=_covariance(weights, cloud.shares),
+            covariance=(wider or 1.0) * _covariance(weights, cloud.shares),
             parameters=self._forward.parameters(self._belief.mean),
             parameter_deviations=self._forward.parameter_deviations(self._belief.covariance),
+            converged=not self._message,
+            message=self._message,
             extras={
                 "objective": self._objective,
-                "online_weights": np.array(self.online),
+                "online_weights": np.array(self._online),
                 "effective_sample_size": np.array(self._effective),
-                "least_effective_sample_size": min(self._effective),
+                "least_effective_sample_size": float(np.nanmin(self._effective)),
             },
         )
 
@@ -262,6 +278,8 @@ def filter_particles(
     count: int,
     most_draws: int,
     rng: np.random.Generator,
+    first: int = 0,
+    peaks: PastPeaks | None = None,
 ) -> Iterator[Cloud]:
     """Filter a constant state through measurements that arrive one by one.
 
@@ -273,15 +291,18 @@ def filter_particles(
         count: as in ``Particle``.
         most_draws: as in ``Particle``.
         rng: the source of randomness.
+        first: time of the first measurement after which there are particles.
+        peaks: points of the most probable games so far, where the first particles are drawn; if
+            None, they are drawn from the prior.
 
     Yields:
-        All particles so far after each of the T measurements.
+        All particles so far after each measurement from the first one on.
 
     Raises:
         LostError: if no particle has a game, or too few explain all measurements.
     """
-    pool = _Pool(prior, games, samples, sigma, count, rng)
-    for t in range(len(samples)):
+    pool = _Pool(prior, games, samples, sigma, count, rng, peaks)
+    for t in range(first, len(samples)):
         last = t == len(samples) - 1
         enough = _ENOUGH_AT_LAST if last else _ENOUGH
         cloud = pool.take_in(t, enough * count, 2 * most_draws if last else most_draws)
@@ -301,18 +322,22 @@ class _Pool:
         sigma: float,
         count: int,
         rng: np.random.Generator,
+        peaks: PastPeaks | None,
     ) -> None:
         self._games, self._samples, self._sigma, self._rng = games, samples, sigma, rng
-        self._seen = np.isfinite(samples)
+        self._posterior = PastPosterior(prior, games, samples, sigma)
         self._size = max(2, round(_DRAWN * count))
-        self._prior, self._precision = prior, np.linalg.inv(prior.covariance)
-        self._laplace = prior
+        self._prior = self._laplace = prior
         self._proposals: list[_Proposal] = []
         self._points = np.empty((0, len(prior.mean)))
         self._squared = np.empty((0, len(samples)))
         self._log_prior, self._densities = np.empty(0), np.empty((0, 0))
         self._log_norm = float(-_Proposal(prior, np.inf).log(prior.mean[None])[0])
-        self._peak = self._tangent(prior.mean)
+        self._peak: Tangent | None = None
+        self._peaks = peaks
+        if peaks is not None:
+            return
+        self._peak = self._posterior.tangent(prior.mean)
         self._draw(prior)
         if not np.isfinite(self._squared).any():
             raise LostError("no particle has an equilibrium before the first measurement")
@@ -355,6 +380,8 @@ class _Pool:
 
     def _log_shares(self, t: int) -> np.ndarray:
         """Log W (P2), without the factor J."""
+        if not len(self._points):
+            return np.array([-np.inf])
         log_target = self._log_prior - self._squared[:, : t + 1].sum(axis=1) / 2
         return np.asarray(log_target - logsumexp(self._densities, axis=0))
 
@@ -374,50 +401,26 @@ class _Pool:
 
     def _laplace_at(self, t: int) -> Gaussian:
         """The first kind of proposal (P5); the last one where there is no game to start from."""
-        here, damping = self._start_at(t), 0.0
+        here = self._start_at(t)
         if here is None:
             return self._laplace
-        for _ in range(_MOST_STEPS):
-            damped = here.precision + damping * np.diag(np.diag(here.precision))
-            step = np.linalg.solve(damped, here.gradient)
-            if here.gradient @ step < _SMALL_DECREASE or damping > _MOST_DAMPING:
-                break
-            there = self._linearised(self._tangent(here.tangent.point - step), t)
-            if there is not None and there.objective < here.objective:
-                here, damping = there, damping / _DAMPING_FACTOR
-                damping = damping if damping >= _FIRST_DAMPING else 0.0
-            else:
-                damping = max(_DAMPING_FACTOR * damping, _FIRST_DAMPING)
+        here = self._posterior.climbed(here, t)
         self._peak = here.tangent
-        return Gaussian(here.tangent.point, np.linalg.inv(here.precision))
+        return here.laplace()
 
-    def _start_at(self, t: int) -> "_Linearised | None":
-        """Where to look for the peak: at the last one, or at a particle that is far better."""
-        here = self._linearised(self._peak, t)
-        objectives = self._squared[:, : t + 1].sum(axis=1) / 2 - self._log_prior
-        best = int(np.argmin(objectives))
-        gain = self._log_norm + (here.objective if here else np.inf) - objectives[best]
-        if gain > _BETTER:
-            return self._linearised(self._tangent(self._points[best]), t) or here
-        return here
-
-    def _tangent(self, point: np.ndarray) -> "_Tangent | None":
-        found = self._games.tangent(point)
-        return None if found is None else _Tangent(point, *found)
-
-    def _linearised(self, tangent: "_Tangent | None", t: int) -> "_Linearised | None":
-        if tangent is None:
-            return None
-        seen = self._seen[: t + 1]
-        errors = ((tangent.expected - self._samples)[: t + 1] / self._sigma)[seen]
-        slopes = tangent.slopes[: t + 1][seen] / self._sigma
-        off = tangent.point - self._prior.mean
-        return _Linearised(
-            tangent,
-            float(errors @ errors + off @ self._precision @ off) / 2,
-            slopes.T @ errors + self._precision @ off,
-            slopes.T @ slopes + self._precision,
-        )
+    def _start_at(self, t: int) -> Linearised | None:
+        """Where to look for the peak: at the last one, or at a point that is far better."""
+        here = self._posterior.linearised(self._peak, t)
+        if len(self._points):
+            objectives = self._squared[:, : t + 1].sum(axis=1) / 2 - self._log_prior
+            best = int(np.argmin(objectives))
+            gain = self._log_norm + (here.objective if here else np.inf) - objectives[best]
+            if gain > _BETTER:
+                tangent = self._posterior.tangent(self._points[best])
+                here = self._posterior.linearised(tangent, t) or here
+        if self._peaks is None:
+            return here
+        return self._peaks.better(self._posterior, t, here.objective if here else np.inf) or here
 
     def _squared_errors(self, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
         """|e_t(s)|^2 (M, T) of points (M, n); infinite if there is no equilibrium."""
@@ -426,28 +429,6 @@ class _Pool:
         squared = np.nansum(((expected - self._samples) / self._sigma) ** 2, axis=2)
         squared[~playable] = np.inf
         return squared
-
-
-@dataclass(frozen=True)
-class _Tangent:
-    """A point (n,), its expected measurements (T, d), and their derivative (T, d, n)."""
-
-    point: np.ndarray
-    expected: np.ndarray
-    slopes: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Linearised:
-    """-log pi_t at a point, its gradient (n,), and its Hessian (n, n) by Gauss and Newton.
-
-    The objective leaves out the logarithm of the prior's normalisation.
-    """
-
-    tangent: _Tangent
-    objective: float
-    gradient: np.ndarray
-    precision: np.ndarray
 
 
 class _Proposal:
@@ -497,6 +478,16 @@ def effective_sample_size(log_shares: np.ndarray) -> float:
         return 0.0
     shares = np.exp(log_shares - largest)
     return float(shares.sum() ** 2 / (shares**2).sum())
+
+
+def widening(effective: float, size: int) -> float | None:
+    """Factor of a sample covariance for regions around a sample mean; None for too few samples.
+
+    The inverse of the covariance of M samples in d dimensions is too large by (M-1) / (M-d-2) in
+    the mean (Hartlap, Simon and Schneider 2007), and their mean errs by 1/M of the covariance.
+    """
+    left = effective - size - 2
+    return (effective - 1) / left * (1 + 1 / effective) if left > 0 else None
 
 
 def _tempered(log_shares: np.ndarray, enough: float) -> np.ndarray:

@@ -40,21 +40,6 @@ def flat_covariance(players: int, num_weights: int) -> np.ndarray:
     return np.kron(np.eye(players), polygamma(1, 1) * (np.eye(free) + np.ones((free, free))))
 
 
-def weight_covariance_of(
-    log_ratios: np.ndarray, covariance: np.ndarray, num_weights: int, floor: float
-) -> np.ndarray:
-    """Covariance (N*K, N*K) of weights from that of their log-ratios, to first order.
-
-    Args:
-        log_ratios: (N*(K-1),) mean.
-        covariance: of the log-ratios.
-        num_weights: K.
-        floor: smallest weight.
-    """
-    jacobian = by_log_ratios(log_ratios, num_weights, floor)
-    return jacobian @ covariance @ jacobian.T
-
-
 def by_log_ratios(log_ratios: np.ndarray, num_weights: int, floor: float) -> np.ndarray:
     """Derivative (N*K, N*(K-1)) of the weights in their log-ratios (N*(K-1),)."""
     players = len(log_ratios) // (num_weights - 1)

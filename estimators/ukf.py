@@ -10,11 +10,13 @@ Where this departs from the paper, and why:
   equilibrium is observed from an unknown initial state, so the filter's state is
   augmented by x_1 and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole
   horizon.
-- Weights live on a simplex, so the filter sees their log-ratios phi (``estimators.simplex``), with
-  a Gaussian prior around those of a first game that explains the observations with weights tied to
-  uniform. Its covariance is that of a uniform distribution on the simplex times spread^2. A filter
-  that starts at uniform weights does not reach the equilibria of five players: those near uniform
-  weights end on the way.
+- Weights live on a simplex, so the filter sees their log-ratios phi (``estimators.simplex``). Their
+  prior is Gaussian, around those of uniform weights, with the covariance of a uniform distribution
+  on the simplex times spread^2.
+- The filter begins at the most probable game given the first quarter of the samples
+  (``estimators.past_posterior``), and returns to the most probable game so far when it is lost.
+  One that follows games from uniform weights on does not reach the equilibria of five players:
+  those near uniform weights end at folds on the way.
 
 With the state s = (phi, x_1), constant in time (Wan and van der Merwe 2000; numbers ours):
 
@@ -25,6 +27,7 @@ With the state s = (phi, x_1), constant in time (Wan and van der Merwe 2000; num
     (U4)  Kalman update with y_t = z_t + A_t (s - m) + noise of covariance O_t + R
     (U5)  R = sigma^2 I / beta_j, with shares beta_j of the measurement that sum to one
     (U6)  new sigma points only where (U3) does not hold any more
+    (U7)  m = argmax pi_t,  P = (P_0^-1 + sum_{r<=t} J_r' J_r)^-1,  where the filter is lost
 
 (U3) and (U4) are the unscented update: with the gain P_sz (P_zz + R)^-1 written out, both are the
 same (statistical linear regression: Lefebvre, Bruyninckx and De Schutter 2002).
@@ -39,20 +42,29 @@ prediction there. The slopes A_r serve on while that game agrees with them to wi
 either no variance of P has fallen far or the rest O_r is small beside the noise. A linear problem
 needs one set.
 
+(U7) is ours too: pi_t is the posterior given the samples up to t, P_0 the prior's covariance, and
+J_r the derivative of sample r over its noise. Before each belief is said, the most probable game so
+far is found by the joint problem. If it is clearly more probable than the filter's mean, or if the
+filter is lost, the belief is replaced by Laplace's approximation there. That uses the samples up to
+t once, and (U1) to (U6) take in later ones. No belief depends on samples after it.
+
+Mean and covariance of the weights come from those of phi by one more unscented transform.
+
 Sigma points are those of filterpy. If a sigma point has no equilibrium that can be followed from
 the mean's, all of them are moved closer to the mean (a smaller alpha), which is an equally valid
 unscented transform of the same Gaussian. If an update moves the mean to a game without an
-equilibrium, a smaller share is used; if that does not help, the estimate fails.
+equilibrium, a smaller share is used; if that does not help, the filter is lost. The estimate says
+so if noise does not explain what the last game leaves.
 
 Paper: LUCIDGames, Le Cleac'h et al. 2021; unscented transform of Wan and van der Merwe 2000.
 Assumes: a Gaussian belief in log-ratios of weights, and a known noise level.
-Cost: 0.1 s for two players, 0.6 s for five, 0.2 to 0.6 s on roads.
-Trust: at high noise, where its prior keeps it from extreme weights, and online. Its error does not
-    vanish with the noise; with range and bearing it sometimes fails.
+Cost: 0.1 s for two players, 0.3 to 1 s for five and on roads.
+Trust: online, and at high noise, where its prior keeps it from extreme weights. Its regions hold
+    the truth as often as they say only where weights come from its prior.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -62,18 +74,24 @@ from scipy.linalg import eigh
 
 from olne_bench.checks import check_number
 from olne_bench.estimators.belief import (
-    FollowedGames,
     Gaussian,
+    LateError,
     LostError,
-    first_game,
     hidden_positions,
-    prior_belief,
+    lost_estimate,
+    symmetric_root,
 )
 from olne_bench.estimators.forward_model import (
     scaled_samples,
     squared_error_of,
-    uniform_weights,
     warm_up_games,
+)
+from olne_bench.estimators.past_posterior import (
+    Outset,
+    PastPeaks,
+    PastPosterior,
+    outset,
+    unexplained,
 )
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.white_noise import assumed_sigma, white_problem, with_white_noise
@@ -103,6 +121,8 @@ class Ukf:
         spread: prior standard deviation of the log-ratios, in units of that of weights that are
             uniform on the simplex.
         alpha: distance of the sigma points from the mean, in units of sqrt(n) standard deviations.
+        peek: whether the prior is around the weights of a game that is fitted to all observations.
+            The weights after early measurements are then not online, and data count twice.
 
     Raises:
         ValueError: on a parameter out of range.
@@ -112,6 +132,7 @@ class Ukf:
     several: ClassVar[bool] = True
     spread: float = 0.5
     alpha: float = 0.5
+    peek: bool = False
 
     def __post_init__(self) -> None:
         check_number("spread", self.spread)
@@ -126,36 +147,13 @@ class Ukf:
         budget: float,
     ) -> Estimate:
         problem, observations = with_white_noise(problem, observation)
-        deadline = time.monotonic() + budget
-        sigma = assumed_sigma(problem)
-        online: list[np.ndarray] = []
-        weights: Gaussian | None = None
-        first_states, objective = None, 0.0
+        run = _Run(self, problem, time.monotonic() + budget)
         try:
             for one in observations:
-                start = first_game(problem, one)
-                prior = prior_belief(problem, one, start, weights, self.spread, sigma)
-                forward = FollowedGames(problem, start, deadline)
-                samples = scaled_samples(problem, one.y)
-                for belief in filter_samples(prior, forward.expected, samples, sigma, self.alpha):
-                    online.append(forward.weights(belief.mean))
-                end = forward.play(belief.mean)
-                objective += squared_error_of(problem, end.root.states, one.y)
-                first_states = end.root.states if first_states is None else first_states
-                size = forward.num_theta
-                weights = Gaussian(belief.mean[:size], belief.covariance[:size, :size])
+                run.take_in(one)
         except LostError as error:
-            last = online[-1] if online else uniform_weights(problem)
-            return Estimate(weights=last, converged=False, message=str(error))
-        assert weights is not None, "there is at least one observation"
-        return Estimate(
-            weights=online[-1],
-            states=first_states,
-            covariance=forward.weight_covariance(weights),
-            parameters=forward.parameters(weights.mean),
-            parameter_deviations=forward.parameter_deviations(weights.covariance),
-            extras={"objective": objective, "online_weights": np.array(online)},
-        )
+            return run.lost(str(error))
+        return run.estimate()
 
     def supports(self, problem: Problem) -> str | None:
         """Why this problem cannot be filtered, or None."""
@@ -165,6 +163,66 @@ class Ukf:
         """Build the solvers."""
         problem = white_problem(problem)
         warm_up_games(problem)
+
+
+class _Run:
+    """The state of one estimate, which filters trajectories in turn."""
+
+    def __init__(self, estimator: Ukf, problem: Problem, deadline: float) -> None:
+        self._estimator, self._problem, self._deadline = estimator, problem, deadline
+        self._sigma = assumed_sigma(problem)
+        self._online: list[np.ndarray] = []
+        self._weights: Gaussian | None = None
+        self._first_states: np.ndarray | None = None
+        self._objective, self._message = 0.0, ""
+
+    def take_in(self, observation: Observation) -> None:
+        """Filter a trajectory, starting from the current belief about the weights.
+
+        Raises:
+            LostError: if the filter cannot continue.
+        """
+        problem, estimator, sigma = self._problem, self._estimator, self._sigma
+        samples = scaled_samples(problem, observation.y)
+        begin = outset(
+            problem,
+            observation,
+            self._weights,
+            estimator.spread,
+            self._deadline,
+            peek=estimator.peek,
+        )
+        self._games = games = begin.games
+        self._online += [games.mean_weights(begin.prior)] * begin.first
+        for belief in _beliefs(begin, samples, sigma, estimator.alpha):
+            self._online.append(games.mean_weights(belief))
+        end = games.play(belief.mean)
+        error = squared_error_of(problem, end.root.states, observation.y)
+        if not estimator.peek:
+            self._message = self._message or unexplained(problem, error, observation.y)
+        self._objective += error
+        self._first_states = end.root.states if self._first_states is None else self._first_states
+        size = games.num_theta
+        self._weights = Gaussian(belief.mean[:size], belief.covariance[:size, :size])
+
+    def lost(self, message: str) -> Estimate:
+        """What was known when the filter could not continue."""
+        return lost_estimate(self._problem, self._online, message)
+
+    def estimate(self) -> Estimate:
+        """The last belief."""
+        weights, games = self._weights, self._games
+        assert weights is not None, "there is at least one observation"
+        return Estimate(
+            weights=self._online[-1],
+            states=self._first_states,
+            covariance=games.weight_belief(weights).covariance,
+            parameters=games.parameters(weights.mean),
+            parameter_deviations=games.parameter_deviations(weights.covariance),
+            converged=not self._message,
+            message=self._message,
+            extras={"objective": self._objective, "online_weights": np.array(self._online)},
+        )
 
 
 @dataclass(frozen=True)
@@ -234,6 +292,64 @@ def filter_samples(
     return beliefs
 
 
+def _beliefs(begin: Outset, samples: np.ndarray, sigma: float, alpha: float) -> Iterable[Gaussian]:
+    """The beliefs after each measurement from the first one on."""
+    if begin.peaks is None:
+        return filter_samples(begin.prior, begin.games.expected, samples, sigma, alpha)
+    run = _PastFilter(begin, begin.peaks, samples, sigma, alpha)
+    return (run.take_in(t) for t in range(begin.first, len(samples)))
+
+
+class _PastFilter:
+    """(U7): a filter that begins, and begins again, at the most probable game so far."""
+
+    def __init__(
+        self, begin: Outset, peaks: PastPeaks, samples: np.ndarray, sigma: float, alpha: float
+    ) -> None:
+        self._posterior = PastPosterior(begin.prior, begin.games, samples, sigma)
+        self._peaks, self._expected, self._samples = peaks, begin.games.expected, samples
+        self._sigma, self._alpha = sigma, alpha
+        self._prior = begin.prior
+        self._belief: Gaussian | None = None
+        self._filter: _Filter | None = None
+
+    def take_in(self, t: int) -> Gaussian:
+        """The belief after the measurement at time t.
+
+        Raises:
+            LostError: if the filter is lost and no game explains the measurements so far.
+            LateError: after the deadline.
+        """
+        if self._belief is not None and not np.isfinite(self._samples[t]).any():
+            return self._belief
+        objective, why = self._updated(t)
+        found = self._peaks.better(self._posterior, t, objective)
+        if found is not None:
+            self._belief, self._filter = self._posterior.climbed(found, t).laplace(), None
+        elif why:
+            raise LostError(why)
+        return self._belief or self._prior
+
+    def _updated(self, t: int) -> tuple[float, str]:
+        """-log of the posterior so far at the filter's new mean; infinite if it is lost, and why.
+
+        Raises:
+            LateError: after the deadline.
+        """
+        if self._belief is None:
+            return np.inf, ""
+        try:
+            if self._filter is None:
+                self._filter = _Filter(self._belief, self._expected, self._sigma, self._alpha)
+            self._filter.take_in(t, self._samples[t])
+        except LateError:
+            raise
+        except LostError as error:
+            return np.inf, str(error)
+        self._belief = self._filter.belief
+        return self._posterior.objective(self._belief.mean, self._filter.centre, t), ""
+
+
 class _Filter:
     """A belief, the expected measurements (T, d) at its mean, and the last set of sigma points."""
 
@@ -242,7 +358,7 @@ class _Filter:
         size = len(prior.mean)
         self._sets = [_sigma_points(size, alpha * _SHRINK**k) for k in range(_MOST_SHRINKS)]
         self._regression = self._regressed()
-        self._centre = self._regression.centre
+        self.centre = self._regression.centre
 
     def take_in(self, t: int, sample: np.ndarray) -> None:
         """(U1) to (U6) for one measurement.
@@ -252,9 +368,9 @@ class _Filter:
         """
         seen, left = np.isfinite(sample), 1.0
         for _ in range(_MOST_SHARES):
-            if not self._regression.serves(self.belief, self._centre, t, seen, self._sigma):
+            if not self._regression.serves(self.belief, self.centre, t, seen, self._sigma):
                 self._regression = self._regressed()
-                self._centre = self._regression.centre
+                self.centre = self._regression.centre
             share = min(left, _largest_share(self._regression, self.belief, t, seen, self._sigma))
             share = self._use(share, t, sample, seen)
             if share >= left:
@@ -273,10 +389,10 @@ class _Filter:
         slopes, rest = regression.slopes[t, seen], regression.rest(t, seen)
         for _ in range(_MOST_SHRINKS):
             noise = rest + self._sigma**2 / share * np.eye(len(slopes))
-            new = _updated(self.belief, sample[seen] - self._centre[t, seen] - bend, slopes, noise)
+            new = _updated(self.belief, sample[seen] - self.centre[t, seen] - bend, slopes, noise)
             (centre,) = self._expected(new.mean[None])
             if np.isfinite(centre).all():
-                self.belief, self._centre = new, centre
+                self.belief, self.centre = new, centre
                 return share
             share *= _SHRINK
         raise LostError("no equilibrium where a measurement takes the filter's mean")
@@ -304,7 +420,7 @@ def _regression(belief: Gaussian, points: MerweScaledSigmaPoints, rows: np.ndarr
     size = np.sqrt(2 * points.Wc[1])
     odd, even = size * (ahead - behind) / 2, size * ((ahead + behind) / 2 - mean)
     # The columns of the root are the changes to which the rows belong.
-    inverse = np.linalg.pinv(_symmetric_root(belief.covariance), hermitian=True)
+    inverse = np.linalg.pinv(symmetric_root(belief.covariance), hermitian=True)
     return Regression(
         belief,
         rows[0],
@@ -349,13 +465,4 @@ def _sigma_points(size: int, alpha: float) -> MerweScaledSigmaPoints:
     covariance can become indefinite, however small alpha is.
     """
     beta = alpha**2 + alpha**-2 - 2
-    return MerweScaledSigmaPoints(size, alpha, beta, kappa=0.0, sqrt_method=_symmetric_root)
-
-
-def _symmetric_root(matrix: np.ndarray) -> np.ndarray:
-    """Symmetric R with RR = matrix, which may be singular to rounding.
-
-    It is unique. Other roots by eigenvectors depend on rounding where eigenvalues are equal.
-    """
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+    return MerweScaledSigmaPoints(size, alpha, beta, kappa=0.0, sqrt_method=symmetric_root)

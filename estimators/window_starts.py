@@ -131,7 +131,7 @@ def drive_alone(game: Game, start: np.ndarray, first: np.ndarray | None = None) 
         start: (N, n) x_1.
         first: (S, N, m) controls of the first steps to begin with; zeros if None.
     """
-    game = replace(game, constraints=())
+    whole, game = game, replace(game, constraints=())
     if first is None:
         first = np.zeros((_LEAST, *game.control_shape[1:]))
     point = JointPoint.from_trajectory(game, np.repeat(start[None], game.horizon, axis=0))
@@ -145,7 +145,8 @@ def drive_alone(game: Game, start: np.ndarray, first: np.ndarray | None = None) 
         best = int(np.argmin(found.costs))
         controls[:, i], costates[:, i] = found.controls[best], found.costates[best]
     states = rollout(game.dynamics, start, controls, game.dt)
-    return replace(point, states=states, controls=controls, costates=costates)
+    unknown = JointPoint.from_trajectory(whole, states).parameters  # of constraints as well
+    return replace(point, states=states, controls=controls, costates=costates, parameters=unknown)
 
 
 def tied_settings(problem: Problem, tie: float, iterations: int) -> JointSettings:

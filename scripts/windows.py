@@ -7,8 +7,8 @@ The first samples of each draw are seen through the view ``full``, the others ar
 game and its horizon are as ever. A table for each noise level has a line per road and method: how
 many windows yield an estimate, the position error of its states some steps after the last sample
 that was seen (median and largest over the windows, of means over players, for each number of
-steps), and the median processor time. ``start`` is the game from which ``ukf``, ``particle`` and
-``bilevel`` begin. Its error is that of its own states. ``uniform`` is the game at uniform weights
+steps), and the median processor time. ``start`` is the game from which ``bilevel`` begins, and
+filters that peek. Its error is that of its own states. ``uniform`` is the game at uniform weights
 from x_1 of the pre-solve, and ``constant_velocity`` drives straight on from its last state.
 ``stock`` are HighwayEnv's own drivers (IDM and MOBIL) from the last state that was seen, and
 ``stock_fitted`` those with parameters fitted to the window.

@@ -11,6 +11,7 @@ from olne_bench.estimators.belief import (
     Gaussian,
     LostError,
     first_game,
+    first_weights,
     hidden_positions,
     prior_belief,
 )
@@ -35,24 +36,58 @@ def point_of(problem, start):
     return np.concatenate([ratios, start.initial_state.ravel()])
 
 
-def test_the_first_belief_is_around_the_first_game(followed) -> None:
-    problem, observation, start = followed
-    prior = prior_belief(problem, observation, start, None, 0.5, 0.1)
-    mean, deviation = initial_state_prior(problem, observation, 0.1)
-    ratios = log_ratios_of(start.weights, problem.weight_floor)
-    np.testing.assert_allclose(prior.mean, [*ratios, *mean.ravel()])
-    free = len(ratios)
-    np.testing.assert_allclose(prior.covariance[:free, :free], 0.25 * flat_covariance(2, 4))
-    np.testing.assert_allclose(np.diag(prior.covariance)[free:], deviation.ravel() ** 2)
-    assert not prior.covariance[:free, free:].any()
+def test_the_belief_about_weights_comes_from_the_prior_alone(followed) -> None:
+    problem, _, _ = followed
+    weights = first_weights(problem, 0.5)
+    np.testing.assert_allclose(weights.mean, 0, atol=1e-12)
+    np.testing.assert_allclose(weights.covariance, 0.25 * flat_covariance(2, 4))
 
 
-def test_later_beliefs_keep_what_is_known_of_the_weights(followed) -> None:
-    problem, observation, start = followed
+def test_a_filter_that_peeks_believes_in_the_first_game(followed) -> None:
+    problem, _, start = followed
+    weights = first_weights(problem, 0.5, start)
+    np.testing.assert_allclose(weights.mean, log_ratios_of(start.weights, problem.weight_floor))
+    np.testing.assert_allclose(weights.covariance, 0.25 * flat_covariance(2, 4))
+
+
+def test_a_prior_knows_weights_and_where_players_are_first_seen(followed) -> None:
+    problem, observation, _ = followed
     known = Gaussian(np.arange(6.0), np.diag(np.arange(1.0, 7.0)))
-    prior = prior_belief(problem, observation, start, known, 0.5, 0.1)
-    np.testing.assert_array_equal(prior.mean[:6], known.mean)
+    prior = prior_belief(problem, observation, known, 0.1)
+    mean, deviation = initial_state_prior(problem, observation, 0.1)
+    np.testing.assert_array_equal(prior.mean, [*known.mean, *mean.ravel()])
     np.testing.assert_array_equal(prior.covariance[:6, :6], known.covariance)
+    np.testing.assert_allclose(np.diag(prior.covariance)[6:], deviation.ravel() ** 2)
+    assert not prior.covariance[:6, 6:].any()
+
+
+@pytest.mark.parametrize("size", [0.01, 0.6])
+def test_moments_of_weights_are_those_of_samples(followed, size) -> None:
+    problem, _, start = followed
+    rng = np.random.default_rng(0)
+    factor = size * rng.standard_normal((6, 6))
+    mean = log_ratios_of(start.weights, problem.weight_floor)
+    samples = mean + rng.standard_normal((200_000, 6)) @ factor.T
+    here = games(problem, start)
+    weights = here.weights(samples).reshape(-1, 8)
+    found = here.weight_belief(Gaussian(mean, factor @ factor.T))
+    width = weights.std(axis=0).max()
+    np.testing.assert_allclose(found.mean, weights.mean(axis=0), atol=0.1 * width)
+    covariance = np.cov(weights, rowvar=False)
+    near = 0.02 if size < 0.1 else 0.2
+    np.testing.assert_allclose(found.covariance, covariance, atol=near * width**2)
+    assert np.linalg.eigvalsh(found.covariance).min() > -1e-12
+    np.testing.assert_allclose(found.covariance @ np.repeat(np.eye(2), 4, axis=1).T, 0, atol=1e-12)
+
+
+def test_a_game_and_its_point_belong_together(followed) -> None:
+    problem, _, start = followed
+    here = games(problem, start)
+    np.testing.assert_allclose(here.point(start), point_of(problem, start))
+    corner = np.array([[1.0, 0.0, 0.0, 0.0], [0.25, 0.25, 0.25, 0.25]])
+    point = here.point(replace(start, weights=corner))
+    assert np.isfinite(point).all()
+    np.testing.assert_allclose(here.weights(point[None])[0], corner, atol=1e-4)
 
 
 def test_the_first_game_is_not_far_from_uniform_weights(followed) -> None:

@@ -19,6 +19,7 @@ from olne_bench.estimators.particle import (
     _tempered,
     effective_sample_size,
     filter_particles,
+    widening,
 )
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.simplex import from_log_ratios
@@ -185,6 +186,27 @@ def test_effective_sample_size():
     assert effective_sample_size(np.full(3, -np.inf)) == 0
 
 
+def test_regions_of_few_samples_hold_as_much_as_those_of_many():
+    """The mean squared Mahalanobis distance of a new sample is the number of dimensions."""
+    rng, size, count = np.random.default_rng(0), 6, 30
+    distances = []
+    for _ in range(4000):
+        samples, new = rng.standard_normal((count, size)), rng.standard_normal(size)
+        away = new - samples.mean(axis=0)
+        covariance = widening(count, size) * np.cov(samples, rowvar=False)
+        distances.append(away @ np.linalg.solve(covariance, away))
+    assert np.mean(distances) == pytest.approx(size, rel=0.05)
+    assert widening(8.0, 6) is None
+
+
+def test_too_few_particles_tell_no_covariance(seen):
+    problem, (observation,), _ = seen(1, sigma=0.01)
+    few = Particle(count=10, most_draws=2)
+    found = few.estimate(problem, observation, rng=np.random.default_rng(0), budget=60)
+    assert not found.converged
+    assert "do not tell the covariance of 6 free weights" in found.message
+
+
 def test_shares_are_tempered_until_enough_particles_are_effective():
     log_shares = np.append(-20 * np.random.default_rng(0).uniform(size=100), -np.inf)
     tempered = _tempered(log_shares, 50.0)
@@ -260,7 +282,7 @@ def test_small_games(seen, view):
     )
     assert online.shape == (12, 2, 4)
     assert effective.shape == (12,)
-    assert result.extras["least_effective_sample_size"] == effective.min() > 45
+    assert result.extras["least_effective_sample_size"] == np.nanmin(effective) > 45
     assert effective[-1] >= 100
     np.testing.assert_array_equal(online[-1], result.weights)
     np.testing.assert_allclose(online.sum(axis=2), 1)

@@ -8,7 +8,6 @@ from olne_bench.estimators.simplex import (
     flat_covariance,
     from_log_ratios,
     log_ratios_of,
-    weight_covariance_of,
 )
 
 WEIGHTS = np.array([[0.4, 0.2, 0.1, 0.3], [0.1, 0.6, 0.25, 0.05]])
@@ -30,15 +29,6 @@ def test_the_flat_covariance_is_that_of_uniform_samples():
     shares = np.random.default_rng(0).dirichlet(np.ones(4), (200_000, 2))
     phi = np.log(shares[..., :-1] / shares[..., -1:]).reshape(-1, 6)
     np.testing.assert_allclose(flat_covariance(2, 4), np.cov(phi, rowvar=False), atol=0.05)
-
-
-def test_the_covariance_is_that_of_samples():
-    phi, rng = log_ratios_of(WEIGHTS, 1e-3), np.random.default_rng(0)
-    factor = 0.01 * rng.standard_normal((6, 6))
-    samples = from_log_ratios(phi + rng.standard_normal((200_000, 6)) @ factor.T, 4, 1e-3)
-    expected = np.cov(samples.reshape(-1, 8).T)
-    covariance = weight_covariance_of(phi, factor @ factor.T, 4, 1e-3)
-    np.testing.assert_allclose(covariance, expected, atol=0.02 * np.abs(expected).max())
 
 
 def test_ratios_go_there_and_back_and_reach_the_floor():

@@ -69,7 +69,8 @@ def test_what_explains_nothing_is_no_start(passing) -> None:
     assert isinstance(stream, JointStream)
     for sample in y[:10]:
         stream.update(sample, budget=60)
-    stream._last = replace(stream._last, states=stream._last.states + 5.0)  # somewhere else
+    optimum = stream._optimum
+    optimum._last = replace(optimum._last, states=optimum._last.states + 5.0)  # somewhere else
     found = stream.update(y[10], budget=60)
     assert found.converged
     assert np.abs(found.states - states)[..., :2].max() < 0.1

@@ -161,7 +161,7 @@ def test_all_of_the_budget_is_for_games(seen, monkeypatch):
         left.append(deadline - time.monotonic())
         raise LostError("enough")
 
-    monkeypatch.setattr("olne_bench.estimators.ukf.FollowedGames", stop)
+    monkeypatch.setattr("olne_bench.estimators.past_posterior.FollowedGames", stop)
     begin = time.monotonic()
     result = Ukf().estimate(problem, observation, rng=RNG, budget=1000.0)
     assert (result.converged, result.message) == (False, "enough")
