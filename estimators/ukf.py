@@ -433,9 +433,16 @@ def _regression(belief: Gaussian, points: MerweScaledSigmaPoints, rows: np.ndarr
 def _updated(
     belief: Gaussian, error: np.ndarray, slopes: np.ndarray, noise: np.ndarray
 ) -> Gaussian:
-    """(U4): the belief after a linear measurement; Joseph's form keeps the covariance definite."""
+    """(U4): the belief after a linear measurement; Joseph's form keeps the covariance definite.
+
+    Raises:
+        LostError: if the noise is lost to rounding beside the belief.
+    """
     crossed = belief.covariance @ slopes.T
-    gain = np.linalg.solve(slopes @ crossed + noise, crossed.T).T
+    try:
+        gain = np.linalg.solve(slopes @ crossed + noise, crossed.T).T
+    except np.linalg.LinAlgError:
+        raise LostError("the belief is too wide for the noise: rounding hides it") from None
     kept = np.eye(len(belief.mean)) - gain @ slopes
     covariance = kept @ belief.covariance @ kept.T + gain @ noise @ gain.T
     return Gaussian(belief.mean + gain @ error, (covariance + covariance.T) / 2)

@@ -21,6 +21,7 @@ PAGES = (
     "README.md",
     "docs/estimators.md",
     "docs/study.md",
+    "docs/highway.md",
     "docs/unknowns.md",
     "docs/constraints.md",
 )
@@ -112,6 +113,30 @@ def exponents() -> str:
     return _markdown(["Sensor", "Noise [m]", *wide.columns, "Cramér-Rao limit"], rows, left=1)
 
 
+def roads() -> str:
+    """Suite ``roads``, full sensor: ranks and median errors."""
+    board = _leaderboard("roads")
+    rows = [
+        [
+            row["scenario"],
+            row["estimator"],
+            "–" if math.isnan(row["position_error_rank"]) else f"{row['position_error_rank']:.0f}",
+            _number(row["position_error_median"]),
+            _number(row["held_out_error_median"]),
+            _number(row["cosine_error_median"]),
+            _share(row["covers_truth_share"]),
+            f"{row['failures']} of {row['trials']}",
+            _number(1e3 * row["solve_seconds_median"]),
+        ]
+        for row in board[(board["sensor"] == "full") & (board["trials"] > 0)].to_dict("records")
+    ]
+    heads = (
+        "Road, Estimator, Rank, Position error [m], Held-out error [m], Cosine error, Covered, "
+        "Failures, ms"
+    )
+    return _markdown(heads.split(", "), rows, left=2)
+
+
 def parameters() -> str:
     """Suite ``parameters``: errors of weights and unknowns, all noise levels together."""
     board = _leaderboard("parameters")
@@ -166,7 +191,7 @@ def claims() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     table.__name__: table
-    for table in (paper, field, times, coverage, exponents, claims, parameters, constrained)
+    for table in (paper, field, times, coverage, exponents, claims, roads, parameters, constrained)
 }
 
 

@@ -5,8 +5,9 @@ Calderhead 2011). With F and its derivative J at a place (``residual_density``),
 
     x' ~ N(x - h^2/2 G^-1 J' F, h^2 G^-1),
 
-accepted by Metropolis and Hastings. The length h is adapted in the first half, which is not kept.
-A point without a game has a density of zero.
+accepted by Metropolis and Hastings. Every step of every chain has a length of its own, as bends
+need short ones and tails long ones: a log-normal number times a length that is adapted in the first
+half, which is not kept. A point without a game has a density of zero.
 """
 
 from dataclasses import dataclass
@@ -17,8 +18,9 @@ from tqdm import tqdm
 from olne_bench.estimators.perturbed_fits import Peak, counts_of
 from olne_bench.estimators.residual_density import Density, Places, joined
 
-#: Wanted share of accepted steps, the first length, and how fast the length follows the share.
-_ACCEPTED, _LENGTH, _RATE = 0.57, 0.8, 0.1
+#: Wanted share of accepted steps, the first length, how fast the length follows the share, and the
+#: standard deviation of the logarithms of lengths.
+_ACCEPTED, _LENGTH, _RATE, _SPREAD = 0.5, 0.8, 0.1, 1.0
 
 
 @dataclass(frozen=True)
@@ -80,12 +82,13 @@ def _starts(density: Density, peaks: list[Peak], count: int, rng: np.random.Gene
 
 def _step(density: Density, places: Places, length: float, rng: np.random.Generator) -> float:
     """One step of all chains, in place; the share that is accepted."""
-    here = _Proposal.at(places, length)
+    lengths = length * np.exp(_SPREAD * rng.standard_normal(len(places)))
+    here = _Proposal.at(places, lengths)
     noise = rng.standard_normal(places.points.shape)
     trial = density.reach(here.draw(noise), places)
     good = trial.possible.copy()
     if good.any():
-        back = _Proposal.at(trial.at(good), length)
+        back = _Proposal.at(trial.at(good), lengths[good])
         gain = trial.log_density[good] - places.log_density[good]
         gain += back.log_density(places.points[good])
         gain -= here.log_density(trial.points)[good]
@@ -102,13 +105,13 @@ class _Proposal:
     roots: np.ndarray
 
     @classmethod
-    def at(cls, places: Places, length: float) -> "_Proposal":
+    def at(cls, places: Places, lengths: np.ndarray) -> "_Proposal":
         rows = places.rows
         metric = np.swapaxes(rows, 1, 2) @ rows
         slope = np.einsum("bod,bo->bd", rows, places.errors)
         drift = np.linalg.solve(metric, slope[..., None])[..., 0]
-        means = places.points - length**2 / 2 * drift
-        return cls(means, np.linalg.cholesky(metric) / length)
+        means = places.points - lengths[:, None] ** 2 / 2 * drift
+        return cls(means, np.linalg.cholesky(metric) / lengths[:, None, None])
 
     def draw(self, noise: np.ndarray) -> np.ndarray:
         """Points (B, d) for standard normal numbers (B, d)."""

@@ -13,6 +13,7 @@ from olne_bench.estimators.ukf import (
     _largest_share,
     _regression,
     _sigma_points,
+    _updated,
     filter_samples,
 )
 
@@ -173,3 +174,9 @@ def test_time_is_kept(seen):
     result = Ukf().estimate(problem, observation, rng=RNG, budget=0.0)
     assert not result.converged
     assert result.message == "time limit reached"
+
+
+def test_noise_that_rounding_hides_is_said():
+    belief, slopes = Gaussian(np.zeros(2), 2.0**100 * np.eye(2)), np.array([[1.0, 0.0], [1.0, 0.0]])
+    with pytest.raises(LostError, match="rounding"):
+        _updated(belief, np.ones(2), slopes, noise=1e-6 * np.eye(2))

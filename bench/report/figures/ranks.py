@@ -21,8 +21,9 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     """Cumulative share of levels less the level, a row per estimator and a column per sensor.
 
     A line is one weight, at all noise levels together. If an estimate is calibrated, a line stays
-    in the grey band with 95 % at each level. A line that rises at both ends belongs to intervals
-    that are too narrow; one that is above zero throughout, to estimates that are too high.
+    in the grey band with 95 % at each level; the band is that of the weight in the fewest
+    trials. A line that rises at both ends belongs to intervals that are too narrow; one that is
+    above zero throughout, to estimates that are too high.
 
     Raises:
         NotDrawnError: if no estimate tells the levels of single weights.
@@ -46,7 +47,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
         axes.set_xlabel("Level of the true weight")
     panels[0][0].set(xlim=(0, 1))
     figure.suptitle(f"{trials['scenario'].iloc[0]}: share of levels below, less the level")
-    players = len(series[0].trials["weight_levels"].dropna().iloc[0])
+    players = max(weight_levels_of(one.trials).shape[1] for one in series)
     entries = [(Line2D([], [], color=f"C{i}"), f"weights of player {i}") for i in range(players)]
     style.legend_below(figure, entries)
     return figure
@@ -54,14 +55,14 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
 
 def _panel(axes: Axes, series: Series) -> None:
     levels = weight_levels_of(series.trials)
-    count, weights = levels.shape
+    count = int(np.isfinite(levels[:, :, 0]).sum(axis=0).min())
     at = np.linspace(0, 1, 201)
     low, high = (binom.ppf(p, count, at) / count - at for p in ((1 - _BAND) / 2, (1 + _BAND) / 2))
     axes.fill_between(at, low, high, color="0.88", linewidth=0)
     axes.axhline(0, color="0.5", linewidth=1)
-    players = len(series.trials["weight_levels"].dropna().iloc[0])
-    for k, column in enumerate(levels.T):
-        level, share = coverage_curve(column)
-        colour = f"C{k // (weights // players)}"
-        axes.plot(level, share - level, color=colour, linewidth=0.9, alpha=0.8)
-    axes.text(0.02, 0.04, f"{count} trials", transform=axes.transAxes, fontsize="small")
+    for player, own in enumerate(np.moveaxis(levels, 0, -1)):
+        for weight in own:
+            level, share = coverage_curve(weight[np.isfinite(weight)])
+            axes.plot(level, share - level, color=f"C{player}", linewidth=0.9, alpha=0.8)
+    trials = f"{count} trials" + (" or more" if count < len(levels) else "")
+    axes.text(0.02, 0.04, trials, transform=axes.transAxes, fontsize="small")

@@ -11,7 +11,7 @@ import pandas as pd
 from scipy.stats import kstest
 
 from olne_bench.bench.report.statistics.estimator_comparison import holm
-from olne_bench.bench.report.statistics.identifiability import nested_numbers
+from olne_bench.bench.report.statistics.identifiability import flat_numbers
 from olne_bench.bench.report.statistics.intervals import share_interval
 
 LEVEL, TARP, WEIGHTS = "credible_level", "tarp_level", "weight_levels"
@@ -47,13 +47,17 @@ def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def weight_levels_of(group: pd.DataFrame) -> np.ndarray:
-    """The levels (R, W) of all weights in trials that tell them."""
-    if WEIGHTS not in group:
-        return np.empty((0, 0))
+    """The levels (R, N, K) of all weights in trials that tell them.
+
+    Draws may have different numbers of players: levels of those that a trial lacks are NaN.
+    """
+    if WEIGHTS not in group or not group[WEIGHTS].notna().any():
+        return np.empty((0, 0, 0))
     column = group[WEIGHTS].dropna()
-    if not len(column):
-        return np.empty((0, 0))
-    return nested_numbers(column, (sum(len(player) for player in column.iloc[0]),))
+    numbers, players = flat_numbers(column)
+    levels = np.full((len(players), players.max(), len(numbers) // players.sum()), np.nan)
+    levels[np.arange(players.max()) < players[:, None]] = numbers.reshape(players.sum(), -1)
+    return levels
 
 
 def _of_cell(group: pd.DataFrame) -> dict[str, float]:
@@ -63,11 +67,13 @@ def _of_cell(group: pd.DataFrame) -> dict[str, float]:
         found |= _share("covered", nominal, levels <= nominal, units)
     weights = weight_levels_of(group)
     if weights.size:
-        units = np.repeat(group.loc[group[WEIGHTS].notna(), "seed"].to_numpy(), weights.shape[1])
+        weights = weights.reshape(len(weights), -1)
+        told, seeds = np.isfinite(weights), group.loc[group[WEIGHTS].notna(), "seed"].to_numpy()
+        units = np.broadcast_to(seeds[:, None], told.shape)[told]
         for nominal in NOMINAL:
-            inside = np.abs(weights - 0.5) <= nominal / 2
-            found |= _share("weights", nominal, inside.ravel(), units)
-        p = np.array([_uneven(column) for column in weights.T])
+            inside = np.abs(weights[told] - 0.5) <= nominal / 2
+            found |= _share("weights", nominal, inside, units)
+        p = np.array([_uneven(column[np.isfinite(column)]) for column in weights.T])
         found["p_weights"] = float(holm(p).min())
     if TARP in group and group[TARP].notna().any():
         found["p_tarp"] = _uneven(group[TARP].dropna().to_numpy(float))

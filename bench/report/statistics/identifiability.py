@@ -102,13 +102,19 @@ def weights_of(rows: pd.DataFrame, shape: tuple[int, ...]) -> np.ndarray:
 
 def nested_numbers(column: pd.Series, shape: tuple[int, ...]) -> np.ndarray:
     """Numbers (R, ...) of a column of nested lists, all of which are there."""
+    return flat_numbers(column)[0].reshape(-1, *shape)
+
+
+def flat_numbers(column: pd.Series) -> tuple[np.ndarray, np.ndarray]:
+    """All numbers (S,) of a column of nested lists, and the lengths (R,) of the outer lists."""
     if isinstance(column.dtype, pd.ArrowDtype):
         lists = pa.array(column)
         if isinstance(lists, pa.ChunkedArray):
             lists = lists.combine_chunks()
-        return lists.flatten().flatten().to_numpy(zero_copy_only=False).reshape(-1, *shape)
-    nested = [[list(player) for player in value] for value in column]
-    return np.array(nested, dtype=float).reshape(-1, *shape)
+        numbers = lists.flatten().flatten().to_numpy(zero_copy_only=False)
+        return numbers, lists.value_lengths().to_numpy(zero_copy_only=False)
+    numbers = [number for value in column for player in value for number in player]
+    return np.array(numbers, dtype=float), np.array([len(value) for value in column], dtype=int)
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,10 @@ from olne_bench.bench.run.store import open_store
 
 def test_draws_without_an_equilibrium_are_rows_of_their_own(monkeypatch, judged):
     monkeypatch.setattr("olne_bench.envs.driving.MAX_DRAWS", 0)
-    merge = Selection(scenarios=("merge",), estimators=("uniform",), sigmas=(2,))
-    trials = list(expand(select(load_suite("highway"), merge), seeds=1))
+    merge = Selection(
+        scenarios=("merge",), estimators=("uniform",), sigmas=(1,), sensors=("full", "partial")
+    )
+    trials = list(expand(select(load_suite("roads"), merge), seeds=1))
     assert [trial.sensor.label for trial in trials] == ["full", "partial"]
     for trial in trials:
         outcome = judged(trial)
@@ -24,9 +26,9 @@ def test_draws_without_an_equilibrium_are_rows_of_their_own(monkeypatch, judged)
         assert outcome.message.startswith("no playable draw of 'merge'")
 
 
-def test_a_draw_of_the_highway_suite_is_scored(judged):
-    two_way = Selection(scenarios=("two_way",), sensors=("full",), sigmas=(0.1,))
-    part = select(load_suite("highway"), two_way)
+def test_a_draw_of_the_roads_suite_is_scored(judged):
+    two_way = Selection(scenarios=("two_way",), sensors=("full",), sigmas=(0.05,))
+    part = select(load_suite("roads"), two_way)
     trials = {trial.estimator.label: trial for trial in expand(part, seeds=1)}
     joint, floor = (judged(trials[name]) for name in ("kkt_constrained", "uniform"))
     trial = trials["uniform"]

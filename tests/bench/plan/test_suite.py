@@ -163,11 +163,11 @@ def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
     assert seen == sorted(seen)
 
 
-def test_traffic_of_the_highway_suite_is_checked_without_being_solved(monkeypatch):
+def test_traffic_of_the_roads_suite_is_checked_without_being_solved(monkeypatch):
     monkeypatch.setattr("olne_bench.envs.playability.certified_equilibrium", None)
-    suite = load_suite("highway")
-    assert {entry.name for entry in suite.scenarios} == set(ROAD_NAMES)
-    assert (min(suite.sigmas), max(suite.sigmas)) == (0, 2)
+    suite = load_suite("roads")
+    assert {entry.name for entry in suite.scenarios} == {*ROAD_NAMES, "merging"}
+    assert (min(suite.sigmas), max(suite.sigmas)) == (0, 1)
 
 
 def test_two_settings_of_one_estimator_need_labels(tmp_path):

@@ -60,6 +60,15 @@ def test_a_line_for_each_weight(told: pd.DataFrame) -> None:
             assert np.abs(line.get_ydata()[[0, -1]]).max() < 1e-12
 
 
+def test_a_player_of_some_draws_has_its_lines(told: pd.DataFrame) -> None:
+    more = [np.full((3, 3), 0.5).tolist() if k % 2 else [[0.1] * 3] * 2 for k in range(NUMBER)]
+    told.loc[told["estimator"] == "posterior", "weight_levels"] = pd.Series(more * 2).values
+    figure = ranks.draw(told)
+    for axes in figure.axes:
+        assert len(axes.lines) == 1 + 3 * 3
+        assert [text.get_text() for text in axes.texts] == [f"{NUMBER // 2} trials or more"]
+
+
 def test_nothing_to_draw_is_said(told: pd.DataFrame) -> None:
     silent = told[told["estimator"] == "uniform"]
     for module in (calibration, ranks):

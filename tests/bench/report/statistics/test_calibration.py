@@ -2,9 +2,14 @@
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
-from olne_bench.bench.report.statistics.calibration import calibration_table, coverage_curve
+from olne_bench.bench.report.statistics.calibration import (
+    calibration_table,
+    coverage_curve,
+    weight_levels_of,
+)
 
 
 def trials(levels: np.ndarray, estimator: str = "e") -> pd.DataFrame:
@@ -55,6 +60,25 @@ def test_levels_of_single_weights() -> None:
     assert table.loc["bold", "weights_80_high"] < 0.8
     assert table.loc["bold", "p_weights"] < 1e-6 < 0.01 < table.loc["e", "p_weights"]
     assert table.loc["bold", "p_tarp"] < 1e-6 < 0.01 < table.loc["e", "p_tarp"]
+
+
+@pytest.mark.parametrize("stored", [False, True], ids=["lists", "as read from parquet"])
+def test_draws_may_have_different_numbers_of_players(stored: bool) -> None:
+    rng = np.random.default_rng(0)
+    levels = pd.Series([rng.random((2 + seed % 3, 2)).tolist() for seed in range(300)])
+    levels.iloc[7] = None
+    if stored:
+        levels = levels.astype(pd.ArrowDtype(pa.list_(pa.list_(pa.float64()))))
+    group = trials(rng.random(300)).assign(weight_levels=levels)
+    found = weight_levels_of(group)
+    assert found.shape == (299, 4, 2)
+    assert np.isfinite(found).all(axis=2).sum(axis=1).tolist() == [
+        2 + seed % 3 for seed in range(300) if seed != 7
+    ]
+    np.testing.assert_array_equal(found[1, :3], levels.iloc[1])
+    (row,) = calibration_table(group).to_dict("records")
+    assert row["weights_80"] == pytest.approx(0.8, abs=0.05)
+    assert row["p_weights"] > 0.001
 
 
 def test_failed_estimates_claim_nothing() -> None:
