@@ -36,7 +36,7 @@ def fails(capsys, *arguments):
     [
         (
             ["run", "nope"],
-            "unknown suite 'nope'; known are: calibration, constrained, field, highway, online",
+            "unknown suite 'nope'; known are: calibration, constrained, field, online, paper",
         ),
         (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
         (["run", "quick", "--sensor", "x"], "no sensor 'x'; it has: full, partial"),
