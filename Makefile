@@ -24,7 +24,7 @@ help:
 	@echo "make docs         the documentation site, into site/; runs its tutorials"
 	@echo "make test         linter, type checker and tests"
 	@echo "make check        linter and type checker"
-	@echo "make results      copy tables and figures of bench and field to results/"
+	@echo "make results      copy tables and figures of the studies in $(OUT) to results/"
 	@echo "make clean        remove the virtual environment, the site and caches, keep runs"
 
 $(VENV)/.installed: pyproject.toml constraints.txt
@@ -99,16 +99,19 @@ check: setup
 test: check
 	$(BIN)/python -m pytest --numprocesses $$(($(JOBS) + 1)) --dist worksteal
 
-# What the repository keeps of a study: tables, some figures, and the page where it has fewer bytes.
-PAGE_LIMIT := 1800000
+# What the repository keeps of a study that was run: tables, some figures, and the page where it has
+# fewer bytes.
+PAGE_LIMIT := 1600000
 define keep
-	$(BIN)/olne-bench report $(OUT)/$(1)
-	rm -rf results/$(1)
-	mkdir -p results/$(1)/figures
-	cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md trials.parquet) results/$(1)/
-	cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/
-	$(BIN)/python scripts/fewer_colours.py results/$(1)
-	find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \;
+	if [ -d $(OUT)/$(1) ]; then \
+		$(BIN)/olne-bench report $(OUT)/$(1) && \
+		rm -rf results/$(1) && \
+		mkdir -p results/$(1)/figures && \
+		cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md trials.parquet) results/$(1)/ && \
+		cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/ && \
+		$(BIN)/python scripts/fewer_colours.py results/$(1) && \
+		find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \; ; \
+	fi
 endef
 
 results: setup
@@ -116,6 +119,8 @@ results: setup
 	$(call keep,roads,errors_*.png)
 	$(call keep,field,errors_*.png)
 	$(call keep,sensors,errors_*.png)
+	$(call keep,parameters,errors_*.png)
+	$(call keep,constrained,errors_*.png)
 	$(BIN)/python scripts/docs_tables.py
 	du -sk results | awk '{ if ($$1 > 14336) { print "results/ has " $$1 " KiB; at most 14 MiB are kept"; exit 1 } }'
 
