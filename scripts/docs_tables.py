@@ -8,8 +8,9 @@ A table is between the comments ``<!-- table: NAME -->`` and ``<!-- end -->``, a
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from paper_claims import claims_of
@@ -55,8 +56,7 @@ def paper() -> str:
             _number(row["position_error_median"]),
             _number(row["cosine_error_median"]),
             _number(row["limit_ratio"]),
-            f"{row['failures']} of {row['trials']}",
-            _number(1e3 * row["solve_seconds_median"]),
+            *_failures_and_time(row),
         ]
         for row in board.to_dict("records")
     ]
@@ -125,8 +125,7 @@ def roads() -> str:
             _number(row["held_out_error_median"]),
             _number(row["cosine_error_median"]),
             _share(row["covers_truth_share"]),
-            f"{row['failures']} of {row['trials']}",
-            _number(1e3 * row["solve_seconds_median"]),
+            *_failures_and_time(row),
         ]
         for row in board[(board["sensor"] == "full") & (board["trials"] > 0)].to_dict("records")
     ]
@@ -149,8 +148,7 @@ def parameters() -> str:
             _number(row["cosine_error_median"]),
             _number(row["parameter_error_median"]),
             _share(row["covers_parameters_share"]),
-            f"{row['failures']} of {row['trials']}",
-            _number(1e3 * row["solve_seconds_median"]),
+            *_failures_and_time(row),
         ]
         for row in board.to_dict("records")
     ]
@@ -198,6 +196,11 @@ TABLES: dict[str, Callable[[], str]] = {
 def _leaderboard(name: str) -> pd.DataFrame:
     table = pd.read_csv(RESULTS / name / "leaderboard.csv")
     return table.rename(columns={"view": "sensor"})  # its name in tables before version 0.1
+
+
+def _failures_and_time(row: dict[Hashable, Any]) -> tuple[str, str]:
+    """Failures of all trials, and the median time of an estimate [ms]."""
+    return f"{row['failures']} of {row['trials']}", _number(1e3 * row["solve_seconds_median"])
 
 
 def _number(value: float) -> str:
