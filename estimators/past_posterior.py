@@ -36,6 +36,7 @@ from olne_bench.estimators.kkt_constrained import in_time, solver_tolerance
 from olne_bench.estimators.map import with_prior
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.white_noise import assumed_sigma
+from olne_bench.estimators.window_starts import first_samples
 from olne_bench.games.newton import Root
 
 #: Gauss-Newton: steps at most, decrease of the objective below which none is taken, and damping:
@@ -160,7 +161,7 @@ class PastGames:
 
     def at(self, t: int) -> SolvedGame | None:
         """The most probable game given the samples up to t; None if none was found."""
-        found, _ = self._optimum.find(self._problem, until(self._y, t), self._deadline)
+        found, _ = self._optimum.find(self._problem, first_samples(self._y, t + 1), self._deadline)
         if not found.converged:
             return None
         point = found.point
@@ -260,7 +261,7 @@ def outset(
         return Outset(prior, FollowedGames(problem, game, deadline))
     past, y = PastGames(problem, observation.y, spread, deadline), observation.y
     for first in range(beginning(y), len(y)):
-        seen = Observation(until(y, first))
+        seen = Observation(first_samples(y, first + 1))
         found = past.at(first) or fitted_game(problem, seen)
         if time.monotonic() > deadline:
             raise LateError("time limit reached")
@@ -300,10 +301,3 @@ def beginning(y: np.ndarray) -> int:
     counts = np.isfinite(y).any(axis=2).cumsum(axis=0).min(axis=1)
     (enough,) = np.nonzero(counts >= max(_LEAST, len(y) // _SHARE))
     return int(enough[0]) if enough.size else len(y) - 1
-
-
-def until(y: np.ndarray, t: int) -> np.ndarray:
-    """Observations (T, N, d) without those after t."""
-    y = y.copy()
-    y[t + 1 :] = np.nan
-    return y

@@ -183,13 +183,19 @@ def followed(problem: Problem, y: np.ndarray, start: JointPoint, tie: float = 1.
     point, shown = start, int(_last_seen(y).max())
     growth = max(1, -(-(shown - _FIRST) // _ADDITIONS))
     for count in (*range(_FIRST, shown, growth), shown):
-        part, barrier = y.copy(), _BARRIERS[int(count > _FIRST)]
-        part[count:] = np.nan
-        settings = replace(settings, first_barrier=barrier)
+        settings = replace(settings, first_barrier=_BARRIERS[int(count > _FIRST)])
+        part = first_samples(y, count)
         solution = solve_joint(problem.game, problem.view, part, point, settings)
         if solution.converged:
             point = inside(solution.point, problem.weight_floor)
     return point
+
+
+def first_samples(y: np.ndarray, count: int) -> np.ndarray:
+    """Observations (T, N, d) without those after the first ``count``."""
+    y = y.copy()
+    y[count:] = np.nan
+    return y
 
 
 def _grown(game: Game, start: np.ndarray, controls: np.ndarray, alone: np.ndarray) -> np.ndarray:

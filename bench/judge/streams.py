@@ -6,6 +6,8 @@ The noise of a trial can be drawn again, and subtracted, only by those who know 
 import hashlib
 import json
 
+import numpy as np
+
 
 def stream(salt: str, purpose: str, *key: str | int | float) -> int:
     """A seed of 63 bits.
@@ -17,3 +19,9 @@ def stream(salt: str, purpose: str, *key: str | int | float) -> int:
     """
     text = json.dumps([salt, purpose, *key])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
+
+
+def generator_of(values: np.ndarray) -> np.random.Generator:
+    """Random numbers that depend on an array alone: who scores it again draws the same."""
+    digest = hashlib.sha256(np.ascontiguousarray(values).tobytes()).digest()
+    return np.random.default_rng(int.from_bytes(digest[:8], "little"))

@@ -16,9 +16,9 @@ from olne_bench.estimators.past_posterior import (
     dirichlet_parameter,
     outset,
     unexplained,
-    until,
 )
 from olne_bench.estimators.protocol import Observation
+from olne_bench.estimators.window_starts import first_samples
 
 
 class Linear:
@@ -86,7 +86,7 @@ def test_the_most_probable_games_explain_the_samples_so_far(seen, view):
     here, other = (PastGames(problem, some, 0.5, time.monotonic() + 60) for some in (y, changed))
     for t in range(2, 7):
         game, same = here.at(t), other.at(t)
-        so_far = until(y, t)
+        so_far = first_samples(y, t + 1)
         error = squared_error_of(problem, game.root.states, so_far)
         assert error < largest_explicable(problem, [so_far])
         np.testing.assert_array_equal(game.root.states, same.root.states)

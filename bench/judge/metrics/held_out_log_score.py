@@ -1,11 +1,10 @@
 """How well an estimate foretells positions that no estimator has seen, in one number."""
 
-import hashlib
-
 import numpy as np
 from scipy.special import logsumexp
 
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged
+from olne_bench.bench.judge.streams import generator_of
 
 #: Samples that predict, evenly spaced among those of the estimate.
 SAMPLES = 100
@@ -47,8 +46,7 @@ def _lost(one: HeldOut, predictions: np.ndarray, sigma: float) -> float:
         sigma: standard deviation of the noise of each coordinate.
     """
     true = one.states[1:, :, :2]
-    digest = hashlib.sha256(np.ascontiguousarray(true).tobytes()).digest()
-    noise = np.random.default_rng(int.from_bytes(digest[:8], "little")).standard_normal(true.shape)
+    noise = generator_of(true).standard_normal(true.shape)
     errors = (predictions[:, 1:, :, :2] - true) / sigma - noise
     log_densities = -np.sum(errors**2, axis=-1) / 2
     playable = np.isfinite(log_densities).all(axis=(1, 2))

@@ -1,10 +1,9 @@
 """Whether samples are calibrated around points that have nothing to do with them."""
 
-import hashlib
-
 import numpy as np
 
 from olne_bench.bench.judge.metrics.judged import Judged
+from olne_bench.bench.judge.streams import generator_of
 
 
 class TarpLevel:
@@ -25,8 +24,7 @@ class TarpLevel:
         samples = case.estimate.samples
         if samples is None or case.sigma == 0:
             return None
-        digest = hashlib.sha256(np.ascontiguousarray(samples).tobytes()).digest()
-        random = np.random.default_rng(int.from_bytes(digest[:8], "little"))
+        random = generator_of(samples)
         players, count = case.weights.shape
         point = random.dirichlet(np.ones(count), players)
         distances = np.linalg.norm((samples - point).reshape(len(samples), -1), axis=1)
