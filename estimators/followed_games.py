@@ -29,6 +29,19 @@ _TOLERANCE, _FACTORISATIONS = 1e-5, 12
 
 
 @dataclass(frozen=True)
+class StartPrior:
+    """A normal prior of the initial state.
+
+    Attributes:
+        mean: (N, n).
+        deviation: (n,) standard deviation of each state of a player.
+    """
+
+    mean: np.ndarray
+    deviation: np.ndarray
+
+
+@dataclass(frozen=True)
 class FollowedGames:
     """Errors and their derivatives.
 
@@ -37,12 +50,14 @@ class FollowedGames:
         observation: what was seen.
         chart: coordinates of weights and unknowns.
         deadline: in seconds of ``time.monotonic``.
+        start: prior of x_1, which is flat without one.
     """
 
     problem: Problem
     observation: Observation
     chart: NormalChart
     deadline: float
+    start: StartPrior | None = None
 
     def place(self, game: SolvedGame) -> Places:
         """The place of a known game."""
@@ -94,19 +109,27 @@ class FollowedGames:
         return _TOLERANCE * self.problem.sigma
 
     def _places(self, points: np.ndarray, roots: np.ndarray, possible: np.ndarray) -> Places:
-        problem, size = self.problem, self.chart.size
+        problem = self.problem
         possible, responses = self._responses(points, roots, possible)
         samples, slopes = self._seen(roots[:, :, : _width(problem)])
         seen = np.isfinite(self.observation.y).ravel()
         errors = samples - self.observation.y / np.array(problem.noise_scale)
         errors = errors.reshape(len(points), -1)[:, seen] / problem.sigma
         rows = self._rows(points, slopes, responses)[:, seen] / problem.sigma
-        prior = np.zeros((len(points), size, points.shape[1]))
-        prior[:, np.arange(size), np.arange(size)] = 1.0
-        errors = np.hstack([errors, points[:, :size]])
-        rows = np.concatenate([rows, prior], axis=1)
+        believed, slope = self._prior(points)
+        errors = np.hstack([errors, believed])
+        rows = np.concatenate([rows, np.tile(slope, (len(points), 1, 1))], axis=1)
         errors[~possible], rows[~possible] = 0.0, 0.0
         return Places(points, errors, rows, possible, roots, responses)
+
+    def _prior(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of the prior (B, P) at points (B, d), and their derivative (P, d)."""
+        size = self.chart.size
+        if self.start is None:
+            return points[:, :size], np.eye(size, points.shape[1])
+        scale = np.tile(self.start.deviation, _shape(self.problem)[0])
+        away = (points[:, size:] - self.start.mean.ravel()) / scale
+        return np.hstack([points[:, :size], away]), np.diag(np.r_[np.ones(size), 1 / scale])
 
     def _responses(
         self, points: np.ndarray, roots: np.ndarray, possible: np.ndarray

@@ -139,12 +139,16 @@ class Posterior:
             observation: what was seen.
             deadline: in seconds of ``time.monotonic``.
         """
-        game = problem.game
         optima = probable_optima(problem, observation.y, self.alpha, deadline)
+        density = self.density(problem, observation, deadline)
+        return density, _peaks(density, _meant(problem, optima))
+
+    def density(self, problem: Problem, observation: Observation, deadline: float) -> FollowedGames:
+        """The density (B1), as of ``peaks``; (B1) with a prior of x_1 overrides it."""
+        game = problem.game
         size = game.num_players, game.num_weights, problem.weight_floor
         chart = NormalChart(*size, self.alpha, game.parameters)
-        density = FollowedGames(problem, observation, chart, deadline)
-        return density, _peaks(density, _meant(problem, optima))
+        return FollowedGames(problem, observation, chart, deadline)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""

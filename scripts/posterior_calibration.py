@@ -1,9 +1,9 @@
 """Whether posterior samples are calibrated: truths from the prior, one line per sensor and noise.
 
     python scripts/posterior_calibration.py two_player --draws 1000
-    python scripts/posterior_calibration.py highway_overtaking --draws 300 --sigmas 0.005 0.02
+    python scripts/posterior_calibration.py highway_overtaking --draws 50 --sigmas 0.005 0.02
 
-Every draw has weights that are uniform on the simplex, and noise of its own. The 95 % region holds
+Every draw has weights, a start and noise of its own (``posterior_draws``). The 95 % region holds
 the samples that are nearest to their mean, in Mahalanobis distance of log-ratios: its limit is a
 quantile of the distances among the samples. The rank of a true weight among its samples is uniform
 if the posterior is right (simulation-based calibration: Talts et al. 2018); the p after Holm's
@@ -15,27 +15,23 @@ depends on the noise alone, and its distribution is exact: where it is far from 
 
 import argparse
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from posterior_draws import SIGMAS, Draw, PosteriorOfDraws, draws
 from scipy.special import chdtri
 from scipy.stats import binomtest, chisquare
 from tqdm import tqdm
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
-from olne_bench.bench.judge.observe import observe, sensor_model
-from olne_bench.envs.recording import NoEquilibriumError, Recording, record
-from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.true_weights import DIRICHLET
+from olne_bench.envs.recording import Recording
 from olne_bench.estimators.forward_model import (
     SolvedGame,
     expected_samples,
     sample_sensitivity,
     scaled_samples,
 )
-from olne_bench.estimators.posterior import Posterior
-from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.protocol import Problem
 from olne_bench.games.information import of_seen
 from olne_bench.games.observation import VIEWS
 from olne_bench.games.simplex import theta_tangent
@@ -73,43 +69,32 @@ class Outcome:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenario", help="two_player, highway_overtaking, ...")
+    parser.add_argument("scenario", choices=SIGMAS)
     parser.add_argument("--draws", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0, help="seed of the first draw")
     parser.add_argument("--views", nargs="+", default=["full", "partial"], choices=sorted(VIEWS))
-    parser.add_argument("--sigmas", nargs="+", type=float, default=[0.01, 0.03, 0.1])
+    parser.add_argument("--sigmas", nargs="+", type=float, help="usually three")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.draws)
-    recordings = dict(_recordings(options.scenario, seeds))
-    if not recordings:
+    known = list(draws(options.scenario, seeds))
+    if not known:
         parser.error(f"no draw of {options.scenario} has a certified equilibrium")
-    print(f"{options.scenario}: {len(recordings)} of {len(seeds)} draws are certified")
+    print(f"{options.scenario}: {len(known)} of {len(seeds)} draws are certified")
     print(_TITLES)
     every: list[Outcome] = []
     for view in options.views:
-        for sigma in options.sigmas:
-            pairs = tqdm(recordings.items(), disable=None, leave=False)
-            outcomes = [_outcome(one, seed, view, sigma) for seed, one in pairs]
+        for sigma in options.sigmas or SIGMAS[options.scenario]:
+            some = tqdm(known, disable=None, leave=False)
+            outcomes = [_outcome(one, view, sigma) for one in some]
             print(f"{view:8}{sigma:7g}" + _line(outcomes), flush=True)
             every += outcomes
     print(f"{'all':15}" + _line(every))
 
 
-def _recordings(scenario: str, seeds: range) -> Iterator[tuple[int, Recording]]:
-    for seed in tqdm(seeds, desc="draws", disable=None, leave=False):
-        try:
-            yield seed, record(get_scenario(scenario, seed, weights=DIRICHLET))
-        except NoEquilibriumError:
-            continue
-
-
-def _outcome(recording: Recording, seed: int, view: str, sigma: float) -> Outcome:
-    layers, truth = (VIEWS[view],), recording.scenario.weights
-    scale = sensor_model(recording.scenario, layers).noise_scale
-    problem = Problem(recording.scenario.game, VIEWS[view], sigma, noise_scale=scale)
-    noise = int(np.random.SeedSequence([seed, len(view), round(1e6 * sigma)]).generate_state(1)[0])
-    seen: Observation = observe([recording], layers, sigma, noise)[0]
-    estimator, rng = Posterior(), np.random.default_rng(seed)
+def _outcome(draw: Draw, view: str, sigma: float) -> Outcome:
+    truth = draw.recording.scenario.weights
+    problem, seen = draw.seen(view, sigma)
+    estimator, rng = PosteriorOfDraws(start=draw.start), np.random.default_rng(draw.seed)
     estimator.warm_up(problem)
     started = time.process_time()
     found = estimator.estimate(problem, seen, rng=rng, budget=600.0)
@@ -119,7 +104,7 @@ def _outcome(recording: Recording, seed: int, view: str, sigma: float) -> Outcom
     return Outcome(
         error=cosine_error(truth, found.weights),
         covered=samples is not None and covers(samples, truth),
-        control=_control(problem, recording, seen.y),
+        control=_control(problem, draw.recording, seen.y),
         ranks=np.full(truth.shape, np.nan) if samples is None else (samples < truth).mean(axis=0),
         effective=float(found.extras.get("effective_sample_size", 0.0)),
         r_hat=float(found.extras.get("split_r_hat", np.inf)),

@@ -3,45 +3,32 @@
     pip install -e ".[references]"
     python scripts/reference_posteriors.py two_player --observations 10
 
-Each observation has a draw, a view and a noise level of its own: weights are uniform on the
-simplex. ``manifold_chains`` samples the same density as ``posterior`` by another method, and starts
-at the same peaks. A network then learns to tell 1,000 samples of the weights of one from those of
-the other (Lopez-Paz and Oquab 2017): a share of right answers of 0.5 means that it cannot. Prints a
-line per observation, and writes the chains' samples to
-results/calibration/references_SCENARIO.parquet.
+Each observation has a draw (``posterior_draws``), a view and a noise level of its own.
+``manifold_chains`` samples the same density as ``posterior`` by another method, and starts at the
+same peaks. A network learns to tell 1,000 samples of the weights of one from those of the other
+(Lopez-Paz and Oquab 2017): a share of right answers of 0.5 means that it cannot. Prints a line per
+observation, and writes the chains' samples to results/calibration/references_SCENARIO.parquet.
 """
 
 import argparse
 import time
 from dataclasses import dataclass
-from itertools import product
+from itertools import cycle, product
 from pathlib import Path
 
 import arviz
 import numpy as np
 import pandas as pd
 from manifold_chains import Chains, run_chains
+from posterior_draws import SIGMAS, Draw, PosteriorOfDraws, draws
 from sklearn.model_selection import StratifiedKFold, cross_val_score
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from olne_bench.bench.judge.observe import observe, sensor_model
-from olne_bench.envs.recording import NoEquilibriumError, Recording, record
-from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.true_weights import DIRICHLET
-from olne_bench.estimators.posterior import Posterior
-from olne_bench.estimators.protocol import Estimate, Problem
-from olne_bench.games.observation import VIEWS
+from olne_bench.estimators.protocol import Estimate
 
 FOLDER = Path(__file__).parents[1] / "results" / "calibration"
-SIGMAS = {
-    "two_player": (0.01, 0.03, 0.1),
-    "highway_overtaking": (0.005, 0.02, 0.05),
-    "highway": (0.05, 0.2, 0.5),
-    "merge": (0.05, 0.2, 0.5),
-}
 #: Seed of the first draw. `scripts/posterior_calibration.py` uses others.
 FIRST = 7000
 KEPT = 1000  # samples of each observation
@@ -75,20 +62,15 @@ def main() -> None:
     options = parser.parse_args()
     print("seed view    sigma   C2ST  peaks  R-hat   ESS  accepted  ESS of posterior  seconds")
     rows = []
-    cells = list(product(SIGMAS[options.scenario], ("full", "partial")))
-    for k, seed in enumerate(range(FIRST, FIRST + options.observations)):
-        sigma, view = cells[k % len(cells)]
-        try:
-            recording = record(_scenario(options.scenario, seed))
-        except NoEquilibriumError:
-            print(f"{seed}: no certified equilibrium")
-            continue
+    cells = list(product(("full", "partial"), SIGMAS[options.scenario]))
+    some = draws(options.scenario, range(FIRST, FIRST + options.observations))
+    for draw, (view, sigma) in zip(some, cycle(cells), strict=False):
         started = time.process_time()
-        estimate, reference, peaks = _both(recording, seed, view, sigma, options)
+        estimate, reference, peaks = _both(draw, view, sigma, options)
         score = c2st(estimate, reference) if estimate.samples is not None else np.nan
         effective = estimate.extras.get("effective_sample_size", 0)
         print(
-            f"{seed} {view:8}{sigma:5g}  {score:.3f}  {peaks:5}  {reference.r_hat:.3f}"
+            f"{draw.seed} {view:8}{sigma:5g}  {score:.3f}  {peaks:5}  {reference.r_hat:.3f}"
             f"{reference.effective:6.0f}  {reference.accepted:8.2f}  {effective:16.0f}"
             f"{'' if estimate.converged else ' (not converged)'}"
             f"  {time.process_time() - started:7.0f}",
@@ -97,7 +79,7 @@ def main() -> None:
         rows.append(
             {
                 "scenario": options.scenario,
-                "seed": seed,
+                "seed": draw.seed,
                 "view": view,
                 "sigma": sigma,
                 "c2st": score,
@@ -112,20 +94,12 @@ def main() -> None:
     print(f"C2ST: median {table['c2st'].median():.3f}, largest {table['c2st'].max():.3f}")
 
 
-def _scenario(name: str, seed: int) -> Scenario:
-    players = {} if name in ("two_player", "highway_overtaking") else {"num_players": 3}
-    return get_scenario(name, seed, weights=DIRICHLET, **players)
-
-
 def _both(
-    recording: Recording, seed: int, view: str, sigma: float, options: argparse.Namespace
+    draw: Draw, view: str, sigma: float, options: argparse.Namespace
 ) -> tuple[Estimate, Reference, int]:
-    layers = (VIEWS[view],)
-    scale = sensor_model(recording.scenario, layers).noise_scale
-    problem = Problem(recording.scenario.told, VIEWS[view], sigma, noise_scale=scale)
-    (seen,) = observe([recording], layers, sigma, seed)
+    (problem, seen), seed = draw.seen(view, sigma), draw.seed
     # Four times as many fits as by default: repeated samples would give themselves away.
-    estimator = Posterior(first=1200, more=600, most=9600, enough=2000.0)
+    estimator = PosteriorOfDraws(first=1200, more=600, most=9600, enough=2e3, start=draw.start)
     estimate = estimator.estimate(problem, seen, rng=np.random.default_rng(seed), budget=600.0)
     deadline = time.monotonic() + 24 * 3600.0
     density, peaks = estimator.peaks(problem, seen, deadline)

@@ -1,12 +1,14 @@
 """Errors of games and their derivatives."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators.followed_games import FollowedGames
+from olne_bench.estimators.followed_games import FollowedGames, StartPrior
 from olne_bench.estimators.forward_model import SolvedGame, play_batch, squared_error_of
 from olne_bench.estimators.normal_chart import NormalChart
 from olne_bench.estimators.protocol import Observation, Problem
@@ -49,11 +51,25 @@ def test_the_density_is_that_of_the_posterior(crossing) -> None:
     assert place.log_density[0] == pytest.approx(expected)
 
 
+def test_a_prior_of_starts_is_a_factor_of_the_density(crossing) -> None:
+    problem, seen, known = crossing
+    mean, deviation = known.root.states[0] + 0.1, np.array([0.1, 0.2, 0.3, 0.4])
+    flat = followed(problem, seen)
+    told = replace(flat, start=StartPrior(mean, deviation))
+    here, there = (density.place(known) for density in (flat, told))
+    factor = norm.logpdf(known.root.states[0], mean, deviation) - norm.logpdf(0, 0, deviation)
+    assert there.log_density[0] == pytest.approx(here.log_density[0] + factor.sum())
+    assert np.linalg.matrix_rank(there.rows[0, here.rows.shape[1] :]) == mean.size
+
+
+@pytest.mark.parametrize("known_start", [False, True])
 @pytest.mark.parametrize("view", ["full", "partial"])
-def test_rows_are_the_derivatives_of_errors(view) -> None:
+def test_rows_are_the_derivatives_of_errors(view, known_start) -> None:
     scenario = get_scenario("unknown_goals", 0)
     problem, seen, known = noisy(view, scenario, scenario.told)
     density = followed(problem, seen)
+    if known_start:
+        density = replace(density, start=StartPrior(known.root.states[0], np.full(4, 0.2)))
     start = density.place(SolvedGame(known.root, known.weights, known.parameters))
     # goals at their means are not those of the known game: from there, Newton's method finds it
     place = density.reach(start.points, start)
