@@ -95,7 +95,7 @@ class Posterior:
         check_count("first", self.first, least=40)
         check_count("more", self.more, least=10)
         check_count("most", self.most, least=self.first)
-        check_number("enough", self.enough)
+        check_number("enough", self.enough, most=1e6)
         check_count("count", self.count, least=40, most=4000)
 
     def estimate(
