@@ -19,6 +19,7 @@ from olne_bench.bench.report.statistics.recognition import (
     drivers,
     temperament_table,
 )
+from olne_bench.bench.report.statistics.wins import win_counts, win_table
 from olne_bench.bench.report.study import USUAL, Study
 
 
@@ -29,6 +30,7 @@ class RunTables:
     Attributes:
         leaderboard: one row per scenario, sensor and estimator.
         comparisons: comparisons of estimators, in pairs.
+        wins: draws that each estimator wins against each other one.
         identifiability: identifiability of each weight in each scenario and sensor.
         bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
         calibration: how often regions of several levels hold the truth.
@@ -40,6 +42,7 @@ class RunTables:
 
     leaderboard: pd.DataFrame
     comparisons: pd.DataFrame
+    wins: pd.DataFrame
     identifiability: pd.DataFrame
     bound_ratios: pd.DataFrame
     calibration: pd.DataFrame
@@ -53,6 +56,7 @@ class RunTables:
         usual = {
             "leaderboard": self.leaderboard,
             "comparisons": self.comparisons,
+            "wins": self.wins,
             "identifiability": self.identifiability,
             "bound_ratios": self.bound_ratios,
             "calibration": self.calibration,
@@ -71,6 +75,7 @@ def tabulate(trials: pd.DataFrame, study: Study = USUAL) -> RunTables:
     return RunTables(
         leaderboard=leaderboard(known, comparisons, study),
         comparisons=comparisons,
+        wins=win_table(win_counts(plain, study)),
         identifiability=identifiability_table(trials, study),
         bound_ratios=bound_ratios(trials, study),
         calibration=calibration_table(trials),

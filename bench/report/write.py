@@ -10,7 +10,7 @@ from pyarrow import Table, csv, parquet
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.escapes import csv_safe, csv_safe_arrow
-from olne_bench.bench.report.figures import draw_figures
+from olne_bench.bench.report.figures import draw_figures, draw_wins
 from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.page.render import Extras, render_page
 from olne_bench.bench.report.statistics.attempts import weighed
@@ -45,7 +45,7 @@ def write_report(
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
-    in pairs), ``identifiability`` and ``bound_ratios`` (of weights), and, where drivers have
+    in pairs), ``wins`` (of draws), ``identifiability`` and ``bound_ratios`` (of weights), and, where drivers have
     temperaments, ``temperaments`` and ``confusions``; the leaderboard comes in Markdown and LaTeX,
     too. Truths are read from the draws that come with the suite, where there are some.
 
@@ -82,6 +82,7 @@ def _written(
         _write_tables(tables, study, folder)
         notes = list(tables.notes)
         if formats:
+            draw_wins(tables.wins, folder / "figures", formats, study)
             notes += draw_figures(trials, folder / "figures", formats, study).notes
         page = render_page(trials, tables, runs, study, notes, Extras(playable=tuple(playable)))
         with whole_file(folder / "index.html") as path:

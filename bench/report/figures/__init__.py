@@ -1,7 +1,8 @@
 """Figures of a study, drawn from its table of trials.
 
 There is one module per kind of figure, with a function ``draw(trials, study) -> Figure`` that takes
-the trials of one scenario. It raises ``NotDrawnError`` if it cannot draw them.
+the trials of one scenario, or, as ``wins``, a table of all. It raises ``NotDrawnError`` if it cannot
+draw them.
 """
 
 from collections.abc import Sequence
@@ -19,13 +20,14 @@ from olne_bench.bench.report.figures import (
     ranks,
     style,
     trajectories,
+    wins,
 )
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.statistics.recognition import is_tempered
 from olne_bench.bench.report.study import USUAL, Study
 
-__all__ = ["FORMATS", "USUAL_FORMATS", "Drawn", "draw_figures"]
+__all__ = ["FORMATS", "USUAL_FORMATS", "Drawn", "draw_figures", "draw_wins"]
 
 _KINDS = {
     "errors": errors.draw,
@@ -48,6 +50,27 @@ class Drawn:
 
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+
+def draw_wins(
+    table: pd.DataFrame,
+    directory: Path,
+    formats: Sequence[str] = USUAL_FORMATS,
+    study: Study = USUAL,
+) -> Drawn:
+    """Draw ``wins.png`` and so on, of all scenarios together; nothing if nobody is compared.
+
+    Args:
+        table: from ``statistics.wins.win_table``.
+        directory: folder for the files; created if absent.
+        formats: some of ``FORMATS``.
+        study: study of the run.
+    """
+    if table.empty:
+        return Drawn()
+    directory.mkdir(parents=True, exist_ok=True)
+    with style.applied():
+        return Drawn(style.save(wins.draw(table, study), directory / "wins", formats))
 
 
 def draw_figures(

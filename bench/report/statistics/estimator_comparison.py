@@ -77,10 +77,7 @@ def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
         pairs: ``paired_errors`` of one scenario.
         family: whether the scenario is a family, so that the trials of a seed share one draw.
     """
-    a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
-    with np.errstate(invalid="ignore"):  # two failures
-        tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
-    advantage = np.where(tie, 0, np.where(a < b, 1, -1))
+    advantage = paired_advantages(pairs)
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
     wins = share_interval((1 + advantage) / 2, units)
     return {
@@ -91,6 +88,14 @@ def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
         "wins_high": wins.high,
         "p": permutation_p(np.bincount(units, advantage).astype(int)),
     }
+
+
+def paired_advantages(pairs: pd.DataFrame) -> np.ndarray:
+    """Which error of ``paired_errors`` is smaller: 1 if ``a`` is, -1 if ``b`` is, 0 for a tie."""
+    a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
+    with np.errstate(invalid="ignore"):  # two failures
+        tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
+    return np.where(tie, 0, np.where(a < b, 1, -1))
 
 
 def permutation_p(advantages: np.ndarray) -> float:
