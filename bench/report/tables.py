@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import pandas as pd
 
 from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.report.paragraphs import Paragraph, paragraphs
 from olne_bench.bench.report.statistics.calibration import calibration_table
 from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
+from olne_bench.bench.report.statistics.failure_levels import failure_levels
 from olne_bench.bench.report.statistics.harness_errors import harness_errors
 from olne_bench.bench.report.statistics.identifiability import (
     bound_ratios,
@@ -37,6 +39,7 @@ class RunTables:
         temperaments: errors, and who is recognised, by the temperament of drivers.
         confusions: who is mistaken for whom.
         harness_errors: errors of the harness.
+        paragraphs: a paragraph on each estimator.
         notes: what could not be computed, and why.
     """
 
@@ -49,6 +52,7 @@ class RunTables:
     temperaments: pd.DataFrame
     confusions: pd.DataFrame
     harness_errors: pd.DataFrame
+    paragraphs: tuple[Paragraph, ...] = ()
     notes: tuple[str, ...] = ()
 
     def by_name(self) -> dict[str, pd.DataFrame]:
@@ -72,15 +76,17 @@ def tabulate(trials: pd.DataFrame, study: Study = USUAL) -> RunTables:
     comparisons = compare_estimators(plain, study)
     seen = drivers(trials, study)
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
+    board, wins = leaderboard(known, comparisons, study), win_table(win_counts(plain, study))
     return RunTables(
-        leaderboard=leaderboard(known, comparisons, study),
+        leaderboard=board,
         comparisons=comparisons,
-        wins=win_table(win_counts(plain, study)),
+        wins=wins,
         identifiability=identifiability_table(trials, study),
         bound_ratios=bound_ratios(trials, study),
         calibration=calibration_table(trials),
         temperaments=temperament_table(seen),
         confusions=confusion_table(seen),
         harness_errors=harness_errors(plain),
+        paragraphs=tuple(paragraphs(board, wins, failure_levels(plain), study)),
         notes=tuple(unknown_truths(trials, study)),
     )

@@ -13,6 +13,7 @@ from olne_bench.bench.report.escapes import csv_safe, csv_safe_arrow
 from olne_bench.bench.report.figures import draw_figures, draw_wins
 from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.page.render import Extras, render_page
+from olne_bench.bench.report.paragraphs import markdown_paragraphs
 from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.tables import RunTables, tabulate
@@ -46,8 +47,8 @@ def write_report(
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
     in pairs), ``wins`` (of draws), ``identifiability`` and ``bound_ratios`` (of weights), and, where drivers have
-    temperaments, ``temperaments`` and ``confusions``; the leaderboard comes in Markdown and LaTeX,
-    too. Truths are read from the draws that come with the suite, where there are some.
+    temperaments, ``temperaments`` and ``confusions``; the leaderboard comes in Markdown, with
+    a paragraph on each estimator, and LaTeX, too. Truths are read from the draws that come with the suite, where there are some.
 
     Args:
         folder: a run folder.
@@ -117,8 +118,9 @@ def _write_tables(tables: RunTables, study: Study, folder: Path) -> None:
     for name, table in tables.by_name().items():
         with whole_file(folder / f"{name}.csv") as path:
             csv_safe(table).to_csv(path, index=False)
+    said = markdown_paragraphs(tables.paragraphs)
     for name, text in (
-        ("leaderboard.md", markdown(tables.leaderboard, study)),
+        ("leaderboard.md", markdown(tables.leaderboard, study) + said),
         ("leaderboard.tex", latex(tables.leaderboard, study)),
     ):
         with whole_file(folder / name) as path:

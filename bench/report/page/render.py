@@ -14,6 +14,7 @@ from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.measures import FAILURES, in_leaderboard, primary
 from olne_bench.bench.report.page.cards import FIELDS, cards, measured_cost
 from olne_bench.bench.report.page.data import chart_data
+from olne_bench.bench.report.page.matrices import SEEN, driver_rows, win_rows
 from olne_bench.bench.report.page.template import script, template
 from olne_bench.bench.report.page.verdicts import verdicts
 from olne_bench.bench.report.statistics.attempts import FLOOR
@@ -106,6 +107,10 @@ def render_page(
         metrics=metrics,
         primary=first,
         changes=None if extras.changes is None else _rows(extras.changes),
+        paragraphs=tables.paragraphs,
+        wins=win_rows(tables.wins, labels),
+        drivers=driver_rows(tables.temperaments, tables.confusions),
+        seen=SEEN,
         comparisons=_rows(tables.comparisons),
         weights=_weights(tables),
         calibration=_rows(tables.calibration),
