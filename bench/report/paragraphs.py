@@ -113,7 +113,9 @@ def _duels(wins: pd.DataFrame, name: str, metric: MetricDeclaration | None) -> I
         return
     told = wins[wins["error"] == metric.name]
     told = told[told["scenario"] == ALL] if (told["scenario"] == ALL).any() else told
-    better, worse, unclear = [], [], []
+    better: list[str] = []
+    worse: list[str] = []
+    unclear: list[str] = []
     for row in told.to_dict("records"):
         if name not in (row["estimator"], row["other"]):
             continue

@@ -79,10 +79,11 @@ def win_rows(wins: pd.DataFrame, estimators: Sequence[str]) -> list[WinRow]:
     rows = []
     for (error, scenario), told in wins.groupby(["error", "scenario"], sort=False):
         found: dict[tuple[str, str], Win] = {}
-        for row in told.itertuples(index=False):
-            pair, rest = (row.estimator, row.other), (row.p_holm, row.draws)
-            found[pair] = Win(row.wins, row.wins_low, row.wins_high, *rest)
-            found[pair[::-1]] = Win(1 - row.wins, 1 - row.wins_high, 1 - row.wins_low, *rest)
+        for row in told.to_dict("records"):
+            share, low, high = row["wins"], row["wins_low"], row["wins_high"]
+            p, draws = row["p_holm"], row["draws"]
+            found[row["estimator"], row["other"]] = Win(share, low, high, p, draws)
+            found[row["other"], row["estimator"]] = Win(1 - share, 1 - high, 1 - low, p, draws)
         place = "" if scenario == ALL else str(scenario)
         for name in estimators:
             cells = tuple(found.get((name, other)) for other in estimators)
@@ -103,13 +104,12 @@ def driver_rows(temperaments: pd.DataFrame, confusions: pd.DataFrame) -> list[Dr
     counts = confusions.groupby([*_PLACE, "temperament", "recognised"])["drivers"].sum()
     seen = counts.unstack(fill_value=0).reindex(columns=list(SEEN), fill_value=0)
     shares = seen.div(seen.sum(axis=1), axis=0)
-    told = {key: Drivers(key[-1], medians[key], tuple(row)) for key, row in _rows(shares)}
-    places = dict.fromkeys(key[:-1] for key in told)
+    told = {
+        key: Drivers(key[-1], medians[key], tuple(row))
+        for key, row in zip(shares.index, shares.to_numpy().tolist(), strict=True)
+    }
+    places = dict.fromkeys((key[0], key[1], key[2]) for key in told)
     return [
-        DriverRow(*place, tuple(told.get((*place, name)) for name in TEMPERAMENTS))
+        DriverRow(*place, tuple(told.get((*place, own)) for own in TEMPERAMENTS))
         for place in places
     ]
-
-
-def _rows(table: pd.DataFrame) -> list[tuple[tuple[str, ...], list[float]]]:
-    return list(zip(table.index, table.to_numpy().tolist(), strict=True))
