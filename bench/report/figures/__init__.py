@@ -20,6 +20,7 @@ from olne_bench.bench.report.figures import (
     ranks,
     style,
     trajectories,
+    trial,
     wins,
 )
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
@@ -98,7 +99,8 @@ def draw_figures(
         for scenario in sorted(trials["scenario"].unique()):
             rows = trials[trials["scenario"] == scenario]
             tempered = {"confusion": confusion.draw} if is_tempered(scenario, study) else {}
-            for kind, draw in (_KINDS | tempered).items():
+            road = {"trial": trial.draw} if trial.is_road(scenario, study) else {}
+            for kind, draw in (_KINDS | tempered | road).items():
                 try:
                     figure = draw(rows, study)
                 except NotDrawnError as error:
