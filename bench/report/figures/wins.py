@@ -88,9 +88,8 @@ def _panel(axes: Axes, rows: pd.DataFrame, pairs: list[tuple[str, str]]) -> None
         colour = style.estimator_colours(told["estimator"])[0]
         axes.plot([100 * told["wins_low"], 100 * told["wins_high"]], [told["row"]] * 2, color=colour)
         face = colour if told["p_holm"] < SIGNIFICANCE else "white"
-        axes.plot(
-            100 * told["wins"], told["row"], "o", color=colour, markerfacecolor=face, markersize=5
-        )
+        dot = axes.plot(100 * told["wins"], told["row"], "o", color=colour, markersize=5, zorder=5)
+        dot[0].set_markerfacecolor(face)
     axes.set(xlim=(-3, 103), xlabel="draws won [%]", xticks=np.arange(0, 101, 25))
 
 
