@@ -25,6 +25,7 @@ from olne_bench.bench.report.figures import (
 )
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.parts import Parts, each, parts_of
 from olne_bench.bench.report.statistics.recognition import is_tempered
 from olne_bench.bench.report.study import USUAL, Study
 
@@ -75,7 +76,7 @@ def draw_wins(
 
 
 def draw_figures(
-    trials: pd.DataFrame,
+    trials: pd.DataFrame | Parts,
     directory: Path,
     formats: Sequence[str] = USUAL_FORMATS,
     study: Study = USUAL,
@@ -96,8 +97,7 @@ def draw_figures(
     directory.mkdir(parents=True, exist_ok=True)
     drawn = Drawn()
     with style.applied():
-        for scenario in sorted(trials["scenario"].unique()):
-            rows = trials[trials["scenario"] == scenario]
+        for scenario, rows in each(parts_of(trials)):
             tempered = {"confusion": confusion.draw} if is_tempered(scenario, study) else {}
             road = {"trial": trial.draw} if trial.is_road(scenario, study) else {}
             for kind, draw in (_KINDS | tempered | road).items():

@@ -17,6 +17,7 @@ from olne_bench.bench.report.page.data import chart_data
 from olne_bench.bench.report.page.matrices import SEEN, driver_rows, win_rows
 from olne_bench.bench.report.page.template import script, template
 from olne_bench.bench.report.page.verdicts import verdicts
+from olne_bench.bench.report.parts import Parts, parts_of
 from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE, leaders
 from olne_bench.bench.report.statistics.harness_errors import in_words
@@ -74,7 +75,7 @@ class Page:
 
 
 def render_page(
-    trials: pd.DataFrame,
+    trials: pd.DataFrame | Parts,
     tables: RunTables,
     runs: Sequence[Provenance],
     study: Study = USUAL,
@@ -92,12 +93,13 @@ def render_page(
         extras: optional parts.
     """
     table = tables.leaderboard
-    charts = chart_data(trials, study, extras.playable)
+    parts = parts_of(trials)
+    charts = chart_data(parts, study, extras.playable)
     metrics = in_leaderboard(study.metrics, table)
     first = primary(metrics)
     labels = style.estimator_order(table["estimator"].tolist())
     html = template("template.html").render(
-        title=extras.title or str(trials["suite"].iloc[0]),
+        title=extras.title or parts.outline.suite,
         description=_description(runs),
         script=script(SCRIPTS),
         data=charts.content | {"tables": _texts(tables)},

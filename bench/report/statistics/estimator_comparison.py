@@ -52,12 +52,21 @@ def compare_estimators(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFra
         and ``wins_high`` (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm
         for all comparisons of the table, by all metrics.
     """
+    return adjusted(comparison_rows(trials, study))
+
+
+def comparison_rows(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """The rows of ``compare_estimators`` without ``p_holm``, which needs those of all scenarios."""
     attempts = noisy(attempts_of(trials), study)
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "units"]
     columns += ["wins", "wins_low", "wins_high", "p"]
     metrics = in_table(compared(study.metrics), trials)
     rows = [row for metric in metrics for row in _compare(attempts, metric, study)]
-    table = pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=columns)
+
+
+def adjusted(table: pd.DataFrame) -> pd.DataFrame:
+    """A table with ``p_holm``, its column ``p`` adjusted after Holm for all its rows."""
     return table.assign(p_holm=holm(table["p"].to_numpy(float)))
 
 

@@ -15,7 +15,7 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.measures import compared, in_table
 from olne_bench.bench.report.statistics.attempts import attempts_of, measured, noisy
 from olne_bench.bench.report.statistics.estimator_comparison import (
-    holm,
+    adjusted,
     paired_advantages,
     paired_errors,
     permutation_p,
@@ -80,7 +80,7 @@ def win_table(counts: pd.DataFrame) -> pd.DataFrame:
     columns = ["draws", "wins", "wins_low", "wins_high", "p"]
     told = [_summary(*row) for row in table[_COUNTS].itertuples(index=False, name=None)]
     table = table.join(pd.DataFrame(told, columns=columns, index=table.index))
-    return table.assign(p_holm=holm(table["p"].to_numpy(float)))
+    return adjusted(table)
 
 
 def _counted(
