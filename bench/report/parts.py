@@ -1,9 +1,9 @@
 """The trials of a run, one scenario at a time, so that a report never holds all of them."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import pandas as pd
 import pyarrow as pa
@@ -19,8 +19,9 @@ from olne_bench.bench.run.store_table import parse_nested, to_frame
 from olne_bench.files import whole_file
 
 #: Columns of a stored table that no report needs.
-_UNUSED = {"salt_id", "parameters", "extras", "objective", "truth_objective", *VERSION_COLUMNS}
+_UNUSED = {"suite", "salt_id", "parameters", "extras", "objective", "truth_objective", *VERSION_COLUMNS}
 _CELL = ["scenario", "sensor", "estimator"]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -98,10 +99,9 @@ def parts_of(trials: "pd.DataFrame | Parts") -> Parts:
     return FrameParts(trials) if isinstance(trials, pd.DataFrame) else trials
 
 
-def each(parts: Parts) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Each scenario and its trials; those of the one before are freed."""
-    for name in parts.outline.scenarios:
-        yield name, parts.of(name)
+def of_each(parts: Parts, make: Callable[[str, pd.DataFrame], T]) -> list[T]:
+    """What a function makes of each scenario's label and trials, which are freed after each."""
+    return [make(name, parts.of(name)) for name in parts.outline.scenarios]
 
 
 def write_trials(batches: Iterable[pa.RecordBatch], folder: Path) -> FileParts:

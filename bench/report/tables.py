@@ -9,7 +9,7 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.leaderboard import ranked_rows, summaries
 from olne_bench.bench.report.measures import IDENTIFIABLE
 from olne_bench.bench.report.paragraphs import Paragraph, paragraphs
-from olne_bench.bench.report.parts import Parts, each, joined, parts_of
+from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of
 from olne_bench.bench.report.statistics.calibration import calibration_table
 from olne_bench.bench.report.statistics.estimator_comparison import adjusted, comparison_rows
 from olne_bench.bench.report.statistics.failure_levels import failure_levels
@@ -76,7 +76,7 @@ class RunTables:
 def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     """Compute all tables from a run's trials, one scenario after the other."""
     parts = parts_of(trials)
-    found = [_tabulated(own, study) for _, own in each(parts)]
+    found = of_each(parts, lambda _, own: _tabulated(own, study))
     whole = {name: joined([part[name] for part in found]) for name in found[0]} if found else {}
     if not found:
         whole = _tabulated(parts.of(""), study)

@@ -61,4 +61,4 @@ def _parsed(texts: pa.Array) -> pa.Array:
 def to_frame(table: pa.Table) -> pd.DataFrame:
     """A table as a pandas table, in which nested lists stay in Arrow's compact form."""
     types = {NUMBERS: pd.ArrowDtype(NUMBERS)}
-    return table.to_pandas(types_mapper=types.get)
+    return table.to_pandas(types_mapper=types.get, split_blocks=True)

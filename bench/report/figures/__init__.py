@@ -25,7 +25,7 @@ from olne_bench.bench.report.figures import (
 )
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 from olne_bench.bench.report.not_drawn import NotDrawnError
-from olne_bench.bench.report.parts import Parts, each, parts_of
+from olne_bench.bench.report.parts import Parts, of_each, parts_of
 from olne_bench.bench.report.statistics.recognition import is_tempered
 from olne_bench.bench.report.study import USUAL, Study
 
@@ -95,17 +95,27 @@ def draw_figures(
         The files written, and what is missing. The same trials give files with the same bytes.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    drawn = Drawn()
     with style.applied():
-        for scenario, rows in each(parts_of(trials)):
-            tempered = {"confusion": confusion.draw} if is_tempered(scenario, study) else {}
-            road = {"trial": trial.draw} if trial.is_road(scenario, study) else {}
-            for kind, draw in (_KINDS | tempered | road).items():
-                try:
-                    figure = draw(rows, study)
-                except NotDrawnError as error:
-                    drawn.notes.append(f"figure {kind} of {scenario}: {error}")
-                else:
-                    stem = directory / f"{kind}_{style.file_name(scenario)}"
-                    drawn.files.extend(style.save(figure, stem, formats))
+        parts = of_each(
+            parts_of(trials), lambda name, rows: _draw(name, rows, directory, formats, study)
+        )
+    files = [file for part in parts for file in part.files]
+    return Drawn(files, [note for part in parts for note in part.notes])
+
+
+def _draw(
+    scenario: str, rows: pd.DataFrame, directory: Path, formats: Sequence[str], study: Study
+) -> Drawn:
+    """Draw the figures of one scenario."""
+    drawn = Drawn()
+    tempered = {"confusion": confusion.draw} if is_tempered(scenario, study) else {}
+    road = {"trial": trial.draw} if trial.is_road(scenario, study) else {}
+    for kind, draw in (_KINDS | tempered | road).items():
+        try:
+            figure = draw(rows, study)
+        except NotDrawnError as error:
+            drawn.notes.append(f"figure {kind} of {scenario}: {error}")
+        else:
+            stem = directory / f"{kind}_{style.file_name(scenario)}"
+            drawn.files.extend(style.save(figure, stem, formats))
     return drawn

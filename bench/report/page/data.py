@@ -18,7 +18,7 @@ from olne_bench.bench.report.measures import primary
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.page.numbers import rounded
 from olne_bench.bench.report.page.scenes import Place, scene_data
-from olne_bench.bench.report.parts import Outline, Parts, each, parts_of
+from olne_bench.bench.report.parts import Outline, Parts, of_each, parts_of
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.envs.scene import PLAYER_COLOURS
 
@@ -57,13 +57,15 @@ def chart_data(
     names = style.estimator_order(outline.cells["estimator"].tolist())
     drawn = int((outline.cells["estimator"] != style.FLOOR).sum())
     most = max(_FEWEST_POINTS, _MOST_POINTS // max(1, drawn))
-    scenarios, notes = [], []
-    for name, own in each(parts):
-        found, note = _scenario(name, own, len(outline.scenarios), study, wanted)
-        series: list[Series] = found.pop("series")
-        shown = [_series(s, most, metrics, has_curve(series)) for s in series]
-        scenarios.append({"name": name, "curves": has_curve(series), "series": shown, **found})
-        notes += note
+    number = len(outline.scenarios)
+
+    def scenario(name: str, own: pd.DataFrame) -> tuple[dict[str, Any], list[str]]:
+        series, scene, lost = _scenario(name, own, number, study, wanted)
+        curves = has_curve(series)
+        shown = [_series(s, most, metrics, curves) for s in series]
+        return {"name": name, "curves": curves, "series": shown, "scene": scene}, lost
+
+    found = of_each(parts, scenario)
     content = {
         "metrics": [_metric(metric) for metric in metrics],
         "primary": getattr(primary(metrics), "name", None),
@@ -75,23 +77,22 @@ def chart_data(
             for name in names
         ],
         "players": PLAYER_COLOURS,
-        "scenarios": scenarios,
+        "scenarios": [content for content, _ in found],
     }
-    return ChartData(content, notes)
+    return ChartData(content, [note for _, lost in found for note in lost])
 
 
 def _scenario(
     name: str, trials: pd.DataFrame, number: int, study: Study, wanted: Sequence[Place]
-) -> tuple[dict[str, Any], list[str]]:
+) -> tuple[list[Series], dict[str, Any] | None, list[str]]:
     """Series and scene of one scenario, as far as they can be drawn, and why not."""
-    found: dict[str, Any] = {"series": [], "scene": None}
+    series: list[Series] = []
     plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
     try:
-        found["series"] = split(plain, study)
-        found["scene"] = scene_data(trials, number=number, study=study, wanted=wanted)
+        series = split(plain, study)
+        return series, scene_data(trials, number=number, study=study, wanted=wanted), []
     except NotDrawnError as error:
-        return found, [f"trajectories of {name} on the page: {error}"]
-    return found, []
+        return series, None, [f"trajectories of {name} on the page: {error}"]
 
 
 def errors_shown(outline: Outline, study: Study) -> list[MetricDeclaration]:

@@ -32,6 +32,12 @@ SCRIPTS = (
     "main",
 )
 _SMALLEST_SHOWN = 1e-6  # of errors on bars
+_CONSTANTS = {
+    "sigma": REFERENCE_SIGMA,
+    "significance": SIGNIFICANCE,
+    "floor": FLOOR,
+    "failures": FAILURES.name,
+}
 
 
 @dataclass(frozen=True)
@@ -92,8 +98,7 @@ def render_page(
         notes: further notes for the page, on what could not be shown.
         extras: optional parts.
     """
-    table = tables.leaderboard
-    parts = parts_of(trials)
+    parts, table = parts_of(trials), tables.leaderboard
     charts = chart_data(parts, study, extras.playable)
     metrics = in_leaderboard(study.metrics, table)
     first = primary(metrics)
@@ -110,9 +115,7 @@ def render_page(
         primary=first,
         changes=None if extras.changes is None else _rows(extras.changes),
         paragraphs=tables.paragraphs,
-        wins=win_rows(tables.wins, labels),
-        drivers=driver_rows(tables.temperaments, tables.confusions),
-        seen=SEEN,
+        **_matrices(tables, labels),
         comparisons=_rows(tables.comparisons),
         weights=_weights(tables),
         calibration=_rows(tables.calibration),
@@ -122,12 +125,15 @@ def render_page(
         harness_errors=in_words(tables.harness_errors),
         notes=list(dict.fromkeys([*notes, *charts.notes])),
         runs=list(runs),
-        sigma=REFERENCE_SIGMA,
-        significance=SIGNIFICANCE,
-        floor=FLOOR,
-        failures=FAILURES.name,
+        **_CONSTANTS,
     )
     return Page(html, charts.notes)
+
+
+def _matrices(tables: RunTables, labels: Sequence[str]) -> dict[str, Any]:
+    """Draws won, and recognised temperaments."""
+    drivers = driver_rows(tables.temperaments, tables.confusions)
+    return {"wins": win_rows(tables.wins, labels), "drivers": drivers, "seen": SEEN}
 
 
 def _texts(tables: RunTables) -> dict[str, str]:

@@ -38,6 +38,8 @@ _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
 _LONG = 500
 _GROUP = ["scenario", "sensor"]
 _PAIR = [*_GROUP, "sigma", "seed"]
+#: Columns of trials that comparisons need besides those of metrics.
+NEEDED = (*_PAIR, "estimator", "status", "count")
 
 
 def compare_estimators(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
@@ -57,10 +59,10 @@ def compare_estimators(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFra
 
 def comparison_rows(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """The rows of ``compare_estimators`` without ``p_holm``, which needs those of all scenarios."""
-    attempts = noisy(attempts_of(trials), study)
+    metrics = in_table(compared(study.metrics), trials)
+    attempts = noisy(attempts_of(trials[[*NEEDED, *(metric.name for metric in metrics)]]), study)
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "units"]
     columns += ["wins", "wins_low", "wins_high", "p"]
-    metrics = in_table(compared(study.metrics), trials)
     rows = [row for metric in metrics for row in _compare(attempts, metric, study)]
     return pd.DataFrame(rows, columns=columns)
 

@@ -15,6 +15,7 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.measures import compared, in_table
 from olne_bench.bench.report.statistics.attempts import attempts_of, measured, noisy
 from olne_bench.bench.report.statistics.estimator_comparison import (
+    NEEDED,
     adjusted,
     paired_advantages,
     paired_errors,
@@ -45,9 +46,10 @@ def win_counts(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
         Columns ``error, scenario, estimator, other``, and the numbers of draws that ``estimator``
         has ``won``, ``even`` ones, and those that it has ``lost``.
     """
-    attempts = noisy(attempts_of(trials), study)
+    metrics = in_table(compared(study.metrics), trials)
+    attempts = noisy(attempts_of(trials[[*NEEDED, *(metric.name for metric in metrics)]]), study)
     rows = []
-    for metric in in_table(compared(study.metrics), trials):
+    for metric in metrics:
         told = attempts[measured(attempts, metric, study)]
         for scenario, own in told.groupby("scenario", sort=True):
             parts = dict(list(own.groupby("estimator", sort=True)))

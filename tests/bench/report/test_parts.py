@@ -7,7 +7,7 @@ import pytest
 
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.report.measures import in_table
-from olne_bench.bench.report.parts import FrameParts, each, joined, write_trials
+from olne_bench.bench.report.parts import FrameParts, Parts, joined, of_each, write_trials
 from olne_bench.bench.report.tables import tabulate
 
 KEY = ["scenario", "sensor", "sigma", "seed", "estimator"]
@@ -55,6 +55,10 @@ def batches(table: pd.DataFrame, size: int) -> list[pa.RecordBatch]:
     return whole.to_batches(max_chunksize=size)
 
 
+def parts(source: Parts) -> list[tuple[str, pd.DataFrame]]:
+    return of_each(source, lambda name, own: (name, own))
+
+
 @pytest.mark.parametrize("size", [1, 7, 1000])
 def test_a_file_and_a_frame_hold_the_same_parts(tmp_path, size: int) -> None:
     table = trials()
@@ -63,12 +67,12 @@ def test_a_file_and_a_frame_hold_the_same_parts(tmp_path, size: int) -> None:
     pd.testing.assert_frame_equal(kept.outline.cells, read.outline.cells, check_dtype=False)
     assert (kept.outline.suite, kept.outline.some_ok) == (read.outline.suite, read.outline.some_ok)
     assert kept.outline.valued == read.outline.valued
-    for (name, one), (_, other) in zip(each(kept), each(read), strict=True):
+    for (name, one), (_, other) in zip(parts(kept), parts(read), strict=True):
         same = ["sensor", "sigma", "seed", "estimator", "status", "cosine_error", "position_error"]
         left, right = (part[same].reset_index(drop=True) for part in (one, other))
         pd.testing.assert_frame_equal(left, right, check_dtype=False)
         assert set(other["scenario"]) == {name}
-        assert not {"parameters", "salt_id", "extras"} & set(other)
+        assert not {"suite", "parameters", "salt_id", "extras"} & set(other)
     stored = pd.read_parquet(tmp_path / "trials.parquet")
     assert len(stored) == len(pd.read_csv(tmp_path / "trials.csv")) == len(table)
     assert {"parameters", "salt_id"} <= set(stored)
