@@ -150,8 +150,8 @@ def wins() -> str:
     }
     draws = whole.groupby(["estimator", "other"])["draws"].first()
     rows = [
-        [*pair, str(number), *(cell for error in errors for cell in cells[(*pair, error)])]
-        for pair, number in draws.items()
+        [first, other, str(number), *(c for error in errors for c in cells[first, other, error])]
+        for first, other, number in draws.reset_index().itertuples(index=False)
     ]
     heads = [f"{error.replace('_', ' ').capitalize()}: wins" for error in errors]
     shown = [cell for head in heads for cell in (head, "p (Holm)")]

@@ -62,12 +62,11 @@ def write_report(
         _refuse_unknown(store, playable)
         suites = [read_suite_json(run.suite) for run in runs]
         study = study_of(suites)
-        with (
-            _writing_to(folder),
-            travelling(draws_of(suites[-1].name, suites[-1]) if suites else None),
-        ):
+        with _writing_to(folder):
             trials = write_trials(store.batches(), folder)
-            return _written(folder, trials, runs, study, formats, playable)
+    draws = draws_of(suites[-1].name, suites[-1]) if suites else None
+    with _writing_to(folder), travelling(draws):
+        return _written(folder, trials, runs, study, formats, playable)
 
 
 def _written(
