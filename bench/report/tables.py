@@ -77,9 +77,8 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     """Compute all tables from a run's trials, one scenario after the other."""
     parts = parts_of(trials)
     found = of_each(parts, lambda _, own: _tabulated(own, study))
-    whole = {name: joined([part[name] for part in found]) for name in found[0]} if found else {}
-    if not found:
-        whole = _tabulated(parts.of(""), study)
+    found = found or [_tabulated(parts.of(""), study)]  # tables without rows have columns, too
+    whole = {name: joined([part[name] for part in found]) for name in found[0]}
     metrics = parts.outline.metrics(study.metrics)
     comparisons = adjusted(_by_error(whole["comparisons"], metrics))
     wins = win_table(_by_error(whole["wins"], metrics))
