@@ -90,8 +90,10 @@ class FileParts:
         """The trials of one scenario, weighed as ``weighed`` does."""
         source = dataset.dataset(self._path)
         columns = [name for name in source.schema.names if name not in _UNUSED]
-        table = source.to_table(columns=columns, filter=dataset.field("scenario") == scenario)
-        return weighed(to_frame(table))
+        chosen = dataset.field("scenario") == scenario
+        trials = to_frame(source.to_table(columns=columns, filter=chosen))
+        pa.default_memory_pool().release_unused()
+        return weighed(trials)
 
 
 def parts_of(trials: "pd.DataFrame | Parts") -> Parts:

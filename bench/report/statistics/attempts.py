@@ -38,7 +38,7 @@ def weighed(trials: pd.DataFrame) -> pd.DataFrame:
     """
     shared = trials["count"] > 1
     key = ["scenario", "sensor", "estimator"]
-    draws = trials[~shared].groupby(key)["seed"].nunique()
+    draws = trials.loc[~shared, [*key, "seed"]].groupby(key)["seed"].nunique()
     own = pd.MultiIndex.from_frame(trials.loc[shared, key])
     count = trials["count"].copy()
     count[shared] = draws.reindex(own).fillna(1).to_numpy(int)
