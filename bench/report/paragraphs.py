@@ -170,16 +170,17 @@ def _regions(rows: pd.DataFrame) -> Iterator[str]:
 
 def _cost(board: pd.DataFrame, name: str) -> Iterator[str]:
     """Its median time, and how it compares with the fastest contender of each cell."""
-    times = board.pivot(index=_CELL, columns="estimator", values="solve_seconds_median")
-    own = times[name].dropna()
+    times = board.set_index(_CELL)["solve_seconds_median"]
+    names = board["estimator"].to_numpy()
+    own = times[names == name].dropna()
     if own.empty:
         return
     cells = f", in the median over {len(own)} cells" if len(own) > 1 else ""
     yield f"Its median time is {human(1e3 * own.median())} ms{cells}."
-    contenders = times.drop(columns=[FLOOR], errors="ignore")
-    if name == FLOOR or len(contenders.columns) < 2:
+    contenders = times[names != FLOOR]
+    if name == FLOOR or len({*names} - {FLOOR}) < 2:
         return
-    ratios = own / contenders.loc[own.index].min(axis=1)
+    ratios = own / contenders.groupby(level=_CELL).min().reindex(own.index)
     ratio, fastest = float(ratios.median()), int((ratios == 1).sum())
     of = f"{fastest} of {len(own)} cells" if len(own) > 1 else "this cell"
     if math.isfinite(ratio) and ratio >= _SLOWER:

@@ -19,7 +19,15 @@ from olne_bench.bench.run.store_table import parse_nested, to_frame
 from olne_bench.files import whole_file
 
 #: Columns of a stored table that no report needs.
-_UNUSED = {"suite", "salt_id", "parameters", "extras", "objective", "truth_objective", *VERSION_COLUMNS}
+_UNUSED = {
+    "suite",
+    "salt_id",
+    "parameters",
+    "extras",
+    "objective",
+    "truth_objective",
+    *VERSION_COLUMNS,
+}
 _CELL = ["scenario", "sensor", "estimator"]
 T = TypeVar("T")
 
@@ -158,9 +166,7 @@ class _Notes:
     def outline(self) -> Outline:
         cells = _distinct(pa.concat_tables(self._cells)).to_pandas()
         cells = cells.sort_values(_CELL, ignore_index=True)
-        return Outline(
-            self._suite, cells, self._columns, frozenset(self._valued), self._some_ok
-        )
+        return Outline(self._suite, cells, self._columns, frozenset(self._valued), self._some_ok)
 
 
 def _distinct(cells: pa.Table) -> pa.Table:

@@ -1,8 +1,8 @@
 """Figures of a study, drawn from its table of trials.
 
 There is one module per kind of figure, with a function ``draw(trials, study) -> Figure`` that takes
-the trials of one scenario, or, as ``wins``, a table of all. It raises ``NotDrawnError`` if it cannot
-draw them.
+the trials of one scenario; that of ``wins`` takes a table of all. It raises ``NotDrawnError`` if it
+cannot draw them.
 """
 
 from collections.abc import Sequence

@@ -167,9 +167,7 @@ def _pairs(attempts: pd.DataFrame, first: str, second: str) -> pd.DataFrame:
     return pairs[_TRIAL].assign(drawn=pairs["drawn_x"] & pairs["drawn_y"], gap=gap)
 
 
-def _scenes(
-    attempts: pd.DataFrame, choice: Choice, study: Study
-) -> Iterator[tuple[int, Scene]]:
+def _scenes(attempts: pd.DataFrame, choice: Choice, study: Study) -> Iterator[tuple[int, Scene]]:
     for seed in choice.seeds[:_TRIES]:
         yield seed, scene_of(attempts[attempts["seed"] == seed], study)
 
@@ -177,7 +175,9 @@ def _scenes(
 def _row(scene: Scene, choice: Choice, seed: int, estimator: str) -> dict[str, object]:
     rows = scene.trials
     here = (rows["estimator"] == estimator) & (rows["sensor"] == choice.sensor)
-    (row,) = rows[here & (rows["sigma"] == choice.sigma) & (rows["seed"] == seed)].to_dict("records")
+    (row,) = rows[here & (rows["sigma"] == choice.sigma) & (rows["seed"] == seed)].to_dict(
+        "records"
+    )
     return {str(key): value for key, value in row.items()}
 
 

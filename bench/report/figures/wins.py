@@ -86,7 +86,9 @@ def _panel(axes: Axes, rows: pd.DataFrame, pairs: list[tuple[str, str]]) -> None
     axes.axvline(50, color="black", linewidth=0.8, zorder=1)
     for told in whole.to_dict("records"):
         colour = style.estimator_colours(told["estimator"])[0]
-        axes.plot([100 * told["wins_low"], 100 * told["wins_high"]], [told["row"]] * 2, color=colour)
+        axes.plot(
+            [100 * told["wins_low"], 100 * told["wins_high"]], [told["row"]] * 2, color=colour
+        )
         face = colour if told["p_holm"] < SIGNIFICANCE else "white"
         dot = axes.plot(100 * told["wins"], told["row"], "o", color=colour, markersize=5, zorder=5)
         dot[0].set_markerfacecolor(face)

@@ -101,8 +101,9 @@ def driver_rows(temperaments: pd.DataFrame, confusions: pd.DataFrame) -> list[Dr
     """
     whole = temperaments[temperaments["sigma"].isna()]
     medians = whole.set_index([*_PLACE, "temperament"])["cosine_error_median"].to_dict()
-    counts = confusions.groupby([*_PLACE, "temperament", "recognised"])["drivers"].sum()
-    seen = counts.unstack(fill_value=0).reindex(columns=list(SEEN), fill_value=0)
+    key = [*_PLACE, "temperament"]
+    counts = confusions.pivot_table("drivers", key, "recognised", aggfunc="sum", fill_value=0)
+    seen = counts.reindex(columns=list(SEEN), fill_value=0)
     shares = seen.div(seen.sum(axis=1), axis=0)
     told = {
         key: Drivers(key[-1], medians[key], tuple(row))
