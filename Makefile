@@ -107,7 +107,7 @@ define keep
 		$(BIN)/olne-bench report $(OUT)/$(1) && \
 		rm -rf results/$(1) && \
 		mkdir -p results/$(1)/figures && \
-		cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md trials.parquet) results/$(1)/ && \
+		cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md wins.csv trials.parquet) results/$(1)/ && \
 		cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/ && \
 		$(BIN)/python scripts/fewer_colours.py results/$(1) && \
 		find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \; ; \
@@ -116,7 +116,7 @@ endef
 
 results: setup
 	$(call keep,paper,*.png)
-	$(call keep,roads,errors_*.png)
+	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png)
 	$(call keep,field,errors_*.png)
 	$(call keep,sensors,errors_*.png)
 	$(call keep,parameters,errors_*.png)

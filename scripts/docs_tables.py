@@ -136,6 +136,28 @@ def roads() -> str:
     return _markdown(heads.split(", "), rows, left=2)
 
 
+def wins() -> str:
+    """Suite ``roads``: draws of all roads won by the first of two estimators."""
+    table = pd.read_csv(RESULTS / "roads" / "wins.csv")
+    whole = table[table["scenario"] == "all scenarios"]
+    errors = list(dict.fromkeys(whole["error"]))
+    cells = {
+        (row["estimator"], row["other"], row["error"]): (
+            f"{row['wins']:.0%} [{row['wins_low']:.0%}, {row['wins_high']:.0%}]",
+            "< 0.001" if row["p_holm"] < 0.001 else f"{row['p_holm']:.2g}",
+        )
+        for row in whole.to_dict("records")
+    }
+    draws = whole.groupby(["estimator", "other"])["draws"].first()
+    rows = [
+        [first, other, str(number), *(c for error in errors for c in cells[first, other, error])]
+        for first, other, number in draws.reset_index().itertuples(index=False)
+    ]
+    heads = [f"{error.replace('_', ' ').capitalize()}: wins" for error in errors]
+    shown = [cell for head in heads for cell in (head, "p (Holm)")]
+    return _markdown(["First", "Second", "Draws", *shown], rows, left=2)
+
+
 def parameters() -> str:
     """Suite ``parameters``: errors of weights and unknowns, all noise levels together."""
     board = _leaderboard("parameters")
@@ -189,7 +211,18 @@ def claims() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     table.__name__: table
-    for table in (paper, field, times, coverage, exponents, claims, roads, parameters, constrained)
+    for table in (
+        paper,
+        field,
+        times,
+        coverage,
+        exponents,
+        claims,
+        roads,
+        wins,
+        parameters,
+        constrained,
+    )
 }
 
 

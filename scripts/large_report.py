@@ -1,8 +1,10 @@
 """Measure the time and memory of the report of a large store, with its page.
 
-    python scripts/large_report.py --trials 1000000 [--figures]
+    python scripts/large_report.py --trials 1000000 [--copies 5] [--figures]
 
-The rows are those of ``results/paper``, repeated as if they were of more noise draws.
+The rows are those of ``results/paper``, or of another table and its suite, repeated as if they were
+of more noise draws, and with ``--copies`` of more scenarios. The report is made with what the suite
+says of scenarios and metrics.
 """
 
 import argparse
@@ -13,14 +15,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.outcome import NESTED
+from olne_bench.bench.plan.select import Selection
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.store import open_store
-from olne_bench.bench.run.store_layout import COLUMNS, FILE_NAME
+from olne_bench.bench.run.store_layout import COLUMNS, FILE_NAME, add_metric_columns, quoted
 
 SEEDS = 1000  # more than the study has
 
@@ -29,19 +37,16 @@ def main() -> None:
     """Make the store and report on it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=1_000_000)
+    parser.add_argument("--copies", type=int, default=1, help="labels for each scenario")
+    parser.add_argument("--suite", default="paper", help="name of a suite")
     parser.add_argument("--table", type=Path, default=Path("results/paper/trials.parquet"))
     parser.add_argument("--figures", action="store_true", help="draw the figures as well")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        with open_store(Path(folder)):
-            pass
-        names = ", ".join(f'"{name}"' for name in COLUMNS)
-        places = ", ".join("?" for _ in COLUMNS)
-        with sqlite3.connect(Path(folder, FILE_NAME)) as connection:
-            connection.executemany(
-                f"INSERT INTO trials ({names}) VALUES ({places})",
-                _rows(arguments.table, arguments.trials),
-            )
+        started = time.monotonic()
+        suite = load_suite(arguments.suite)
+        _fill(Path(folder), suite, arguments.table, arguments.trials, arguments.copies)
+        print(f"built in {time.monotonic() - started:.0f} s", flush=True)
         size = Path(folder, FILE_NAME).stat().st_size / 2**20
         command = [sys.executable, "-m", "olne_bench", "report", folder]
         command += [] if arguments.figures else ["--no-figures"]
@@ -52,23 +57,60 @@ def main() -> None:
         computing, peak = used.ru_utime + used.ru_stime, used.ru_maxrss / 2**20
         page = Path(folder, "index.html").stat().st_size / 2**20
     print(
-        f"{arguments.trials} trials, {size:.0f} MiB: {seconds:.1f} s, of which {computing:.1f} s "
+        f"{arguments.trials} trials of {len(suite.scenarios) * arguments.copies} scenarios, "
+        f"{size:.0f} MiB: {seconds:.1f} s, of which {computing:.1f} s "
         f"computing, peak {peak:.2f} GiB, page {page:.2f} MiB"
     )
 
 
-def _rows(table: Path, count: int) -> Iterator[tuple[object, ...]]:
-    known = pd.read_parquet(table)
-    known["weights"] = [
-        None if w is None else json.dumps(np.stack(w).tolist()) for w in known["weights"]
+def _fill(folder: Path, suite: Suite, table: Path, count: int, copies: int) -> None:
+    """Store rows of a suite, with its metrics and its provenance."""
+    labels = {e.label: [_copied(e.label, k) for k in range(copies)] for e in suite.scenarios}
+    entries = [
+        entry.model_copy(update={"label": label})
+        for entry in suite.scenarios
+        for label in labels[entry.label]
     ]
-    known = known.astype(object).where(known.notna(), None)
-    templates = known[list(COLUMNS)].to_dict("records")
+    suite = suite.model_copy(update={"scenarios": tuple(entries)})
+    source = provenance(
+        suite=suite.model_dump_json(),
+        suite_text="",
+        selection=Selection(),
+        seeds=suite.seeds,
+        executor="rows repeated",
+    )
+    with open_store(folder) as store:
+        store.begin_run(source, [])
+    known = pd.read_parquet(table)
+    metrics = [entry.column for entry in suite.metrics if entry.column in known]
+    columns = [*(column for column in COLUMNS if column in known), *metrics]
+    names, places = quoted(columns), ", ".join("?" for _ in columns)
+    with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
+        add_metric_columns(connection, metrics)
+        connection.executemany(
+            f"INSERT INTO trials ({names}) VALUES ({places})", _rows(known[columns], count, labels)
+        )
+
+
+def _copied(label: str, number: int) -> str:
+    return f"{label} {number + 1}" if number else label
+
+
+def _rows(
+    known: pd.DataFrame, count: int, labels: Mapping[str, Sequence[str]]
+) -> Iterator[tuple[object, ...]]:
+    for name in set(NESTED) & set(known):
+        texts = [None if w is None else json.dumps(np.stack(w).tolist()) for w in known[name]]
+        known = known.assign(**{name: pd.Series(texts, known.index, dtype=object)})
+    templates = known.astype(object).where(known.notna(), None).to_dict("records")
     for number in range(count):
         copy, place = divmod(number, len(templates))
         row = templates[place]
-        # Each copy has other noise draws.
-        yield tuple((row | {"seed": row["seed"] + SEEDS * copy}).values())
+        names = labels[row["scenario"]]
+        # Each copy has another label, or other noise draws.
+        other = {"scenario": names[copy % len(names)]}
+        other |= {"seed": row["seed"] + SEEDS * (copy // len(names))}
+        yield tuple((row | other).values())
 
 
 if __name__ == "__main__":

@@ -4,6 +4,8 @@ A failure has no error, so it ranks worse than any: quantiles are taken over all
 failures at infinity, and a median of ``inf`` says that more than half of the attempts failed.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -25,6 +27,7 @@ from olne_bench.bench.report.study import USUAL, Study
 LIMIT_SIGMA = 0.01
 
 _KEY = ["scenario", "sensor", "estimator"]
+_KINDS = ("median", "q25", "q75", "mean", "mean_low", "mean_high")
 
 
 def leaderboard(
@@ -51,6 +54,12 @@ def leaderboard(
         median.
     """
     metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
+    return ranked_rows(summaries(trials, study), metrics, comparisons)
+
+
+def summaries(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """The rows of a leaderboard, without ranks and in no order."""
+    metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
     about = {metric.name: measured(trials, metric, study) for metric in metrics}
     rows = [
         dict(zip(_KEY, key, strict=True))
@@ -58,9 +67,24 @@ def leaderboard(
         | _measures(attempts_of(group), metrics, about)
         for key, group in trials.groupby(_KEY, sort=True)
     ]
-    table = pd.DataFrame(rows, columns=list(rows[0]) if rows else [])
+    return pd.DataFrame(rows, columns=list(rows[0]) if rows else [])
+
+
+def ranked_rows(
+    table: pd.DataFrame,
+    metrics: Sequence[MetricDeclaration],
+    comparisons: pd.DataFrame | None = None,
+) -> pd.DataFrame:
+    """A leaderboard from its rows: with ranks, if there are comparisons, and sorted.
+
+    Args:
+        table: from ``summaries``, of one scenario or more.
+        metrics: metrics of the whole table.
+        comparisons: as in ``leaderboard``.
+    """
     if table.empty:
         return table
+    table = _filled(table, metrics)
     ranked = compared(metrics)
     if comparisons is not None:
         for metric in ranked:
@@ -71,6 +95,21 @@ def leaderboard(
     best = [name for name in best if name in table]
     order = ["scenario", "sensor", *best, "failures", *others, "estimator"]
     return table.sort_values(order, ignore_index=True)
+
+
+def _filled(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.DataFrame:
+    """Rows of several scenarios with their columns in order; without a value there is no trial."""
+    shown = [name for metric in metrics for name in _columns(metric) if name in table]
+    measured_last = ["limit_ratio", "solve_seconds_median"]
+    others = [name for name in table if name not in {*shown, *measured_last}]
+    shares = [name for name in shown if name.endswith("_trials")]
+    table = table[[*others, *shown, *measured_last]]
+    return table.assign(**{name: table[name].fillna(0).astype(int) for name in shares})
+
+
+def _columns(metric: MetricDeclaration) -> list[str]:
+    kinds = ("share", "trials") if metric.is_share else _KINDS
+    return [f"{metric.name}_{kind}" for kind in kinds]
 
 
 def _counts(group: pd.DataFrame) -> dict[str, float | int]:

@@ -42,14 +42,24 @@ def in_table(metrics: Iterable[MetricDeclaration], trials: pd.DataFrame) -> list
     A metric without any value, where some trials went well, does not apply to the scenarios. Levels
     have tables and figures of their own (``report.statistics.calibration``).
     """
-    failed = not trials["status"].eq("ok").any()
+    some_ok = bool(trials["status"].eq("ok").any())
     return [
         metric
         for metric in metrics
         if metric.name in trials
-        and not metric.is_level
-        and (trials[metric.name].notna().any() or (metric.compared and failed))
+        and worth_a_table(metric, bool(trials[metric.name].notna().any()), some_ok)
     ]
+
+
+def worth_a_table(metric: MetricDeclaration, valued: bool, some_ok: bool) -> bool:
+    """Whether trials that have a column of a metric show it in tables, as ``in_table`` says.
+
+    Args:
+        metric: the metric.
+        valued: whether any trial has a value of it.
+        some_ok: whether any trial went well.
+    """
+    return not metric.is_level and (valued or (metric.compared and not some_ok))
 
 
 def in_leaderboard(

@@ -1,13 +1,19 @@
 """All tables of a run, computed once."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
-from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.leaderboard import ranked_rows, summaries
+from olne_bench.bench.report.measures import IDENTIFIABLE
+from olne_bench.bench.report.paragraphs import Paragraph, paragraphs
+from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of
 from olne_bench.bench.report.statistics.calibration import calibration_table
-from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
-from olne_bench.bench.report.statistics.harness_errors import harness_errors
+from olne_bench.bench.report.statistics.estimator_comparison import adjusted, comparison_rows
+from olne_bench.bench.report.statistics.failure_levels import failure_levels
+from olne_bench.bench.report.statistics.harness_errors import harness_errors, most_frequent_first
 from olne_bench.bench.report.statistics.identifiability import (
     bound_ratios,
     identifiability_table,
@@ -19,6 +25,7 @@ from olne_bench.bench.report.statistics.recognition import (
     drivers,
     temperament_table,
 )
+from olne_bench.bench.report.statistics.wins import win_counts, win_table
 from olne_bench.bench.report.study import USUAL, Study
 
 
@@ -29,23 +36,27 @@ class RunTables:
     Attributes:
         leaderboard: one row per scenario, sensor and estimator.
         comparisons: comparisons of estimators, in pairs.
+        wins: draws that each estimator wins against each other one.
         identifiability: identifiability of each weight in each scenario and sensor.
         bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
         calibration: how often regions of several levels hold the truth.
         temperaments: errors, and who is recognised, by the temperament of drivers.
         confusions: who is mistaken for whom.
         harness_errors: errors of the harness.
+        paragraphs: a paragraph on each estimator.
         notes: what could not be computed, and why.
     """
 
     leaderboard: pd.DataFrame
     comparisons: pd.DataFrame
+    wins: pd.DataFrame
     identifiability: pd.DataFrame
     bound_ratios: pd.DataFrame
     calibration: pd.DataFrame
     temperaments: pd.DataFrame
     confusions: pd.DataFrame
     harness_errors: pd.DataFrame
+    paragraphs: tuple[Paragraph, ...] = ()
     notes: tuple[str, ...] = ()
 
     def by_name(self) -> dict[str, pd.DataFrame]:
@@ -53,6 +64,7 @@ class RunTables:
         usual = {
             "leaderboard": self.leaderboard,
             "comparisons": self.comparisons,
+            "wins": self.wins,
             "identifiability": self.identifiability,
             "bound_ratios": self.bound_ratios,
             "calibration": self.calibration,
@@ -61,21 +73,55 @@ class RunTables:
         return usual | {name: table for name, table in tempered.items() if len(table)}
 
 
-def tabulate(trials: pd.DataFrame, study: Study = USUAL) -> RunTables:
-    """Compute all tables from a run's trials."""
+def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
+    """Compute all tables from a run's trials, one scenario after the other."""
+    parts = parts_of(trials)
+    found = of_each(parts, lambda _, own: _tabulated(own, study))
+    found = found or [_tabulated(parts.of(""), study)]  # tables without rows have columns, too
+    whole = {name: joined([part[name] for part in found]) for name in found[0]}
+    metrics = parts.outline.metrics(study.metrics)
+    comparisons = adjusted(_by_error(whole["comparisons"], metrics))
+    wins = win_table(_by_error(whole["wins"], metrics))
+    shown = [*metrics, *[IDENTIFIABLE] * (f"{IDENTIFIABLE.name}_median" in whole["leaderboard"])]
+    board = ranked_rows(whole["leaderboard"], shown, comparisons)
+    return RunTables(
+        leaderboard=board,
+        comparisons=comparisons,
+        wins=wins,
+        identifiability=whole["identifiability"],
+        bound_ratios=whole["bound_ratios"],
+        calibration=whole["calibration"],
+        temperaments=whole["temperaments"],
+        confusions=whole["confusions"],
+        harness_errors=most_frequent_first(whole["harness_errors"]),
+        paragraphs=tuple(paragraphs(board, wins, whole["failure_levels"], study)),
+        notes=tuple(whole["notes"]["note"]),
+    )
+
+
+def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
+    """Tables of some scenarios, as far as they do not depend on others."""
     # The weights of a million trials are slow to copy, and most tables do not need them.
     plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
-    comparisons = compare_estimators(plain, study)
     seen = drivers(trials, study)
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
-    return RunTables(
-        leaderboard=leaderboard(known, comparisons, study),
-        comparisons=comparisons,
-        identifiability=identifiability_table(trials, study),
-        bound_ratios=bound_ratios(trials, study),
-        calibration=calibration_table(trials),
-        temperaments=temperament_table(seen),
-        confusions=confusion_table(seen),
-        harness_errors=harness_errors(plain),
-        notes=tuple(unknown_truths(trials, study)),
-    )
+    return {
+        "leaderboard": summaries(known, study),
+        "comparisons": comparison_rows(plain, study),
+        "wins": win_counts(plain, study),
+        "identifiability": identifiability_table(trials, study),
+        "bound_ratios": bound_ratios(trials, study),
+        "calibration": calibration_table(trials),
+        "temperaments": temperament_table(seen),
+        "confusions": confusion_table(seen),
+        "harness_errors": harness_errors(plain),
+        "failure_levels": failure_levels(plain),
+        "notes": pd.DataFrame({"note": unknown_truths(trials, study)}, dtype=object),
+    }
+
+
+def _by_error(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.DataFrame:
+    """Rows of several scenarios, error by error."""
+    place = {metric.name: number for number, metric in enumerate(metrics)}
+    order = table["error"].map(place).to_numpy(float).argsort(kind="stable")
+    return table.iloc[order].reset_index(drop=True)

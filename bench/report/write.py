@@ -1,24 +1,22 @@
 """Write the report of a run: tables, page and figures, made from the store alone."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import pandas as pd
-from pyarrow import Table, csv, parquet
-
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.suite import read_suite_json
-from olne_bench.bench.report.escapes import csv_safe, csv_safe_arrow
-from olne_bench.bench.report.figures import draw_figures
+from olne_bench.bench.report.escapes import csv_safe
+from olne_bench.bench.report.figures import draw_figures, draw_wins
 from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.page.render import Extras, render_page
-from olne_bench.bench.report.statistics.attempts import weighed
+from olne_bench.bench.report.paragraphs import markdown_paragraphs
+from olne_bench.bench.report.parts import Parts, write_trials
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.tables import RunTables, tabulate
 from olne_bench.bench.run.provenance import Provenance
-from olne_bench.bench.run.store import read_store
-from olne_bench.bench.run.store_table import parse_nested, to_frame
+from olne_bench.bench.run.store import Store, read_store
 from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 from olne_bench.files import whole_file
@@ -45,9 +43,10 @@ def write_report(
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
     The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
-    in pairs), ``identifiability`` and ``bound_ratios`` (of weights), and, where drivers have
-    temperaments, ``temperaments`` and ``confusions``; the leaderboard comes in Markdown and LaTeX,
-    too. Truths are read from the draws that come with the suite, where there are some.
+    in pairs), ``wins`` (of draws), ``identifiability`` and ``bound_ratios`` (of weights), and,
+    where drivers have temperaments, ``temperaments`` and ``confusions``; the leaderboard comes in
+    Markdown, with a paragraph on each estimator, and LaTeX, too. Truths are read from the draws
+    that come with the suite, where there are some. Only the trials of one scenario are in memory.
 
     Args:
         folder: a run folder.
@@ -58,42 +57,53 @@ def write_report(
         UserError: if the folder holds no run, or cannot be written.
     """
     with read_store(folder) as store:
-        rows, runs = store.table(), store.runs()
-    if not rows.num_rows:
-        raise UserError(f"the run in {folder} has no finished trial yet")
-    suites = [read_suite_json(run.suite) for run in runs]
-    study = study_of(suites)
-    _refuse_unknown(rows, playable)
-    with travelling(draws_of(suites[-1].name, suites[-1]) if suites else None):
-        return _written(folder, rows, runs, study, formats, playable)
+        runs = store.runs()
+        if next(store.batches(), None) is None:
+            raise UserError(f"the run in {folder} has no finished trial yet")
+        _refuse_unknown(store, playable)
+        suites = [read_suite_json(run.suite) for run in runs]
+        study = study_of(suites)
+        with _writing_to(folder):
+            trials = write_trials(store.batches(), folder)
+    draws = draws_of(suites[-1].name, suites[-1]) if suites else None
+    with _writing_to(folder), travelling(draws):
+        return _written(folder, trials, runs, study, formats, playable)
 
 
 def _written(
     folder: Path,
-    rows: Table,
+    trials: Parts,
     runs: list[Provenance],
     study: Study,
     formats: Sequence[str],
     playable: Sequence[tuple[float, int]],
 ) -> Report:
+    tables = tabulate(trials, study)
+    _write_tables(tables, study, folder)
+    notes = list(tables.notes)
+    if formats:
+        draw_wins(tables.wins, folder / "figures", formats, study)
+        notes += draw_figures(trials, folder / "figures", formats, study).notes
+    page = render_page(trials, tables, runs, study, notes, Extras(playable=tuple(playable)))
+    with whole_file(folder / "index.html") as path:
+        path.write_text(page.html, encoding="utf-8")
+    return Report(tables, study, list(dict.fromkeys([*notes, *page.notes])))
+
+
+@contextmanager
+def _writing_to(folder: Path) -> Iterator[None]:
     try:
-        trials = weighed(_write_trials(rows, folder))
-        tables = tabulate(trials, study)
-        _write_tables(tables, study, folder)
-        notes = list(tables.notes)
-        if formats:
-            notes += draw_figures(trials, folder / "figures", formats, study).notes
-        page = render_page(trials, tables, runs, study, notes, Extras(playable=tuple(playable)))
-        with whole_file(folder / "index.html") as path:
-            path.write_text(page.html, encoding="utf-8")
-        notes += page.notes
+        yield
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
-    return Report(tables, study, list(dict.fromkeys(notes)))
 
 
-def _refuse_unknown(rows: Table, places: Sequence[tuple[float, int]]) -> None:
-    known = set(zip(rows.column("sigma").to_pylist(), rows.column("seed").to_pylist(), strict=True))
+def _refuse_unknown(store: Store, places: Sequence[tuple[float, int]]) -> None:
+    if not places:
+        return
+    known: set[tuple[float, int]] = set()
+    for batch in store.batches():
+        known |= set(zip(*(batch.column(n).to_pylist() for n in ("sigma", "seed")), strict=True))
     for sigma, seed in places:
         if (sigma, seed) not in known:
             levels = ", ".join(f"{level:g}" for level in sorted({level for level, _ in known}))
@@ -103,21 +113,13 @@ def _refuse_unknown(rows: Table, places: Sequence[tuple[float, int]]) -> None:
             )
 
 
-def _write_trials(rows: Table, folder: Path) -> pd.DataFrame:
-    with whole_file(folder / "trials.csv") as path:
-        csv.write_csv(csv_safe_arrow(rows), path)
-    parsed = parse_nested(rows)
-    with whole_file(folder / "trials.parquet") as path:
-        parquet.write_table(parsed, path, compression="zstd")
-    return to_frame(parsed)
-
-
 def _write_tables(tables: RunTables, study: Study, folder: Path) -> None:
     for name, table in tables.by_name().items():
         with whole_file(folder / f"{name}.csv") as path:
             csv_safe(table).to_csv(path, index=False)
+    said = markdown_paragraphs(tables.paragraphs)
     for name, text in (
-        ("leaderboard.md", markdown(tables.leaderboard, study)),
+        ("leaderboard.md", markdown(tables.leaderboard, study) + said),
         ("leaderboard.tex", latex(tables.leaderboard, study)),
     ):
         with whole_file(folder / name) as path:

@@ -128,9 +128,21 @@ class Store:
 
         Each metric has a column, after all others. Weights and unknowns are JSON text.
         """
-        from olne_bench.bench.run.store_table import as_table
+        import pyarrow as pa
 
-        columns = COLUMNS | dict.fromkeys(self._metrics, "REAL")
+        from olne_bench.bench.run.store_table import schema_of
+
+        return pa.Table.from_batches(self.batches(), schema=schema_of(self._columns))
+
+    @property
+    def _columns(self) -> dict[str, str]:
+        return COLUMNS | dict.fromkeys(self._metrics, "REAL")
+
+    def batches(self) -> "Iterator[pa.RecordBatch]":
+        """``table()`` some rows at a time, so that a large store need not fit in memory."""
+        from olne_bench.bench.run.store_table import as_batches
+
+        columns = self._columns
         same = " AND ".join(f"t.{name} = c.{name}" for name in NAMED)
         current = " AND ".join(f"t.{name} = c.{name}" for name in CURRENT)
         order = quoted(KEY_COLUMNS, "t.")
@@ -138,7 +150,7 @@ class Store:
             f"SELECT {quoted(columns, 't.')} FROM trials t LEFT JOIN current c ON {same} "
             f"WHERE c.scenario IS NULL OR ({current}) ORDER BY {order}"
         )
-        return as_table(cursor, columns)
+        yield from as_batches(cursor, columns)
 
     def frame(self) -> "pd.DataFrame":
         """``table()`` as a pandas table, with weights and unknowns as nested lists."""

@@ -2,7 +2,7 @@
 
 import json
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import pandas as pd
 import pyarrow as pa
@@ -16,20 +16,23 @@ _TYPES = {"TEXT": pa.string(), "REAL": pa.float64(), "INTEGER": pa.int64()}
 _BATCH = 50_000
 
 
-def as_table(rows: sqlite3.Cursor, columns: Mapping[str, str]) -> pa.Table:
-    """The rows of a query as an Arrow table.
+def schema_of(columns: Mapping[str, str]) -> pa.Schema:
+    """The Arrow schema of columns with these names and SQL types."""
+    return pa.schema([(name, _TYPES[kind]) for name, kind in columns.items()])
+
+
+def as_batches(rows: sqlite3.Cursor, columns: Mapping[str, str]) -> Iterator[pa.RecordBatch]:
+    """The rows of a query, some at a time.
 
     Args:
         rows: cursor of the query.
         columns: names and SQL types of the columns, in the order of the query.
     """
-    schema = pa.schema([(name, _TYPES[kind]) for name, kind in columns.items()])
-    batches = []
+    schema = schema_of(columns)
     while batch := rows.fetchmany(_BATCH):
         parts = zip(*batch, strict=True)
         arrays = [pa.array(c, type=t) for c, t in zip(parts, schema.types, strict=True)]
-        batches.append(pa.record_batch(arrays, schema=schema))
-    return pa.Table.from_batches(batches, schema=schema)
+        yield pa.record_batch(arrays, schema=schema)
 
 
 def parse_nested(table: pa.Table) -> pa.Table:
@@ -58,4 +61,4 @@ def _parsed(texts: pa.Array) -> pa.Array:
 def to_frame(table: pa.Table) -> pd.DataFrame:
     """A table as a pandas table, in which nested lists stay in Arrow's compact form."""
     types = {NUMBERS: pd.ArrowDtype(NUMBERS)}
-    return table.to_pandas(types_mapper=types.get)
+    return table.to_pandas(types_mapper=types.get, split_blocks=True)

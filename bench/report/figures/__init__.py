@@ -1,7 +1,8 @@
 """Figures of a study, drawn from its table of trials.
 
 There is one module per kind of figure, with a function ``draw(trials, study) -> Figure`` that takes
-the trials of one scenario. It raises ``NotDrawnError`` if it cannot draw them.
+the trials of one scenario; that of ``wins`` takes a table of all. It raises ``NotDrawnError`` if it
+cannot draw them.
 """
 
 from collections.abc import Sequence
@@ -19,13 +20,16 @@ from olne_bench.bench.report.figures import (
     ranks,
     style,
     trajectories,
+    trial,
+    wins,
 )
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.parts import Parts, of_each, parts_of
 from olne_bench.bench.report.statistics.recognition import is_tempered
 from olne_bench.bench.report.study import USUAL, Study
 
-__all__ = ["FORMATS", "USUAL_FORMATS", "Drawn", "draw_figures"]
+__all__ = ["FORMATS", "USUAL_FORMATS", "Drawn", "draw_figures", "draw_wins"]
 
 _KINDS = {
     "errors": errors.draw,
@@ -50,8 +54,29 @@ class Drawn:
     notes: list[str] = field(default_factory=list)
 
 
+def draw_wins(
+    table: pd.DataFrame,
+    directory: Path,
+    formats: Sequence[str] = USUAL_FORMATS,
+    study: Study = USUAL,
+) -> Drawn:
+    """Draw ``wins.png`` and so on, of all scenarios together; nothing if nobody is compared.
+
+    Args:
+        table: from ``statistics.wins.win_table``.
+        directory: folder for the files; created if absent.
+        formats: some of ``FORMATS``.
+        study: study of the run.
+    """
+    if table.empty:
+        return Drawn()
+    directory.mkdir(parents=True, exist_ok=True)
+    with style.applied():
+        return Drawn(style.save(wins.draw(table, study), directory / "wins", formats))
+
+
 def draw_figures(
-    trials: pd.DataFrame,
+    trials: pd.DataFrame | Parts,
     directory: Path,
     formats: Sequence[str] = USUAL_FORMATS,
     study: Study = USUAL,
@@ -70,17 +95,27 @@ def draw_figures(
         The files written, and what is missing. The same trials give files with the same bytes.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    drawn = Drawn()
     with style.applied():
-        for scenario in sorted(trials["scenario"].unique()):
-            rows = trials[trials["scenario"] == scenario]
-            tempered = {"confusion": confusion.draw} if is_tempered(scenario, study) else {}
-            for kind, draw in (_KINDS | tempered).items():
-                try:
-                    figure = draw(rows, study)
-                except NotDrawnError as error:
-                    drawn.notes.append(f"figure {kind} of {scenario}: {error}")
-                else:
-                    stem = directory / f"{kind}_{style.file_name(scenario)}"
-                    drawn.files.extend(style.save(figure, stem, formats))
+        parts = of_each(
+            parts_of(trials), lambda name, rows: _draw(name, rows, directory, formats, study)
+        )
+    files = [file for part in parts for file in part.files]
+    return Drawn(files, [note for part in parts for note in part.notes])
+
+
+def _draw(
+    scenario: str, rows: pd.DataFrame, directory: Path, formats: Sequence[str], study: Study
+) -> Drawn:
+    """Draw the figures of one scenario."""
+    drawn = Drawn()
+    tempered = {"confusion": confusion.draw} if is_tempered(scenario, study) else {}
+    road = {"trial": trial.draw} if trial.is_road(scenario, study) else {}
+    for kind, draw in (_KINDS | tempered | road).items():
+        try:
+            figure = draw(rows, study)
+        except NotDrawnError as error:
+            drawn.notes.append(f"figure {kind} of {scenario}: {error}")
+        else:
+            stem = directory / f"{kind}_{style.file_name(scenario)}"
+            drawn.files.extend(style.save(figure, stem, formats))
     return drawn

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _MARGIN = 0.12  # of the extent, on each side
 _LEAST_MARGIN = 0.05  # of the larger extent
 _ELONGATED = 2.0  # ratio of extents above which a scene is drawn along the page
+_FARTHEST = 0.5  # of the extents, beyond which a prediction is not shown
 _ROAD_MARGIN = 7.0  # [m] on each side of a road's cars
 _FLATTEST, _MOST_STRETCH = 6.0, 3.0  # ratio of extents of a stretched road, and largest stretch
 
@@ -109,6 +110,21 @@ class Scene:
             cut.append((max(low, position[axis] - reach), min(high, position[axis] + reach)))
         return replace(self, limits=(cut[0], cut[1]))
 
+    def showing(self, *motions: np.ndarray) -> "Scene":
+        """The scene of a road with limits that show further states (T, N, n), too.
+
+        What lies farther away than half of the scene's extents is not shown.
+        """
+        seen = np.concatenate([self.recording.states, *motions])[..., :2].reshape(-1, 2)
+        found = np.array(_limits(seen, self.on_road))
+        own = np.array(self.limits)
+        reach = _FARTHEST * np.ptp(own, axis=1)
+        low = np.maximum(found[:, 0], own[:, 0] - reach)
+        high = np.minimum(found[:, 1], own[:, 1] + reach)
+        limits = [(float(a), float(b)) for a, b in zip(low, high, strict=True)]
+        lanes = _lanes(self.recording.scenario.name, low, high)
+        return replace(self, limits=(limits[0], limits[1]), lanes=lanes)
+
     def plane(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates to the right and upwards of states (..., n)."""
         return states[..., self.axes_order[0]], states[..., self.axes_order[1]]
@@ -189,14 +205,18 @@ def scene_of(trials: pd.DataFrame, study: Study = USUAL) -> Scene:
     road = is_on_road(recording.scenario)
     limits = _limits(recording.states[..., :2].reshape(-1, 2), road)
     if road:
-        from olne_bench.envs.road_shapes import lane_shapes  # HighwayEnv is slow to import
-
         low, high = np.array(limits).T
-        lanes = tuple(lane_shapes(recording.scenario.name, low, high))
+        lanes = _lanes(recording.scenario.name, low, high)
         return Scene(study, name, recording, rows, (0, 1), limits, lanes)
     width, height = (b - a for a, b in limits)
     order = (1, 0) if height > _ELONGATED * width else (0, 1)
     return Scene(study, name, recording, rows, order, (limits[order[0]], limits[order[1]]))
+
+
+def _lanes(road: str, low: np.ndarray, high: np.ndarray) -> "tuple[LaneShape, ...]":
+    from olne_bench.envs.road_shapes import lane_shapes  # HighwayEnv is slow to import
+
+    return tuple(lane_shapes(road, low, high))
 
 
 Limits = tuple[tuple[float, float], tuple[float, float]]

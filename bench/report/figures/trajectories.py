@@ -1,6 +1,7 @@
 """Bundles of predicted trajectories, at a noise level at which methods differ visibly."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -50,7 +51,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     figure.suptitle(
         f"{trials['scenario'].iloc[0]}: predicted trajectories at σ = {sigma:g}{scene.stretch_note}"
     )
-    style.legend_below(figure, _entries(scene))
+    style.legend_below(figure, legend_entries(scene))
     return figure
 
 
@@ -71,7 +72,7 @@ def _places(scene: Scene, series: Sequence[Series]) -> list[tuple[int, int]]:
 def _observations(axes: Axes, scene: Scene, sigma: float, seeds: Sequence[int]) -> None:
     # The noise is the same for all sensors and estimators, and no sensor hides positions.
     for seed in seeds:
-        _bundle(
+        draw_bundle(
             axes,
             scene,
             scene.observed(sigma, int(seed)),
@@ -80,7 +81,7 @@ def _observations(axes: Axes, scene: Scene, sigma: float, seeds: Sequence[int]) 
             linestyle="none",
             alpha=0.4,
         )
-    _truth(axes, scene)
+    draw_truth(axes, scene)
     axes.set_title(f"Truth and {len(seeds)} observed sequence{'s' * (len(seeds) != 1)}")
 
 
@@ -89,10 +90,10 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
     found = [states for states in predicted if states is not None]
     for states in found:
         few = len(found) <= _FEW
-        _bundle(axes, scene, states, linewidth=1.4 if few else 0.8, alpha=0.9 if few else 0.45)
+        draw_bundle(axes, scene, states, linewidth=1.4 if few else 0.8, alpha=0.9 if few else 0.45)
         for i, state in enumerate(states[-1]):
             scene.draw_car(axes, state, player_colour(i), filled=False)
-    _truth(axes, scene)
+    draw_truth(axes, scene)
     failed = int(series.published_failed.sum())
     without = len(predicted) - len(found) - failed
     parts = [
@@ -103,12 +104,14 @@ def _predictions(axes: Axes, scene: Scene, series: Series) -> None:
     axes.set_title((", " if scene.is_wide else "\n").join(parts))
 
 
-def _bundle(axes: Axes, scene: Scene, states: np.ndarray, **line) -> None:  # type: ignore[no-untyped-def]
+def draw_bundle(axes: Axes, scene: Scene, states: np.ndarray, **line: Any) -> None:
+    """Draw the path of each player in states (T, N, n), in the player's colour."""
     for i in range(states.shape[1]):
         axes.plot(*scene.plane(states[:, i]), color=player_colour(i), rasterized=True, **line)
 
 
-def _truth(axes: Axes, scene: Scene) -> None:
+def draw_truth(axes: Axes, scene: Scene) -> None:
+    """Draw the true paths, numbered where they start; on a road with the cars at their ends."""
     states = scene.recording.states
     for i in range(states.shape[1]):
         axes.plot(*scene.plane(states[:, i]), color="black", linewidth=1, linestyle=_TRUTH_STYLE)
@@ -117,7 +120,8 @@ def _truth(axes: Axes, scene: Scene) -> None:
             scene.draw_car(axes, states[-1, i], "black", filled=False)
 
 
-def _entries(scene: Scene) -> list[tuple[Artist, str]]:
+def legend_entries(scene: Scene) -> list[tuple[Artist, str]]:
+    """Entries of a legend: the truth, and each player's colour."""
     truth = Line2D([], [], color="black", linewidth=1, linestyle=_TRUTH_STYLE, markersize=4)
     truth.set_marker("s" if scene.on_road else "o")
     truth.set_markevery([0])

@@ -14,10 +14,11 @@ from olne_bench.bench.report.figures.error_panels import failed_rows, floor_erro
 from olne_bench.bench.report.figures.levels import LevelStatistics, has_curve, level_statistics
 from olne_bench.bench.report.figures.rolling import RollingStatistics
 from olne_bench.bench.report.figures.series import Series, split
-from olne_bench.bench.report.measures import in_table, primary
+from olne_bench.bench.report.measures import primary
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.page.numbers import rounded
 from olne_bench.bench.report.page.scenes import Place, scene_data
+from olne_bench.bench.report.parts import Outline, Parts, of_each, parts_of
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.envs.scene import PLAYER_COLOURS
 
@@ -41,7 +42,7 @@ class ChartData:
 
 
 def chart_data(
-    trials: pd.DataFrame, study: Study = USUAL, wanted: Sequence[Place] = ()
+    trials: pd.DataFrame | Parts, study: Study = USUAL, wanted: Sequence[Place] = ()
 ) -> ChartData:
     """Collect what the page's script draws.
 
@@ -50,48 +51,53 @@ def chart_data(
         study: study of the run.
         wanted: noise levels and seeds of sequences that must be playable.
     """
-    names = sorted(trials["scenario"].unique())
-    plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
-    parts: dict[str, list[Series]] = {}
-    scenes: dict[str, dict[str, Any] | None] = dict.fromkeys(names)
-    notes = []
-    for name in names:
-        parts[name] = []
-        try:
-            parts[name] = split(plain[plain["scenario"] == name], study)
-            own = trials[trials["scenario"] == name]
-            scenes[name] = scene_data(own, number=len(names), study=study, wanted=wanted)
-        except NotDrawnError as error:
-            notes.append(f"trajectories of {name} on the page: {error}")
-    drawn = sum(not s.is_floor for series in parts.values() for s in series)
+    parts = parts_of(trials)
+    outline = parts.outline
+    metrics = errors_shown(outline, study)
+    names = style.estimator_order(outline.cells["estimator"].tolist())
+    drawn = int((outline.cells["estimator"] != style.FLOOR).sum())
     most = max(_FEWEST_POINTS, _MOST_POINTS // max(1, drawn))
-    estimators = style.estimator_order(trials["estimator"].tolist())
-    metrics = errors_shown(trials, study)
+    number = len(outline.scenarios)
+
+    def scenario(name: str, own: pd.DataFrame) -> tuple[dict[str, Any], list[str]]:
+        series, scene, lost = _scenario(name, own, number, study, wanted)
+        curves = has_curve(series)
+        shown = [_series(s, most, metrics, curves) for s in series]
+        return {"name": name, "curves": curves, "series": shown, "scene": scene}, lost
+
+    found = of_each(parts, scenario)
     content = {
         "metrics": [_metric(metric) for metric in metrics],
         "primary": getattr(primary(metrics), "name", None),
-        "sensors": list(style.sensor_slots(trials["sensor"].unique().tolist(), known_only=True)),
+        "sensors": list(
+            style.sensor_slots(outline.cells["sensor"].unique().tolist(), known_only=True)
+        ),
         "estimators": [
             {"name": name, "colours": style.estimator_colours(name), "floor": name == style.FLOOR}
-            for name in estimators
+            for name in names
         ],
         "players": PLAYER_COLOURS,
-        "scenarios": [
-            {
-                "name": name,
-                "curves": has_curve(series),
-                "series": [_series(s, most, metrics, has_curve(series)) for s in series],
-                "scene": scenes[name],
-            }
-            for name, series in parts.items()
-        ],
+        "scenarios": [content for content, _ in found],
     }
-    return ChartData(content, notes)
+    return ChartData(content, [note for _, lost in found for note in lost])
 
 
-def errors_shown(trials: pd.DataFrame, study: Study) -> list[MetricDeclaration]:
+def _scenario(
+    name: str, trials: pd.DataFrame, number: int, study: Study, wanted: Sequence[Place]
+) -> tuple[list[Series], dict[str, Any] | None, list[str]]:
+    """Series and scene of one scenario, as far as they can be drawn, and why not."""
+    series: list[Series] = []
+    plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
+    try:
+        series = split(plain, study)
+        return series, scene_data(trials, number=number, study=study, wanted=wanted), []
+    except NotDrawnError as error:
+        return series, None, [f"trajectories of {name} on the page: {error}"]
+
+
+def errors_shown(outline: Outline, study: Study) -> list[MetricDeclaration]:
     """The errors that have charts, and columns among the values of a trial."""
-    return [metric for metric in in_table(study.metrics, trials) if not metric.is_share]
+    return [metric for metric in outline.metrics(study.metrics) if not metric.is_share]
 
 
 def _metric(metric: MetricDeclaration) -> dict[str, Any]:

@@ -14,8 +14,10 @@ from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.measures import FAILURES, in_leaderboard, primary
 from olne_bench.bench.report.page.cards import FIELDS, cards, measured_cost
 from olne_bench.bench.report.page.data import chart_data
+from olne_bench.bench.report.page.matrices import SEEN, driver_rows, win_rows
 from olne_bench.bench.report.page.template import script, template
 from olne_bench.bench.report.page.verdicts import verdicts
+from olne_bench.bench.report.parts import Parts, parts_of
 from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE, leaders
 from olne_bench.bench.report.statistics.harness_errors import in_words
@@ -30,6 +32,12 @@ SCRIPTS = (
     "main",
 )
 _SMALLEST_SHOWN = 1e-6  # of errors on bars
+_CONSTANTS = {
+    "sigma": REFERENCE_SIGMA,
+    "significance": SIGNIFICANCE,
+    "floor": FLOOR,
+    "failures": FAILURES.name,
+}
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,7 @@ class Page:
 
 
 def render_page(
-    trials: pd.DataFrame,
+    trials: pd.DataFrame | Parts,
     tables: RunTables,
     runs: Sequence[Provenance],
     study: Study = USUAL,
@@ -90,13 +98,13 @@ def render_page(
         notes: further notes for the page, on what could not be shown.
         extras: optional parts.
     """
-    table = tables.leaderboard
-    charts = chart_data(trials, study, extras.playable)
+    parts, table = parts_of(trials), tables.leaderboard
+    charts = chart_data(parts, study, extras.playable)
     metrics = in_leaderboard(study.metrics, table)
     first = primary(metrics)
     labels = style.estimator_order(table["estimator"].tolist())
     html = template("template.html").render(
-        title=extras.title or str(trials["suite"].iloc[0]),
+        title=extras.title or parts.outline.suite,
         description=_description(runs),
         script=script(SCRIPTS),
         data=charts.content | {"tables": _texts(tables)},
@@ -106,6 +114,8 @@ def render_page(
         metrics=metrics,
         primary=first,
         changes=None if extras.changes is None else _rows(extras.changes),
+        paragraphs=tables.paragraphs,
+        **_matrices(tables, labels),
         comparisons=_rows(tables.comparisons),
         weights=_weights(tables),
         calibration=_rows(tables.calibration),
@@ -115,12 +125,15 @@ def render_page(
         harness_errors=in_words(tables.harness_errors),
         notes=list(dict.fromkeys([*notes, *charts.notes])),
         runs=list(runs),
-        sigma=REFERENCE_SIGMA,
-        significance=SIGNIFICANCE,
-        floor=FLOOR,
-        failures=FAILURES.name,
+        **_CONSTANTS,
     )
     return Page(html, charts.notes)
+
+
+def _matrices(tables: RunTables, labels: Sequence[str]) -> dict[str, Any]:
+    """Draws won, and recognised temperaments."""
+    drivers = driver_rows(tables.temperaments, tables.confusions)
+    return {"wins": win_rows(tables.wins, labels), "drivers": drivers, "seen": SEEN}
 
 
 def _texts(tables: RunTables) -> dict[str, str]:

@@ -16,7 +16,12 @@ NO_ATTEMPTS = ("skipped", "harness_error")
 
 def attempts_of(trials: pd.DataFrame) -> pd.DataFrame:
     """Trials without those that an estimator declined or the harness failed to judge."""
-    return trials[~trials["status"].isin(NO_ATTEMPTS)]
+    return _only(trials, ~trials["status"].isin(NO_ATTEMPTS))
+
+
+def _only(trials: pd.DataFrame, chosen: pd.Series) -> pd.DataFrame:
+    """The chosen rows; no copy if these are all."""
+    return trials if chosen.all() else trials[chosen]
 
 
 def families(trials: pd.DataFrame, study: Study = USUAL) -> pd.Series:
@@ -33,7 +38,7 @@ def weighed(trials: pd.DataFrame) -> pd.DataFrame:
     """
     shared = trials["count"] > 1
     key = ["scenario", "sensor", "estimator"]
-    draws = trials[~shared].groupby(key)["seed"].nunique()
+    draws = trials.loc[~shared, [*key, "seed"]].groupby(key)["seed"].nunique()
     own = pd.MultiIndex.from_frame(trials.loc[shared, key])
     count = trials["count"].copy()
     count[shared] = draws.reindex(own).fillna(1).to_numpy(int)
@@ -43,7 +48,7 @@ def weighed(trials: pd.DataFrame) -> pd.DataFrame:
 def noisy(attempts: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Attempts that are random: those with noise, and those of a family's draws."""
     drawn = families(attempts, study).astype(bool)
-    return attempts[(attempts["count"] == 1) & ((attempts["sigma"] > 0) | drawn)]
+    return _only(attempts, (attempts["count"] == 1) & ((attempts["sigma"] > 0) | drawn))
 
 
 def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USUAL) -> pd.Series:

@@ -38,6 +38,8 @@ _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
 _LONG = 500
 _GROUP = ["scenario", "sensor"]
 _PAIR = [*_GROUP, "sigma", "seed"]
+#: Columns of trials that comparisons need besides those of metrics.
+NEEDED = (*_PAIR, "estimator", "status", "count")
 
 
 def compare_estimators(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
@@ -52,12 +54,21 @@ def compare_estimators(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFra
         and ``wins_high`` (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm
         for all comparisons of the table, by all metrics.
     """
-    attempts = noisy(attempts_of(trials), study)
+    return adjusted(comparison_rows(trials, study))
+
+
+def comparison_rows(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """The rows of ``compare_estimators`` without ``p_holm``, which needs those of all scenarios."""
+    metrics = in_table(compared(study.metrics), trials)
+    attempts = noisy(attempts_of(trials[[*NEEDED, *(metric.name for metric in metrics)]]), study)
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "units"]
     columns += ["wins", "wins_low", "wins_high", "p"]
-    metrics = in_table(compared(study.metrics), trials)
     rows = [row for metric in metrics for row in _compare(attempts, metric, study)]
-    table = pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=columns)
+
+
+def adjusted(table: pd.DataFrame) -> pd.DataFrame:
+    """A table with ``p_holm``, its column ``p`` adjusted after Holm for all its rows."""
     return table.assign(p_holm=holm(table["p"].to_numpy(float)))
 
 
@@ -77,10 +88,7 @@ def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
         pairs: ``paired_errors`` of one scenario.
         family: whether the scenario is a family, so that the trials of a seed share one draw.
     """
-    a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
-    with np.errstate(invalid="ignore"):  # two failures
-        tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
-    advantage = np.where(tie, 0, np.where(a < b, 1, -1))
+    advantage = paired_advantages(pairs)
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
     wins = share_interval((1 + advantage) / 2, units)
     return {
@@ -91,6 +99,14 @@ def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
         "wins_high": wins.high,
         "p": permutation_p(np.bincount(units, advantage).astype(int)),
     }
+
+
+def paired_advantages(pairs: pd.DataFrame) -> np.ndarray:
+    """Which error of ``paired_errors`` is smaller: 1 if ``a`` is, -1 if ``b`` is, 0 for a tie."""
+    a, b = pairs["a"].to_numpy(), pairs["b"].to_numpy()
+    with np.errstate(invalid="ignore"):  # two failures
+        tie = (a == b) | (np.abs(a - b) <= _ROUNDING + _NEGLIGIBLE * np.minimum(a, b))
+    return np.where(tie, 0, np.where(a < b, 1, -1))
 
 
 def permutation_p(advantages: np.ndarray) -> float:

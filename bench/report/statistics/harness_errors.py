@@ -11,9 +11,13 @@ def harness_errors(trials: pd.DataFrame) -> pd.DataFrame:
     if spoilt.empty:
         return pd.DataFrame(columns=[*_GROUP, "trials"])
     counted = spoilt.fillna({"message": ""}).groupby(_GROUP).size().rename("trials").reset_index()
-    return counted.sort_values(["trials", *_GROUP], ascending=[False, *[True] * 4]).reset_index(
-        drop=True
-    )
+    return most_frequent_first(counted)
+
+
+def most_frequent_first(table: pd.DataFrame) -> pd.DataFrame:
+    """``harness_errors`` in their order, such as those of several scenarios."""
+    order = ["trials", *_GROUP]
+    return table.sort_values(order, ascending=[False, *[True] * 4], ignore_index=True)
 
 
 def in_words(table: pd.DataFrame, most: int = 5) -> list[str]:

@@ -43,10 +43,9 @@ def drivers(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     attempts = attempts_of(trials[trials["scenario"].isin(labels)])
     parts = []
     for label, of_label in attempts.groupby("scenario", sort=True):
-        for seed in sorted(of_label["seed"].unique()):
-            rows = of_label[of_label["seed"] == seed]
+        for seed, rows in of_label.groupby("seed", sort=True):
             with suppress(*UNKNOWN_HERE):  # the options are those of another version
-                parts.append(_drivers_of_draw(rows, study.draw(str(label), int(seed))))
+                parts.append(_drivers_of_draw(rows, study.draw(str(label), int(str(seed)))))
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=_DRIVER)
 
 

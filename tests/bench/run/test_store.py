@@ -3,6 +3,7 @@ from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from olne_bench.bench.plan.entries import MetricEntry
@@ -11,6 +12,7 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.plan.versions import Versions
+from olne_bench.bench.run import store_table
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import Stored, pending
 from olne_bench.bench.run.store import MESSAGE_SIZE, Record, open_store, read_store
@@ -52,6 +54,18 @@ def test_order_does_not_depend_on_when_rows_were_written(tmp_path, trials):
                 store.add(trial, Outcome("ok"))
     with read_store(tmp_path / "a") as a, read_store(tmp_path / "b") as b:
         assert a.frame().equals(b.frame())
+
+
+def test_batches_are_the_table_in_parts(tmp_path, trials, monkeypatch):
+    with open_store(tmp_path) as store:
+        for trial in trials:
+            store.add(trial, Outcome("ok", weights=[[0.5, 0.5]]))
+        monkeypatch.setattr(store_table, "_BATCH", 2)
+        batches = list(store.batches())
+        assert [len(batch) for batch in batches] == [2] * (len(trials) // 2) + [1] * (
+            len(trials) % 2
+        )
+        assert pa.Table.from_batches(batches).equals(store.table())
 
 
 def test_a_second_writer_is_refused(tmp_path):

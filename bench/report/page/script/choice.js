@@ -47,10 +47,10 @@ function press(holder, chosen, names, without) {
 }
 
 function filterTables() {
-  const error = byId("pair-error").value;
   for (const row of all("table.filtered tbody tr[data-scenario]")) {
-    row.hidden = row.dataset.scenario !== scenario().name || !state.sensors.has(row.dataset.sensor)
-      || (row.dataset.error !== undefined && row.dataset.error !== error);
+    const { scenario: place, sensor, error } = row.dataset; // an empty place: all scenarios
+    row.hidden = (place && place !== scenario().name) || (sensor !== undefined && !state.sensors.has(sensor))
+      || (error !== undefined && error !== byId("pair-error").value);
   }
   for (const cell of all("[data-estimator]")) cell.hidden = !state.estimators.has(cell.dataset.estimator);
 }

@@ -6,7 +6,7 @@ import pytest
 
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report import figures
-from olne_bench.bench.report.figures import confusion, draw_figures, style
+from olne_bench.bench.report.figures import confusion, draw_figures, style, trial
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.study import Study
 from olne_bench.envs.scenarios import check_options
@@ -68,6 +68,7 @@ def test_it_is_drawn_where_drivers_have_temperaments_only(trials, tmp_path, monk
     with pytest.raises(NotDrawnError, match="no driver has a temperament"):
         confusion.draw(trials, plain)
     monkeypatch.setattr(figures, "_KINDS", {})  # the others take their time
+    monkeypatch.setattr(trial, "is_road", lambda *_: False)
     drawn = [draw_figures(trials, tmp_path, ("png",), study) for study in (STUDY, plain)]
     assert [[file.name for file in one.files] for one in drawn] == [["confusion_road.png"], []]
     assert not drawn[1].notes

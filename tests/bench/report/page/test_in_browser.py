@@ -169,3 +169,17 @@ def test_print_shows_all_that_a_card_says(browser: Browser, page: Path) -> None:
     assert not tab.evaluate(f"[...document.querySelectorAll('pre, .scroll')].some({cut})")
     assert tab.locator("button:visible").count() == tab.locator("#board th button").count()
     context.close()
+
+
+def test_draws_won_of_all_scenarios_are_always_shown(tab: Page) -> None:
+    def shown() -> list[tuple[str, str]]:
+        rows = tab.locator("#win-table tbody tr:visible")
+        told = rows.evaluate_all("rows => rows.map((r) => [r.dataset.scenario, r.dataset.error])")
+        return [tuple(pair) for pair in told]
+
+    assert shown() == [
+        (name, "position_error") for name in ("", "highway_overtaking") for _ in "abc"
+    ]
+    tab.select_option("#scenario", label="two_player")
+    tab.select_option("#pair-error", "cosine_error")
+    assert shown() == [(name, "cosine_error") for name in ("", "two_player") for _ in "abc"]

@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -146,3 +147,30 @@ def test_bars_tell_small_errors_apart_and_have_an_end() -> None:
     assert logs[0] == logs[1] < logs[2]
     np.testing.assert_allclose(logs[2:], [-4, -3, 0, 1])
     assert render._log(float("inf")) == float("inf")
+
+
+def test_each_estimator_has_a_paragraph(page: Path, small_study: pd.DataFrame, usual) -> None:
+    html = page.read_text(encoding="utf-8")
+    assert html.count('<p class="said">') == small_study["estimator"].nunique()
+    told = tabulate(small_study, usual).paragraphs
+    assert all(
+        sentence in html for one in told for sentence in one.sentences if "<" not in sentence
+    )
+
+
+def test_temperaments_have_a_section_where_drivers_have_some(
+    page: Path, small_study: pd.DataFrame, usual: Study
+) -> None:
+    assert 'id="drivers"' not in page.read_text(encoding="utf-8")
+    place = {"scenario": "two_player", "sensor": "full", "estimator": "uniform"}
+    errors = {**place, "sigma": np.nan, "temperament": "normal", "cosine_error_median": 0.1234}
+    counts = {**place, "sigma": 0.1, "temperament": "normal", "recognised": "cautious"}
+    tables = replace(
+        tabulate(small_study, usual),
+        temperaments=pd.DataFrame([errors]),
+        confusions=pd.DataFrame([counts | {"drivers": 7, "share": 1.0}]),
+    )
+    html = render_page(small_study, tables, [], usual).html
+    (row,) = re.findall(r'<section id="drivers">.*?<tbody>(.*?)</tbody>', html, re.DOTALL)
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
+    assert cells == ["full", *["–"] * 5, "0.12", "0", "<b>0</b>", "100", "0", *["–"] * 5]
