@@ -14,6 +14,7 @@ from olne_bench.bench.report.statistics.identifiability import (
     identifiable_errors,
     unknown_truths,
 )
+from olne_bench.bench.report.statistics.noise_identifiability import identifiability_by_noise
 from olne_bench.bench.report.statistics.recognition import (
     confusion_table,
     drivers,
@@ -30,6 +31,7 @@ class RunTables:
         leaderboard: one row per scenario, sensor and estimator.
         comparisons: comparisons of estimators, in pairs.
         identifiability: identifiability of each weight in each scenario and sensor.
+        identifiability_by_noise: the same at each noise level of the trials.
         bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
         calibration: how often regions of several levels hold the truth.
         temperaments: errors, and who is recognised, by the temperament of drivers.
@@ -41,6 +43,7 @@ class RunTables:
     leaderboard: pd.DataFrame
     comparisons: pd.DataFrame
     identifiability: pd.DataFrame
+    identifiability_by_noise: pd.DataFrame
     bound_ratios: pd.DataFrame
     calibration: pd.DataFrame
     temperaments: pd.DataFrame
@@ -54,6 +57,7 @@ class RunTables:
             "leaderboard": self.leaderboard,
             "comparisons": self.comparisons,
             "identifiability": self.identifiability,
+            "identifiability_by_noise": self.identifiability_by_noise,
             "bound_ratios": self.bound_ratios,
             "calibration": self.calibration,
         }
@@ -72,6 +76,7 @@ def tabulate(trials: pd.DataFrame, study: Study = USUAL) -> RunTables:
         leaderboard=leaderboard(known, comparisons, study),
         comparisons=comparisons,
         identifiability=identifiability_table(trials, study),
+        identifiability_by_noise=identifiability_by_noise(plain, study),
         bound_ratios=bound_ratios(trials, study),
         calibration=calibration_table(trials),
         temperaments=temperament_table(seen),

@@ -15,10 +15,12 @@ from olne_bench.bench.report.figures import (
     confusion,
     errors,
     failures,
+    identifiability,
     landscape,
     ranks,
     style,
     trajectories,
+    widths,
 )
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 from olne_bench.bench.report.not_drawn import NotDrawnError
@@ -34,6 +36,8 @@ _KINDS = {
     "landscape": landscape.draw,
     "calibration": calibration.draw,
     "ranks": ranks.draw,
+    "widths": widths.draw,
+    "identifiability": identifiability.draw,
 }
 
 

@@ -17,7 +17,15 @@ from olne_bench.bench.run.store import open_store
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
 
-TABLES = ("trials", "leaderboard", "comparisons", "identifiability", "bound_ratios", "calibration")
+TABLES = (
+    "trials",
+    "leaderboard",
+    "comparisons",
+    "identifiability",
+    "identifiability_by_noise",
+    "bound_ratios",
+    "calibration",
+)
 
 
 def fill(folder: Path, scored: bool = True) -> int:
