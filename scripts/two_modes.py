@@ -1,6 +1,6 @@
 """A posterior with two modes: one observation of two players that two sets of weights explain.
 
-    python scripts/two_modes.py [--out results/calibration]
+    python scripts/two_modes.py [--out results/calibration] [--formats png svg]
 
 The sequence is one of the suite ``paper``: two players whose true weights are all equal, seen
 without their speeds, with noise of 0.007 m. The picture has the samples of ``posterior``, the
@@ -28,12 +28,13 @@ from olne_bench.bench.judge.referee import Case, case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.formats import FORMATS
 from olne_bench.estimators.forward_model import SolvedGame, game_at
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import probable_optima
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.profile_intervals import OneHeld
-from olne_bench.estimators.profile_likelihood import least_error_in
+from olne_bench.estimators.profile_likelihood import least_error, least_error_in
 from olne_bench.estimators.protocol import Estimate
 from olne_bench.estimators.simplex import RatioChart
 from olne_bench.games.newton import Root
@@ -93,7 +94,8 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("results/calibration"))
-    out = parser.parse_args().out
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=["png"])
+    options = parser.parse_args()
     case = case_of(sequence())
     problem, seen = case.problem, case.observations[0]
     sampled = Posterior().estimate(problem, seen, rng=np.random.default_rng(0), budget=120)
@@ -101,12 +103,12 @@ def main() -> None:
     assert sampled.samples is not None, sampled.message
     modes = modes_of(sampled.samples)
     optima = [optimum_near(case, modes, mode) for mode in (0, 1)]
-    for line in lines_of(sampled, modes, optima, likely):
+    for line in [*lines_of(sampled, modes, optima, likely), truth_line(case, optima)]:
         print(line)
-    out.mkdir(parents=True, exist_ok=True)
+    options.out.mkdir(parents=True, exist_ok=True)
     with style.applied():
         figure = drawn(case, sampled.samples, modes, likely, [profile(case, o) for o in optima])
-        style.save(figure, out / "two_modes", ("png", "svg"))
+        style.save(figure, options.out / "two_modes", options.formats)
 
 
 def sequence() -> Trial:
@@ -211,6 +213,20 @@ def lines_of(sampled: Estimate, modes: Modes, optima: list[Optimum], likely: Est
         f"kkt_constrained: weight {likely.weights[PLAYER, WEIGHT]:.3f}, chi-squared "
         f"{float(likely.extras['objective']) / SIGMA**2:.2f}",
     ]
+
+
+def truth_line(case: Case, optima: list[Optimum]) -> str:
+    """Whether the likelihood region of all weights holds the truth."""
+    truth = case.recordings[0]
+    game = game_at(case.problem.game, truth.root, truth.scenario.theta)
+    error = least_error(case.problem, (case.observations[0],), (game,))
+    assert error is not None, "the truth is an equilibrium"
+    players, count = truth.scenario.weights.shape
+    rise = (error - min(one.error for one in optima)) / SIGMA**2
+    return (
+        f"at the true weights chi-squared is {rise:.2f} above the least; the {LEVEL:.0%} region of "
+        f"all weights ends at {chdtri(players * (count - 1), 1 - LEVEL):.2f}"
+    )
 
 
 def drawn(

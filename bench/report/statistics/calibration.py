@@ -36,8 +36,9 @@ def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
         ``p_uniform``, the probability of levels as uneven as these if all were calibrated
         (Kolmogorov and Smirnov). ``weights_50`` and so on, with intervals, are shares of single
         weights in their central intervals; ``p_weights`` is the smallest probability of levels as
-        uneven as those of a weight, adjusted after Holm; ``p_tarp`` is that of TARP. They are empty
-        where a region tells nothing about them. Estimates that failed claim nothing. Trials of one
+        uneven as those of a weight, adjusted after Holm; ``p_tarp`` is that of TARP. ``width`` is
+        the median width of the regions, as a standard deviation of weights. They are empty where a
+        region tells nothing about them. Estimates that failed claim nothing. Trials of one
         seed in a fixed scenario differ by their noise.
     """
     if LEVEL not in trials:
@@ -106,6 +107,8 @@ def _of_cell(group: pd.DataFrame) -> dict[str, float]:
         found["p_weights"] = float(holm(p).min())
     if TARP in group and group[TARP].notna().any():
         found["p_tarp"] = _uneven(group[TARP].dropna().to_numpy(float))
+    if WIDTH in group and group[WIDTH].notna().any():
+        found["width"] = float(group[WIDTH].median())
     return found
 
 

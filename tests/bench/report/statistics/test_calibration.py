@@ -108,6 +108,7 @@ def test_widths_and_exact_shares_of_a_cell() -> None:
     told = trials(levels).assign(region_width=np.linspace(0.1, 0.3, 40))
     (row,) = width_table(told).to_dict("records")
     assert (row["trials"], row["covered"], row["width"]) == (40, 0.75, pytest.approx(0.2))
+    assert calibration_table(told)["width"].tolist() == [row["width"]]
     # Clopper and Pearson: ends at which 30 of 40, or a more extreme number, has 2.5 %
     assert binom.sf(29, 40, row["covered_low"]) == pytest.approx(0.025)
     assert binom.cdf(30, 40, row["covered_high"]) == pytest.approx(0.025)
