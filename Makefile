@@ -114,6 +114,20 @@ define keep
 	fi
 endef
 
+# Its trials are too many to keep. The folder holds other results as well.
+define keep_calibration
+	if [ -d $(OUT)/calibration ]; then \
+		$(BIN)/olne-bench report $(OUT)/calibration && \
+		mkdir -p results/calibration/figures && \
+		cp $(addprefix $(OUT)/calibration/,leaderboard.csv leaderboard.md calibration.csv identifiability_by_noise.csv) \
+			results/calibration/ && \
+		cp $(addprefix $(OUT)/calibration/figures/,calibration_*.png widths_*.png identifiability_*.png ranks_two_player*.png) \
+			results/calibration/figures/ && \
+		$(BIN)/python scripts/two_modes.py && \
+		$(BIN)/python scripts/fewer_colours.py results/calibration ; \
+	fi
+endef
+
 results: setup
 	$(call keep,paper,*.png)
 	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png)
@@ -121,6 +135,7 @@ results: setup
 	$(call keep,sensors,errors_*.png)
 	$(call keep,parameters,errors_*.png)
 	$(call keep,constrained,errors_*.png)
+	$(call keep_calibration)
 	$(BIN)/python scripts/docs_tables.py
 	du -sk results | awk '{ if ($$1 > 14336) { print "results/ has " $$1 " KiB; at most 14 MiB are kept"; exit 1 } }'
 

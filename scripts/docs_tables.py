@@ -14,6 +14,9 @@ from typing import Any
 
 import pandas as pd
 from paper_claims import claims_of
+from scipy.stats import binomtest
+
+from olne_bench.bench.report.figures.style import estimator_order
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
@@ -25,12 +28,14 @@ PAGES = (
     "docs/highway.md",
     "docs/unknowns.md",
     "docs/constraints.md",
+    "docs/calibration.md",
 )
 #: Columns of a leaderboard, and their heads in the table of constraints.
 _WORTH = {
     "position_error_median": "Position error",
     "cosine_error_median": "Cosine error",
 }
+_PLACE = ("scenario", "sensor", "estimator")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -209,19 +214,57 @@ def claims() -> str:
     return _markdown(["", "Claim", "Measured", "Allowed"], rows, left=2)
 
 
+def regions() -> str:
+    """Suite ``calibration``: coverage of 95 % regions with exact intervals, and their widths."""
+    table = _calibration()
+    cells = [
+        f"{_exact(row['covered_95'], row['trials'])}, {_number(row['width'])}"
+        for row in table.to_dict("records")
+    ]
+    return _by_level(table, cells)
+
+
+def levels() -> str:
+    """Suite ``calibration``: the probabilities of levels of regions, of weights, and of TARP."""
+    table = _calibration()
+    shown = table[["p_uniform", "p_weights", "p_tarp"]].map(_chance)
+    return _by_level(table, [", ".join(row) for row in shown.itertuples(index=False)])
+
+
+def scores() -> str:
+    """Suite ``calibration``: proper scores and cosine errors, all noise levels together."""
+    board = _leaderboard("calibration")
+    scored = ("energy_score_median", "crps_median", "held_out_log_score_median")
+    columns = [*scored, "cosine_error_mean"]
+    rows = [
+        [
+            *(row[key] for key in _PLACE),
+            *(_number(row[column]) for column in columns),
+            f"{row['failures']} of {row['trials']}",
+        ]
+        for row in _in_order(board[board["trials"] > 0]).to_dict("records")
+    ]
+    heads = (
+        "Scenario, Sensor, Estimator, Energy score, CRPS, Log score lost, Cosine error, Failures"
+    )
+    return _markdown(heads.split(", "), rows, left=3)
+
+
+def identified() -> str:
+    """Suite ``calibration``: share of weights that are identified, and what is left, by noise."""
+    table = pd.read_csv(RESULTS / "calibration" / "identifiability_by_noise.csv")
+    by = ["scenario", "sensor", "sigma"]
+    found = table.groupby(by)[["identified", "left"]].mean().reset_index()
+    cells = [f"{row['identified']:.0%}, {row['left']:.0%}" for row in found.to_dict("records")]
+    return _by_level(found, cells)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     table.__name__: table
     for table in (
-        paper,
-        field,
-        times,
-        coverage,
-        exponents,
-        claims,
-        roads,
-        wins,
-        parameters,
-        constrained,
+        *(paper, field, times, coverage, exponents, claims),
+        *(roads, wins, parameters, constrained),
+        *(regions, levels, scores, identified),
     )
 }
 
@@ -229,6 +272,51 @@ TABLES: dict[str, Callable[[], str]] = {
 def _leaderboard(name: str) -> pd.DataFrame:
     table = pd.read_csv(RESULTS / name / "leaderboard.csv")
     return table.rename(columns={"view": "sensor"})  # its name in tables before version 0.1
+
+
+def _calibration() -> pd.DataFrame:
+    """Rows of ``calibration.csv``, the best known kinds of regions first."""
+    return _in_order(pd.read_csv(RESULTS / "calibration" / "calibration.csv"))
+
+
+def _in_order(table: pd.DataFrame) -> pd.DataFrame:
+    order = {name: place for place, name in enumerate(estimator_order(list(table["estimator"])))}
+    table = table.assign(place=table["estimator"].map(order))
+    return table.sort_values(["scenario", "sensor", "place"], kind="stable")
+
+
+def _by_level(table: pd.DataFrame, cells: list[str]) -> str:
+    """A row for each scenario, sensor and perhaps estimator, a column for each noise level.
+
+    Scenarios have noise levels of their own, which are named with them.
+    """
+    keys = [key for key in _PLACE if key in table]
+    sigmas = {str(name): sorted(own["sigma"].unique()) for name, own in table.groupby("scenario")}
+    most = max(map(len, sigmas.values()))
+    table = table.assign(cell=cells)
+    rows = []
+    for labels, group in table.groupby(keys, sort=False):
+        place = [str(label) for label in labels]
+        told = sigmas[place[0]]
+        cell = dict(zip(group["sigma"], group["cell"], strict=True))
+        noise = ", ".join(f"{sigma:g}" for sigma in told)
+        shown = [cell.get(sigma, "–") for sigma in told] + ["–"] * (most - len(told))
+        rows.append([f"{place[0]}: {noise} m", *place[1:], *shown])
+    heads = [key.capitalize() for key in keys]
+    heads += ["Least noise", *(["More"] * (most - 2)), "Most"][:most]
+    return _markdown(heads, rows, left=len(keys))
+
+
+def _exact(share: float, trials: int) -> str:
+    """A share with its exact 95 % interval (Clopper and Pearson)."""
+    bounds = binomtest(round(share * trials), trials).proportion_ci(0.95, method="exact")
+    return f"{share:.0%} [{100 * bounds.low:.0f}, {100 * bounds.high:.0f}]"
+
+
+def _chance(value: float) -> str:
+    if math.isnan(value):
+        return "–"
+    return "< 0.001" if value < 0.001 else f"{value:.2g}"
 
 
 def _failures_and_time(row: dict[Hashable, Any]) -> tuple[str, str]:

@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import unquote
 
 import jupytext
 from mkdocs.config.defaults import MkDocsConfig
@@ -66,6 +67,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, name, abs_src_path=str(ROOT / name)))
     texts = [file.content_string for file in files.documentation_pages()]
     for path in sorted({path for text in texts for path in _RESULT.findall(text)}):
+        path = unquote(path)  # labels of scenarios may have spaces
         files.append(File.generated(config, path, abs_src_path=str(ROOT / path)))
     for page in _tutorials(files):
         notebook = jupytext.reads(_KERNEL + page.content_string, fmt="md")

@@ -20,6 +20,7 @@ from olne_bench.bench.report.statistics.identifiability import (
     identifiable_errors,
     unknown_truths,
 )
+from olne_bench.bench.report.statistics.noise_identifiability import identifiability_by_noise
 from olne_bench.bench.report.statistics.recognition import (
     confusion_table,
     drivers,
@@ -38,6 +39,7 @@ class RunTables:
         comparisons: comparisons of estimators, in pairs.
         wins: draws that each estimator wins against each other one.
         identifiability: identifiability of each weight in each scenario and sensor.
+        identifiability_by_noise: the same at each noise level of the trials.
         bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
         calibration: how often regions of several levels hold the truth.
         temperaments: errors, and who is recognised, by the temperament of drivers.
@@ -51,6 +53,7 @@ class RunTables:
     comparisons: pd.DataFrame
     wins: pd.DataFrame
     identifiability: pd.DataFrame
+    identifiability_by_noise: pd.DataFrame
     bound_ratios: pd.DataFrame
     calibration: pd.DataFrame
     temperaments: pd.DataFrame
@@ -66,6 +69,7 @@ class RunTables:
             "comparisons": self.comparisons,
             "wins": self.wins,
             "identifiability": self.identifiability,
+            "identifiability_by_noise": self.identifiability_by_noise,
             "bound_ratios": self.bound_ratios,
             "calibration": self.calibration,
         }
@@ -89,6 +93,7 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
         comparisons=comparisons,
         wins=wins,
         identifiability=whole["identifiability"],
+        identifiability_by_noise=whole["identifiability_by_noise"],
         bound_ratios=whole["bound_ratios"],
         calibration=whole["calibration"],
         temperaments=whole["temperaments"],
@@ -110,6 +115,7 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
         "comparisons": comparison_rows(plain, study),
         "wins": win_counts(plain, study),
         "identifiability": identifiability_table(trials, study),
+        "identifiability_by_noise": identifiability_by_noise(plain, study),
         "bound_ratios": bound_ratios(trials, study),
         "calibration": calibration_table(trials),
         "temperaments": temperament_table(seen),

@@ -16,11 +16,13 @@ from olne_bench.bench.report.figures import (
     confusion,
     errors,
     failures,
+    identifiability,
     landscape,
     ranks,
     style,
     trajectories,
     trial,
+    widths,
     wins,
 )
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
@@ -38,6 +40,8 @@ _KINDS = {
     "landscape": landscape.draw,
     "calibration": calibration.draw,
     "ranks": ranks.draw,
+    "widths": widths.draw,
+    "identifiability": identifiability.draw,
 }
 
 

@@ -190,12 +190,18 @@ def _log(value: float) -> float:
 
 
 def _weights(tables: RunTables) -> list[dict[str, Any]]:
-    """Rows of the identifiability table, each with the estimators' ratios to the bound."""
+    """Rows of the identifiability table, with ratios to the bound and what noise leaves."""
     key = ["scenario", "sensor", "player", "weight"]
-    ratios: dict[tuple[Any, ...], dict[str, float]] = {}
+    ratios: dict[tuple[Any, ...], dict[str, Any]] = {}
     for row in _rows(tables.bound_ratios):
-        ratios.setdefault(tuple(row[k] for k in key), {})[row["estimator"]] = row["ratio"]
-    return [
-        row | {"ratios": ratios.get(tuple(row[k] for k in key), {})}
-        for row in _rows(tables.identifiability)
-    ]
+        ratios.setdefault(tuple(row[k] for k in key), {})[row["estimator"]] = row
+    noise: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in _rows(tables.identifiability_by_noise.sort_values("sigma")):
+        noise.setdefault(tuple(row[k] for k in key), []).append(row)
+    rows = []
+    for row in _rows(tables.identifiability):
+        place = tuple(row[k] for k in key)
+        levels = noise.get(place, [])
+        ends = levels if len(levels) < 2 else [levels[0], levels[-1]]
+        rows.append(row | {"ratios": ratios.get(place, {}), "noise": ends})
+    return rows

@@ -8,15 +8,19 @@ estimates are calibrated, all of these are uniform between 0 and 1.
 
 import numpy as np
 import pandas as pd
-from scipy.stats import kstest
+from scipy.stats import binomtest, kstest
 
 from olne_bench.bench.report.statistics.estimator_comparison import holm
 from olne_bench.bench.report.statistics.identifiability import flat_numbers
 from olne_bench.bench.report.statistics.intervals import share_interval
 
 LEVEL, TARP, WEIGHTS = "credible_level", "tarp_level", "weight_levels"
+WIDTH = "region_width"
 #: Levels of the table.
 NOMINAL = (0.5, 0.8, 0.95)
+#: Level of the regions of ``width_table``.
+_REGION = 0.95
+_WIDTH_COLUMNS = ["trials", "covered", "covered_low", "covered_high", "width"]
 _COLUMNS = ["scenario", "sensor", "estimator", "sigma", "trials", "p_uniform"]
 
 
@@ -32,8 +36,9 @@ def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
         ``p_uniform``, the probability of levels as uneven as these if all were calibrated
         (Kolmogorov and Smirnov). ``weights_50`` and so on, with intervals, are shares of single
         weights in their central intervals; ``p_weights`` is the smallest probability of levels as
-        uneven as those of a weight, adjusted after Holm; ``p_tarp`` is that of TARP. They are empty
-        where a region tells nothing about them. Estimates that failed claim nothing. Trials of one
+        uneven as those of a weight, adjusted after Holm; ``p_tarp`` is that of TARP. ``width`` is
+        the median width of the regions, as a standard deviation of weights. They are empty where a
+        region tells nothing about them. Estimates that failed claim nothing. Trials of one
         seed in a fixed scenario differ by their noise.
     """
     if LEVEL not in trials:
@@ -44,6 +49,31 @@ def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
         for place, group in told.groupby(_COLUMNS[:4], sort=True)
     ]
     return pd.DataFrame(rows) if rows else pd.DataFrame(columns=_COLUMNS)
+
+
+def width_table(trials: pd.DataFrame) -> pd.DataFrame:
+    """How often 95 % regions hold the truth, and how wide they are.
+
+    Args:
+        trials: one row per trial.
+
+    Returns:
+        One row per scenario, sensor, estimator and noise level with regions that have a width: the
+        number of ``trials``, the share ``covered`` with its exact 95 % interval ``covered_low,
+        covered_high`` (Clopper and Pearson; a cell has one trial per seed, so they are
+        independent), and the median ``width``, as a standard deviation of weights.
+    """
+    place = _COLUMNS[:4]
+    if LEVEL not in trials or WIDTH not in trials:
+        return pd.DataFrame(columns=[*place, *_WIDTH_COLUMNS])
+    told = trials[trials[LEVEL].notna() & trials[WIDTH].notna() & (trials["status"] == "ok")]
+    rows = []
+    for key, group in told.groupby(place, sort=True):
+        inside = int((group[LEVEL] <= _REGION).sum())
+        bounds = binomtest(inside, len(group)).proportion_ci(0.95, method="exact")
+        shares = inside / len(group), bounds.low, bounds.high
+        rows.append((*key, len(group), *shares, float(group[WIDTH].median())))
+    return pd.DataFrame(rows, columns=[*place, *_WIDTH_COLUMNS])
 
 
 def weight_levels_of(group: pd.DataFrame) -> np.ndarray:
@@ -77,6 +107,8 @@ def _of_cell(group: pd.DataFrame) -> dict[str, float]:
         found["p_weights"] = float(holm(p).min())
     if TARP in group and group[TARP].notna().any():
         found["p_tarp"] = _uneven(group[TARP].dropna().to_numpy(float))
+    if WIDTH in group and group[WIDTH].notna().any():
+        found["width"] = float(group[WIDTH].median())
     return found
 
 

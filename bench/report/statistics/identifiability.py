@@ -6,7 +6,7 @@ count.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -42,7 +42,7 @@ def identifiability_table(trials: pd.DataFrame, study: Study = USUAL) -> pd.Data
         [
             labels | {"player": i + 1, "weight": weight} | cell
             for labels, truth, known in _known_truths(trials, study)
-            for (i, weight), cell in _cells(truth, known)
+            for (i, weight), cell in cells(truth, known)
         ],
     )
 
@@ -52,16 +52,21 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 
     Returns:
         Columns ``scenario, sensor, player, weight, estimator, ratio, identified``: the root mean
-        squared error of a weight over its bound, for noise above 0 and up to ``REFERENCE_SIGMA``;
-        1 is the best that an unbiased estimator can reach; a failure makes it infinite. If a weight
-        is not ``identified``, the bound exceeds any possible error and the ratio means nothing.
+        squared error of a weight over its bound, for noise above 0 and up to ``REFERENCE_SIGMA``,
+        or at the smallest noise of these trials where none is as small; 1 is the best that an
+        unbiased estimator can reach; a failure makes it infinite. If a weight is not
+        ``identified`` at the largest noise that counts, the bound exceeds any possible error and
+        the ratio means nothing.
     """
     attempts, rows = attempts_of(trials), []
     for labels, truth, known in _known_truths(trials, study):
         chosen = _rows_of(attempts, labels, study)
-        chosen = chosen[chosen["sigma"].between(0, REFERENCE_SIGMA, inclusive="right")]
+        chosen = chosen[chosen["sigma"] > 0]
+        most = max(REFERENCE_SIGMA, chosen["sigma"].min())
+        chosen = chosen[chosen["sigma"] <= most]
+        known = _at(known, most)
         for estimator, group in chosen.groupby("estimator", sort=True):
-            ratios = _ratios(group, truth, known)
+            ratios = _ratios(group, truth, known, most)
             rows += [
                 labels
                 | {"player": i + 1, "weight": weight, "estimator": estimator}
@@ -71,7 +76,7 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
             ]
             rows += [
                 labels | cell | {"estimator": estimator}
-                for cell in _parameter_ratios(group, truth, known)
+                for cell in _parameter_ratios(group, truth, known, most)
             ]
     return _table(["estimator", "ratio", "identified"], rows)
 
@@ -197,9 +202,10 @@ def _weights_are_there(rows: pd.DataFrame) -> np.ndarray:
     return (valid & rows["weights"].notna()).to_numpy(bool)
 
 
-def _cells(
+def cells(
     truth: Recording, known: Identifiability
 ) -> Iterator[tuple[tuple[int, str], dict[str, float | bool]]]:
+    """Player (from 0) and name of each weight and unknown parameter, and what is known of it."""
     for i, weights in enumerate(truth.scenario.weights):
         for k, weight in enumerate(truth.scenario.game.weight_names):
             yield (
@@ -232,17 +238,26 @@ def _parameter_cells(
         )
 
 
-def _ratios(group: pd.DataFrame, truth: Recording, known: Identifiability) -> np.ndarray:
+def _at(known: Identifiability, sigma: float) -> Identifiability:
+    """The bounds of ``REFERENCE_SIGMA`` at another noise level, to which they are proportional."""
+    scale = sigma / REFERENCE_SIGMA
+    return replace(known, bound=scale * known.bound, parameter_bound=scale * known.parameter_bound)
+
+
+def _ratios(
+    group: pd.DataFrame, truth: Recording, known: Identifiability, sigma: float
+) -> np.ndarray:
+    """Root mean squared errors (N, K) over bounds, which are those at a noise level."""
     shape = truth.scenario.weights.shape
     if not _weights_are_there(group).all():
         return np.full(shape, np.inf)
     errors = weights_of(group, shape) - truth.scenario.weights
-    relative = errors / (group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA * known.bound)
+    relative = errors / (group["sigma"].to_numpy()[:, None, None] / sigma * known.bound)
     return np.sqrt((relative**2).mean(axis=0))
 
 
 def _parameter_ratios(
-    group: pd.DataFrame, truth: Recording, known: Identifiability
+    group: pd.DataFrame, truth: Recording, known: Identifiability, sigma: float
 ) -> Iterator[dict[str, object]]:
     """Cells of ``bound_ratios`` for the unknown parameters; none if rows do not hold them."""
     scenario = truth.scenario
@@ -252,8 +267,8 @@ def _parameter_ratios(
     if _weights_are_there(group).all() and group["unknowns"].notna().all():
         found = nested_numbers(group["unknowns"], scenario.parameters.shape)
         errors = (found - scenario.parameters) / parameters.deviations
-        sigma = group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA
-        ratios = np.sqrt(((errors / (sigma * known.parameter_bound)) ** 2).mean(axis=0))
+        bound = group["sigma"].to_numpy()[:, None, None] / sigma * known.parameter_bound
+        ratios = np.sqrt(((errors / bound) ** 2).mean(axis=0))
     else:
         ratios = np.full(scenario.parameters.shape, np.inf)
     for i, own in enumerate(parameters.unknowns):

@@ -18,8 +18,8 @@ from olne_bench.bench.run.store import open_store
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
 
-TABLES = ("trials", "leaderboard", "comparisons", "wins", "identifiability", "bound_ratios")
-TABLES += ("calibration",)
+TABLES = ("trials", "leaderboard", "comparisons", "wins", "bound_ratios", "calibration")
+TABLES += ("identifiability", "identifiability_by_noise")
 
 
 def fill(folder: Path, scored: bool = True) -> int:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.figures import calibration, ranks
+from olne_bench.bench.report.figures import calibration, ranks, widths
 from olne_bench.bench.report.not_drawn import NotDrawnError
 
 NUMBER = 60
@@ -29,6 +29,7 @@ def told() -> pd.DataFrame:
                         "seed": range(NUMBER),
                         "status": "ok",
                         "credible_level": np.nan if silent else rng.random(NUMBER),
+                        "region_width": np.nan if silent else rng.lognormal(-3, 0.1, NUMBER),
                         "tarp_level": rng.random(NUMBER) if estimator == "posterior" else np.nan,
                         "weight_levels": [
                             rng.random((2, 3)).tolist() if estimator == "posterior" else None
@@ -69,8 +70,20 @@ def test_a_player_of_some_draws_has_its_lines(told: pd.DataFrame) -> None:
         assert [text.get_text() for text in axes.texts] == [f"{NUMBER // 2} trials or more"]
 
 
+def test_a_point_with_bars_for_each_noise_level(told: pd.DataFrame) -> None:
+    louder = told.assign(sigma=0.2, region_width=2 * told["region_width"])
+    figure = widths.draw(pd.concat([told, louder]))
+    assert [axes.get_title() for axes in figure.axes] == ["full", "partial"]
+    for axes in figure.axes:
+        assert len(axes.containers) == 2 * 2  # estimators and noise levels; uniform says nothing
+        places = np.array([bar.lines[0].get_xydata()[0] for bar in axes.containers])
+        for near, far in places.reshape(2, 2, 2):
+            assert far[0] == pytest.approx(2 * near[0])
+            assert far[1] == near[1] > 0.8
+
+
 def test_nothing_to_draw_is_said(told: pd.DataFrame) -> None:
     silent = told[told["estimator"] == "uniform"]
-    for module in (calibration, ranks):
+    for module in (calibration, ranks, widths):
         with pytest.raises(NotDrawnError):
             module.draw(silent)

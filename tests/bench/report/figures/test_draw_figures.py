@@ -10,7 +10,9 @@ from olne_bench.bench.report.figures import FORMATS, draw_figures, errors, style
 
 #: Those that all figures are tried in take their time.
 ONE_FORMAT = ("png",)
-KINDS = ("errors", "failures", "trajectories", "landscape")
+KINDS = ("errors", "failures", "trajectories", "landscape", "identifiability")
+#: Those of trials without noise, or with a sensor that is not known here.
+FEWER = KINDS[:-1]
 
 
 @pytest.fixture
@@ -84,26 +86,29 @@ def test_the_users_own_settings_do_not_matter(drawn, make_trials, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "part",
+    ("part", "kinds"),
     [
-        {"estimators": ("uniform",)},
-        {"estimators": ("unknown_method",), "sensors": ("partial",), "sigmas": (0.0,)},
-        {"estimators": ("kkt_residual",), "sigmas": (0.1,), "seeds": 1, "sensors": ("full",)},
-        {"sensors": ("bearing_only",), "sigmas": (0.05,)},
-        {"status": "failed_forward"},
+        ({"estimators": ("uniform",)}, KINDS),
+        ({"estimators": ("unknown_method",), "sensors": ("partial",), "sigmas": (0.0,)}, FEWER),
+        (
+            {"estimators": ("kkt_residual",), "sigmas": (0.1,), "seeds": 1, "sensors": ("full",)},
+            KINDS,
+        ),
+        ({"sensors": ("bearing_only",), "sigmas": (0.05,)}, FEWER),
+        ({"status": "failed_forward"}, KINDS),
     ],
     ids=["floor only", "no noise", "single row", "unknown sensor", "no prediction"],
 )
-def test_any_part_of_a_study_will_do(drawn, make_trials, tmp_path, part):
+def test_any_part_of_a_study_will_do(drawn, make_trials, tmp_path, part, kinds):
     files = drawn(make_trials(**part), tmp_path)
-    assert names(files) == expected("two_player")
+    assert names(files) == expected("two_player", kinds)
     assert_drawn(files)
 
 
 def test_failures_alone_are_drawn_as_such(drawn, make_trials, tmp_path):
     files = drawn(make_trials(status="not_converged"), tmp_path)
     # Without weights there is no landscape, but the bundles say that all failed.
-    assert names(files) == expected("two_player", ("errors", "failures", "trajectories"))
+    assert names(files) == expected("two_player", tuple(k for k in KINDS if k != "landscape"))
     assert_drawn(files)
 
 

@@ -4,11 +4,13 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from scipy.stats import binom
 
 from olne_bench.bench.report.statistics.calibration import (
     calibration_table,
     coverage_curve,
     weight_levels_of,
+    width_table,
 )
 
 
@@ -99,3 +101,22 @@ def test_the_curve_of_calibrated_levels_is_the_diagonal() -> None:
     level, share = coverage_curve(np.linspace(0, 1, 101))
     np.testing.assert_allclose(level, share, atol=0.011)
     assert (level[0], share[0], level[-1], share[-1]) == (0, 0, 1, 1)
+
+
+def test_widths_and_exact_shares_of_a_cell() -> None:
+    levels = np.where(np.arange(40) < 30, 0.9, 0.99)
+    told = trials(levels).assign(region_width=np.linspace(0.1, 0.3, 40))
+    (row,) = width_table(told).to_dict("records")
+    assert (row["trials"], row["covered"], row["width"]) == (40, 0.75, pytest.approx(0.2))
+    assert calibration_table(told)["width"].tolist() == [row["width"]]
+    # Clopper and Pearson: ends at which 30 of 40, or a more extreme number, has 2.5 %
+    assert binom.sf(29, 40, row["covered_low"]) == pytest.approx(0.025)
+    assert binom.cdf(30, 40, row["covered_high"]) == pytest.approx(0.025)
+
+
+def test_only_regions_with_a_width_count() -> None:
+    told = trials(np.full(20, 0.5)).assign(region_width=[0.1] * 10 + [np.nan] * 10)
+    failed = trials(np.ones(20)).assign(region_width=0.1, status="crash")
+    assert width_table(pd.concat([told, failed]))["trials"].tolist() == [10]
+    for nothing in (failed, trials(np.ones(20)), told.drop(columns="credible_level")):
+        assert width_table(nothing).empty
