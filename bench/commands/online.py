@@ -21,6 +21,7 @@ from olne_bench.bench.plan.trial import Trial, expand, foreign_worlds, number_of
 from olne_bench.bench.report.figures.online import draw_online
 from olne_bench.bench.report.online import over_time_table, summary_table
 from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run.excluding import check_priors
 from olne_bench.bench.run.online import COLUMNS, run_online
 from olne_bench.errors import UserError
 from olne_bench.estimators.stream import LEAST_LAG
@@ -91,6 +92,7 @@ def online(
     )
     chosen = salted(select(whole, selection), salt, None)
     _check(chosen)
+    check_priors(chosen, out)
     rules = OnlineRules(lag, deadline)
     out.mkdir(parents=True)
     settings = {"suite": chosen.model_dump(mode="json"), "seeds": seeds} | asdict(rules)

@@ -26,6 +26,7 @@ from olne_bench.bench.plan.trial import Trial, expand, in_order_of_plugins, numb
 from olne_bench.bench.report.formats import FORMATS, read_formats
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run.excluding import check_priors
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.fitting import check_fit
 from olne_bench.bench.run.interrupt import stop_request
@@ -146,7 +147,9 @@ def run(suite: str, **options: Any) -> None:
     whole = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     check_gate(whole)
     draws_source(suite, whole)  # refused before anything is written
-    check_fit(select(whole, chosen.selection), chosen.out)
+    part = select(whole, chosen.selection)
+    check_fit(part, chosen.out)
+    check_priors(part, chosen.out)
     if chosen.dask is not None:
         check_cluster(chosen.dask)
     with open_store(chosen.out) as store:

@@ -17,6 +17,7 @@ from olne_bench.bench.judge.likelihood import likelihood_ratio
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.judge.observe import observe, observed, sensor_model
+from olne_bench.bench.judge.priors import exclusion
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimate
 from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.judge.truth import (
@@ -168,6 +169,9 @@ def judge(
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
         return Outcome("harness_error", f"set-up: {describe_error(error)}")
+    excluded = exclusion(trial.estimator, case.recordings[0].scenario)
+    if excluded:
+        return replace(case.outcome, status="invalid", message=clip(excluded))
     announce("estimate", _PLAYER_LIMITS * trial.time_limit + _PLAYER_START)
     try:
         answer = player.estimate(_task(trial, case))

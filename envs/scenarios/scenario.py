@@ -5,6 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from olne_bench.games.game import Game
+from olne_bench.games.unknowns import Parameters
+
+#: Standard deviations beyond which a normal prior has no mass: its tails have 1e-15.
+FARTHEST = 8.0
 
 
 class NoEquilibriumError(Exception):
@@ -50,7 +54,8 @@ class Scenario:
 
     Raises:
         ValueError: on arrays of a wrong shape, noise scales that are not positive, or parameters
-            that are out of their ranges or do not make ``asked`` the same as ``game``.
+            that are out of their ranges, are where their prior has no mass, or do not make
+            ``asked`` the same as ``game``.
     """
 
     name: str
@@ -84,8 +89,20 @@ class Scenario:
             return
         values = self.asked.parameters.check(self.parameters)
         object.__setattr__(self, "parameters", values)
+        self._check_prior(self.asked.parameters, values)
         if self.asked.known(values) != self.game:
             raise ValueError(f"the parameters of {self.name!r} do not make asked the same as game")
+
+    def _check_prior(self, known: Parameters, values: np.ndarray) -> None:
+        for player, own in enumerate(known.unknowns):
+            for unknown, value in zip(own, values[player], strict=False):
+                if abs(unknown.standardised(value)) > FARTHEST:
+                    raise ValueError(
+                        f"the prior of {unknown.name!r} of player {player} of {self.name!r} gives "
+                        f"the truth no mass: {value:g} {unknown.unit} is more than {FARTHEST:g} "
+                        f"deviations of {unknown.deviation:g} from its mean {unknown.mean:g}; "
+                        "move the mean or widen the deviation"
+                    )
 
     @property
     def told(self) -> Game:

@@ -375,6 +375,40 @@ RETURNED = [
         "NotPsd", "invalid", "not positive semi-definite", "return good(covariance=-np.eye(8))"
     ),
     Hostile(
+        "CovarianceOfNaN", "invalid", "not finite", "return good(covariance=np.eye(8) * np.nan)"
+    ),
+    Hostile(
+        "CovarianceOfOnePlayer",
+        "invalid",
+        "covariance has the shape (4, 4)",
+        "return good(covariance=np.eye(4))",
+    ),
+    Hostile("OddRegion", "invalid", "region is 'ellipse'", "return good(region='ellipse')"),
+    Hostile(
+        "RegionOfNothing",
+        "invalid",
+        "there is no samples",
+        "return good(covariance=np.eye(8), region='samples')",
+    ),
+    Hostile(
+        "FewSamples",
+        "invalid",
+        "there are 39 samples, expected 40",
+        "return good(samples=np.ones((39, 2, 4)))",
+    ),
+    Hostile(
+        "SamplesOfNaN",
+        "invalid",
+        "samples are not finite",
+        "return good(samples=np.full((40, 2, 4), np.nan))",
+    ),
+    Hostile(
+        "FlatSamples",
+        "invalid",
+        "samples have the shape (40, 8)",
+        "return good(samples=np.ones((40, 8)))",
+    ),
+    Hostile(
         "ObjectArray", "invalid", "not an array", "return good(weights=np.full((2, 4), object()))"
     ),
     Hostile("ConvergedIsText", "invalid", "converged", "return good(converged='no')"),

@@ -6,7 +6,7 @@ count.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -52,21 +52,16 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 
     Returns:
         Columns ``scenario, sensor, player, weight, estimator, ratio, identified``: the root mean
-        squared error of a weight over its bound, for noise above 0 and up to ``REFERENCE_SIGMA``,
-        or at the smallest noise of these trials where none is as small; 1 is the best that an
-        unbiased estimator can reach; a failure makes it infinite. If a weight is not
-        ``identified`` at the largest noise that counts, the bound exceeds any possible error and
-        the ratio means nothing.
+        squared error of a weight over its bound, for noise above 0 and up to ``REFERENCE_SIGMA``;
+        1 is the best that an unbiased estimator can reach; a failure makes it infinite. If a weight
+        is not ``identified``, the bound exceeds any possible error and the ratio means nothing.
     """
     attempts, rows = attempts_of(trials), []
     for labels, truth, known in _known_truths(trials, study):
         chosen = _rows_of(attempts, labels, study)
-        chosen = chosen[chosen["sigma"] > 0]
-        most = max(REFERENCE_SIGMA, chosen["sigma"].min())
-        chosen = chosen[chosen["sigma"] <= most]
-        known = _at(known, most)
+        chosen = chosen[chosen["sigma"].between(0, REFERENCE_SIGMA, inclusive="right")]
         for estimator, group in chosen.groupby("estimator", sort=True):
-            ratios = _ratios(group, truth, known, most)
+            ratios = _ratios(group, truth, known)
             rows += [
                 labels
                 | {"player": i + 1, "weight": weight, "estimator": estimator}
@@ -76,7 +71,7 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
             ]
             rows += [
                 labels | cell | {"estimator": estimator}
-                for cell in _parameter_ratios(group, truth, known, most)
+                for cell in _parameter_ratios(group, truth, known)
             ]
     return _table(["estimator", "ratio", "identified"], rows)
 
@@ -238,26 +233,17 @@ def _parameter_cells(
         )
 
 
-def _at(known: Identifiability, sigma: float) -> Identifiability:
-    """The bounds of ``REFERENCE_SIGMA`` at another noise level, to which they are proportional."""
-    scale = sigma / REFERENCE_SIGMA
-    return replace(known, bound=scale * known.bound, parameter_bound=scale * known.parameter_bound)
-
-
-def _ratios(
-    group: pd.DataFrame, truth: Recording, known: Identifiability, sigma: float
-) -> np.ndarray:
-    """Root mean squared errors (N, K) over bounds, which are those at a noise level."""
+def _ratios(group: pd.DataFrame, truth: Recording, known: Identifiability) -> np.ndarray:
     shape = truth.scenario.weights.shape
     if not _weights_are_there(group).all():
         return np.full(shape, np.inf)
     errors = weights_of(group, shape) - truth.scenario.weights
-    relative = errors / (group["sigma"].to_numpy()[:, None, None] / sigma * known.bound)
+    relative = errors / (group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA * known.bound)
     return np.sqrt((relative**2).mean(axis=0))
 
 
 def _parameter_ratios(
-    group: pd.DataFrame, truth: Recording, known: Identifiability, sigma: float
+    group: pd.DataFrame, truth: Recording, known: Identifiability
 ) -> Iterator[dict[str, object]]:
     """Cells of ``bound_ratios`` for the unknown parameters; none if rows do not hold them."""
     scenario = truth.scenario
@@ -267,8 +253,8 @@ def _parameter_ratios(
     if _weights_are_there(group).all() and group["unknowns"].notna().all():
         found = nested_numbers(group["unknowns"], scenario.parameters.shape)
         errors = (found - scenario.parameters) / parameters.deviations
-        bound = group["sigma"].to_numpy()[:, None, None] / sigma * known.parameter_bound
-        ratios = np.sqrt(((errors / bound) ** 2).mean(axis=0))
+        sigma = group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA
+        ratios = np.sqrt(((errors / (sigma * known.parameter_bound)) ** 2).mean(axis=0))
     else:
         ratios = np.full(scenario.parameters.shape, np.inf)
     for i, own in enumerate(parameters.unknowns):

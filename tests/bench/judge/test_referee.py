@@ -57,6 +57,22 @@ def test_estimated_parameters_are_kept_and_covered(judged, tmp_path):
     assert row["parameters"] == "{}"  # those of the estimator
 
 
+def test_a_prior_that_excludes_a_draw_is_invalid_before_anything_is_estimated(judged, tmp_path):
+    path = tmp_path / "narrow.toml"
+    narrow = ', parameters = {alpha = 1000}, label = "narrow"}'
+    path.write_text(
+        'name = "narrow"\nsensors = ["full"]\nsigmas = [0.01]\nseeds = 1\n'
+        'scenarios = [{name = "two_player", options = {weights = "dirichlet"}}]\n'
+        'estimators = ["map", {name = "map"' + narrow + "]\n"
+    )
+    wide, narrow = (judged(trial) for trial in expand(load_suite(str(path))))
+    assert wide.status == "ok"
+    assert narrow.status == "invalid"
+    assert narrow.message.startswith("its prior (alpha = 1000) gives the truth no mass: weight '")
+    assert narrow.weights is None and narrow.solve_seconds is None
+    assert narrow.truth_objective == wide.truth_objective
+
+
 SEVERAL = """
 name = "tiny"
 scenarios = ["two_player"]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.unknowns import with_unknowns
 from olne_bench.plugins import PluginError
 
 
@@ -50,3 +51,21 @@ def test_a_truth_out_of_its_range_is_refused() -> None:
         replace(one, parameters=None)
     with pytest.raises(PluginError, match="unknown_speeds must be true or false, got 1"):
         get_scenario("highway", 0, unknown_speeds=1)
+
+
+def test_a_truth_where_its_prior_has_no_mass_is_refused() -> None:
+    one = get_scenario("unknown_goals", 0)
+    mean, value = one.told.parameters.means[0, 0], one.parameters[0, 0]
+    assert abs(value - mean) > 1e-4
+
+    def with_deviation(deviation: float):
+        def change(unknown):
+            return replace(unknown, deviation=deviation) if unknown.name == "goal x" else unknown
+
+        first, second = one.told.players
+        players = with_unknowns(first, change), second
+        return replace(one, asked=replace(one.told, players=players))
+
+    assert with_deviation(abs(value - mean) / 7.9).parameters is not None
+    with pytest.raises(ValueError, match=r"the prior of 'goal x' of player 0 .* no mass: .* 8 dev"):
+        with_deviation(abs(value - mean) / 8.1)

@@ -3,7 +3,6 @@ import pandas as pd
 
 from olne_bench.bench.report.statistics.identifiability import (
     REFERENCE_SIGMA,
-    bound_ratios,
     identifiability_table,
 )
 from olne_bench.bench.report.statistics.noise_identifiability import (
@@ -65,13 +64,3 @@ def test_what_cannot_be_played_or_was_not_tried_has_no_row(usual) -> None:
         assert identifiability_by_noise(rows, usual).empty
     for status in ("skipped", "harness_error"):
         assert identifiability_by_noise(trials("two_player", status=status), usual).empty
-
-
-def test_ratios_where_no_noise_is_small_are_those_at_the_least(usual) -> None:
-    """As in studies on roads. Where the bound says nothing at that noise, neither does a ratio."""
-    rows = trials("two_player", weights=[[0.3, 0.2, 0.3, 0.2]] * 2)
-    loud = bound_ratios(rows[rows["sigma"] >= 0.1], usual)
-    quiet = bound_ratios(rows[rows["sigma"] == REFERENCE_SIGMA], usual)
-    np.testing.assert_allclose(loud["ratio"], quiet["ratio"] * REFERENCE_SIGMA / 0.1)
-    assert quiet["identified"].all()
-    assert not bound_ratios(rows[rows["sigma"] == 0.5], usual)["identified"].any()
