@@ -35,6 +35,12 @@ _WORTH = {
     "position_error_median": "Position error",
     "cosine_error_median": "Cosine error",
 }
+#: Heads of the table of posteriors, and the columns that the script prints.
+_POSTERIOR = {
+    **{"View": 0, "Noise [m]": 1, "Draws": 2, "Mean cosine error": 3, "Covered [%]": 4},
+    **{"Control [%]": 5, "Weights within 95 % [%]": 8, "Least p of ranks": 9},
+    **{"Effective size": 11, "R-hat": 12, "Not converged [%]": 13, "Time [s]": 14},
+}
 _PLACE = ("scenario", "sensor", "estimator")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -214,6 +220,20 @@ def claims() -> str:
     return _markdown(["", "Claim", "Measured", "Allowed"], rows, left=2)
 
 
+def posterior() -> str:
+    """Of ``scripts/posterior_calibration.py``: a row for each view and noise level."""
+    rows = []
+    for scenario in ("two_player", "highway_overtaking", "highway", "merge"):
+        path = RESULTS / "calibration" / f"{scenario}.txt"
+        for line in path.read_text().splitlines()[2:] if path.exists() else []:
+            cells = re.split(r"\s{2,}", line)
+            if cells[0] == "all":
+                cells.insert(1, "all")
+            rows.append([scenario, *(cells[place] for place in _POSTERIOR.values())])
+    heads = ["Scenario", *_POSTERIOR]
+    return _markdown(heads, rows, left=2)
+
+
 def regions() -> str:
     """Suite ``calibration``: coverage of 95 % regions with exact intervals, and their widths."""
     table = _calibration()
@@ -264,7 +284,7 @@ TABLES: dict[str, Callable[[], str]] = {
     for table in (
         *(paper, field, times, coverage, exponents, claims),
         *(roads, wins, parameters, constrained),
-        *(regions, levels, scores, identified),
+        *(posterior, regions, levels, scores, identified),
     )
 }
 
