@@ -1,7 +1,7 @@
 """All tables of a run, computed once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pandas as pd
 
@@ -80,10 +80,12 @@ class RunTables:
 def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     """Compute all tables from a run's trials, one scenario after the other."""
     parts = parts_of(trials)
-    found = of_each(parts, lambda _, own: _tabulated(own, study))
-    found = found or [_tabulated(parts.of(""), study)]  # tables without rows have columns, too
-    whole = {name: joined([part[name] for part in found]) for name in found[0]}
     metrics = parts.outline.metrics(study.metrics)
+    # Where all trials of a scenario failed, they alone cannot tell which metrics apply.
+    applying = replace(study, metrics=tuple(metrics))
+    found = of_each(parts, lambda _, own: _tabulated(own, applying))
+    found = found or [_tabulated(parts.of(""), applying)]  # tables without rows have columns, too
+    whole = {name: joined([part[name] for part in found]) for name in found[0]}
     comparisons = adjusted(_by_error(whole["comparisons"], metrics))
     wins = win_table(_by_error(whole["wins"], metrics))
     shown = [*metrics, *[IDENTIFIABLE] * (f"{IDENTIFIABLE.name}_median" in whole["leaderboard"])]

@@ -118,3 +118,16 @@ def test_empty_tables_are_joined() -> None:
     empty, full = pd.DataFrame(columns=["a"]), pd.DataFrame({"a": [1, 2]})
     assert joined([empty, full])["a"].tolist() == [1, 2]
     assert list(joined([empty, empty])) == ["a"]
+
+
+def test_a_scenario_without_results_adds_no_metrics() -> None:
+    table = trials().assign(parameter_error=np.nan)
+    lost = table["scenario"] == "b"
+    numbers = ["cosine_error", "position_error", "held_out_error", "solve_seconds"]
+    table.loc[lost, numbers] = np.nan
+    table.loc[lost, ["status", "weights"]] = ["harness_error", None]
+    for known in (table, table.assign(scenario="a")):
+        tables = tabulate(known)
+        assert not [name for name in tables.leaderboard if name.startswith("parameter_error")]
+        assert "parameter_error" not in {*tables.comparisons["error"], *tables.wins["error"]}
+        assert "position_error_rank" in tables.leaderboard
