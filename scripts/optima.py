@@ -42,10 +42,10 @@ def main() -> None:
     options = parser.parse_args()
     known = _read_kept(options.out)
     rows = []
-    for trial in tqdm(_sequences()[:: options.every], disable=None):
-        row: dict[str, Any] = dict(zip(KEY, _key(trial), strict=True))
+    for trial in tqdm(sequences()[:: options.every], disable=None):
+        row: dict[str, Any] = dict(zip(KEY, key_of(trial), strict=True))
         row |= {"count": trial.count, TRUTH: _truth(trial), "ours": _joint(trial, "structured")}
-        row |= _kept(known.get(_key(trial)), row[TRUTH])
+        row |= _kept(known.get(key_of(trial)), row[TRUTH])
         if np.isnan(row["compact"]):
             row["compact"] = _compact(trial)
         if np.isnan(row["ipopt"]) and options.reference:
@@ -91,16 +91,19 @@ def _kept(row: dict[Any, Any] | None, truth: float) -> dict[str, float]:
     return {rival: row[rival] if row and same else np.nan for rival in RIVALS}
 
 
-def _sequences() -> list[Trial]:
-    found = {_key(trial): trial for trial in expand(load_suite("paper"))}
+def sequences() -> list[Trial]:
+    """One trial for each sequence of the paper's study."""
+    found = {key_of(trial): trial for trial in expand(load_suite("paper"))}
     return list(found.values())
 
 
-def _key(trial: Trial) -> tuple[str, str, float, int]:
+def key_of(trial: Trial) -> tuple[str, str, float, int]:
+    """The values of ``KEY``."""
     return trial.scenario.label, trial.sensor.label, trial.sigma, trial.seed
 
 
-def _observed(trial: Trial) -> tuple[Problem, Observation]:
+def observed(trial: Trial) -> tuple[Problem, Observation]:
+    """What an estimator is told of a sequence, and what it sees."""
     case = case_of(trial)
     return case.problem, case.observations[0]
 
@@ -113,7 +116,7 @@ def _truth(trial: Trial) -> float:
 
 def _joint(trial: Trial, solver: str) -> float:
     """The objective; infinite if the method did not converge."""
-    problem, observation = _observed(trial)
+    problem, observation = observed(trial)
     estimate = KktConstrained(solver=solver).estimate(
         problem, observation, rng=np.random.default_rng(0), budget=120.0
     )
@@ -121,7 +124,7 @@ def _joint(trial: Trial, solver: str) -> float:
 
 
 def _compact(trial: Trial) -> float:
-    problem, observation = _observed(trial)
+    problem, observation = observed(trial)
     game, view = problem.game, problem.view
     fit = fit_trajectory(game, view, observation.y)
     start = JointPoint.from_trajectory(game, fit.states, fit.controls)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from optima import KEY, _key, _observed, _sequences
+from optima import KEY, key_of, observed, sequences
 from tqdm import tqdm
 
 from olne_bench.bench.plan.trial import Trial
@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--every", type=int, default=1, help="use every n-th sequence")
     options = parser.parse_args()
-    some = [trial for trial in _sequences() if trial.sigma > 0][:: options.every]
+    some = [trial for trial in sequences() if trial.sigma > 0][:: options.every]
     table = pd.DataFrame([_row(trial) for trial in tqdm(some, disable=None)])
     for key, rows in table.groupby(["scenario", "sensor"]):
         print(
@@ -59,7 +59,7 @@ def main() -> None:
 
 def _row(trial: Trial) -> dict[str, Any]:
     """The starts on one sequence."""
-    problem, (seen,) = with_white_noise(*_observed(trial))
+    problem, (seen,) = with_white_noise(*observed(trial))
     settings = JointSettings(
         noise_scale=problem.noise_scale,
         weight_floor=problem.weight_floor,
@@ -73,7 +73,7 @@ def _row(trial: Trial) -> dict[str, Any]:
             break
         search.attempt(*start)
     least = min(end.criterion for end in search.ends)
-    return dict(zip(KEY, _key(trial), strict=True)) | {
+    return dict(zip(KEY, key_of(trial), strict=True)) | {
         "first": first.iterations,
         "second": second.iterations,
         "lower": not first.converged or first.criterion > least * (1 + LOWER),

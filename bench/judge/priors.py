@@ -10,11 +10,16 @@ from olne_bench.estimators.protocol import Problem
 WITH_PRIOR = ("map", "posterior")
 
 
+def alpha_of(estimator: EstimatorEntry) -> float:
+    """The parameter of its prior, of which 1 or less excludes nothing; zero if it has none."""
+    if estimator.name not in WITH_PRIOR:
+        return 0.0
+    return float(plugins.make(plugins.ESTIMATOR, estimator.name, estimator.parameters).alpha)
+
+
 def exclusion(estimator: EstimatorEntry, scenario: Scenario) -> str:
     """Why an estimator can never find the true weights; empty if it can, or has no prior."""
-    if estimator.name not in WITH_PRIOR:
-        return ""
-    alpha = plugins.make(plugins.ESTIMATOR, estimator.name, estimator.parameters).alpha
+    alpha = alpha_of(estimator)
     found = excluded_weight(scenario.weights, alpha, Problem.weight_floor)
     if found is None:
         return ""

@@ -5,11 +5,10 @@ from pathlib import Path
 import msgspec
 
 from olne_bench import plugins
-from olne_bench.bench.judge.priors import WITH_PRIOR, exclusion
+from olne_bench.bench.judge.priors import alpha_of, exclusion
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.process.child import Child, ChildError, RaisedError, StartError
-from olne_bench.bench.run.describing import LOAD_LIMIT, LOAD_MEMORY
+from olne_bench.bench.run.asking import asked
 from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
@@ -34,12 +33,13 @@ def check_priors(suite: Suite, hidden: Path | None = None) -> None:
         UserError: with a message that names the first such pair, the weight, and what to do.
     """
     for scenario, estimator in suite.pairs():
-        if scenario.family or estimator.name not in WITH_PRIOR:
+        if scenario.family or alpha_of(estimator) <= 1:
             continue
         if plugins.is_built_in(plugins.SCENARIO, scenario.name):
             why = excluded(scenario, estimator).why
         else:
-            why = _asked(scenario, estimator, hidden)
+            found = asked(excluded, scenario, estimator, kind=Excluded, hidden=hidden)
+            why = found.why if found else ""
         if why:
             raise UserError(
                 f"suite {suite.name!r}: estimator {estimator.label!r} cannot be run in scenario "
@@ -55,19 +55,3 @@ def excluded(scenario: ScenarioEntry, estimator: EstimatorEntry) -> Excluded:
     except NoEquilibriumError:
         return Excluded("")
     return Excluded(exclusion(estimator, drawn))
-
-
-def _asked(scenario: ScenarioEntry, estimator: EstimatorEntry, hidden: Path | None) -> str:
-    """The answer of a child process, which foreign code may take down."""
-    child = Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden)
-    try:
-        found: Excluded = child.call(
-            excluded, scenario, estimator, kind=Excluded, seconds=LOAD_LIMIT
-        )
-    except StartError:
-        raise
-    except (ChildError, RaisedError, UserError):
-        return ""  # the scenario's draw fails, which its trials will show
-    finally:
-        child.stop()
-    return found.why

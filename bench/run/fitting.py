@@ -11,8 +11,7 @@ from olne_bench.bench.judge.referee import layers_of
 from olne_bench.bench.plan.entries import ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
-from olne_bench.bench.process.child import Child, ChildError, RaisedError, StartError
-from olne_bench.bench.run.describing import LOAD_LIMIT, LOAD_MEMORY
+from olne_bench.bench.run.asking import asked
 from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
@@ -40,26 +39,13 @@ def check_fit(suite: Suite, hidden: Path | None = None) -> None:
         if not foreign_worlds(scenario, sensor):
             problem = _problem(sensor, None)
         else:
-            problem = _asked(scenario, sensor, hidden)
+            found = asked(fit, scenario, sensor, kind=Fit, hidden=hidden)
+            problem = found.problem if found else ""
         if problem:
             raise UserError(
                 f"suite {suite.name!r}: sensor {sensor.label!r} does not fit scenario "
                 f"{scenario.label!r}: {problem}"
             )
-
-
-def _asked(scenario: ScenarioEntry, sensor: SensorEntry, hidden: Path | None) -> str:
-    """The problem as a child process finds it, which foreign code may take down."""
-    child = Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden)
-    try:
-        found: Fit = child.call(fit, scenario, sensor, kind=Fit, seconds=LOAD_LIMIT)
-    except StartError:
-        raise
-    except (ChildError, RaisedError, UserError):
-        return ""  # the scenario's draw fails, which its trials will show
-    finally:
-        child.stop()
-    return found.problem
 
 
 def fit(scenario: ScenarioEntry, sensor: SensorEntry) -> Fit:

@@ -84,7 +84,7 @@ def test_a_scenario_that_cannot_be_drawn_is_shown_by_its_trials(suite_file):
 
 
 def test_published_weights_of_this_package_are_asked_here(monkeypatch, tmp_path):
-    monkeypatch.setattr("olne_bench.bench.run.excluding.Child", None)
+    monkeypatch.setattr("olne_bench.bench.run.excluding.asked", None)
     path = tmp_path / "narrow.toml"
     path.write_text(SUITE.format(entry=NARROW.format(name="map", more="")))
     check_priors(load_suite(str(path)))  # all weights of two_player are equal

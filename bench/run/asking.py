@@ -1,0 +1,35 @@
+"""Ask a child process about a foreign scenario, which may take the process down."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from olne_bench.bench.process.child import Child, ChildError, RaisedError, StartError
+from olne_bench.bench.run.describing import LOAD_LIMIT, LOAD_MEMORY
+from olne_bench.errors import UserError
+
+T = TypeVar("T")
+
+
+def asked(function: Callable[..., T], *about: Any, kind: type[T], hidden: Path | None) -> T | None:
+    """The answer of a function; None if the scenario's draw fails, which its trials will show.
+
+    Args:
+        function: called in the child process.
+        about: its arguments.
+        kind: type of the answer.
+        hidden: folder that foreign code cannot read.
+
+    Raises:
+        StartError: if no process can be started.
+    """
+    child = Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden)
+    try:
+        found: T = child.call(function, *about, kind=kind, seconds=LOAD_LIMIT)
+    except StartError:
+        raise
+    except (ChildError, RaisedError, UserError):
+        return None
+    finally:
+        child.stop()
+    return found
