@@ -123,6 +123,7 @@ define keep_calibration
 			results/calibration/ && \
 		cp $(addprefix $(OUT)/calibration/figures/,calibration_*.png widths_*.png identifiability_*.png ranks_two_player*.png) \
 			results/calibration/figures/ && \
+		$(BIN)/python scripts/known_cells.py $(OUT)/calibration && \
 		$(BIN)/python scripts/two_modes.py && \
 		$(BIN)/python scripts/fewer_colours.py results/calibration ; \
 	fi

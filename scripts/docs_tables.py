@@ -270,6 +270,26 @@ def scores() -> str:
     return _markdown(heads.split(", "), rows, left=3)
 
 
+def gains() -> str:
+    """Suite ``calibration``: mean cosine errors of ``posterior`` and its rivals, cell by cell."""
+    table = pd.read_csv(RESULTS / "calibration" / "posterior_gains.csv")
+    shown = ("posterior", "kkt_constrained", "map", "ridge", "uniform")
+    rows = [
+        [
+            row["scenario"],
+            row["sensor"],
+            f"{row['sigma']:g}",
+            f"{row['trials']}",
+            *(_number(row[name]) for name in shown),
+            f"{row['ratio']:.2f} [{row['ratio_low']:.2f}, {row['ratio_high']:.2f}]",
+            _chance(row["p_holm"]),
+        ]
+        for row in table.to_dict("records")
+    ]
+    heads = ["Scenario", "Sensor", "Noise [m]", "Trials", *shown, "Posterior / best rival", "p"]
+    return _markdown(heads, rows, left=2)
+
+
 def identified() -> str:
     """Suite ``calibration``: share of weights that are identified, and what is left, by noise."""
     table = pd.read_csv(RESULTS / "calibration" / "identifiability_by_noise.csv")
@@ -284,7 +304,7 @@ TABLES: dict[str, Callable[[], str]] = {
     for table in (
         *(paper, field, times, coverage, exponents, claims),
         *(roads, wins, parameters, constrained),
-        *(posterior, regions, levels, scores, identified),
+        *(posterior, regions, levels, scores, gains, identified),
     )
 }
 

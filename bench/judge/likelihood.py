@@ -5,7 +5,7 @@ import numpy as np
 from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.envs.recording import Recording
 from olne_bench.estimators.forward_model import SolvedGame, game_at
-from olne_bench.estimators.profile_likelihood import least_error
+from olne_bench.estimators.profile_likelihood import HeldWeights, least_error, least_error_in
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.white_noise import with_white_noise
 from olne_bench.games.newton import Root
@@ -22,9 +22,10 @@ def likelihood_ratio(
     """Twice the log of the largest likelihood less that of the true weights.
 
     The largest one is that of the optimum to which the estimate leads: an estimate that is not an
-    optimum gets no larger region for that. At the true weights, initial states and unknowns are
-    fitted. The estimate's own error counts where it is less than what is found: who claims more
-    than can be found gets a smaller region.
+    optimum gets no larger region for that. Where no fit is found from there, as its weights may
+    have an equilibrium far from what was seen, it is that to which the truth leads. At the true
+    weights, initial states and unknowns are fitted. The estimate's own error counts where it is
+    less than what is found: who claims more than can be found gets a smaller region.
 
     Args:
         problem: what the estimator was told.
@@ -34,7 +35,8 @@ def likelihood_ratio(
         found: the forward game at the estimate, from the first recording's start.
 
     Returns:
-        None if no fit is found at the true weights, or near the estimated ones.
+        None if no fit is found at the true weights, or neither near the estimated ones nor from
+        the truth.
     """
     white, seen = with_white_noise(problem, observations)
     scenario = recordings[0].scenario
@@ -43,9 +45,15 @@ def likelihood_ratio(
     roots = [found, *(root for root in others if root is not None)]
     if len(roots) < len(recordings):
         return None
-    at_truth = least_error(white, seen, _games(white, [r.root for r in recordings], true_theta))
+    truth = _games(white, [one.root for one in recordings], true_theta)
+    held = least_error_in(white, seen, truth, HeldWeights(truth[0].weights))
+    if held is None:
+        return None
+    at_truth, fitted = held
     at_best = least_error(white, seen, _games(white, roots, theta), held=False)
-    if at_truth is None or at_best is None:
+    if at_best is None:
+        at_best = least_error(white, seen, fitted, held=False)
+    if at_best is None:
         return None
     claimed = np.inf if estimate.objective is None else estimate.objective
     return (at_truth - min(at_best, claimed)) / problem.sigma**2
