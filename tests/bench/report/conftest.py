@@ -1,6 +1,11 @@
 """A study with scenarios and sensors by label, and trials on a road."""
 
+import gzip
+import json
+import re
+from base64 import b64decode
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,6 +36,18 @@ def usual() -> Study:
         salt="test",
         estimators={n: EstimatorEntry(name=n, label=n) for n in ("kkt_constrained", "uniform")},
     )
+
+
+@pytest.fixture(scope="session")
+def embedded() -> Callable[[str], Any]:
+    """What the script of a page reads from its HTML."""
+
+    def read(html: str) -> Any:
+        found = re.search(r'<script type="text/plain" id="data">(.*?)</script>', html, re.DOTALL)
+        assert found is not None
+        return json.loads(gzip.decompress(b64decode(found[1])))
+
+    return read
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """Acceptance limits and comparisons of runs, as a project's CI would call them."""
 
-import json
-import re
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -64,11 +62,10 @@ def test_every_report_comes_with_the_page_and_tables(run):
     assert set(board["position_error_rank"]) == {1}  # the floor does not take a rank
 
 
-def test_the_page_plays_what_is_asked_for(run, capsys):
+def test_the_page_plays_what_is_asked_for(run, capsys, embedded):
     main(["report", str(run), "--no-figures", "--play", "0.05:9", "--play", "0.05:11"])
     html = (run / "index.html").read_text()
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
-    samples = json.loads(found[1])["scenarios"][0]["scene"]["samples"]
+    samples = embedded(html)["scenarios"][0]["scene"]["samples"]
     assert {9, 11} <= {sample["seed"] for sample in samples}
     capsys.readouterr()
     assert call("report", run, "--no-figures", "--play", "0.3:1") == 2

@@ -1,7 +1,5 @@
 """A foreign metric appears in all parts of a report, by its declaration alone."""
 
-import json
-import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -94,16 +92,14 @@ def test_all_texts_name_it_with_its_unit(trials):
     assert r"Jerk error [m/s\textasciicircum{}3]" in tex and r"75\% of 20" in tex
 
 
-def test_the_page_has_its_columns_charts_and_comparisons(trials):
+def test_the_page_has_its_columns_charts_and_comparisons(trials, embedded):
     html = render_page(trials, tabulate(trials, STUDY), [], STUDY).html
     assert '<th scope="col" class="n" title="How far predicted jerks are off.">' in html
     assert html.count('data-label="Jerk error [m/s^3]"') == 6
     assert html.count('data-label="On the road"') == 6
     assert '<canvas id="chart-jerk_error" data-metric="jerk_error"' in html
     assert '<option value="jerk_error">jerk error</option>' in html
-    found = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)
-    assert found is not None
-    data = json.loads(found[1])
+    data = embedded(html)
     assert [m["name"] for m in data["metrics"]][-1] == "jerk_error"
     assert data["sensors"] == ["full", "partial", "gappy"]
     (scenario,) = data["scenarios"]

@@ -1,4 +1,3 @@
-import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -30,12 +29,6 @@ class Tags(HTMLParser):
                 self.fetched.append(value or "")
 
 
-def embedded(html: str) -> dict:
-    match = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
-    assert match is not None
-    return json.loads(match[1])
-
-
 def test_page_needs_no_network_and_escapes_names(page: Path) -> None:
     html = page.read_text(encoding="utf-8")
     tags = Tags()
@@ -50,7 +43,7 @@ def test_page_needs_no_network_and_escapes_names(page: Path) -> None:
     assert len(html.encode()) < 2_000_000
 
 
-def test_charts_hold_every_trial(page: Path) -> None:
+def test_charts_hold_every_trial(page: Path, embedded) -> None:
     data = embedded(page.read_text(encoding="utf-8"))
     assert [s["name"] for s in data["scenarios"]] == ["highway_overtaking", "two_player"]
     for scenario in data["scenarios"]:
@@ -65,7 +58,7 @@ def test_charts_hold_every_trial(page: Path) -> None:
         assert crashed and all(p["paths"] is None for p in crashed)
 
 
-def test_predictions_at_the_true_weights_are_the_truth(page: Path) -> None:
+def test_predictions_at_the_true_weights_are_the_truth(page: Path, embedded) -> None:
     data = embedded(page.read_text(encoding="utf-8"))
     scene = data["scenarios"][1]["scene"]
     for prediction in scene["samples"][0]["predictions"]:
@@ -83,7 +76,7 @@ def test_a_large_study_leaves_points_out(small_study: pd.DataFrame, monkeypatch)
     assert {s["every"] for s in chart["scenarios"][0]["series"] if s["points"]} == {3}
 
 
-def test_nothing_but_failures_of_a_scenario_that_is_not_known() -> None:
+def test_nothing_but_failures_of_a_scenario_that_is_not_known(embedded) -> None:
     row = {"suite": "s", "scenario": "gone", "sensor": "full", "estimator": "e", "parameters": "{}"}
     row |= {
         "sigma": 0.1,

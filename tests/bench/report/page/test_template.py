@@ -31,6 +31,6 @@ def test_a_package_that_is_not_installed_states_none(monkeypatch: pytest.MonkeyP
 def test_parts_of_the_script_share_one_scope() -> None:
     text = template.script(("look", "gif"))
     assert text.startswith('"use strict";')
-    assert text.count("(() => {\n/*") == 1
+    assert text.count("(async () => {\n/*") == 1
     assert "function encodeGif(" in text
     assert "&lt;" not in text

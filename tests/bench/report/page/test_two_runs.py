@@ -1,8 +1,5 @@
 """One page for two runs: estimators of the second are shown beside those of the first."""
 
-import json
-import re
-
 import numpy as np
 import pandas as pd
 
@@ -12,7 +9,7 @@ from olne_bench.bench.report.study import Study
 
 
 def test_both_runs_are_on_the_page_and_only_what_they_share(
-    small_study: pd.DataFrame, usual: Study
+    small_study: pd.DataFrame, usual: Study, embedded
 ) -> None:
     one = small_study[small_study["scenario"] == "two_player"]
     better = one.assign(position_error=one["position_error"] / 2)
@@ -20,9 +17,7 @@ def test_both_runs_are_on_the_page_and_only_what_they_share(
     other = better[better["seed"] < 4]
     changes = compare_runs(one, other, names, usual)
     html = two_runs_page(("runs/a", one, []), ("runs/b", other, []), names, changes, usual)
-    match = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
-    assert match is not None
-    data = json.loads(match[1])
+    data = embedded(html)
     labels = [e["name"] for e in data["estimators"]]
     assert labels == ["kkt_constrained", "kkt_constrained (second)", "uniform"]
     points = {(s["estimator"], s["sensor"]): s["points"] for s in data["scenarios"][0]["series"]}
