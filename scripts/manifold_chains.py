@@ -8,6 +8,14 @@ Calderhead 2011). With F and its derivative J at a place (``residual_density``),
 accepted by Metropolis and Hastings. Every step of every chain has a length of its own, as bends
 need short ones and tails long ones: a log-normal number times a length that is adapted in the first
 half, which is not kept. A point without a game has a density of zero.
+
+These steps are short against a bent or a second mode. So after each, every chain takes one of
+differential evolution (ter Braak 2006), along the difference of two other chains a and b:
+
+    x' = x + length (a - b) + noise,
+
+symmetric, as a and b are of the other half of the chains. One in ten has the length 1, which leads
+from one mode to another.
 """
 
 from dataclasses import dataclass
@@ -17,6 +25,11 @@ from tqdm import tqdm
 
 from olne_bench.estimators.perturbed_fits import Peak, counts_of
 from olne_bench.estimators.residual_density import Density, Places, joined
+
+#: Of differential evolution: the length, over the root of twice the number of coordinates, which is
+#: best for a normal density; the share of steps of length 1; and the noise, as a share of the
+#: population's deviations.
+_BEST_LENGTH, _WHOLE, _NOISE = 2.38, 0.1, 1e-3
 
 #: Wanted share of accepted steps, the first length, how fast the length follows the share, and the
 #: standard deviation of the logarithms of lengths.
@@ -59,6 +72,7 @@ def run_chains(
     kept, accepted = [], []
     for step in tqdm(range(steps), leave=False, disable=None):
         share = _step(density, places, length, rng)
+        _evolve(density, places, rng)
         if step < steps // 2:
             length *= np.exp(_RATE * (share - _ACCEPTED))
         else:
@@ -95,6 +109,28 @@ def _step(density: Density, places: Places, length: float, rng: np.random.Genera
         good[good] = np.log(rng.random(int(good.sum()))) < gain
         places.put(good, trial.at(good))
     return float(good.mean())
+
+
+def _evolve(density: Density, places: Places, rng: np.random.Generator) -> None:
+    """One step of differential evolution of all chains, in place, half of them at a time."""
+    order = rng.permutation(len(places))
+    for movers, others in (np.array_split(order, 2), np.array_split(order, 2)[::-1]):
+        pairs = np.array([rng.choice(others, 2, replace=False) for _ in movers])
+        away = places.points[pairs[:, 0]] - places.points[pairs[:, 1]]
+        usual = _BEST_LENGTH / np.sqrt(2 * away.shape[1])
+        lengths = usual * np.exp(_SPREAD * rng.standard_normal(len(movers)))
+        lengths[rng.random(len(movers)) < _WHOLE] = 1.0
+        noise = _NOISE * places.points.std(axis=0) * rng.standard_normal(away.shape)
+        here = places.at(movers)
+        trial = density.reach(here.points + lengths[:, None] * away + noise, here)
+        good = trial.possible.copy()
+        gain = trial.log_density[good] - here.log_density[good]
+        good[good] = np.log(rng.random(int(good.sum()))) < gain
+        chosen = np.zeros(len(places), dtype=bool)
+        chosen[movers[good]] = True
+        # In the order of the places, as they are put.
+        ranked = np.flatnonzero(good)[np.argsort(movers[good])]
+        places.put(chosen, trial.at(ranked))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@
 
 Each observation has a draw (``posterior_draws``), a view and a noise level of its own.
 ``manifold_chains`` samples the same density as ``posterior`` by another method, and starts at the
-same peaks. A network learns to tell 1,000 samples of the weights of one from those of the other
+same peaks; where its chains disagree (R-hat), they are run again with twice as many steps, up to
+``--most``. A network learns to tell 1,000 samples of the weights of one from those of the other
 (Lopez-Paz and Oquab 2017): a share of right answers of 0.5 means that it cannot. Prints a line per
 observation, and writes the chains' samples to results/calibration/references_SCENARIO.parquet.
 """
@@ -32,6 +33,7 @@ FOLDER = Path(__file__).parents[1] / "results" / "calibration"
 #: Seed of the first draw. `scripts/posterior_calibration.py` uses others.
 FIRST = 7000
 KEPT = 1000  # samples of each observation
+AGREED = 1.05  # R-hat of chains that agree
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ def main() -> None:
     parser.add_argument("scenario", choices=SIGMAS)
     parser.add_argument("--observations", type=int, default=10)
     parser.add_argument("--chains", type=int, default=40)
-    parser.add_argument("--steps", type=int, default=6000)
+    parser.add_argument("--steps", type=int, default=1500)
+    parser.add_argument("--most", type=int, default=6000, help="steps where chains disagree")
     parser.add_argument("--out", type=Path, default=FOLDER)
     options = parser.parse_args()
     print("seed view    sigma   C2ST  peaks  R-hat   ESS  accepted  ESS of posterior  seconds")
@@ -103,17 +106,21 @@ def _both(
     estimate = estimator.estimate(problem, seen, rng=np.random.default_rng(seed), budget=600.0)
     deadline = time.monotonic() + 24 * 3600.0
     density, peaks = estimator.peaks(problem, seen, deadline)
-    thin = max(1, options.chains * options.steps // (8 * KEPT))
-    chains = run_chains(
-        density,
-        peaks,
-        np.random.default_rng([seed, 1]),
-        count=options.chains,
-        steps=options.steps,
-        thin=thin,
-    )
-    weights = density.chart.weights(chains.points[..., : density.chart.size])
-    return estimate, _reference(chains, weights, seed), len(peaks)
+    steps = options.steps
+    while True:
+        chains = run_chains(
+            density,
+            peaks,
+            np.random.default_rng([seed, 1]),
+            count=options.chains,
+            steps=steps,
+            thin=max(1, options.chains * steps // (8 * KEPT)),
+        )
+        weights = density.chart.weights(chains.points[..., : density.chart.size])
+        reference = _reference(chains, weights, seed)
+        steps *= 2
+        if reference.r_hat < AGREED or steps > options.most:
+            return estimate, reference, len(peaks)
 
 
 def _reference(chains: Chains, weights: np.ndarray, seed: int) -> Reference:

@@ -6,7 +6,7 @@ a problem and observations and nothing else.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -298,10 +298,12 @@ def _scored(
         prediction=prediction.root.states,
         held_out=partial(_held_out, case.draw, theta, trial.root_iterations),
         held_out_samples=partial(_held_out_samples, case, trial, estimate),
-        likelihood_ratio=partial(
-            likelihood_ratio,
-            *(case.problem, case.observations, case.recordings),
-            *(estimate, prediction.root),
+        likelihood_ratio=cache(
+            partial(
+                likelihood_ratio,
+                *(case.problem, case.observations, case.recordings),
+                *(estimate, prediction.root),
+            )
         ),
     )
     return _with_scores(outcome, judged, trial, foreign)
