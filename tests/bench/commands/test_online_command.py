@@ -4,7 +4,7 @@ import json
 
 import pandas as pd
 
-from olne_bench.bench.run.online import COLUMNS
+from olne_bench.bench.report.online_rows import COLUMNS
 
 SUITE = """
 name = "small"

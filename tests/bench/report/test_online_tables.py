@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.report.online import over_time_table, summary_table
-from olne_bench.bench.run.online import COLUMNS
+from olne_bench.bench.report.online_rows import COLUMNS
 
 
 def rows() -> pd.DataFrame:
