@@ -178,15 +178,17 @@ def _task(motion: Motion, case: Case) -> StreamTask:
 def _reference_updates(motion: Motion, case: Case, announce: Announce) -> Iterator[Update]:
     """The rows of one of ``REFERENCES``; none where it makes no sense.
 
-    Drivers are fitted after some samples only, as that takes them seconds to minutes. There are no
-    rows for the others.
+    Drivers are fitted after some samples only, as that takes seconds to a minute each time, and
+    only where a prediction can be scored. There are no rows for the others.
     """
     name, samples = motion.reference, len(case.recordings[0].states)
     of_roads = name in (STOCK, STOCK_FITTED)
     if of_roads and not is_on_road(case.recordings[0].scenario):
         return  # they drive on its roads only
     every = motion.rules.fit_every or 1 if name == STOCK_FITTED else 1
-    for count in range(every, samples + 1, every):
+    scored = round(min(AHEAD) / case.problem.game.dt)
+    last = samples - scored if name == STOCK_FITTED else samples
+    for count in range(every, last + 1, every):
         announce("prediction", _PREDICTION_SECONDS)
         states = _referred(case, name, case.observations[0].y[:count])
         yield Update(

@@ -13,7 +13,7 @@ import pandas as pd
 from olne_bench.bench.judge.online import ERROR_COLUMNS
 from olne_bench.bench.plan.motion import CONSTANT_VELOCITY, REFERENCES, STOCK_FITTED
 from olne_bench.bench.plan.outcome import FAILURES
-from olne_bench.bench.report.statistics.attempts import attempts_of
+from olne_bench.bench.report.statistics.attempts import FLOOR, attempts_of
 from olne_bench.bench.report.statistics.estimator_comparison import adjusted, compare_pairs
 from olne_bench.bench.report.statistics.intervals import Interval, median_interval
 
@@ -83,7 +83,8 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Whether the error ``COMPARED`` of each estimator is below that of each of ``RIVALS``.
 
     Both are compared after the same samples: those for which the rival has a prediction. An
-    estimator that has none there loses. A draw counts once, at all its noise levels.
+    estimator that has none there loses. A draw counts once, at all its noise levels. Uniform
+    weights are no contender.
 
     Returns:
         Columns ``scenario, sensor, estimator, other, factor``; ``ratio``, the median over motions
@@ -98,7 +99,7 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
 def _compared(judged: pd.DataFrame) -> Iterator[dict[str, Any]]:
     for (scenario, sensor), part in judged.groupby(["scenario", "sensor"], sort=False):
         errors = dict(list(part.groupby("estimator", sort=False)))
-        for name in [one for one in errors if one not in REFERENCES]:
+        for name in [one for one in errors if one not in (*REFERENCES, FLOOR)]:
             for other, factor in RIVALS:
                 if other in errors:
                     pairs = _pairs(errors[name], errors[other])
@@ -135,6 +136,7 @@ def _half_times(part: pd.DataFrame) -> np.ndarray:
     """Times of the motions until the prior's error is halved [s]; infinite where it never is."""
     if part["cosine_error"].isna().all():
         return np.empty(0)
-    halved = part[part["cosine_error"] <= part["prior_error"] / 2]
+    told = part[part["cosine_error"].notna()]
+    halved = told[told["cosine_error"] <= told["prior_error"] / 2]
     first = halved.groupby("seed")["time"].min()
     return first.reindex(part["seed"].unique()).fillna(np.inf).to_numpy(float)

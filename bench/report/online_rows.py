@@ -7,6 +7,7 @@ import msgspec
 import pandas as pd
 
 from olne_bench.bench.judge.online import ERROR_COLUMNS, Update
+from olne_bench.bench.plan.motion import REFERENCES
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import KEY_COLUMNS
 from olne_bench.bench.run.store import Store
@@ -24,8 +25,8 @@ COLUMNS = (
 def update_table(store: Store, suite: Suite) -> pd.DataFrame:
     """A row for each sample of each motion in a store, with ``COLUMNS``.
 
-    A motion that nobody followed has one row, whose ``sample`` is 0. The order is that of the
-    suite, whenever rows were written.
+    A motion that an estimator did not follow has one row, whose ``sample`` is 0. The order is that
+    of the suite, whenever rows were written.
 
     Args:
         store: motions that ended.
@@ -34,7 +35,9 @@ def update_table(store: Store, suite: Suite) -> pd.DataFrame:
     rows: list[Row] = []
     for batch in store.batches():
         for record in batch.to_pylist():
-            rows += _rows_of(record)
+            nothing = record["extras"] is None and record["status"] == "skipped"
+            if not (nothing and record["estimator"] in REFERENCES):
+                rows += _rows_of(record)
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     places = pd.DataFrame(
         {
