@@ -1,6 +1,7 @@
 """``olne-bench online``: run a suite's trials as motions that go on, one sample at a time."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ import pandas as pd
 from olne_bench.bench.commands.going_on import StudyOptions, go_on, leave, study_options
 from olne_bench.bench.commands.options import FiniteRange
 from olne_bench.bench.judge.online import ERROR_COLUMNS
+from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.motion import (
     REFERENCES,
@@ -32,6 +34,8 @@ from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.excluding import check_priors
 from olne_bench.bench.run.store import Store, open_store
 from olne_bench.bench.run.store_layout import MOTIONS_NAME
+from olne_bench.envs.recording import NoEquilibriumError
+from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
 from olne_bench.estimators.stream import LEAST_LAG
 from olne_bench.files import whole_file
@@ -90,7 +94,7 @@ def online(suite: str, **options: Any) -> None:
     text = suite_text(suite)
     own = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     part = select(own, chosen.selection)
-    check_online(part)
+    check_online(part, rules.lag)
     check_priors(part, chosen.out)
     if chosen.dask is not None:
         check_cluster(chosen.dask)
@@ -111,12 +115,13 @@ def _expanded(rules: OnlineRules, suite: Suite, seeds: int | None) -> Iterator[M
     return motions(suite, rules, seeds)
 
 
-def check_online(suite: Suite) -> None:
+def check_online(suite: Suite, lag: int | None) -> None:
     """Refuse what cannot be run one sample at a time.
 
     Raises:
-        UserError: on several trajectories, on scenarios and sensors that are plugins, and on
-            estimators that are called like what they are compared with.
+        UserError: on several trajectories, on scenarios and sensors that are plugins, on
+            estimators that are called like what they are compared with, and on a lag longer than a
+            motion.
     """
     for estimator in suite.estimators:
         if estimator.label in REFERENCES:
@@ -135,6 +140,18 @@ def check_online(suite: Suite) -> None:
                 raise UserError(
                     f"{foreign[0]!r} is a plugin; online, scenarios and sensors are built-in ones"
                 )
+        if lag is not None:
+            _check_lag(scenario, lag)
+
+
+def _check_lag(scenario: ScenarioEntry, lag: int) -> None:
+    with suppress(NoEquilibriumError):  # another draw may be played
+        samples = get_scenario(scenario.name, 0, **scenario.options).game.horizon
+        if lag > samples:  # all draws have as many
+            raise UserError(
+                f"--lag {lag}: a motion of scenario {scenario.label!r} has {samples} samples; use "
+                "fewer, or no --lag for all so far"
+            )
 
 
 def _keep_rules(store: Store, suite: Suite, rules: OnlineRules, out: Path) -> None:

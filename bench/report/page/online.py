@@ -26,6 +26,7 @@ _GREY = "#7a7a7a"
 _DASHES = dict(zip(REFERENCES, ("2 3", "7 3", "1 4 6 4", "10 3 2 3", "5 2"), strict=True))
 _WIDTH, _HEIGHT = 460, 250  # of a chart, in its own units
 _LEFT, _RIGHT, _TOP, _BOTTOM = 44, 8, 10, 34
+_CROSS = 4  # half the size of a point that stands alone
 _LEAST = 1e-6  # smaller errors are drawn as this one
 
 
@@ -189,4 +190,7 @@ def _round_numbers(low: float, high: float) -> list[float]:
 def _path(points: Sequence[tuple[float, float]], close: bool = False) -> str:
     if not points:
         return ""
+    if len(points) == 1:  # a cross, as nothing can be joined
+        ((px, py),) = points
+        return f"M{px - _CROSS:g} {py:g}h{2 * _CROSS:g}M{px:g} {py - _CROSS:g}v{2 * _CROSS:g}"
     return "M" + "L".join(f"{px:g} {py:g}" for px, py in points) + ("Z" if close else "")

@@ -171,6 +171,9 @@ def test_what_cannot_be_run_is_refused(study) -> None:
     assert "has 2 trajectories; online, there is one motion at a time" in said
     assert "--lag" in study.call("online", "--lag", 1, "--out", out, code=2)
     assert "--deadline" in study.call("online", "--deadline", 0, "--out", out, code=2)
+    study.suite.write_text(SUITE)
+    said = study.call("online", study.suite, "--lag", 26, "--out", out, code=2)
+    assert "a motion of scenario 'two_player' has 25 samples; use fewer" in said
     study.suite.write_text(SUITE.replace('"map"', '{name = "map", label = "stock"}'))
     said = study.call("online", study.suite, "--out", out, code=2)
     assert "an estimator is called 'stock'" in said
