@@ -12,6 +12,9 @@ from olne_bench.bench.report.page.online import OnlineTables, online_page
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.files import whole_file
 
+#: Digits of medians and of ends of intervals.
+_DIGITS = "%.4g"
+
 
 def write_online(
     rows: pd.DataFrame,
@@ -31,9 +34,12 @@ def write_online(
         figures: whether to draw ``online_*.png`` and ``.svg``, too.
     """
     tables = OnlineTables(summary_table(rows), over_time_table(rows), comparison_table(rows))
-    for name, table in ({"updates": rows} | tables.by_name()).items():
+    for name, table, numbers in [
+        ("updates", rows, None),
+        *((name, table, _DIGITS) for name, table in tables.by_name().items()),
+    ]:
         with whole_file(folder / f"{name}.csv") as path:
-            table.to_csv(path, index=False)
+            table.to_csv(path, index=False, float_format=numbers)
     with whole_file(folder / "index.html") as path:
         path.write_text(online_page(tables, runs, rules), encoding="utf-8")
     if figures:
