@@ -105,7 +105,9 @@ def refused(study, out, words) -> None:
 @pytest.mark.long
 def test_a_plugin_that_hangs_costs_its_own_motion(study) -> None:
     study.suite.write_text(SUITE.replace('"uniform", "map"', '"uniform"').replace("20.0", "2.0"))
-    given = [case_of(one).observations[0].y[2, 0, 0] for one in expand(load_suite(study.suite))]
+    given = [
+        case_of(one).observations[0].y[2, 0, 0] for one in expand(load_suite(str(study.suite)))
+    ]
     plugin = study.folder / "streams.py"
     plugin.write_text(PLUGIN.replace("BETWEEN", repr(float(np.mean(given)))))
     out = study.folder / "hangs"
