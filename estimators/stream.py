@@ -78,10 +78,12 @@ class Samples:
             lag: number of samples that count; None for all.
 
         Raises:
-            ValueError: on a lag below ``LEAST_LAG``.
+            ValueError: on a lag below ``LEAST_LAG``, or longer than the motion.
         """
         self._problem, self._lag = problem, checked_lag(lag)
         game = problem.game
+        if lag is not None and lag > game.horizon:
+            raise ValueError(f"a lag of {lag} samples is longer than the motion, of {game.horizon}")
         size = observation_size(problem.view, game.dynamics)
         self.y = np.full((game.horizon, game.num_players, size), np.nan)
         self.count = 0

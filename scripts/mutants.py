@@ -89,6 +89,7 @@ ELSEWHERE = {
     "bench/commands/record.py": "tests/bench/commands/test_record_command.py",
     "bench/commands/recordings.py": "tests/bench/commands/test_record_command.py",
     "bench/commands/report.py": "tests/bench/commands/test_cli.py",
+    "bench/commands/going_on.py": "tests/bench/commands/test_cli.py",
     "bench/commands/run.py": "tests/bench/commands/test_cli.py",
     "bench/commands/scenario_checks.py": "tests/bench/commands/test_conformance.py",
     "bench/commands/sensor_checks.py": "tests/bench/commands/test_conformance.py",

@@ -1,42 +1,69 @@
 """``olne-bench online``: run a suite's trials as motions that go on, one sample at a time."""
 
-import csv
 from collections.abc import Iterator
-from dataclasses import asdict
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
 import pandas as pd
-from tqdm import tqdm
 
-from olne_bench.bench.commands.options import PATH, PLUGIN, FiniteRange, memory_option
-from olne_bench.bench.judge.online import ERROR_COLUMNS, REFERENCES, OnlineRules
-from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.salt import check_salt, salted
-from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.commands.going_on import StudyOptions, go_on, leave, study_options
+from olne_bench.bench.commands.options import FiniteRange
+from olne_bench.bench.judge.online import ERROR_COLUMNS
+from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.load import load_suite, suite_text
+from olne_bench.bench.plan.motion import (
+    REFERENCES,
+    Motion,
+    OnlineRules,
+    motions,
+    with_references,
+)
+from olne_bench.bench.plan.salt import check_salt
+from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.plan.trial import Trial, expand, foreign_worlds, number_of_trials
-from olne_bench.bench.report.figures.online import draw_online
-from olne_bench.bench.report.online import over_time_table, summary_table
+from olne_bench.bench.plan.trial import foreign_worlds
+from olne_bench.bench.report.online_rows import update_table
+from olne_bench.bench.report.write_online import write_online
+from olne_bench.bench.run.cluster import check_cluster
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.excluding import check_priors
-from olne_bench.bench.run.online import COLUMNS, run_online
+from olne_bench.bench.run.store import Store, open_store
+from olne_bench.bench.run.store_layout import MOTIONS_NAME
+from olne_bench.envs.recording import NoEquilibriumError
+from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
 from olne_bench.estimators.stream import LEAST_LAG
 from olne_bench.files import whole_file
 
-#: Files of an online study.
-SETTINGS, UPDATES, SUMMARY, OVER_TIME = "online.json", "updates.csv", "summary.csv", "over_time.csv"
+#: File of a study's rules.
+SETTINGS = "online.json"
 
 #: Columns of the summary that are shown, in the order of the terminal.
 _SHOWN = ["motions", "failed", "late", "latency_50", "latency_99", "cosine_error", "half_time"]
 
 
+@dataclass(frozen=True)
+class OnlineOptions(StudyOptions):
+    """The options of ``olne-bench online``."""
+
+    lag: int | None
+    deadline: float | None
+    fit_stock: int | None
+
+    @property
+    def rules(self) -> OnlineRules:
+        """The rules of the study."""
+        return OnlineRules(self.lag, self.deadline, self.fit_stock)
+
+
 @click.command()
 @click.argument("suite", default="online")
-@click.option("--out", type=PATH, required=True, help="New folder for the tables.")
+@study_options
 @click.option(
     "--lag",
     type=click.IntRange(min=LEAST_LAG),
@@ -47,70 +74,61 @@ _SHOWN = ["motions", "failed", "late", "latency_50", "latency_99", "cosine_error
     type=FiniteRange(min=1e-3),
     help="Time in which an update has to end [s]. Default: until the next sample.",
 )
-@memory_option("Memory limit of the player process.")
-@click.option("--scenario", multiple=True, help="Only this scenario (repeatable).")
-@click.option("--sensor", multiple=True, help="Only this sensor (repeatable).")
-@click.option("--estimator", multiple=True, help="Only this estimator (repeatable).")
-@click.option("--sigma", type=float, multiple=True, help="Only this noise level (repeatable).")
-@click.option("--seeds", type=click.IntRange(1, 10**8), help="Use only the first draws, this many.")
-@click.option("--salt", metavar="TEXT", help="Text that seeds noise and draws.")
 @click.option(
-    "--plugin",
-    type=PLUGIN,
-    multiple=True,
-    metavar="FILE.py[:CLASS]",
-    help="Add an estimator from a file (repeatable).",
+    "--fit-stock",
+    type=click.IntRange(min=2),
+    metavar="N",
+    help="Fit HighwayEnv's drivers, too, after every N-th sample; a fit takes seconds to a minute.",
 )
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures.")
-def online(
-    suite: str,
-    out: Path,
-    lag: int | None,
-    deadline: float | None,
-    memory: float,
-    scenario: tuple[str, ...],
-    sensor: tuple[str, ...],
-    estimator: tuple[str, ...],
-    sigma: tuple[float, ...],
-    seeds: int | None,
-    salt: str | None,
-    plugin: tuple[str, ...],
-    figures: bool,
-) -> None:
+def online(suite: str, **options: Any) -> None:
     """Run SUITE, a name or a TOML file, one sample at a time.
 
     An estimator gets one sample after the other and estimates after each. An update that ends after
-    the next sample is late, and the former estimate counts for that sample. One motion runs at a
-    time, so that latencies are those of one core.
+    the next sample is late, and the former estimate counts for that sample. Motions that are in the
+    folder are not run again, unless the code of their scenario, sensor, estimator or scoring has
+    changed. Latencies are those of a machine on which as many motions run as --jobs says.
     """
-    check_salt(salt)
-    if out.exists():
-        raise UserError(f"--out {out} exists already; name another folder")
-    whole = load_suite(suite, plugin, partial(describe_all, hidden=out))
-    selection = Selection.model_construct(
-        scenarios=scenario, sensors=sensor, sigmas=sigma, estimators=estimator, seeds=seeds
-    )
-    chosen = salted(select(whole, selection), salt, None)
-    _check(chosen)
-    check_priors(chosen, out)
-    rules = OnlineRules(lag, deadline)
-    out.mkdir(parents=True)
-    settings = {"suite": chosen.model_dump(mode="json"), "seeds": seeds} | asdict(rules)
-    (out / SETTINGS).write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=1))
-    _run(chosen, seeds, rules, int(memory * 2**30), out.resolve())
-    rows = pd.read_csv(out / UPDATES)
-    _write_tables(rows, out)
-    if figures:
-        draw_online(rows, out)
-        click.echo(f"{out}: online_*.png and .svg show errors over time")
+    chosen = OnlineOptions(suite=suite, **options)
+    rules = chosen.rules
+    check_salt(chosen.salt)
+    text = suite_text(suite)
+    own = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
+    part = select(own, chosen.selection)
+    check_online(part, rules.lag)
+    check_priors(part, chosen.out)
+    if chosen.dask is not None:
+        check_cluster(chosen.dask)
+    whole = with_references(own, rules)
+    if chosen.estimator:  # what they are compared with is run all the same
+        references = [e.label for e in whole.estimators if e.label in REFERENCES]
+        chosen = replace(chosen, estimator=(*references, *chosen.estimator))
+    with open_store(chosen.out, MOTIONS_NAME) as store:
+        _keep_rules(store, whole, rules, chosen.out)
+        interrupted = go_on(whole, text, chosen, store, partial(_expanded, rules))
+        leave(interrupted)
+        rows, runs = update_table(store, whole), store.runs()
+    _say(rows, write_online(rows, runs, rules, chosen.out, figures=chosen.figures).summary)
+    click.echo(f"{chosen.out}: index.html is the page, updates.csv has a row for each sample")
 
 
-def _check(suite: Suite) -> None:
+def _expanded(rules: OnlineRules, suite: Suite, seeds: int | None) -> Iterator[Motion]:
+    return motions(suite, rules, seeds)
+
+
+def check_online(suite: Suite, lag: int | None) -> None:
     """Refuse what cannot be run one sample at a time.
 
     Raises:
-        UserError: on several trajectories, and on scenarios and sensors that are plugins.
+        UserError: on several trajectories, on scenarios and sensors that are plugins, on
+            estimators that are called like what they are compared with, and on a lag longer than a
+            motion.
     """
+    for estimator in suite.estimators:
+        if estimator.label in REFERENCES:
+            raise UserError(
+                f"an estimator is called {estimator.label!r}; online, that is what estimators are "
+                "compared with: give it another label"
+            )
     for scenario in suite.scenarios:
         if scenario.trajectories > 1:
             raise UserError(
@@ -122,34 +140,45 @@ def _check(suite: Suite) -> None:
                 raise UserError(
                     f"{foreign[0]!r} is a plugin; online, scenarios and sensors are built-in ones"
                 )
+        if lag is not None:
+            _check_lag(scenario, lag)
 
 
-def _run(suite: Suite, seeds: int | None, rules: OnlineRules, memory: int, out: Path) -> None:
-    """Write the rows of all motions as they come."""
-
-    def trials() -> Iterator[Trial]:
-        with tqdm(
-            total=number_of_trials(suite, seeds), unit="motion", smoothing=0.05, mininterval=0.5
-        ) as bar:
-            for trial in expand(suite, seeds):
-                yield trial
-                bar.update()
-
-    with (out / UPDATES).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        for rows in run_online(trials(), rules, memory=memory, hidden=out):
-            writer.writerows(rows)
-            file.flush()
+def _check_lag(scenario: ScenarioEntry, lag: int) -> None:
+    with suppress(NoEquilibriumError):  # another draw may be played
+        samples = get_scenario(scenario.name, 0, **scenario.options).game.horizon
+        if lag > samples:  # all draws have as many
+            raise UserError(
+                f"--lag {lag}: a motion of scenario {scenario.label!r} has {samples} samples; use "
+                "fewer, or no --lag for all so far"
+            )
 
 
-def _write_tables(rows: pd.DataFrame, out: Path) -> None:
-    summary = summary_table(rows)
-    for name, table in ((SUMMARY, summary), (OVER_TIME, over_time_table(rows))):
-        with whole_file(out / name) as path:
-            table.to_csv(path, index=False)
-    _say(rows, summary)
-    click.echo(f"{out}: {UPDATES} has a row for each sample, {OVER_TIME} medians over time")
+def _keep_rules(store: Store, suite: Suite, rules: OnlineRules, out: Path) -> None:
+    """Note the rules of a new study; refuse others in an old one.
+
+    Raises:
+        UserError: if a rule differs, as rows of both would be mixed.
+    """
+    path, kept = out / SETTINGS, asdict(rules)
+    if store.runs() and path.exists():
+        former = msgspec.json.decode(path.read_bytes())
+        for name, value in asdict(rules).items():
+            old = former.get(name)
+            if name == "fit_every" and None in (old, value):  # fits may come later
+                kept[name] = old or value
+            elif old != value:
+                raise UserError(
+                    f"{out} holds a study whose {name} is {_told(old)}, and here it is "
+                    f"{_told(value)}; rows of both would be mixed: use another --out"
+                )
+    settings = {"suite": suite.model_dump(mode="json")} | kept
+    with whole_file(path) as new:
+        new.write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=1))
+
+
+def _told(value: float | None) -> str:
+    return "the default" if value is None else f"{value:g}"
 
 
 def _say(rows: pd.DataFrame, summary: pd.DataFrame) -> None:

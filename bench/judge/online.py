@@ -13,11 +13,34 @@ import numpy as np
 
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
 from olne_bench.bench.judge.metrics.formulas import cosine_error
-from olne_bench.bench.judge.predictions import drive_as_stock, drive_on, play_on, turn_on
+from olne_bench.bench.judge.predictions import (
+    drive_as_fitted,
+    drive_as_stock,
+    drive_on,
+    play_on,
+    turn_on,
+)
+from olne_bench.bench.judge.priors import exclusion
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.referee import Answer, Case, PlayerFault, case_of
+from olne_bench.bench.judge.referee import (
+    Announce,
+    Answer,
+    Case,
+    PlayerFault,
+    case_of,
+    longest_seconds,
+    own_seconds,
+    silent,
+)
 from olne_bench.bench.judge.streams import stream
-from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.plan.motion import (
+    CONSTANT_VELOCITY,
+    STOCK,
+    STOCK_FITTED,
+    TRUE_WEIGHTS,
+    Motion,
+    OnlineRules,
+)
 from olne_bench.bench.text import clip
 from olne_bench.envs.scene import is_on_road
 from olne_bench.estimators.protocol import Problem
@@ -25,14 +48,11 @@ from olne_bench.estimators.protocol import Problem
 #: How far ahead predictions are scored [s].
 AHEAD = (1.0, 2.0, 3.0, 4.0)
 
+#: Longest time [s] of one prediction that estimators are compared with, as machines may be busy.
+_PREDICTION_SECONDS = 1800.0
+
 #: Columns of the errors of predictions.
 ERROR_COLUMNS = tuple(f"{kind}_{ahead:g}s" for ahead in AHEAD for kind in ("ade", "fde"))
-
-#: Names of what the referee itself compares with: driving straight on, going on with the present
-#: controls, HighwayEnv's own drivers (on its roads), and the true weights.
-CONSTANT_VELOCITY, CONSTANT_CONTROLS = "constant_velocity", "constant_controls"
-STOCK, TRUE_WEIGHTS = "stock", "true_weights"
-REFERENCES = (CONSTANT_VELOCITY, CONSTANT_CONTROLS, STOCK, TRUE_WEIGHTS)
 
 
 @dataclass(frozen=True)
@@ -108,57 +128,68 @@ class Update:
     errors: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class OnlineRules:
-    """Rules of an online study.
+def follow(motion: Motion, player: StreamPlayer, announce: Announce = silent) -> Iterator[Update]:
+    """Judge an estimator on one motion, or what estimators are compared with; a row a sample.
 
-    Attributes:
-        lag: number of latest samples that count; None for all.
-        deadline: time [s] in which an update has to end; None for a step of the game.
-    """
-
-    lag: int | None = None
-    deadline: float | None = None
-
-
-def judge_online(trial: Trial, player: StreamPlayer, rules: OnlineRules) -> Iterator[Update]:
-    """Judge an estimator on one motion, one row for each sample.
+    Args:
+        motion: what to judge.
+        player: runs the estimator.
+        announce: called with the name of each stage as it begins, and the time that it may take
+            [s].
 
     Raises:
         NoEquilibriumError: if the scenario has no certified equilibrium.
     """
-    case = case_of(trial)
-    task = StreamTask(
-        reference=trial.estimator.name,
-        parameters=trial.estimator.parameters,
-        plugin=trial.plugin,
-        problem=case.problem,
-        lag=rules.lag,
-        seed=stream(trial.salt, "online", *trial.key),
-        time_limit=trial.time_limit,
-    )
+    announce("set-up", own_seconds(motion))
+    case = case_of(motion)
+    if motion.reference:
+        yield from _reference_updates(motion, case, announce)
+        return
+    excluded = exclusion(motion.estimator, case.recordings[0].scenario)
+    if excluded:
+        yield from _all_alike(case, "invalid", excluded)
+        return
+    announce("estimate", longest_seconds(motion))
     try:
-        declined = player.start(task)
+        declined = player.start(_task(motion, case))
     except PlayerFault as fault:
         yield from _all_alike(case, fault.status, str(fault))
         return
     if declined is not None:
         yield from _all_alike(case, "skipped", declined)
         return
-    yield from _Episode(case, player, rules).updates()
+    for row in _Episode(case, player, motion.rules).updates():
+        yield row
+        announce("estimate", longest_seconds(motion))
 
 
-def reference_updates(trial: Trial, name: str) -> Iterator[Update]:
-    """The rows of one of ``REFERENCES`` on a trial's motion; none where it makes no sense.
+def _task(motion: Motion, case: Case) -> StreamTask:
+    return StreamTask(
+        reference=motion.estimator.name,
+        parameters=motion.estimator.parameters,
+        plugin=motion.plugin,
+        problem=case.problem,
+        lag=motion.rules.lag,
+        seed=stream(motion.salt, "online", *motion.key),
+        time_limit=motion.time_limit,
+    )
 
-    Raises:
-        NoEquilibriumError: if the scenario has no certified equilibrium.
+
+def _reference_updates(motion: Motion, case: Case, announce: Announce) -> Iterator[Update]:
+    """The rows of one of ``REFERENCES``; none where it makes no sense.
+
+    Drivers are fitted after some samples only, as that takes seconds to a minute each time, and
+    only where a prediction can be scored. There are no rows for the others.
     """
-    case = case_of(trial)
-    scenario = case.recordings[0].scenario
-    if name == STOCK and not is_on_road(scenario):
+    name, samples = motion.reference, len(case.recordings[0].states)
+    of_roads = name in (STOCK, STOCK_FITTED)
+    if of_roads and not is_on_road(case.recordings[0].scenario):
         return  # they drive on its roads only
-    for count in range(1, len(case.recordings[0].states) + 1):
+    every = motion.rules.fit_every or 1 if name == STOCK_FITTED else 1
+    scored = round(min(AHEAD) / case.problem.game.dt)
+    last = samples - scored if name == STOCK_FITTED else samples
+    for count in range(every, last + 1, every):
+        announce("prediction", _PREDICTION_SECONDS)
         states = _referred(case, name, case.observations[0].y[:count])
         yield Update(
             sample=count,
@@ -173,8 +204,9 @@ def _referred(case: Case, name: str, seen: np.ndarray) -> np.ndarray | None:
     scenario = case.recordings[0].scenario
     if name == TRUE_WEIGHTS:
         return play_on(case.problem, seen, scenario.weights, scenario.parameters)
-    if name == STOCK:
-        return drive_as_stock(scenario.name, case.problem, seen)
+    if name in (STOCK, STOCK_FITTED):
+        drive = drive_as_stock if name == STOCK else drive_as_fitted
+        return drive(scenario.name, case.problem, seen)
     return (
         drive_on(case.problem, seen) if name == CONSTANT_VELOCITY else turn_on(case.problem, seen)
     )

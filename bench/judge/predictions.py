@@ -22,6 +22,9 @@ _RECENT = 5
 #: Pull to what is read off the samples [m per unit], where they leave something open.
 _PULL = 1e-2
 
+#: Least noise [m] that drivers are fitted under.
+_LEAST_SIGMA = 1e-3
+
 #: Evaluations of the fit, and rounds of best responses of a prediction.
 _EVALUATIONS, _ROUNDS = 30, 30
 
@@ -71,6 +74,29 @@ def drive_as_stock(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray:
     drivers = [StockDriver(float(speed)) for speed in states[-1, :, 3]]
     steps = problem.game.horizon - len(seen)
     ahead = drive_stock(road, problem.game, states[-1], drivers, steps)
+    return np.concatenate([states[:-1], ahead])
+
+
+def drive_as_fitted(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray | None:
+    """As ``drive_as_stock``, with drivers fitted to the samples so far.
+
+    Args:
+        road: name of the road.
+        problem: what is known.
+        seen: (S, N, d) the samples so far.
+
+    Returns:
+        States (T, N, n); None before the second sample, as one says nothing about a driver.
+    """
+    from olne_bench.envs.stock_fit import predict_by_fit  # slow, and for roads only
+
+    if len(seen) == 1:
+        return None
+    states, _ = _until_now(problem, seen)
+    deviations = max(problem.sigma, _LEAST_SIGMA) * np.asarray(problem.noise_scale)
+    deviations = np.broadcast_to(deviations, states.shape[-1:])
+    filled = states if seen.shape != states.shape else np.where(np.isnan(seen), states, seen)
+    ahead = predict_by_fit(road, problem.game, filled, deviations, problem.game.horizon - len(seen))
     return np.concatenate([states[:-1], ahead])
 
 

@@ -172,7 +172,7 @@ def judge(
     excluded = exclusion(trial.estimator, case.recordings[0].scenario)
     if excluded:
         return replace(case.outcome, status="invalid", message=clip(excluded))
-    announce("estimate", _PLAYER_LIMITS * trial.time_limit + _PLAYER_START)
+    announce("estimate", longest_seconds(trial))
     try:
         answer = player.estimate(_task(trial, case))
     except PlayerFault as fault:
@@ -196,6 +196,11 @@ def judge(
 def own_seconds(trial: Trial) -> float:
     """Time limit of the referee's own stages [s]; foreign code gets no more than the trial's."""
     return trial.time_limit if trial.home_plugins else max(trial.time_limit, _OWN_SECONDS)
+
+
+def longest_seconds(trial: Trial) -> float:
+    """Longest time [s] that a player may take in all."""
+    return _PLAYER_LIMITS * trial.time_limit + _PLAYER_START
 
 
 def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:

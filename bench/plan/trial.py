@@ -84,6 +84,10 @@ class Trial:
         """References of the scenario and of sensor layers that are plugins."""
         return foreign_worlds(self.scenario, self.sensor)
 
+    def versions_here(self) -> Versions:
+        """The versions of the code that this process would run it with."""
+        return versions(self.scenario, self.sensor, self.estimator, self.metrics)
+
     @property
     def key(self) -> tuple[str, ...]:
         """What identifies the trial, whatever the version of the code."""
@@ -108,7 +112,7 @@ class Trial:
 
 def explain_difference(trial: Trial) -> str | None:
     """How this process's code differs from the code a trial was made for; None if it does not."""
-    actual = versions(trial.scenario, trial.sensor, trial.estimator, trial.metrics)
+    actual = trial.versions_here()
     subjects = {
         "estimator": f"the code of estimator {trial.estimator.label!r}",
         "scenario": f"the code of scenario {trial.scenario.label!r}",

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -40,6 +40,8 @@ _SCORING = (
     "run.player",
     "text",
 )
+#: What hands out samples one by one, and scores predictions.
+_FOLLOWING = ("judge.online", "judge.predictions", "run.stream_player")
 #: Another version of one of these may round differently, or draw other numbers.
 _LIBRARIES = ("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env")
 
@@ -89,6 +91,11 @@ def versions(
     )
 
 
+def with_following(code: Versions) -> Versions:
+    """Versions of a trial for a motion, whose row depends on more of our code."""
+    return replace(code, scoring=_digest([code.scoring, _following()]))
+
+
 def files_of(kind: Kind, reference: str) -> list[Path]:
     """Files below a plugin's folder that its version covers; its own file comes first.
 
@@ -136,6 +143,12 @@ def _version(kind: Kind, reference: str) -> str:
 def _scoring(metrics: tuple[tuple[str, str], ...]) -> str:
     own = fingerprint(_modules("olne_bench.bench", _SCORING), _GAMES, own=None)
     return _digest([own, *(f"{_version(METRIC, name)} {given}" for name, given in metrics)])
+
+
+@lru_cache(maxsize=1)
+def _following() -> str:
+    modules = _modules("olne_bench.bench", _FOLLOWING)
+    return fingerprint(modules, _GAMES | _ENVS | _ESTIMATORS, own=None)
 
 
 def _digest(texts: Iterable[str]) -> str:

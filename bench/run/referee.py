@@ -6,12 +6,15 @@ from pathlib import Path
 
 from olne_bench.bench.judge.referee import judge
 from olne_bench.bench.plan.draws import opened
+from olne_bench.bench.plan.motion import Motion
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, explain_difference
 from olne_bench.bench.process.child import StartError
 from olne_bench.bench.process.inside import announce
 from olne_bench.bench.run.metric_process import MetricProcess
+from olne_bench.bench.run.online import outcome_of
 from olne_bench.bench.run.player_process import PlayerProcess
+from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 
@@ -28,6 +31,7 @@ _CODE_SECONDS = 300.0
 class _Staff:
     player: PlayerProcess
     metrics: MetricProcess
+    follower: StreamProcess
 
 
 _staff: _Staff | None = None
@@ -52,12 +56,17 @@ def run_trial(trial: Trial, memory: int | None, hidden: Path | None) -> Outcome:
         raise OtherCodeError(difference)
     if _staff is None:
         _staff = _Staff(
-            PlayerProcess(memory=memory, hidden=hidden), MetricProcess(memory=memory, hidden=hidden)
+            PlayerProcess(memory=memory, hidden=hidden),
+            MetricProcess(memory=memory, hidden=hidden),
+            StreamProcess(memory=memory, hidden=hidden),
         )
     began = time.monotonic()
     try:
         with travelling(opened(trial.draws)):
-            outcome = judge(trial, _staff.player, _staff.metrics, announce)
+            if isinstance(trial, Motion):
+                outcome = outcome_of(trial, _staff.follower, announce)
+            else:
+                outcome = judge(trial, _staff.player, _staff.metrics, announce)
         return replace(outcome, trial_seconds=time.monotonic() - began)
     except StartError:
         raise

@@ -18,6 +18,7 @@ from olne_bench.bench.run.store_file import reading, writing
 from olne_bench.bench.run.store_layout import (
     COLUMNS,
     CURRENT,
+    FILE_NAME,
     NAMED,
     add_cost,
     add_metric_columns,
@@ -170,14 +171,18 @@ class Store:
 
 
 @contextmanager
-def open_store(folder: Path) -> Iterator[Store]:
+def open_store(folder: Path, name: str = FILE_NAME) -> Iterator[Store]:
     """Open a run folder's store for writing; create folder and file if they are missing.
+
+    Args:
+        folder: the folder.
+        name: name of the file; ``MOTIONS_NAME`` for a study whose samples come one by one.
 
     Raises:
         UserError: if the folder cannot be written, another run uses it, or its file is damaged or
             not a store.
     """
-    with writing(folder) as connection:
+    with writing(folder, name) as connection:
         yield Store(connection)
 
 

@@ -13,21 +13,31 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from olne_bench.bench.run.store_layout import APPLICATION_ID, FILE_NAME, VERSION, create
+from olne_bench.bench.run.store_layout import (
+    APPLICATION_ID,
+    FILE_NAME,
+    MOTIONS_NAME,
+    VERSION,
+    create,
+)
 from olne_bench.errors import UserError
 
 _HEADER = 100  # bytes; sqlite.org/fileformat.html
 
 
 @contextmanager
-def writing(folder: Path) -> Iterator[sqlite3.Connection]:
+def writing(folder: Path, name: str = FILE_NAME) -> Iterator[sqlite3.Connection]:
     """A connection for writing to a run folder's store, which locks out other writers.
 
     Folder and file are created if they are missing.
 
+    Args:
+        folder: the folder.
+        name: name of the file.
+
     Raises:
-        UserError: if the folder cannot be written, another run uses it, or its file is damaged or
-            not a store.
+        UserError: if the folder cannot be written, another run uses it, its file is damaged or not
+            a store, or it holds a study of the other kind.
     """
     try:
         if folder.exists() and not folder.is_dir():
@@ -42,10 +52,17 @@ def writing(folder: Path) -> Iterator[sqlite3.Connection]:
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
     try:
-        with _connected(folder / FILE_NAME, _writer) as connection:
+        _refuse_other_kind(folder, name)
+        with _connected(folder / name, _writer) as connection:
             yield connection
     finally:
         lock.release()
+
+
+def _refuse_other_kind(folder: Path, name: str) -> None:
+    for other, command in ((FILE_NAME, "run"), (MOTIONS_NAME, "online")):
+        if other != name and (folder / other).exists():
+            raise UserError(f"{folder} holds a study of 'olne-bench {command}'; use another --out")
 
 
 @contextmanager

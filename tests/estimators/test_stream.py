@@ -20,6 +20,7 @@ from olne_bench.estimators.stream import (
 )
 from olne_bench.estimators.uniform import Uniform
 from olne_bench.games.observation import VIEWS
+from olne_bench.plugins import ESTIMATOR, make, names
 
 SIGMA = 0.01
 
@@ -154,3 +155,58 @@ def test_bad_samples_are_refused(passing) -> None:
     for lag in (1, 0, -3, 2.5, True):
         with pytest.raises(ValueError, match="a lag is a number of samples of at least 2"):
             Samples(problem, lag)
+
+
+#: Parameters that make an estimator fast, and estimators that are slow all the same.
+FAST: dict[str, dict[str, Any]] = {"particle": {"count": 40, "most_draws": 2}}
+SLOW = ("bilevel", "maxent_residual", "particle", "posterior", "ukf")
+ALL = [pytest.param(n, marks=[pytest.mark.long] if n in SLOW else []) for n in names(ESTIMATOR)]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_no_estimate_of_a_stream_depends_on_later_samples(name, seen) -> None:
+    problem, (observation,), _ = seen(1, sigma=0.02)
+    y, count = observation.y, 7
+    altered = y.copy()
+    altered[count:] = 5.0 - 2.0 * y[count:]
+    estimator = as_stream_estimator(make(ESTIMATOR, name, FAST.get(name, {})))
+    before, after = (follow(estimator, problem, one[: count + 2]) for one in (y, altered))
+    for one, other in list(zip(before, after, strict=True))[:count]:
+        np.testing.assert_array_equal(one.weights, other.weights)  # to the last bit
+        np.testing.assert_array_equal(one.states, other.states)
+        assert one.converged == other.converged
+    assert any(one.converged for one in before[:count])
+
+
+@pytest.mark.parametrize("lag", [None, 8])
+@pytest.mark.parametrize("name", ["kkt_constrained", "map", "uniform"])
+def test_a_player_may_disappear_and_come_back(passing, name, lag) -> None:
+    problem, y, states, _ = passing
+    gaps = y.copy()
+    gaps[9:13, 1] = np.nan
+    estimates = follow(as_stream_estimator(make(ESTIMATOR, name, {})), problem, gaps, lag)
+    for count, estimate in enumerate(estimates, start=1):
+        assert estimate.converged, f"after {count} samples"
+        assert name == "uniform" or np.isfinite(estimate.states).all()
+    if name != "uniform":
+        hidden = estimates[12].states[9:13, 1, :2] - states[9:13, 1, :2]
+        assert np.linalg.norm(hidden, axis=-1).max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["kkt_constrained", "map"])
+def test_samples_out_of_order_explain_nothing_and_do_no_harm(passing, name) -> None:
+    problem, y, states, _ = passing
+    swapped = y.copy()
+    swapped[[4, 6]] = y[[6, 4]]
+    estimates = follow(make(ESTIMATOR, name, {}), problem, swapped, lag=8)
+    assert np.isfinite([one.weights for one in estimates]).all()
+    last = estimates[-1]  # the window has none of them any more
+    assert last.converged
+    assert np.linalg.norm((last.states - states)[-8:, :, :2], axis=-1).max() < 0.05
+
+
+def test_a_window_is_no_longer_than_the_game(passing) -> None:
+    problem, y, _, _ = passing
+    with pytest.raises(ValueError, match="a lag of 26 samples is longer than the motion, of 25"):
+        Samples(problem, len(y) + 1)
+    assert Samples(problem, len(y)).dropped == 0

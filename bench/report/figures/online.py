@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from olne_bench.bench.judge.online import REFERENCES
+from olne_bench.bench.plan.motion import REFERENCES
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import USUAL_FORMATS
 from olne_bench.bench.report.statistics.attempts import attempts_of
@@ -22,9 +22,10 @@ _MEASURES = {
     "fde_3s": "Position error 3 s ahead [m]",
     "latency": "Latency [s]",
 }
+_SPARSE = (0, (1, 3))
 _REFERENCE_STYLES = {
     name: {"color": "#555555", "linestyle": line, "linewidth": 1.1}
-    for name, line in zip(REFERENCES, style.LINE_STYLES[::-1], strict=True)
+    for name, line in zip(REFERENCES, (*style.LINE_STYLES[::-1], _SPARSE), strict=True)
 }
 _WIDTH, _HEIGHT = 3.4, 2.2  # of a panel [inch]
 _QUARTILES = (0.25, 0.5, 0.75)

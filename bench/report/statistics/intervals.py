@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.special import ndtri, stdtrit
+from scipy.special import bdtr, ndtri, stdtrit
 
 CONFIDENCE = 0.95
 #: With fewer seeds, the spread between seeds is too uncertain for an honest interval.
@@ -15,6 +15,10 @@ _TAIL = 0.015
 _RESAMPLES = 4000
 _BLOCK = 500_000  # numbers drawn at once
 _LEAST_ERROR = 1e-9  # as a share of the standard error; smaller ones are rounding
+
+
+#: With fewer values, no two of them enclose the median with ``CONFIDENCE``.
+LEAST_VALUES_OF_MEDIANS = 6
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,27 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
     studentised = deviations[usable] / errors[usable]
     low, high = np.quantile(studentised, [_TAIL, 1 - _TAIL])
     return Interval(estimate, max(0.0, estimate - high * error), float(estimate - low * error))
+
+
+def median_interval(values: np.ndarray) -> Interval:
+    """Median of independent values, between two of them that enclose it whatever their spread.
+
+    The number of values below the true median is binomial, so two of the ordered values enclose it
+    with at least ``CONFIDENCE``. Percentiles of a bootstrap would enclose it less often where there
+    are few.
+
+    Args:
+        values: (R,); infinite ones rank last.
+    """
+    ordered, number = np.sort(values), len(values)
+    if not number:
+        return Interval(np.nan, np.nan, np.nan)
+    low, high = ordered[(number - 1) // 2], ordered[number // 2]
+    middle = float(low if low == high else (low + high) / 2)
+    if number < LEAST_VALUES_OF_MEDIANS:
+        return Interval(middle, np.nan, np.nan)
+    outside = int((bdtr(np.arange(number), number, 0.5) <= (1 - CONFIDENCE) / 2).sum())
+    return Interval(middle, float(ordered[outside - 1]), float(ordered[number - outside]))
 
 
 def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:

@@ -132,7 +132,7 @@ class Kept:
 
 def run_all(monkeypatch, statuses, stop_after=None):
     """The stored statuses of trials with these outcomes, and the reported signal."""
-    module = import_module("olne_bench.bench.commands.run")
+    module = import_module("olne_bench.bench.commands.going_on")
 
     def start(todo, _options, stop):
         for number, status in enumerate(todo):
@@ -142,9 +142,9 @@ def run_all(monkeypatch, statuses, stop_after=None):
             if number + 1 == stop_after:
                 os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(module, "_start", start)
+    monkeypatch.setattr(module, "start", start)
     kept = Kept()
-    told = module._run_all(statuses, len(statuses), kept, SimpleNamespace(out="runs/a"))
+    told = module.run_all(statuses, len(statuses), kept, SimpleNamespace(out="runs/a"))
     return kept.statuses, told
 
 
@@ -175,12 +175,12 @@ def test_faults_of_the_harness_are_told_at_the_end(monkeypatch, capsys):
 
 @pytest.mark.parametrize("cluster", [None, "local"])
 def test_trials_are_run_here_or_on_a_cluster(monkeypatch, tmp_path, cluster):
-    module = import_module("olne_bench.bench.commands.run")
+    module = import_module("olne_bench.bench.commands.going_on")
     calls = {}
     for name in ("run_trials", "run_on_dask"):
         monkeypatch.setattr(module, name, lambda _, _name=name, **words: calls | {_name: words})
     options = SimpleNamespace(memory=1.5, out=tmp_path / "x" / "..", dask=cluster, jobs=3)
-    ((name, words),) = module._start([], options, None).items()
+    ((name, words),) = module.start([], options, None).items()
     assert name == ("run_on_dask" if cluster else "run_trials")
     assert words.get("cluster", words.get("jobs")) == (cluster or 3)
     assert (words["memory"], words["hidden"]) == (3 * 2**29, tmp_path.resolve())
@@ -189,9 +189,9 @@ def test_trials_are_run_here_or_on_a_cluster(monkeypatch, tmp_path, cluster):
 
 @pytest.mark.parametrize("kinds", [1, 2, 40])
 def test_many_faults_are_told_by_the_most_frequent(capsys, kinds):
-    module = import_module("olne_bench.bench.commands.run")
+    module = import_module("olne_bench.bench.commands.going_on")
     faults = Counter({f"fault {k} " + "x" * 400: k + 1 for k in range(kinds)})
-    module._show_faults(faults)
+    module.show_faults(faults)
     first, *told = capsys.readouterr().err.splitlines()
     assert first.startswith(f"{faults.total()} trials could not be judged")
     shown = [line for line in told if "times: " in line]
@@ -200,7 +200,7 @@ def test_many_faults_are_told_by_the_most_frequent(capsys, kinds):
     rest = kinds - len(shown)
     assert told[len(shown) :] == ([f"  and {rest} other messages"] if rest else [])
     assert 1 <= len(shown) <= 10
-    module._show_faults(Counter())
+    module.show_faults(Counter())
     assert capsys.readouterr().err == ""
 
 

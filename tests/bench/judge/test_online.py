@@ -9,34 +9,37 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.judge import online
-from olne_bench.bench.judge.online import (
-    CONSTANT_CONTROLS,
-    CONSTANT_VELOCITY,
-    STOCK,
-    TRUE_WEIGHTS,
-    OnlineRules,
-    StreamTask,
-    Update,
-    judge_online,
-    prediction_errors,
-    reference_updates,
-)
+from olne_bench.bench.judge.online import StreamTask, Update, follow, prediction_errors
 from olne_bench.bench.judge.raw_estimate import read_estimate
 from olne_bench.bench.judge.referee import Answer, Case, PlayerFault, case_of
 from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.motion import (
+    CONSTANT_CONTROLS,
+    CONSTANT_VELOCITY,
+    STOCK,
+    STOCK_FITTED,
+    TRUE_WEIGHTS,
+    Motion,
+    OnlineRules,
+    motions,
+    with_references,
+)
 from olne_bench.bench.plan.select import Selection, select
-from olne_bench.bench.plan.trial import Trial, expand
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.run import stream_player
 from olne_bench.estimators.protocol import Estimate, Observation
 
 STEPS = 25  # of two_player
 
 
-def a_trial(estimator: str = "uniform", sigma: float = 0.01) -> Trial:
-    """A trial of two players."""
+def a_motion(
+    estimator: str = "uniform", sigma: float = 0.01, rules: OnlineRules | None = None
+) -> Motion:
+    """A motion of two players."""
     wanted = Selection(scenarios=("two_player",), sensors=("full",), sigmas=(sigma,))
-    part = select(load_suite("paper"), wanted)
-    return next(t for t in expand(part, seeds=1) if t.estimator.label == estimator)
+    rules = rules or OnlineRules()
+    part = with_references(select(load_suite("paper"), wanted), rules)
+    return next(m for m in motions(part, rules, seeds=1) if m.estimator.label == estimator)
 
 
 class Scripted:
@@ -72,13 +75,13 @@ def estimate(weights: float = 1.0, seconds: float = 0.0, **more: object) -> Answ
 
 
 def rows_of(player: Scripted, rules: OnlineRules | None = None) -> list[Update]:
-    return list(judge_online(a_trial(), player, rules or OnlineRules()))
+    return list(follow(a_motion(rules=rules), player))
 
 
 def test_samples_are_handed_out_one_at_a_time() -> None:
     player = Scripted(lambda _: estimate())
-    rows = judge_online(a_trial(), player, OnlineRules(lag=4))
-    expected = case_of(a_trial()).observations[0].y
+    rows = follow(a_motion(rules=OnlineRules(lag=4)), player)
+    expected = case_of(a_motion()).observations[0].y
     for count in range(1, STEPS + 1):
         row = next(rows)
         assert (row.sample, row.counted, row.status) == (count, count, "ok")
@@ -100,8 +103,9 @@ def test_no_estimate_depends_on_the_future(name, monkeypatch) -> None:
         return replace(case, observations=(Observation(y),))
 
     def first() -> list[tuple]:
-        trial = replace(a_trial(), estimator=a_trial().estimator.model_copy(update={"name": name}))
-        rows = judge_online(trial, Here(), OnlineRules(lag))
+        motion = a_motion(rules=OnlineRules(lag))
+        named = motion.estimator.model_copy(update={"name": name})
+        rows = follow(replace(motion, estimator=named), Here())
         own = [next(rows) for _ in range(count)]
         return [(row.status, row.message, row.cosine_error, row.errors) for row in own]
 
@@ -163,7 +167,7 @@ def test_an_estimator_may_never_begin(start, status) -> None:
 
 
 def test_errors_of_predictions() -> None:
-    case = case_of(a_trial())
+    case = case_of(a_motion())
     states = case.recordings[0].states.copy()
     states[10:, :, 0] += 3.0
     states[10:, :, 1] += 4.0
@@ -176,17 +180,17 @@ def test_errors_of_predictions() -> None:
 
 
 def test_what_estimators_are_compared_with() -> None:
-    exact = a_trial(sigma=0.0)
-    known = list(reference_updates(exact, TRUE_WEIGHTS))
-    ahead = list(reference_updates(exact, CONSTANT_VELOCITY))
-    turning = list(reference_updates(exact, CONSTANT_CONTROLS))
+    def told(name: str) -> list[Update]:
+        return list(follow(a_motion(name, sigma=0.0, rules=OnlineRules(fit_every=4)), Here()))
+
+    known, ahead, turning = told(TRUE_WEIGHTS), told(CONSTANT_VELOCITY), told(CONSTANT_CONTROLS)
     assert len(known) == len(ahead) == len(turning) == STEPS
     assert turning[8].errors["fde_1s"] < ahead[8].errors["fde_1s"]
-    assert list(reference_updates(exact, STOCK)) == []  # they drive on HighwayEnv's roads only
+    assert told(STOCK) == told(STOCK_FITTED) == []  # they drive on HighwayEnv's roads only
     assert all(row.status == "ok" and row.cosine_error is None for row in (*known, *ahead))
     assert max(row.errors.get("fde_1s", 0.0) for row in known[1:]) < 0.02
     assert ahead[5].errors["fde_3s"] > 0.05
-    case = case_of(exact)
+    case = case_of(a_motion(sigma=0.0))
     x, y, heading, speed = case.recordings[0].states[5, 0]
     distance = case.recordings[0].states[9, 0, :2] - [
         x + speed * np.cos(heading),

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.predictions import drive_as_stock, drive_on, turn_on
+from olne_bench.bench.judge.predictions import (
+    drive_as_fitted,
+    drive_as_stock,
+    drive_on,
+    turn_on,
+)
 from olne_bench.envs.scenarios.highway import propose
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.dynamics import rollout
@@ -51,3 +56,17 @@ def test_stock_drivers_keep_their_present_speed(motion) -> None:
     found = drive_as_stock("highway", problem, states[:SEEN])
     alone = int(states[SEEN - 1, :, 0].argmax())  # nobody is ahead of it
     np.testing.assert_allclose(found[SEEN:, alone, 3], found[SEEN - 1, alone, 3], atol=0.5)
+
+
+def test_fitted_drivers_drive_on_from_what_was_seen(motion) -> None:
+    problem, states = motion
+    assert drive_as_fitted("highway", problem, states[:1]) is None
+    whole = drive_as_fitted("highway", problem, states[:4])
+    assert whole is not None and whole.shape == states.shape
+    ahead = np.linalg.norm((whole - states)[4:6, 0, :2], axis=-1)  # the other one changes lanes
+    assert ahead.max() < 1.0
+    seen = states[:4].copy()
+    seen[2, 1] = np.nan  # it was not seen for a while
+    with_gap = drive_as_fitted("highway", problem, seen)
+    assert with_gap is not None and np.isfinite(with_gap).all()
+    np.testing.assert_allclose(with_gap[4:6], whole[4:6], atol=1.0)

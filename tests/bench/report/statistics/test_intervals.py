@@ -8,7 +8,9 @@ from olne_bench.bench.report.statistics import intervals
 from olne_bench.bench.report.statistics.intervals import (
     LEAST_SEEDS_OF_MEANS,
     LEAST_SEEDS_OF_SHARES,
+    LEAST_VALUES_OF_MEDIANS,
     mean_by_seed,
+    median_interval,
     share_interval,
 )
 
@@ -191,3 +193,23 @@ def test_trials_that_go_together_count_as_one() -> None:
     width, of_once, of_mixed = (one.high - one.low for one in (each, once, mixed))
     assert width == pytest.approx(of_once, rel=0.1)
     assert of_mixed < 0.6 * width
+
+
+@pytest.mark.parametrize("number", [6, 9, 20, 51])
+def test_intervals_of_medians_hold_the_truth(number):
+    rng = np.random.default_rng(number)
+    held = []
+    for _ in range(STUDIES):
+        found = median_interval(rng.exponential(size=number))
+        assert found.low <= found.estimate <= found.high
+        held.append(found.low <= np.log(2) <= found.high)
+    assert 0.94 <= np.mean(held) <= 0.99
+
+
+def test_medians_of_few_and_of_infinite_values():
+    few = median_interval(np.arange(LEAST_VALUES_OF_MEDIANS - 1.0))
+    assert few.estimate == 2.0 and np.isnan([few.low, few.high]).all()
+    mixed = median_interval(np.array([np.inf, 1, 2, 3, 4, np.inf, 5, np.inf]))
+    assert (mixed.low, mixed.estimate, mixed.high) == (1, 4.5, np.inf)
+    assert median_interval(np.full(8, np.inf)).estimate == np.inf
+    assert np.isnan(median_interval(np.empty(0)).estimate)

@@ -1,0 +1,3 @@
+/* The page of an online study: its charts are there already. */
+setUpTheme(() => {});
+setUpTables();
