@@ -74,6 +74,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seed of the first draw")
     parser.add_argument("--views", nargs="+", default=["full", "partial"], choices=sorted(VIEWS))
     parser.add_argument("--sigmas", nargs="+", type=float, help="usually three")
+    parser.add_argument(
+        "--flat", action="store_true", help="do not tell the sampler where starts come from"
+    )
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.draws)
     known = list(draws(options.scenario, seeds))
@@ -85,16 +88,17 @@ def main() -> None:
     for view in options.views:
         for sigma in options.sigmas or SIGMAS[options.scenario]:
             some = tqdm(known, disable=None, leave=False)
-            outcomes = [_outcome(one, view, sigma) for one in some]
+            outcomes = [_outcome(one, view, sigma, flat=options.flat) for one in some]
             print(f"{view:8}{sigma:7g}" + _line(outcomes), flush=True)
             every += outcomes
     print(f"{'all':15}" + _line(every))
 
 
-def _outcome(draw: Draw, view: str, sigma: float) -> Outcome:
+def _outcome(draw: Draw, view: str, sigma: float, *, flat: bool) -> Outcome:
     truth = draw.recording.scenario.weights
     problem, seen = draw.seen(view, sigma)
-    estimator, rng = PosteriorOfDraws(start=draw.start), np.random.default_rng(draw.seed)
+    start = None if flat else draw.start
+    estimator, rng = PosteriorOfDraws(start=start), np.random.default_rng(draw.seed)
     estimator.warm_up(problem)
     started = time.process_time()
     found = estimator.estimate(problem, seen, rng=rng, budget=600.0)
