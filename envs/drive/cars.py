@@ -6,7 +6,7 @@ scenario's per second, as those of each step are the same and those of controls 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, TypeGuard, cast
 
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
@@ -177,9 +177,8 @@ def with_target(player: Player, target: float | Unknown) -> Player:
 
 def _speed_feature(player: Player) -> StateDeviation:
     (feature,) = (one for one in player.preferences if _is_speed(one))
-    assert isinstance(feature, StateDeviation)
     return feature
 
 
-def _is_speed(feature: object) -> bool:
+def _is_speed(feature: object) -> TypeGuard[StateDeviation]:
     return isinstance(feature, StateDeviation) and feature.component == "speed"

@@ -59,8 +59,9 @@ class NashTraffic:
         if found is not None:
             planned, controls = found
             good = drivable(planned, controls)
-            for index in np.flatnonzero(good):
-                self._plans[cars[index].number] = controls[:, index]
+            for index, car in enumerate(cars):
+                if good[index]:
+                    self._plans[car.number] = controls[:, index]
         self._count(cars, good)
         return bool(good[1:].all())
 

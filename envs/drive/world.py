@@ -172,7 +172,8 @@ class DriveWorld:
             if found is not None and drivable(*found).all():
                 return cars
         raise NoDriveError(
-            f"no proposal of {self._name!r} in {_MOST_PROPOSALS} from seed {self._seed} can be driven"
+            f"no proposal of {self._name!r} can be driven, of {_MOST_PROPOSALS} "
+            f"from seed {self._seed}"
         )
 
     def _rng(self, *key: int) -> np.random.Generator:
