@@ -24,6 +24,9 @@ from olne_bench.envs.driving import NOISE_SCALE
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import VIEWS
 
+#: Samples that a window has at least: two states make a game.
+LEAST_WINDOW = 2
+
 #: Steps after the window, in a stream's game, when it begins and when it is used up: 7 s and 4 s.
 _AHEAD, _LEFT = round(7.0 / STEP), round(4.0 / STEP)
 

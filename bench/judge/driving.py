@@ -100,7 +100,7 @@ class DriveRow:
         fallback: share of cycles without a plan that keeps the distance.
         late, failed: shares of samples whose estimate was late, or no valid one.
         errors: distance [m] between predicted and driven positions of others, mean over all.
-        plans_solved, plans_kept, plans_braked: plans of the others (``PlanCounts``).
+        plans_solved, plans_apart, plans_kept, plans_braked: plans of the others (``PlanCounts``).
         entered, left, others_collided: other cars that came, went, and collided without the ego.
     """
 
@@ -120,6 +120,7 @@ class DriveRow:
     failed: float | None = None
     errors: dict[str, float] = field(default_factory=dict)
     plans_solved: int | None = None
+    plans_apart: int | None = None
     plans_kept: int | None = None
     plans_braked: int | None = None
     entered: int | None = None
@@ -142,7 +143,7 @@ def judge_drive(task: DriveTask, player: StreamPlayer, watch: Watch | None = Non
     Raises:
         NoDriveError: if the seed has no start.
     """
-    drive = _Drive(task, player)
+    drive = _Drive(task, player, watch is not None)
     while not drive.world.over:
         drive.cycle(watch)
     if watch is not None:
@@ -153,7 +154,7 @@ def judge_drive(task: DriveTask, player: StreamPlayer, watch: Watch | None = Non
 class _Drive:
     """One drive and its log."""
 
-    def __init__(self, task: DriveTask, player: StreamPlayer) -> None:
+    def __init__(self, task: DriveTask, player: StreamPlayer, pictures: bool) -> None:
         self._task = task
         self.world = DriveWorld(
             task.road,
@@ -161,6 +162,7 @@ class _Drive:
             traffic=task.traffic,
             weights=task.weights,
             stock_ego=task.planner == STOCK_EGO,
+            pictures=pictures,
         )
         self._noise = stream(task.salt, "drive", *task.key)
         self._beliefs = _beliefs(task, player)
@@ -225,6 +227,7 @@ class _Drive:
             **self._shares(),
             errors=prediction_errors(self._plans, self._motion),
             plans_solved=counts.plans.solved,
+            plans_apart=counts.plans.apart,
             plans_kept=counts.plans.kept,
             plans_braked=counts.plans.braked,
             entered=counts.entered,

@@ -32,8 +32,14 @@ STEPS = round(DURATION / STEP)
 #: HighwayEnv's vehicle in a step.
 MOTION = bicycle(rear_axle=Vehicle.LENGTH / 2, sub_steps=FRAMES)
 
-#: Routes are tables of so many lanes, so that games of all roads share one solver.
-LANES = 5
+#: Distance [m] from middle to middle that cars keep: half a length and half a width are 3.5 m, so
+#: that they hit nobody who crosses their way, and lanes are 4 m apart, so that they can pass. It
+#: counts from the second step on, as controls change little of what is nearer in time.
+DISTANCE, FIRST_STEP = 3.7, 2
+
+#: Routes are tables of so many lanes, so that many games share one solver: those of roads that go
+#: on, and those of towns.
+_FEW_LANES, _MANY_LANES = 2, 5
 
 #: How hidden weights are drawn.
 WEIGHTS = (TEMPERED, DIRICHLET)
@@ -143,7 +149,9 @@ def at_step(player: Player) -> Player:
     )
     (keeping,) = player.task
     assert isinstance(keeping, LaneKeeping)
-    return Player(preferences, (keeping.resized(LANES),))
+    return Player(
+        preferences, (keeping.resized(_FEW_LANES if keeping.size <= _FEW_LANES else _MANY_LANES),)
+    )
 
 
 def drive_game(

@@ -1,20 +1,26 @@
 """Cars that plan again each second: an open-loop Nash equilibrium with the ego as a player.
 
-A plan that is not found, not certified, or leads into another car is not driven. The car then
-follows the rest of its former plan, and when that is used up it brakes.
+Costs are finite, so some equilibria lead cars into each other. Then the variational equilibrium in
+which all of them keep a distance is taken. A plan that is not found, not certified, or leads into
+another car all the same is not driven: the car follows the rest of its former plan, and when that
+is used up it brakes.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import MOTION, STEP, Car, drive_game
+from olne_bench.envs.drive.cars import DISTANCE, FIRST_STEP, STEP, Car, drive_game
 from olne_bench.envs.drive.gaps import gaps
 from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING
+from olne_bench.games.constrained import variational_solution
+from olne_bench.games.constraints import Distance
 from olne_bench.games.continuation import coupled_features
-from olne_bench.games.dynamics import rollout
 from olne_bench.games.free_drive import grown_plans
+from olne_bench.games.game import Game
+from olne_bench.games.newton import unpack
 from olne_bench.games.olne import solve_olne
 
 #: States of a plan: 4 s.
@@ -23,6 +29,7 @@ HORIZON = round(4.0 / STEP) + 1
 REPLAN = round(1.0 / STEP)
 _BRAKING = 6.0  # [m/s^2]
 _ROUNDS = 30  # of best responses, in an attempt at an equilibrium
+_ATTEMPTS = 1  # at a variational equilibrium, from each start
 
 
 @dataclass
@@ -31,11 +38,13 @@ class PlanCounts:
 
     Attributes:
         solved: new plans.
+        apart: those of them that a hard distance keeps out of other cars.
         kept: rests of former plans that were followed in their place.
         braked: cars that braked for a second, without either.
     """
 
     solved: int = 0
+    apart: int = 0
     kept: int = 0
     braked: int = 0
 
@@ -54,16 +63,25 @@ class NashTraffic:
             cars: the cars.
             states: (N, 4) their states.
         """
-        found = nash_plan(cars, states, self._former(cars))
-        good = np.zeros(len(cars), dtype=bool)
-        if found is not None:
-            planned, controls = found
-            good = drivable(planned, controls)
-            for index, car in enumerate(cars):
-                if good[index]:
-                    self._plans[car.number] = controls[:, index]
+        former = self._former(cars)
+        good = self._take(cars, nash_plan(cars, states, former))
+        if not good.all():
+            apart = self._take(cars, plan_apart(cars, states, former))
+            self.counts.apart += int(apart[1:].sum())
+            good |= apart
         self._count(cars, good)
         return bool(good[1:].all())
+
+    def _take(self, cars: Sequence[Car], found: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+        """Take those plans (states and controls) that can be driven; whose they are (N,)."""
+        if found is None:
+            return np.zeros(len(cars), dtype=bool)
+        states, controls = found
+        good = drivable(states, controls)
+        for index, car in enumerate(cars):
+            if good[index]:
+                self._plans[car.number] = controls[:, index]
+        return good
 
     def control(self, car: Car, state: np.ndarray) -> np.ndarray:
         """The next control (2,) of a car, which is then used up."""
@@ -103,21 +121,43 @@ def nash_plan(
     """
     game = drive_game([car.player for car in cars], HORIZON)
     weights = np.stack([car.weights for car in cars])
-    alone = np.where(coupled_features(game), 0.0, weights)
-    for known in (True, False):
-        controls = np.zeros(game.control_shape)
-        if known and any(one is not None and len(one) for one in former):
-            for index, one in enumerate(former):
-                if one is not None:
-                    controls[: len(one), index] = one
-        else:
-            controls = grown_plans(game, states, alone)
-        if not np.isfinite(rollout(MOTION, states, controls, STEP)).all():
-            continue
+    for controls in _starts(game, weights, states, former):
         found = solve_olne(game, weights, states, initial_controls=controls, max_rounds=_ROUNDS)
         if found.certificate.passed:
             return found.states, found.controls
     return None
+
+
+def plan_apart(
+    cars: Sequence[Car], states: np.ndarray, former: Sequence[np.ndarray | None]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """As ``nash_plan``: the variational equilibrium of cars that keep a distance to each other.
+
+    Its first-order conditions hold; best responses do not certify it.
+    """
+    pairs = combinations(range(len(cars)), 2)
+    constraints = tuple(Distance(pair, DISTANCE, FIRST_STEP) for pair in pairs)
+    game = drive_game([car.player for car in cars], HORIZON, constraints)
+    weights = np.stack([car.weights for car in cars])
+    free = replace(game, constraints=())
+    for controls in _starts(free, weights, states, former):
+        found = variational_solution(game, weights, states, controls, most_attempts=_ATTEMPTS)
+        if found.solved:
+            return unpack(game, found.z)[:2]
+    return None
+
+
+def _starts(
+    game: Game, weights: np.ndarray, states: np.ndarray, former: Sequence[np.ndarray | None]
+) -> Iterator[np.ndarray]:
+    """Controls (T-1, N, 2) to begin with: what the cars had in mind, and what they do alone."""
+    if any(one is not None and len(one) for one in former):
+        controls = np.zeros(game.control_shape)
+        for index, one in enumerate(former):
+            if one is not None:
+                controls[: len(one), index] = one
+        yield controls
+    yield grown_plans(game, states, np.where(coupled_features(game), 0.0, weights))
 
 
 def drivable(states: np.ndarray, controls: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import MOTION, STEP, drive_game
+from olne_bench.envs.drive.cars import DISTANCE, FIRST_STEP, MOTION, STEP, drive_game
 from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.best_response import best_responses
 from olne_bench.games.constrained import solution_near, variational_solution
@@ -31,10 +31,6 @@ from olne_bench.games.olne import RESIDUAL_TOLERANCE, solve_olne
 
 #: States of a plan: 4 s.
 HORIZON = round(4.0 / STEP) + 1
-
-#: Distance [m] that the ego keeps from the middle of other cars, and the first step at which it
-#: counts: no control changes what is nearer in time. Lanes are 4 m apart.
-DISTANCE, _FIRST_STEP = 3.2, 2
 
 #: How a plan was found.
 CONSTRAINED, UNCONSTRAINED, KEPT, BRAKED = "constrained", "unconstrained", "kept", "braked"
@@ -150,7 +146,7 @@ class StraightOnPlanner:
 
 def _game(minds: Sequence[Mind]) -> Game:
     """The game in which the ego, player 0, keeps a distance from each other."""
-    constraints = tuple(Distance((0, j), DISTANCE, _FIRST_STEP) for j in range(1, len(minds)))
+    constraints = tuple(Distance((0, j), DISTANCE, FIRST_STEP) for j in range(1, len(minds)))
     return drive_game([mind.player for mind in minds], HORIZON, constraints)
 
 

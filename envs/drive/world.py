@@ -68,6 +68,7 @@ class DriveWorld:
         traffic: str = NASH,
         weights: str = TEMPERED,
         stock_ego: bool = False,
+        pictures: bool = False,
     ) -> None:
         """Draw the start.
 
@@ -77,6 +78,7 @@ class DriveWorld:
             traffic: one of ``TRAFFIC``.
             weights: how hidden weights are drawn, one of ``WEIGHTS``.
             stock_ego: whether HighwayEnv's own driver drives the ego.
+            pictures: whether ``road`` draws pictures.
 
         Raises:
             ValueError: on an unknown road, traffic or kind of weights.
@@ -95,7 +97,7 @@ class DriveWorld:
         self._nash = NashTraffic()
         self.step, self.crashed = 0, False
         self.counts = DriveCounts(plans=self._nash.counts)
-        self.road: PlayersOnly = make_road(name)
+        self.road: PlayersOnly = make_road(name, "rgb_array" if pictures else None)
         self.road.road.np_random = np.random.RandomState(seed % 2**32)
         self.cars = self._first_cars()
         self._origin = self.cars[0].start[0]
