@@ -123,7 +123,7 @@ def drive(out: Path | None, video: Path | None, **asked: Any) -> None:
     _write_tables(file.read(), out, asked["figures"])
 
 
-def _tasks(seeds: Sequence[int], **asked: Any) -> list[DriveTask]:
+def _tasks(numbers: Sequence[int], **asked: Any) -> list[DriveTask]:
     """The drives, in the order in which they are run.
 
     Raises:
@@ -146,7 +146,7 @@ def _tasks(seeds: Sequence[int], **asked: Any) -> list[DriveTask]:
             road, traffic, asked["weights"], seed, label, reference, plugin, rules, asked["salt"]
         )
         for traffic, road, seed, (label, reference, plugin) in product(
-            asked["traffic"], asked["road"] or tuple(ROADS), seeds, planners
+            asked["traffic"], asked["road"] or tuple(ROADS), numbers, planners
         )
     ]
 

@@ -24,6 +24,7 @@ _TESTED, RIVALS = ("collision", "cost"), (UNIFORM, CONSTANT_VELOCITY)
 _CONFIDENCE = 0.95
 _LEAST = 6  # drives, for an interval or a test
 _RESAMPLES = 4999
+_ROUNDING = 1e-9  # of costs
 
 
 def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
@@ -118,11 +119,12 @@ def _collisions(part: pd.DataFrame) -> dict[str, float]:
 def _regret(part: pd.DataFrame, oracle: pd.DataFrame) -> dict[str, float]:
     regrets = _paired(part, oracle, "cost")
     low = high = np.nan
-    if len(regrets) >= _LEAST and np.ptp(regrets) > 0:
+    if len(regrets) >= _LEAST and np.ptp(regrets) > _ROUNDING:
         found = bootstrap(
             (regrets,),
             np.mean,
             confidence_level=_CONFIDENCE,
+            method="percentile",
             n_resamples=_RESAMPLES,
             rng=np.random.default_rng(0),
         ).confidence_interval
