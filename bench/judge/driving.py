@@ -48,6 +48,9 @@ AHEAD = (1.0, 2.0, 3.0)
 ERROR_COLUMNS = tuple(f"fde_{ahead:g}s" for ahead in AHEAD)
 _CYCLES = (50, 95, 99)
 
+#: Deadlines that an update may spend: it counts late then, and is worth little after that.
+_BUDGET = 5
+
 
 @dataclass(frozen=True)
 class DriveTask:
@@ -275,6 +278,7 @@ def _asked(task: DriveTask, problem: Problem) -> StreamTask:
         lag=task.rules.window,
         seed=stream(task.salt, "estimator of a drive", *task.key, task.planner),
         time_limit=task.rules.time_limit,
+        budget=_BUDGET * task.rules.deadline,
     )
 
 
