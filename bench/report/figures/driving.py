@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from olne_bench.bench.judge.driving import OWN_PLANNERS
 from olne_bench.bench.report.figures import style
@@ -16,6 +17,7 @@ from olne_bench.bench.report.formats import USUAL_FORMATS
 _REFERENCE_COLOURS = dict(
     zip(OWN_PLANNERS, ("#1b1b1b", "#8a8a8a", "#b06a2c", "#5b7f95"), strict=True)
 )
+_LINEAR = 0.1  # regrets below it are on a linear scale
 _WIDTH, _HEIGHT, _COLUMNS = 3.4, 2.8, 3  # of a panel [inch], and panels side by side
 
 
@@ -61,6 +63,8 @@ def figure_of(traffic: str, table: pd.DataFrame) -> Figure:
         axes.set_xlabel("Regret of the mean cost of a step")
         axes.set_ylabel("Drives with a collision [%]")
         axes.set_ylim(bottom=-2)
+        axes.set_xscale("symlog", linthresh=_LINEAR)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     for axes in panels[len(roads) :]:
         axes.set_axis_off()
     figure.suptitle(
