@@ -59,7 +59,7 @@ def drive_stock(
     """
     road = _empty_road(name)
     cars = [
-        _car(road, state, driver, route)
+        stock_car(road, state, driver, route)
         for state, driver, route in zip(states, drivers, routes(name, game), strict=True)
     ]
     road.vehicles = list(cars)
@@ -87,7 +87,7 @@ def drive_among(
         States (n, 4) of the player.
     """
     road = _empty_road(name)
-    car = _car(road, start, driver, routes(name, game)[player])
+    car = stock_car(road, start, driver, routes(name, game)[player])
     motion = [start]
     for now in others[:-1]:
         rest = np.delete(now, player, axis=0)
@@ -103,12 +103,13 @@ def routes(name: str, game: Game) -> tuple[tuple[LaneIndex, ...], ...]:
     found = []
     for player in game.players:
         (keeping,) = (one for one in player.task if isinstance(one, LaneKeeping))
-        found.append(_route(name, keeping.route))
+        found.append(stock_route(name, keeping.route))
     return tuple(found)
 
 
 @lru_cache(maxsize=256)
-def _route(name: str, lanes: tuple[Lane, ...]) -> tuple[LaneIndex, ...]:
+def stock_route(name: str, lanes: tuple[Lane, ...]) -> tuple[LaneIndex, ...]:
+    """The lanes of a road's network along a route, in the order in which they come."""
     points = np.vstack([_points(lane) for lane in lanes[:-1]] + [_points(lanes[-1], _STRAIGHT_ON)])
     placed = []
     for index, lane in road_network(name).lanes_dict().items():
@@ -139,9 +140,10 @@ def _template(name: str) -> Road:
     return make_road(name).road
 
 
-def _car(
+def stock_car(
     road: Road, state: np.ndarray, driver: StockDriver, route: tuple[LaneIndex, ...]
 ) -> IDMVehicle:
+    """A car (px [m], py [m], heading [rad], speed [m/s]) that HighwayEnv drives along a route."""
     px, py, heading, speed = (float(value) for value in state)
     car = IDMVehicle(road, [px, py], heading, speed, target_speed=driver.target_speed)
     car.route = _ahead(car.lane_index, route)

@@ -26,15 +26,13 @@ from olne_bench.estimators.trajectory_fit import guess_controls, guess_states, s
 from olne_bench.games.best_response import best_responses
 from olne_bench.games.continuation import coupled_features
 from olne_bench.games.dynamics import rollout
+from olne_bench.games.free_drive import LEAST, grown_plans
 from olne_bench.games.game import Game
 from olne_bench.games.iterated_response import iterated_best_response
 from olne_bench.games.newton import newton_root
 
 #: An observation is a window if some player is not seen after this share of the horizon.
 _SHOWN = 0.75
-
-#: Steps by which the horizon of the free drive grows, and least number that it begins with.
-_GROWTH, _LEAST = 2, 3
 
 #: Passes of the filter over the samples.
 _SMOOTHING = 4
@@ -119,7 +117,7 @@ def free_drive(problem: Problem, y: np.ndarray) -> JointPoint:
 
 def _shown_states(problem: Problem, y: np.ndarray) -> np.ndarray:
     """(S, N, n) states up to the last sample that shows every player, slightly smoothed."""
-    shown = max(_LEAST, int(_last_seen(y).min()))
+    shown = max(LEAST, int(_last_seen(y).min()))
     return smoothed(guess_states(problem.game, problem.view, y[:shown]), _SMOOTHING)
 
 
@@ -132,11 +130,9 @@ def drive_alone(game: Game, start: np.ndarray, first: np.ndarray | None = None) 
         first: (S, N, m) controls of the first steps to begin with; zeros if None.
     """
     whole, game = game, replace(game, constraints=())
-    if first is None:
-        first = np.zeros((_LEAST, *game.control_shape[1:]))
     point = JointPoint.from_trajectory(game, np.repeat(start[None], game.horizon, axis=0))
     alone = np.where(coupled_features(game), 0.0, point.theta)
-    grown = _grown(game, start, first[: game.horizon - 1], alone)
+    grown = grown_plans(game, start, alone, first)
     plans = np.stack([grown, np.zeros_like(grown)])
     controls, costates = point.controls.copy(), point.costates.copy()
     states = rollout(game.dynamics, start, grown, game.dt)
@@ -196,18 +192,6 @@ def first_samples(y: np.ndarray, count: int) -> np.ndarray:
     y = y.copy()
     y[count:] = np.nan
     return y
-
-
-def _grown(game: Game, start: np.ndarray, controls: np.ndarray, alone: np.ndarray) -> np.ndarray:
-    """Plans (T-1, N, m) of independent players; the horizon grows from that of first controls."""
-    while True:
-        part = replace(game, horizon=len(controls) + 1)
-        controls = iterated_best_response(part, alone, start, controls, max_rounds=1).controls
-        missing = min(_GROWTH, game.horizon - part.horizon)
-        if missing == 0:
-            return controls
-        held = np.zeros((missing, *controls.shape[1:]))
-        controls = np.concatenate([controls, held])
 
 
 def _last_seen(y: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ game without constraints, and coasting.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import islice
 
 import casadi as ca
 import numpy as np
@@ -139,11 +140,17 @@ def _multipliers(game: Game, solver: Elimination, z: np.ndarray) -> np.ndarray:
 
 
 def variational_solution(
-    game: Game, weights: np.ndarray, initial_state: np.ndarray, controls: np.ndarray
+    game: Game,
+    weights: np.ndarray,
+    initial_state: np.ndarray,
+    controls: np.ndarray,
+    *,
+    most_attempts: int | None = None,
 ) -> InteriorSolution:
     """The best solution of the first-order conditions from all attempts, without a certificate.
 
-    Weights (N, K), or (N, K + U) where the game has unknowns.
+    Weights (N, K), or (N, K + U) where the game has unknowns. ``most_attempts`` bounds the time
+    that a game without a solution takes; None for all of them.
 
     Raises:
         ValueError: as ``solve_constrained`` does.
@@ -159,7 +166,7 @@ def variational_solution(
         starts = _further_starts(game, weights, initial_state, controls)
         yield from ((attempt, starts) for attempt in _ATTEMPTS)
 
-    for attempt, starts in attempts():
+    for attempt, starts in islice(attempts(), most_attempts):
         solutions = [_attempted(game, solver, theta, start, attempt) for start in starts]
         solved = [solution for solution in solutions if solution.solved]
         if solved:
@@ -193,10 +200,30 @@ def root_near(
         check_start(known, near.states[0])
     except ValueError:
         return lost
-    start = rows(game, near.states, near.controls, near.costates)
     solver = interior_elimination(game, known)
-    solution = _attempted(game, solver, np.ravel(theta), start, _NEAR, max_iterations)
+    solution = _near(game, solver, near, theta, max_iterations)
     return as_root(game, solution, weights) if solution.solved else lost
+
+
+def solution_near(
+    game: Game, near: Root, weights: np.ndarray, *, max_iterations: int
+) -> InteriorSolution:
+    """What the interior point method finds from a motion close to a solution; x_1 is its first row.
+
+    It is cheaper than ``root_near``, as nothing is polished. Weights (N, K).
+
+    Raises:
+        ValueError: if the start breaks a constraint and no control can change that.
+    """
+    check_start(game, near.states[0])
+    return _near(game, interior_elimination(game), near, weights, max_iterations)
+
+
+def _near(
+    game: Game, solver: Elimination, near: Root, theta: np.ndarray, max_iterations: int
+) -> InteriorSolution:
+    start = rows(game, near.states, near.controls, near.costates)
+    return _attempted(game, solver, np.ravel(theta), start, _NEAR, max_iterations)
 
 
 def _attempted(

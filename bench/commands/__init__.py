@@ -5,6 +5,7 @@ COMMANDS = {
     "check": "check",
     "compare": "compare",
     "draws": "draws",
+    "drive": "drive",
     "estimate": "estimate",
     "export": "export",
     "gate": "gate",

@@ -67,6 +67,7 @@ class StreamTask:
         lag: number of latest samples that count; None for all.
         seed: seed of the estimator's random numbers.
         time_limit: time [s] for set-up, and again for each update.
+        budget: time [s] that an update is told to keep to; None for a share of the time limit.
     """
 
     reference: str
@@ -76,6 +77,7 @@ class StreamTask:
     lag: int | None
     seed: int
     time_limit: float
+    budget: float | None = None
 
 
 class StreamPlayer(Protocol):

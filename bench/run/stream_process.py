@@ -36,7 +36,7 @@ class StreamProcess:
         self._memory, self._hidden = memory, hidden
         self._plugin: str | None = None
         self._child = Child()
-        self._limit = 0.0
+        self._limit = self._budget = 0.0
 
     def start(self, task: StreamTask) -> str | None:
         """As of ``judge.online.StreamPlayer``."""
@@ -46,6 +46,7 @@ class StreamProcess:
             self._child = Child(memory=self._memory, restricted=foreign, hidden=self._hidden)
             self._plugin = task.plugin
         self._limit = task.time_limit
+        self._budget = _BUDGET * task.time_limit if task.budget is None else task.budget
         prepared: Prepared = self._asked(
             "set-up",
             begin,
@@ -65,9 +66,7 @@ class StreamProcess:
                 "invalid", "left threads, processes or too much memory, so its process was replaced"
             )
         began = time.perf_counter()
-        answered: Answered = self._asked(
-            "update", update, sample, _BUDGET * self._limit, kind=Answered
-        )
+        answered: Answered = self._asked("update", update, sample, self._budget, kind=Answered)
         seconds = time.perf_counter() - began
         if answered.estimate is None:
             raise PlayerFault("invalid", answered.malformed, seconds)

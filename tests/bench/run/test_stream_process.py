@@ -1,6 +1,7 @@
 """Processes of players that follow motions: what one of them breaks is its own motion."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,11 @@ class LeavesAThread(Counts):
     def act(self, sample):
         threading.Thread(target=time.sleep, args=(4321.25,), daemon=True).start()
 
+class SaysItsBudget(Counts):
+    name = "SaysItsBudget"
+    def update(self, sample, *, budget):
+        return SimpleNamespace(weights=np.full((2, 4), budget))
+
 class Declines(Counts):
     name = "Declines"
     def supports(self, problem):
@@ -111,6 +117,13 @@ def test_misbehaviour_costs_one_motion(plugin, player, name, status, phrase, goo
     if name in ("Hangs", "Raises"):  # the next motion begins as if nothing had been
         assert player.start(a_task(plugin, name)) is None
         assert unpack(player.update(SAMPLE).estimate.weights)[0, 0] == 1
+
+
+def test_the_budget_is_a_share_of_the_limit_or_given(plugin, player) -> None:
+    task = a_task(plugin, "SaysItsBudget")
+    for given, told in ((None, 0.8 * 1.5), (0.25, 0.25)):
+        assert player.start(replace(task, budget=given)) is None
+        assert unpack(player.update(SAMPLE).estimate.weights)[0, 0] == pytest.approx(told)
 
 
 def test_an_estimator_may_decline(plugin, player) -> None:

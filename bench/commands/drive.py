@@ -1,0 +1,247 @@
+"""``olne-bench drive``: let planners drive an ego among others, and count what it is worth."""
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from olne_bench import plugins
+from olne_bench.bench.commands.options import PATH, FiniteRange, memory_option
+from olne_bench.bench.judge.beliefs import LEAST_WINDOW, EstimateRules
+from olne_bench.bench.judge.driving import OWN_PLANNERS, DriveTask, judge_drive
+from olne_bench.bench.plan.salt import check_salt
+from olne_bench.bench.report.driving import comparison_table, drive_table
+from olne_bench.bench.report.figures.driving import draw_driving
+from olne_bench.bench.run.driving import DriveFile, is_done, run_drives
+from olne_bench.bench.run.stream_process import StreamProcess
+from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, WEIGHTS
+from olne_bench.envs.drive.pictures import picture
+from olne_bench.envs.drive.world import TRAFFIC, NoDriveError
+from olne_bench.envs.video import SUFFIXES, check_format, write_video
+from olne_bench.errors import UserError
+from olne_bench.files import check_new_file, whole_file
+
+#: Files of a study.
+SETTINGS, EPISODES, SUMMARY, TESTS = "drive.json", "episodes.csv", "summary.csv", "tests.csv"
+
+#: Planners and salt, unless others are named.
+PLANNERS = ("oracle", "map", "kkt_constrained", "uniform", "constant_velocity", "stock")
+SALT = "driving"
+
+_SHOWN = ["drives", "collisions", "regret", "progress", "jerk", "fde_3s", "cycle_50", "cycle_99"]
+_SHOWN += ["fallback", "late"]
+
+
+@click.command()
+@click.option("--out", type=PATH, help="Folder for the tables; one that is there is continued.")
+@click.option("--video", type=PATH, help="Instead of a study, one drive as a film: MP4 or GIF.")
+@click.option("--road", multiple=True, help="Only this road (repeatable). Default: all.")
+@click.option(
+    "--traffic",
+    type=click.Choice(TRAFFIC),
+    multiple=True,
+    default=("nash",),
+    show_default=True,
+    help="Others that plan, or HighwayEnv's own drivers (repeatable).",
+)
+@click.option(
+    "--weights",
+    type=click.Choice(WEIGHTS),
+    default=WEIGHTS[0],
+    show_default=True,
+    help="How hidden weights are drawn.",
+)
+@click.option(
+    "--planner",
+    multiple=True,
+    help="Only this planner (repeatable): oracle, uniform, constant_velocity, stock, or an "
+    f"estimator. Default: {', '.join(PLANNERS)}.",
+)
+@click.option("--seeds", type=click.IntRange(1, 10**6), default=4, show_default=True)
+@click.option(
+    "--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of a film."
+)
+@click.option(
+    "--sigma",
+    type=FiniteRange(min=0),
+    default=0.1,
+    show_default=True,
+    help="Noise on others' positions [m].",
+)
+@click.option(
+    "--window",
+    type=click.IntRange(min=LEAST_WINDOW),
+    default=10,
+    show_default=True,
+    help="Number of latest samples that count.",
+)
+@click.option(
+    "--deadline",
+    type=FiniteRange(min=1e-3),
+    default=STEP,
+    show_default=True,
+    help="Time in which an estimate has to be there [s].",
+)
+@click.option(
+    "--time-limit",
+    type=FiniteRange(min=1.0),
+    default=300.0,
+    show_default=True,
+    help="Time after which an estimator is killed [s].",
+)
+@memory_option("Memory limit of the player process.")
+@click.option("--salt", default=SALT, show_default=True, metavar="TEXT", help="Seeds noise.")
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures.")
+def drive(out: Path | None, video: Path | None, **asked: Any) -> None:
+    """Let planners drive 20 s among cars that plan again each second, and compare them.
+
+    Each planner sees noisy samples of the others, five a second, and drives the first step of a
+    plan. All planners begin at the same starts. A study that was interrupted goes on with the same
+    command.
+    """
+    seeds = range(asked["seeds"]) if video is None else (asked["seed"],)
+    tasks = _tasks(seeds, **asked)
+    if (out is None) == (video is None):
+        raise UserError("drive needs either --out FOLDER, for a study, or --video FILE")
+    memory = int(asked["memory"] * 2**30)
+    if video is not None:
+        _film(video, tasks, memory)
+        return
+    assert out is not None
+    file = _begun(out, asked)
+    done = file.done()
+    left = [task for task in tasks if not is_done(task, done)]
+    click.echo(f"{len(left)} of {len(tasks)} drives are left", err=True)
+    for row in run_drives(_shown(left), memory=memory, hidden=out.resolve()):
+        file.add(row)
+    _write_tables(file.read(), out, asked["figures"])
+
+
+def _tasks(numbers: Sequence[int], **asked: Any) -> list[DriveTask]:
+    """The drives, in the order in which they are run.
+
+    Raises:
+        UserError: on an unknown road or planner, a window longer than a drive, or a bad salt.
+    """
+    check_salt(asked["salt"])
+    for road in asked["road"]:
+        if road not in ROADS:
+            raise UserError(f"--road {road!r} is unknown; known are: {', '.join(ROADS)}")
+    if asked["window"] > STEPS:
+        raise UserError(f"--window {asked['window']}: a drive has {STEPS} samples")
+    planners = [_planner(name) for name in asked["planner"] or PLANNERS]
+    labels = [label for label, *_ in planners]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise UserError(f"--planner {label!r} is named twice")
+    rules = EstimateRules(asked["window"], asked["sigma"], asked["deadline"], asked["time_limit"])
+    return [
+        DriveTask(
+            road, traffic, asked["weights"], seed, label, reference, plugin, rules, asked["salt"]
+        )
+        for traffic, road, seed, (label, reference, plugin) in product(
+            asked["traffic"], asked["road"] or tuple(ROADS), numbers, planners
+        )
+    ]
+
+
+def _planner(name: str) -> tuple[str, str, str]:
+    """Label, estimator and plugin of a planner.
+
+    Raises:
+        UserError: if there is none of this name.
+    """
+    if name in OWN_PLANNERS:
+        return name, "", ""
+    if plugins.is_file(name):
+        plugins.source(plugins.ESTIMATOR, name)
+        reference = plugins.absolute(name)
+        return Path(name.partition(":")[0]).stem, reference, reference
+    known = [*OWN_PLANNERS, *(one for one in plugins.names(plugins.ESTIMATOR))]
+    if name not in known:
+        names = ", ".join(dict.fromkeys(known))
+        raise UserError(f"--planner {name!r} is unknown; known are: {names}, or FILE.py[:CLASS]")
+    return name, name, "" if plugins.is_built_in(plugins.ESTIMATOR, name) else name
+
+
+def _begun(out: Path, asked: dict[str, Any]) -> DriveFile:
+    """The rows of a folder, which is new or has a study with the same settings.
+
+    Raises:
+        UserError: if it has not.
+    """
+    names = ("window", "deadline", "time_limit", "weights", "sigma", "salt")
+    settings = {name: asked[name] for name in names}
+    kept = out / SETTINGS
+    if not out.exists():
+        out.mkdir(parents=True)
+        kept.write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=1))
+    elif not kept.is_file():
+        raise UserError(f"--out {out} exists and holds no study of drives; name another folder")
+    former = msgspec.json.decode(kept.read_bytes())
+    for name, value in settings.items():
+        if former.get(name) != value:
+            option = name.replace("_", "-")
+            raise UserError(
+                f"--{option} {value!r} differs from that of the study in {out}, "
+                f"{former.get(name)!r}; take that one or another folder"
+            )
+    return DriveFile(out / EPISODES)
+
+
+def _shown(tasks: list[DriveTask]) -> Iterator[DriveTask]:
+    with tqdm(total=len(tasks), unit="drive", smoothing=0.05, mininterval=0.5) as bar:
+        for task in tasks:
+            yield task
+            bar.update()
+
+
+def _write_tables(rows: pd.DataFrame, out: Path, figures: bool) -> None:
+    failed = rows[rows["status"] != "ok"]
+    for (status, message), part in failed.groupby(["status", "message"], dropna=False):
+        click.echo(f"{len(part)} drives {status}: {message}", err=True)
+    table = drive_table(rows)
+    if table.empty:
+        raise UserError(f"{out}: no drive was driven; {EPISODES} says why")
+    for name, whole in ((SUMMARY, table), (TESTS, comparison_table(rows))):
+        with whole_file(out / name) as path:
+            whole.to_csv(path, index=False)
+    shown = table[["traffic", "road", "planner", *_SHOWN]]
+    click.echo("regret of the mean cost of a step; medians in m, m/s^3, ms; shares")
+    click.echo(shown.to_string(index=False, float_format=lambda value: f"{value:.3g}", na_rep="-"))
+    click.echo(f"{out}: {EPISODES} has a row for each drive, {TESTS} paired tests")
+    if figures:
+        draw_driving(table, out)
+        click.echo(f"{out}: driving_*.png and .svg show regret against collisions")
+
+
+def _film(video: Path, tasks: list[DriveTask], memory: int) -> None:
+    """Write one drive as a video.
+
+    Raises:
+        UserError: on several drives, on a file that cannot be written, or a seed without a start.
+    """
+    check_new_file("--video", video, SUFFIXES)
+    check_format(video)
+    if len(tasks) != 1:
+        raise UserError(
+            f"--video shows one drive, and {len(tasks)} are asked for: name one --road, --traffic "
+            "and --planner"
+        )
+    frames: list[np.ndarray] = []
+    player = StreamProcess(memory=memory, hidden=None)
+    try:
+        row = judge_drive(tasks[0], player, lambda *now: frames.append(picture(*now)))
+    except NoDriveError as error:
+        raise UserError(str(error)) from error
+    finally:
+        player.stop()
+    write_video(video, frames, fps=1 / STEP)
+    what = "a collision" if row.collision else "no collision"
+    click.echo(f"{video}: {len(frames)} frames, {what}; status {row.status} {row.message}".rstrip())

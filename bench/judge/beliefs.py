@@ -1,0 +1,214 @@
+"""What an ego takes the others' weights and target speeds to be, while it drives among them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.online import StreamPlayer, StreamTask
+from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
+from olne_bench.bench.judge.referee import PlayerFault
+from olne_bench.envs.drive.cars import (
+    STEP,
+    Car,
+    Road,
+    drive_game,
+    middle_speed,
+    unknown_speed,
+    with_target,
+)
+from olne_bench.envs.drive.planner import Mind
+from olne_bench.envs.driving import NOISE_SCALE
+from olne_bench.estimators.protocol import Problem
+from olne_bench.games.observation import VIEWS
+
+#: Samples that a window has at least: two states make a game.
+LEAST_WINDOW = 2
+
+#: Steps after the window, in a stream's game, when it begins and when it is used up: 7 s and 4 s.
+_AHEAD, _LEFT = round(7.0 / STEP), round(4.0 / STEP)
+
+
+@dataclass(frozen=True)
+class EstimateRules:
+    """How an ego uses estimates.
+
+    Attributes:
+        window: number of latest samples that count.
+        sigma: standard deviation of the noise on positions [m].
+        deadline: time [s] in which an estimate has to be there.
+        time_limit: time [s] after which a process is killed.
+    """
+
+    window: int
+    sigma: float
+    deadline: float
+    time_limit: float
+
+
+class Beliefs(Protocol):
+    """What an ego knows of the others."""
+
+    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
+        """Take samples (N, 4) of cars, the ego first."""
+
+    def minds(self, cars: Sequence[Car]) -> list[Mind]:
+        """The ego as it is, and the others as it takes them to be."""
+
+
+class TrueBeliefs:
+    """Someone has told the ego all."""
+
+    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
+        pass
+
+    def minds(self, cars: Sequence[Car]) -> list[Mind]:
+        return [Mind(car.number, car.player, car.weights) for car in cars]
+
+
+class UniformBeliefs:
+    """Equal weights for all others, and the middle of the target speeds on the road."""
+
+    def __init__(self, road: Road) -> None:
+        self._speed = middle_speed(road)
+
+    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
+        pass
+
+    def minds(self, cars: Sequence[Car]) -> list[Mind]:
+        ego, *others = cars
+        weights = np.full_like(ego.weights, 1 / len(ego.weights))
+        return [
+            Mind(ego.number, ego.player, ego.weights),
+            *(Mind(car.number, with_target(car.player, self._speed), weights) for car in others),
+        ]
+
+
+class EstimatedBeliefs:
+    """The estimates of a stream; uniform weights and the middle speed until there are some.
+
+    A stream is about certain cars. Where they change, or the stream's game nears its end, another
+    one begins with the samples of the window at which all of its cars were seen.
+
+    Attributes:
+        updates: number of samples at which an estimate was asked for.
+        late: how many of these were not answered in time; such an estimate counts at the next one.
+        failed: how many had no valid estimate.
+        fault: why there are no further estimates; None while there are.
+    """
+
+    def __init__(
+        self,
+        player: StreamPlayer,
+        task_of: Callable[[Problem], StreamTask],
+        road: Road,
+        rules: EstimateRules,
+    ) -> None:
+        """Nothing is known yet.
+
+        Args:
+            player: runs the estimator.
+            task_of: what the player is told of the problem of a stream.
+            road: says what everybody knows.
+            rules: how estimates are used.
+        """
+        self._player, self._task_of, self._road, self._rules = player, task_of, road, rules
+        self._prior = UniformBeliefs(road)
+        self._known: dict[int, tuple[np.ndarray, float]] = {}
+        self._coming: dict[int, tuple[np.ndarray, float]] = {}
+        self._seen: list[dict[int, np.ndarray]] = []
+        self._numbers: tuple[int, ...] = ()
+        self._count = 0
+        self._problem: Problem | None = None
+        self.updates = self.late = self.failed = 0
+        self.fault: PlayerFault | None = None
+
+    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
+        numbers = tuple(car.number for car in cars)
+        self._known |= self._coming  # what came late counts from now on
+        self._coming = {}
+        self._seen.append(dict(zip(numbers, samples, strict=True)))
+        del self._seen[: -self._rules.window]
+        if self.fault is not None or len(cars) == 1:
+            return
+        self.updates += 1
+        try:
+            estimate, seconds = self._estimate(cars, numbers)
+        except PlayerFault as fault:
+            self.fault, self.failed = fault, self.failed + 1
+            return
+        if estimate is None:
+            self.failed += 1
+            return
+        found = dict(zip(numbers[1:], _minds_of(estimate), strict=True))
+        if seconds > self._rules.deadline:
+            self.late, self._coming = self.late + 1, found
+        else:
+            self._known |= found
+
+    def minds(self, cars: Sequence[Car]) -> list[Mind]:
+        minds = self._prior.minds(cars)
+        for index, car in enumerate(cars[1:], start=1):
+            if car.number in self._known:
+                weights, speed = self._known[car.number]
+                minds[index] = Mind(car.number, with_target(car.player, speed), weights)
+        return minds
+
+    def _estimate(
+        self, cars: Sequence[Car], numbers: tuple[int, ...]
+    ) -> tuple[CheckedEstimate | None, float]:
+        """The estimate after the latest sample, if it is one, and the time [s] that it took."""
+        latest = [self._seen[-1]]
+        most = self._rules.window + _AHEAD - _LEFT
+        if numbers != self._numbers or self._count >= most:
+            latest = _shared(self._seen, numbers)
+            self._begin(cars, numbers)
+        seconds = 0.0
+        for sample in latest:
+            stacked = np.stack([sample[number] for number in numbers])
+            answer = self._player.update(stacked)
+            seconds += answer.seconds
+            self._count += 1
+        assert answer.estimate is not None and self._problem is not None
+        try:
+            estimate = check_estimate(answer.estimate, self._problem)
+        except InvalidEstimateError as error:
+            raise PlayerFault("invalid", str(error)) from error
+        return (estimate if estimate.converged else None), seconds
+
+    def _begin(self, cars: Sequence[Car], numbers: tuple[int, ...]) -> None:
+        """Begin a stream about these cars."""
+        ego, *others = cars
+        speed = unknown_speed(self._road)
+        players = [ego.player, *(with_target(car.player, speed) for car in others)]
+        self._problem = Problem(
+            drive_game(players, self._rules.window + _AHEAD),
+            VIEWS["full"],
+            self._rules.sigma,
+            noise_scale=NOISE_SCALE,
+        )
+        self._numbers, self._count = numbers, 0
+        declined = self._player.start(self._task_of(self._problem))
+        if declined is not None:
+            raise PlayerFault("skipped", declined)
+
+
+def _shared(seen: list[dict[int, np.ndarray]], numbers: tuple[int, ...]) -> list:
+    """The latest samples at which all of these cars were seen, without a gap."""
+    shared: list[dict[int, np.ndarray]] = []
+    for sample in reversed(seen):
+        if not all(number in sample for number in numbers):
+            break
+        shared.insert(0, sample)
+    return shared
+
+
+def _minds_of(estimate: CheckedEstimate) -> list[tuple[np.ndarray, float]]:
+    """Weights and target speed of each player but the ego."""
+    assert estimate.parameters is not None
+    return [
+        (weights, float(values[0]))
+        for weights, values in zip(estimate.weights[1:], estimate.parameters[1:], strict=True)
+    ]

@@ -1,0 +1,1 @@
+"""Drives that go on: an ego among cars that come, plan again and go, on HighwayEnv's roads."""

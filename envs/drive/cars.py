@@ -1,0 +1,192 @@
+"""Cars of a drive that goes on, drawn from the proposals of a road's family.
+
+A drive takes smaller steps than a scenario: three of the simulator's frames. Its costs are the
+scenario's per second, as those of each step are the same and those of controls are scaled along.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeGuard, cast
+
+import numpy as np
+from highway_env.vehicle.kinematics import Vehicle
+
+from olne_bench.envs.driving import RoadFamily
+from olne_bench.envs.highway_roads import DT, SIMULATION_FREQUENCY
+from olne_bench.envs.scenarios import highway, intersection, merge, roundabout, two_way
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.temperaments import TEMPERAMENTS
+from olne_bench.envs.true_weights import DIRICHLET, TEMPERED
+from olne_bench.games.constraints import Constraint
+from olne_bench.games.dynamics import bicycle
+from olne_bench.games.features import ControlEffort, StateDeviation
+from olne_bench.games.game import Game, Player
+from olne_bench.games.lanes import Lane, LaneKeeping
+from olne_bench.games.unknowns import Unknown
+
+FRAMES = 3  # of the simulator in a step
+STEP = FRAMES / SIMULATION_FREQUENCY  # [s], 0.2
+DURATION = 20.0  # [s]
+STEPS = round(DURATION / STEP)
+
+#: HighwayEnv's vehicle in a step.
+MOTION = bicycle(rear_axle=Vehicle.LENGTH / 2, sub_steps=FRAMES)
+
+#: Distance [m] from middle to middle that cars keep: half a length and half a width are 3.5 m, so
+#: that they hit nobody who crosses their way, and lanes are 4 m apart, so that they can pass. It
+#: counts from the second step on, as controls change little of what is nearer in time.
+DISTANCE, FIRST_STEP = 3.7, 2
+
+#: Routes are tables of so many lanes, so that many games share one solver: those of roads that go
+#: on, and those of towns.
+_FEW_LANES, _MANY_LANES = 2, 5
+
+#: How hidden weights are drawn.
+WEIGHTS = (TEMPERED, DIRICHLET)
+
+
+@dataclass(frozen=True)
+class Road:
+    """What a drive takes from a family, and where its cars come and go.
+
+    Attributes:
+        family: whose speeds are known to everybody.
+        propose: draws starts, routes, target speeds.
+        cars: number of cars, the ego included.
+        ego: which car of a proposal the ego is.
+        lead: distance [m] that the ego starts farther back than proposed.
+        moving: whether starts of cars with one lane move along with the ego, as the road goes on.
+        shift: distance [m] by which these starts are moved ahead or back, so that there is room.
+        entry: least distance [m] from the ego at which cars enter.
+        ahead, behind: distance [m] from the ego at which cars leave. Where the road does not go on,
+            ``ahead`` is that from its middle, at which cars on the last lane of their route leave.
+    """
+
+    family: type[RoadFamily]
+    propose: Callable[[np.random.Generator, int], Scenario]
+    cars: int
+    ego: int
+    lead: float
+    moving: bool
+    shift: float
+    entry: float
+    ahead: float
+    behind: float
+
+
+ROADS: dict[str, Road] = {
+    "highway": Road(highway.Highway, highway.propose, 5, 1, 0.0, True, 0.0, 40.0, 150.0, 70.0),
+    "merge": Road(merge.Merge, merge.propose, 5, 0, 0.0, True, 60.0, 40.0, 150.0, 70.0),
+    "two_way": Road(two_way.TwoWay, two_way.propose, 5, 0, 0.0, True, 0.0, 60.0, 360.0, 70.0),
+    "roundabout": Road(
+        roundabout.Roundabout, roundabout.propose, 4, 1, 20.0, False, 0.0, 20.0, 60.0, 0.0
+    ),
+    "intersection": Road(
+        intersection.Intersection, intersection.propose, 4, 0, 25.0, False, 0.0, 20.0, 60.0, 0.0
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Car:
+    """One car of a drive.
+
+    Attributes:
+        number: identifies it; no number is used twice.
+        player: its features, for steps of a drive.
+        weights: (4,) of its preferences, sum one.
+        lanes: its route.
+        start: (4,) px [m], py [m], heading [rad], speed [m/s].
+    """
+
+    number: int
+    player: Player
+    weights: np.ndarray
+    lanes: tuple[Lane, ...]
+    start: np.ndarray
+
+    @property
+    def target_speed(self) -> float:
+        """[m/s]."""
+        return float(_speed_feature(self.player).target)
+
+
+def proposed_cars(road: Road, rng: np.random.Generator, kind: str) -> list[Car]:
+    """The cars of one proposal, the ego first; numbers are their places.
+
+    Args:
+        road: the road.
+        rng: draws the proposal, then the weights.
+        kind: one of ``WEIGHTS``.
+    """
+    scenario = road.propose(rng, road.cars)
+    order = [road.ego, *(i for i in range(road.cars) if i != road.ego)]
+    cars = []
+    for number, index in enumerate(order):
+        player = scenario.game.players[index]
+        (keeping,) = player.task
+        assert isinstance(keeping, LaneKeeping)
+        start = scenario.initial_state[index].astype(float)
+        if number == 0:
+            start[:2] -= road.lead * np.array([np.cos(start[2]), np.sin(start[2])])
+        cars.append(Car(number, at_step(player), _weights(rng, kind), keeping.route, start))
+    return cars
+
+
+def _weights(rng: np.random.Generator, kind: str) -> np.ndarray:
+    if kind == DIRICHLET:
+        return rng.dirichlet(np.ones(4))
+    return rng.dirichlet(TEMPERAMENTS[str(rng.choice(list(TEMPERAMENTS)))])
+
+
+def at_step(player: Player) -> Player:
+    """A player of a family in the steps of a drive, with the same costs per second."""
+    preferences = tuple(
+        replace(feature, scale=feature.scale * (DT / STEP) ** 2)
+        if isinstance(feature, ControlEffort)
+        else feature
+        for feature in player.preferences
+    )
+    (keeping,) = player.task
+    assert isinstance(keeping, LaneKeeping)
+    return Player(
+        preferences, (keeping.resized(_FEW_LANES if keeping.size <= _FEW_LANES else _MANY_LANES),)
+    )
+
+
+def drive_game(
+    players: Sequence[Player], horizon: int, constraints: tuple[Constraint, ...] = ()
+) -> Game:
+    """The game of players over so many states."""
+    return Game(tuple(players), MOTION, horizon, STEP, constraints)
+
+
+def middle_speed(road: Road) -> float:
+    """The middle of the target speeds [m/s] on a road."""
+    return float(np.mean(road.family.speeds))
+
+
+def unknown_speed(road: Road) -> Unknown:
+    """The target speed of a car on a road as a number that estimators have to find."""
+    low, high = road.family.speeds
+    mean, width = (low + high) / 2, high - low
+    deviation = width / float(np.sqrt(12))
+    return Unknown("target speed", "m/s", mean - width, mean + width, mean, deviation)
+
+
+def with_target(player: Player, target: float | Unknown) -> Player:
+    """The player with another target speed, which may be unknown."""
+    preferences = tuple(
+        replace(feature, target=cast(Any, target)) if _is_speed(feature) else feature
+        for feature in player.preferences
+    )
+    return replace(player, preferences=preferences)
+
+
+def _speed_feature(player: Player) -> StateDeviation:
+    (feature,) = (one for one in player.preferences if _is_speed(one))
+    return feature
+
+
+def _is_speed(feature: object) -> TypeGuard[StateDeviation]:
+    return isinstance(feature, StateDeviation) and feature.component == "speed"

@@ -1,0 +1,224 @@
+"""The ego's plan, each step again: an equilibrium of the game of the ego and the cars around it.
+
+The ego keeps a distance to each other car as a hard constraint. It tries, in this order and with
+bounded effort,
+
+1. the variational equilibrium near its former plan, then one from scratch;
+2. the equilibrium without constraints, where the others leave no room or none is found;
+3. the rest of its former plan;
+4. to brake.
+
+``constant_velocity`` takes the others to drive straight on, and the ego is alone in planning.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from olne_bench.envs.drive.cars import DISTANCE, FIRST_STEP, MOTION, STEP, drive_game
+from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING
+from olne_bench.games.best_response import best_responses
+from olne_bench.games.constrained import solution_near, variational_solution
+from olne_bench.games.constrained_response import constrained_response
+from olne_bench.games.constraints import Distance
+from olne_bench.games.continuation import coupled_features
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.free_drive import grown_plans
+from olne_bench.games.game import Game, Player
+from olne_bench.games.newton import Root, newton_root, unpack
+from olne_bench.games.olne import RESIDUAL_TOLERANCE, solve_olne
+
+#: States of a plan: 4 s.
+HORIZON = round(4.0 / STEP) + 1
+
+#: How a plan was found.
+CONSTRAINED, UNCONSTRAINED, KEPT, BRAKED = "constrained", "unconstrained", "kept", "braked"
+
+_WARM_ITERATIONS = 40
+_ATTEMPTS = 2  # from scratch
+_ROUNDS = 10  # of best responses
+_BRAKING = 8.0  # [m/s^2]
+
+
+@dataclass(frozen=True)
+class Mind:
+    """A car as the ego takes it to be.
+
+    Attributes:
+        number: identifies the car.
+        player: its features, with a target speed.
+        weights: (4,) of its preferences.
+    """
+
+    number: int
+    player: Player
+    weights: np.ndarray
+
+
+@dataclass(frozen=True)
+class EgoPlan:
+    """A plan of the ego, and what it expects of the others.
+
+    Attributes:
+        numbers: of the cars, the ego first.
+        states: (T, N, 4), the present ones first.
+        controls: (T-1, N, 2).
+        costates: (T-1, N, 4).
+        kind: how it was found.
+    """
+
+    numbers: tuple[int, ...]
+    states: np.ndarray
+    controls: np.ndarray
+    costates: np.ndarray
+    kind: str
+
+    @property
+    def control(self) -> np.ndarray:
+        """The ego's first control (2,), within what the simulator takes."""
+        largest = np.array([MAX_STEERING, MAX_ACCELERATION])
+        return np.clip(self.controls[0, 0], -largest, largest)
+
+
+class GamePlanner:
+    """Plans by the game of the ego and the others."""
+
+    def __init__(self) -> None:
+        self._former: EgoPlan | None = None
+
+    def plan(self, minds: Sequence[Mind], states: np.ndarray) -> EgoPlan:
+        """The next plan.
+
+        Args:
+            minds: the ego as it is, and the others as it takes them to be.
+            states: (N, 4) states of all of them, as it knows them.
+        """
+        game, weights = _game(minds), np.stack([mind.weights for mind in minds])
+        numbers = tuple(mind.number for mind in minds)
+        near = self._shifted(numbers, states)
+        found = _equilibrium(game, weights, states, near)
+        if found is None:
+            plan = kept_or_braked(self._former, numbers, states)
+        else:
+            plan = EgoPlan(numbers, *found)
+        self._former = plan
+        return plan
+
+    def _shifted(self, numbers: tuple[int, ...], states: np.ndarray) -> Root | None:
+        """The former plan from now on; None if it was about other cars."""
+        former = self._former
+        if former is None or former.numbers != numbers or former.kind in (KEPT, BRAKED):
+            return None
+        controls, costates = _later(former.controls), _later(former.costates)
+        return Root(rollout(MOTION, states, controls, STEP), controls, costates, np.inf)
+
+
+class StraightOnPlanner:
+    """The others drive straight on along their velocity, and the ego plans alone among them."""
+
+    def __init__(self) -> None:
+        self._former: EgoPlan | None = None
+
+    def plan(self, minds: Sequence[Mind], states: np.ndarray) -> EgoPlan:
+        """As of ``GamePlanner``; only the ego's own features and weights count."""
+        game, numbers = _game(minds), tuple(mind.number for mind in minds)
+        controls = np.zeros(game.control_shape)
+        controls[:, 0] = self._first_plan(minds[0], states[0])
+        motion = rollout(MOTION, states, controls, STEP)
+        found = _alone(game, motion, controls, minds[0].weights)
+        if found is None:
+            plan = kept_or_braked(self._former, numbers, states)
+        else:
+            (own, own_controls), kind = found
+            motion[:, 0], controls[:, 0] = own, own_controls
+            plan = EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
+        self._former = plan
+        return plan
+
+    def _first_plan(self, ego: Mind, state: np.ndarray) -> np.ndarray:
+        """Controls (T-1, 2) to begin with: the former plan's, or those of an empty road."""
+        if self._former is not None and self._former.kind not in (KEPT, BRAKED):
+            return _later(self._former.controls)[:, 0]
+        game = drive_game([ego.player], HORIZON)
+        return grown_plans(game, state[None], ego.weights[None])[:, 0]
+
+
+def _game(minds: Sequence[Mind]) -> Game:
+    """The game in which the ego, player 0, keeps a distance from each other."""
+    constraints = tuple(Distance((0, j), DISTANCE, FIRST_STEP) for j in range(1, len(minds)))
+    return drive_game([mind.player for mind in minds], HORIZON, constraints)
+
+
+def _equilibrium(
+    game: Game, weights: np.ndarray, states: np.ndarray, near: Root | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, str] | None:
+    """States, controls and costates of an equilibrium, and how it was found; None if none is."""
+    free = replace(game, constraints=())
+    if near is not None and not np.isfinite(near.states).all():
+        near = None
+    if near is not None and game.constraints:
+        solution = solution_near(game, near, weights, max_iterations=_WARM_ITERATIONS)
+        if solution.solved:
+            return *unpack(game, solution.z), CONSTRAINED
+    if near is not None and not game.constraints:
+        root = newton_root(free, near.states, near.controls, near.costates, weights)
+        if root.residual < RESIDUAL_TOLERANCE:
+            return root.states, root.controls, root.costates, CONSTRAINED
+    alone = np.where(coupled_features(free), 0.0, weights)
+    controls = grown_plans(free, states, alone) if near is None else near.controls
+    if game.constraints:
+        solution = variational_solution(game, weights, states, controls, most_attempts=_ATTEMPTS)
+        if solution.solved:
+            return *unpack(game, solution.z), CONSTRAINED
+    found = solve_olne(free, weights, states, initial_controls=controls, max_rounds=_ROUNDS)
+    if not found.certificate.passed:
+        return None
+    kind = UNCONSTRAINED if game.constraints else CONSTRAINED
+    return found.states, found.controls, found.costates, kind
+
+
+def _alone(
+    game: Game, motion: np.ndarray, controls: np.ndarray, weights: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray], str] | None:
+    """The ego's best response to the others' motion: states and controls, and how it was found."""
+    if game.constraints:
+        response = constrained_response(game, 0, motion, controls, controls[:, 0], weights)
+        if response.converged:
+            return (response.states, response.controls), CONSTRAINED
+    free = replace(game, constraints=())
+    theta = np.tile(weights, (game.num_players, 1))
+    found = best_responses(free, 0, controls[None, :, 0], motion, controls, theta)
+    if not found.converged[0]:
+        return None
+    joint = controls.copy()
+    joint[:, 0] = found.controls[0]
+    own = rollout(MOTION, motion[0], joint, STEP)[:, 0]
+    return (own, found.controls[0]), UNCONSTRAINED if game.constraints else CONSTRAINED
+
+
+def kept_or_braked(former: EgoPlan | None, numbers: tuple[int, ...], states: np.ndarray) -> EgoPlan:
+    """The rest of a former plan of the ego; if it is used up, braking. The others drive on.
+
+    Args:
+        former: the plan before.
+        numbers: of the cars that are there now.
+        states: (N, 4) their states.
+    """
+    controls = np.zeros((HORIZON - 1, len(numbers), 2))
+    if former is None or former.kind == BRAKED or len(former.controls) < 2:
+        kind, left = BRAKED, 0
+    else:
+        kind, left = KEPT, len(former.controls) - 1
+        controls = controls[:left]
+        controls[:, 0] = former.controls[1:, 0]
+    if kind == BRAKED:
+        stopping = states[0, 3] / STEP - _BRAKING * np.arange(HORIZON - 1)
+        controls[:, 0, 1] = -np.clip(stopping, 0.0, _BRAKING)
+    motion = rollout(MOTION, states, controls, STEP)
+    return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
+
+
+def _later(values: np.ndarray) -> np.ndarray:
+    """Values (T-1, ...) of a plan without its first step, the last one repeated."""
+    return np.concatenate([values[1:], values[-1:]])

@@ -1,0 +1,268 @@
+"""A drive that goes on: 20 s of an ego among other cars, in HighwayEnv's simulator.
+
+The others are players of the family's game with hidden weights and target speeds, or HighwayEnv's
+own drivers. Each second, cars that are done leave and others enter at the family's starts. The
+same seed and the same controls of the ego make the same drive, bit by bit.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
+
+from olne_bench.envs.drive.cars import FRAMES, ROADS, STEP, STEPS, WEIGHTS, Car, Road, proposed_cars
+from olne_bench.envs.drive.gaps import gap, gaps
+from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts, drivable, nash_plan
+from olne_bench.envs.highway_roads import SIMULATION_FREQUENCY, PlayersOnly, make_road
+from olne_bench.envs.stock_drivers import StockDriver, stock_car, stock_route
+from olne_bench.envs.true_weights import TEMPERED
+from olne_bench.games.lanes import StraightLane
+
+#: Traffic: players of the family's game, and HighwayEnv's own drivers (IDM and MOBIL).
+NASH, STOCK = "nash", "stock"
+TRAFFIC = (NASH, STOCK)
+
+_MOST_PROPOSALS = 50
+_ENTRIES = 3  # proposals from which cars may enter at one time
+_FREE = 8.0  # least gap [m] of a car that enters
+_START_GAP = 1.0  # least gap [m] of the ego at the start
+
+
+class NoDriveError(Exception):
+    """No proposal of a seed can be driven."""
+
+
+@dataclass
+class DriveCounts:
+    """What happened among the other cars.
+
+    Attributes:
+        plans: of Nash traffic.
+        entered, left: cars that came and went.
+        collided: cars that collided without the ego, and were taken off the road.
+    """
+
+    plans: PlanCounts = field(default_factory=PlanCounts)
+    entered: int = 0
+    left: int = 0
+    collided: int = 0
+
+
+class DriveWorld:
+    """One drive.
+
+    Attributes:
+        cars: cars on the road, the ego first.
+        step: number of steps so far.
+        crashed: whether the ego has collided. The drive is over then.
+        counts: what happened among the others.
+        road: HighwayEnv's environment, for pictures.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        seed: int,
+        *,
+        traffic: str = NASH,
+        weights: str = TEMPERED,
+        stock_ego: bool = False,
+        pictures: bool = False,
+    ) -> None:
+        """Draw the start.
+
+        Args:
+            name: one of ``ROADS``.
+            seed: identifies the drive.
+            traffic: one of ``TRAFFIC``.
+            weights: how hidden weights are drawn, one of ``WEIGHTS``.
+            stock_ego: whether HighwayEnv's own driver drives the ego.
+            pictures: whether ``road`` draws pictures.
+
+        Raises:
+            ValueError: on an unknown road, traffic or kind of weights.
+            NoDriveError: if no proposal of the seed can be driven.
+        """
+        for what, given, known in (
+            ("road", name, tuple(ROADS)),
+            ("traffic", traffic, TRAFFIC),
+            ("weights", weights, WEIGHTS),
+        ):
+            if given not in known:
+                raise ValueError(f"unknown {what} {given!r}; known are: {', '.join(known)}")
+        self._settings, self._name = ROADS[name], name
+        self._seed, self._kind, self._traffic = seed, weights, traffic
+        self._stock_ego = stock_ego
+        self._nash = NashTraffic()
+        self.step, self.crashed = 0, False
+        self.counts = DriveCounts(plans=self._nash.counts)
+        self.road: PlayersOnly = make_road(name, "rgb_array" if pictures else None)
+        self.road.road.np_random = np.random.RandomState(seed % 2**32)
+        self.cars = self._first_cars()
+        self._origin = self.cars[0].start[0]
+        self._vehicles = {car.number: self._vehicle(car) for car in self.cars}
+        self._next = len(self.cars)
+        self._show()
+
+    def states(self) -> np.ndarray:
+        """(N, 4) states of the cars."""
+        vehicles = [self._vehicles[car.number] for car in self.cars]
+        return np.array([[*one.position, one.heading, one.speed] for one in vehicles])
+
+    @property
+    def over(self) -> bool:
+        """Whether the drive has ended."""
+        return self.crashed or self.step >= STEPS
+
+    def advance(self, control: np.ndarray | None) -> None:
+        """One step.
+
+        Args:
+            control: (2,) steering [rad] and acceleration [m/s^2] of the ego; None if HighwayEnv's
+                driver drives it.
+
+        Raises:
+            ValueError: on a control that is not finite, or on one where there must be none.
+        """
+        if (control is None) != self._stock_ego:
+            raise ValueError("an ego has controls, unless HighwayEnv's driver drives it")
+        if control is not None and not np.isfinite(control).all():
+            raise ValueError(f"the ego's control must be finite, got {control}")
+        self._choose_controls(control)
+        for _ in range(FRAMES):
+            for vehicle in self.road.road.vehicles:
+                if isinstance(vehicle, IDMVehicle):
+                    vehicle.act()
+            self.road.road.step(1 / SIMULATION_FREQUENCY)
+        self.step += 1
+        self.crashed = bool(self._vehicles[self.cars[0].number].crashed)
+        if not self.crashed:
+            self._clear()
+            if self.step % REPLAN == 0:
+                self._leave()
+                self._enter()
+        self._show()
+
+    def ego_control(self, before: np.ndarray) -> np.ndarray:
+        """Steering and mean acceleration (2,) of the last step, from the state (4,) before it."""
+        vehicle = self._vehicles[0]
+        return np.array([vehicle.action["steering"], (vehicle.speed - before[3]) / STEP])
+
+    def _choose_controls(self, control: np.ndarray | None) -> None:
+        states = self.states()
+        if self._traffic == NASH and self.step % REPLAN == 0:
+            self._nash.plan(self.cars, states)
+        for car, state in zip(self.cars, states, strict=True):
+            chosen = self._nash.control(car, state) if self._traffic == NASH else None
+            if car.number == 0:
+                chosen = control
+            if chosen is not None:
+                steering, acceleration = (float(value) for value in chosen)
+                self._vehicles[car.number].act({"steering": steering, "acceleration": acceleration})
+
+    def _first_cars(self) -> list[Car]:
+        """The first proposal whose cars are apart, and in Nash traffic have plans."""
+        for attempt in range(_MOST_PROPOSALS):
+            cars = proposed_cars(self._settings, self._rng(0, attempt), self._kind)
+            states = np.stack([car.start for car in cars])
+            if gaps(states).min() < _START_GAP:
+                continue
+            if self._traffic == STOCK:
+                return cars
+            found = nash_plan(cars, states, [None] * len(cars))
+            if found is not None and drivable(*found).all():
+                return cars
+        raise NoDriveError(
+            f"no proposal of {self._name!r} can be driven, of {_MOST_PROPOSALS} "
+            f"from seed {self._seed}"
+        )
+
+    def _rng(self, *key: int) -> np.random.Generator:
+        place = list(ROADS).index(self._name)
+        return np.random.default_rng([self._seed, place, *key])
+
+    def _vehicle(self, car: Car) -> Vehicle:
+        road, (px, py, heading, speed) = self.road.road, car.start
+        if self._traffic == STOCK if car.number else self._stock_ego:
+            route = stock_route(self._name, car.lanes)
+            return stock_car(road, car.start, StockDriver(car.target_speed), route)
+        return Vehicle(road, [float(px), float(py)], float(heading), float(speed))
+
+    def _show(self) -> None:
+        """Tell the simulator who is on the road, and pictures whom to follow."""
+        ego = self._vehicles[0]
+        self.road.road.vehicles = [self._vehicles[car.number] for car in self.cars]
+        self.road.controlled_vehicles = [ego]
+
+    def _clear(self) -> None:
+        """Take others that have collided off the road."""
+        crashed = {car.number for car in self.cars if self._vehicles[car.number].crashed}
+        self.counts.collided += len(crashed)
+        self._remove(crashed)
+
+    def _leave(self) -> None:
+        states, road = self.states(), self._settings
+        px, py, heading, _ = states[0]
+        gone = set()
+        for car, state in zip(self.cars[1:], states[1:], strict=True):
+            dx, dy = state[0] - px, state[1] - py
+            ahead = dx * np.cos(heading) + dy * np.sin(heading)
+            far = (
+                not -road.behind <= ahead <= road.ahead if road.moving else _left(car, state, road)
+            )
+            if far:
+                gone.add(car.number)
+        self.counts.left += len(gone)
+        self._remove(gone)
+
+    def _remove(self, numbers: set[int]) -> None:
+        self.cars = [car for car in self.cars if car.number not in numbers]
+        self._nash.drop(numbers)
+        for number in numbers:
+            del self._vehicles[number]
+
+    def _enter(self) -> None:
+        """Cars enter where proposals begin, as far as there is room."""
+        for attempt in range(_ENTRIES):
+            rng = self._rng(self.step, attempt)
+            proposed = proposed_cars(self._settings, rng, self._kind)
+            shift = self._settings.shift * float(rng.choice((-1.0, 1.0)))
+            for car in proposed[1:]:
+                if len(self.cars) == self._settings.cars:
+                    return
+                self._enter_one(car, shift)
+
+    def _enter_one(self, car: Car, shift: float) -> None:
+        road, states = self._settings, self.states()
+        if road.moving and len(car.lanes) == 1:
+            start = car.start.copy()
+            start[0] += states[0, 0] - self._origin + shift
+            car = replace(car, start=start)
+        around = gap(car.start[None], states)
+        offset = car.start[0] - states[0, 0]
+        if road.moving and not -road.behind < offset < road.ahead:
+            return
+        if around[0] < road.entry or around.min() < self._room(car, states):
+            return
+        car = replace(car, number=self._next)
+        self._next += 1
+        self.counts.entered += 1
+        self.cars.append(car)
+        self._vehicles[car.number] = self._vehicle(car)
+
+    def _room(self, car: Car, states: np.ndarray) -> float:
+        """Least gap [m] of a car that enters: more where speeds differ."""
+        return _FREE + float(np.abs(states[:, 3] - car.start[3]).max())
+
+
+def _left(car: Car, state: np.ndarray, road: Road) -> bool:
+    """Whether a car is on the last lane of its route, and far from the middle of the road."""
+    if np.hypot(state[0], state[1]) <= road.ahead:
+        return False
+    last = car.lanes[-1]
+    assert isinstance(last, StraightLane)
+    (x, y), (cos, sin) = last.start, last.direction
+    beside = (state[1] - y) * cos - (state[0] - x) * sin
+    ahead = (state[0] - x) * cos + (state[1] - y) * sin
+    return bool(ahead > 0 and abs(beside) < Vehicle.LENGTH)

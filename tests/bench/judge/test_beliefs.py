@@ -1,0 +1,121 @@
+"""What an ego takes others to be, with a player whose answers and times are made up."""
+
+import numpy as np
+import pytest
+
+from olne_bench.bench.judge.beliefs import EstimatedBeliefs, EstimateRules, UniformBeliefs
+from olne_bench.bench.judge.online import StreamTask
+from olne_bench.bench.judge.raw_estimate import read_estimate
+from olne_bench.bench.judge.referee import Answer, PlayerFault
+from olne_bench.envs.drive.cars import ROADS, Car, middle_speed, proposed_cars
+from olne_bench.estimators.protocol import Estimate, Problem
+from olne_bench.games.unknowns import Unknown
+
+ROAD = ROADS["highway"]
+UNIFORM = np.full(4, 0.25)
+RULES = EstimateRules(window=3, sigma=0.1, deadline=0.2, time_limit=10.0)
+
+
+class Player:
+    """Its k-th estimate gives the first weight 0.1 k, and target speeds of 20 + k m/s."""
+
+    def __init__(self, seconds: float = 0.0, fails_at: int = 0) -> None:
+        self.seconds, self.fails_at, self.answers = seconds, fails_at, 0
+        self.tasks: list[StreamTask] = []
+        self.samples: list[list[np.ndarray]] = []
+
+    def start(self, task: StreamTask) -> str | None:
+        self.tasks.append(task)
+        self.samples.append([])
+        return None
+
+    def update(self, sample: np.ndarray) -> Answer:
+        self.samples[-1].append(sample)
+        self.answers += 1
+        if self.answers == self.fails_at:
+            raise PlayerFault("crash", "it fell over")
+        players = len(sample)
+        weights = np.full((players, 4), (1 - 0.1 * self.answers) / 3)
+        weights[:, 0] = 0.1 * self.answers
+        speeds = np.full((players, 1), 20.0 + self.answers)
+        estimate = Estimate(weights=weights, parameters=speeds)
+        return Answer(estimate=read_estimate(estimate), seconds=self.seconds)
+
+
+def task_of(problem: Problem) -> StreamTask:
+    return StreamTask("made up", {}, "", problem, 3, 0, 10.0)
+
+
+@pytest.fixture
+def cars() -> list[Car]:
+    return proposed_cars(ROAD, np.random.default_rng(0), "temperaments")
+
+
+def beliefs_of(player: Player) -> EstimatedBeliefs:
+    return EstimatedBeliefs(player, task_of, ROAD, RULES)
+
+
+def sample(cars: list[Car], step: int) -> np.ndarray:
+    return np.stack([car.start for car in cars]) + step
+
+
+def test_uniform_until_there_is_an_estimate(cars: list[Car]) -> None:
+    beliefs = beliefs_of(Player())
+    for beliefs_now in (beliefs, UniformBeliefs(ROAD)):
+        ego, *others = beliefs_now.minds(cars)
+        assert ego.weights is cars[0].weights and ego.player == cars[0].player
+        assert all(np.array_equal(mind.weights, UNIFORM) for mind in others)
+        speeds = {mind.player.preferences[1].target for mind in others}  # type: ignore[attr-defined]
+        assert speeds == {middle_speed(ROAD)}
+    beliefs.see(cars, sample(cars, 0))
+    assert beliefs.minds(cars)[1].weights[0] == pytest.approx(0.1)
+    assert beliefs.minds(cars)[1].player.preferences[1].target == 21  # type: ignore[attr-defined]
+
+
+def test_a_late_estimate_counts_at_the_next_sample(cars: list[Car]) -> None:
+    beliefs = beliefs_of(Player(seconds=0.3))
+    beliefs.see(cars, sample(cars, 0))
+    assert beliefs.minds(cars)[1].weights[0] == 0.25
+    beliefs.see(cars, sample(cars, 1))
+    assert beliefs.minds(cars)[1].weights[0] == pytest.approx(0.1)
+    assert (beliefs.late, beliefs.updates) == (2, 2)
+
+
+def test_other_cars_make_another_stream_of_the_samples_that_show_them(cars: list[Car]) -> None:
+    player = Player()
+    beliefs = beliefs_of(player)
+    for step, present in enumerate((cars, cars, cars[:-1], cars[:-1])):
+        beliefs.see(present, sample(present, step))
+    assert [len(task.problem.game.players) for task in player.tasks] == [5, 4]
+    assert [len(samples) for samples in player.samples] == [2, 4]
+    assert np.array_equal(player.samples[1][0], sample(cars[:-1], 0))
+    beliefs.see(cars, sample(cars, 4))  # the last one is back, and was not seen in between
+    assert [len(samples) for samples in player.samples] == [2, 4, 1]
+
+
+def test_a_stream_that_is_used_up_is_followed_by_another(cars: list[Car]) -> None:
+    player = Player()
+    beliefs = beliefs_of(player)
+    for step in range(20):
+        player.answers = 0  # its weights stay valid
+        beliefs.see(cars, sample(cars, step))
+    used = 3 + 35 - 20  # samples of the window and of 7 s, less 4 s that are left
+    assert [len(samples) for samples in player.samples] == [used, 3 + 20 - used - 1]
+    assert np.array_equal(player.samples[1][0], sample(cars, used - 2))
+
+
+def test_a_problem_says_nothing_that_is_hidden(cars: list[Car]) -> None:
+    player = Player()
+    beliefs_of(player).see(cars, sample(cars, 0))
+    ego, *others = player.tasks[0].problem.game.players
+    assert ego == cars[0].player
+    assert all(isinstance(other.preferences[1].target, Unknown) for other in others)  # type: ignore[attr-defined]
+
+
+def test_after_a_fault_the_last_estimate_counts(cars: list[Car]) -> None:
+    beliefs = beliefs_of(Player(fails_at=2))
+    for step in range(4):
+        beliefs.see(cars, sample(cars, step))
+    assert beliefs.fault is not None and beliefs.fault.status == "crash"
+    assert beliefs.minds(cars)[1].weights[0] == pytest.approx(0.1)
+    assert (beliefs.updates, beliefs.failed) == (2, 1)

@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, proposed_cars
+from olne_bench.envs.drive.costs import EgoCost
+
+
+@pytest.fixture
+def cost() -> tuple[EgoCost, np.ndarray]:
+    ego = proposed_cars(ROADS["highway"], np.random.default_rng(3), "temperaments")[0]
+    on_lane = ego.start.copy()
+    on_lane[1], on_lane[2], on_lane[3] = ego.lanes[0].start[1], 0.0, ego.target_speed  # type: ignore[attr-defined]
+    return EgoCost(ego), on_lane
+
+
+def test_who_drives_as_it_wants_pays_nothing(cost) -> None:
+    ego, state = cost
+    assert ego.of_step(state[None], np.zeros(2)) == pytest.approx(0, abs=1e-9)
+    far = state + np.array([40, 4, 0, 0])
+    assert ego.of_step(np.stack([state, far]), np.zeros(2)) == pytest.approx(0, abs=1e-9)
+
+
+def test_terms_have_their_weights_and_units(cost) -> None:
+    ego, state = cost
+    weights = ego._weights
+    slow = state - np.array([0, 0, 0, 3.0])
+    assert ego.of_step(slow[None], np.zeros(2)) == pytest.approx(weights[1])
+    assert ego.of_step(state[None], np.array([0, 2.0])) == pytest.approx(weights[2])
+    assert ego.of_step(state[None], np.array([0.03, 0])) == pytest.approx(weights[3])
+    beside = state + np.array([0, 1.5, 0, 0])
+    assert ego.of_step(beside[None], np.zeros(2)) == pytest.approx(0.25)  # the mean weight
+    near = state + np.array([6.0, 0, 0, 0])
+    both = ego.of_step(np.stack([state, near]), np.zeros(2))
+    assert both == pytest.approx(weights[0] * np.log(25.1 / 1.1))
+    assert pytest.approx(0.2) == STEP
+
+
+def test_after_a_collision_the_ego_stands(cost) -> None:
+    ego, state = cost
+    motion, controls = [state[None]] * 3, [np.zeros(2)] * 2
+    whole = ego.of_drive(motion, controls, crashed=True)
+    assert whole == pytest.approx(ego.standing(state) * (STEPS - 2) / STEPS)
+    assert ego.of_drive(motion, controls, crashed=False) == pytest.approx(0, abs=1e-9)
