@@ -1,9 +1,10 @@
 """Whether posterior samples are calibrated: truths from the prior, one line per sensor and noise.
 
-    python scripts/posterior_calibration.py two_player --draws 1000
+    python scripts/posterior_calibration.py two_player --draws 170
     python scripts/posterior_calibration.py highway_overtaking --draws 50 --sigmas 0.005 0.02
 
-Every draw has weights, a start and noise of its own (``posterior_draws``). The 95 % region holds
+Every draw has weights, a start and noise of its own (``posterior_draws``), and is used once: a
+weight that nothing shows is as far out at one noise level as at all others. The 95 % region holds
 the samples that are nearest to their mean, in Mahalanobis distance of log-ratios: its limit is a
 quantile of the distances among the samples. The rank of a true weight among its samples is uniform
 if the posterior is right (simulation-based calibration: Talts et al. 2018); the p after Holm's
@@ -16,6 +17,7 @@ depends on the noise alone, and its distribution is exact: where it is far from 
 import argparse
 import time
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from posterior_draws import SIGMAS, Draw, PosteriorOfDraws, draws
@@ -70,7 +72,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenario", choices=SIGMAS)
-    parser.add_argument("--draws", type=int, default=1000)
+    parser.add_argument("--draws", type=int, default=1000, help="of each sensor and noise")
     parser.add_argument("--first", type=int, default=0, help="seed of the first draw")
     parser.add_argument("--views", nargs="+", default=["full", "partial"], choices=sorted(VIEWS))
     parser.add_argument("--sigmas", nargs="+", type=float, help="usually three")
@@ -78,19 +80,22 @@ def main() -> None:
         "--flat", action="store_true", help="do not tell the sampler where starts come from"
     )
     options = parser.parse_args()
-    seeds = range(options.first, options.first + options.draws)
-    known = list(draws(options.scenario, seeds))
-    if not known:
+    cells = list(product(options.views, options.sigmas or SIGMAS[options.scenario]))
+    known = [
+        list(draws(options.scenario, range(first, first + options.draws)))
+        for first in range(options.first, options.first + len(cells) * options.draws, options.draws)
+    ]
+    if not all(known):
         parser.error(f"no draw of {options.scenario} has a certified equilibrium")
-    print(f"{options.scenario}: {len(known)} of {len(seeds)} draws are certified")
+    number = sum(map(len, known))
+    print(f"{options.scenario}: {number} of {len(cells) * options.draws} draws are certified")
     print(_TITLES)
     every: list[Outcome] = []
-    for view in options.views:
-        for sigma in options.sigmas or SIGMAS[options.scenario]:
-            some = tqdm(known, disable=None, leave=False)
-            outcomes = [_outcome(one, view, sigma, flat=options.flat) for one in some]
-            print(f"{view:8}{sigma:7g}" + _line(outcomes), flush=True)
-            every += outcomes
+    for (view, sigma), some in zip(cells, known, strict=True):
+        bar = tqdm(some, disable=None, leave=False)
+        outcomes = [_outcome(one, view, sigma, flat=options.flat) for one in bar]
+        print(f"{view:8}{sigma:7g}" + _line(outcomes), flush=True)
+        every += outcomes
     print(f"{'all':15}" + _line(every))
 
 
