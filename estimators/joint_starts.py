@@ -91,7 +91,7 @@ def starts(problem: Problem, y: np.ndarray, search: "Search") -> Iterator[tuple[
         yield from _observed_starts(problem, y, search)
         return
     points = window_points(problem, y)
-    yield followed(problem, y, points.played), _LOW_BARRIER
+    yield followed(problem, y, points.played, deadline=search.deadline), _LOW_BARRIER
     yield points.seen, _FIRST_BARRIER
     yield points.played, _FIRST_BARRIER
     yield from _cornered(problem, points.seen)
@@ -183,6 +183,7 @@ class Search:
     """Starts of the structured solver on one observation, and the optima found so far.
 
     Attributes:
+        deadline: solves end by then, in seconds of ``time.monotonic``.
         known: the optima.
         ends: where each start ended.
     """
@@ -191,7 +192,7 @@ class Search:
         self, problem: Problem, y: np.ndarray, settings: JointSettings, deadline: float
     ) -> None:
         self._problem, self._y = problem, y
-        self._settings, self._deadline = settings, deadline
+        self._settings, self.deadline = settings, deadline
         self._explicable = largest_explicable(problem, [y])
         self.known: list[JointSolution] = []
         self.ends: list[End] = []
@@ -243,7 +244,7 @@ class Search:
     def _solve(
         self, start: JointPoint, settings: JointSettings, known: Sequence[JointSolution]
     ) -> JointSolution:
-        settings = replace(settings, limit=max(0.0, self._deadline - time.monotonic()))
+        settings = replace(settings, limit=max(0.0, self.deadline - time.monotonic()))
         problem = self._problem
         return solve_joint(problem.game, problem.view, self._y, start, settings, known=known)
 

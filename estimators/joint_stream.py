@@ -7,6 +7,10 @@ solve from it does not converge or leaves an error that noise of the known level
 A motion whose last solution lets players pass each other in another order than they will is found
 out as its error grows. So where the error is larger than noise leaves once in twenty times, a solve
 that begins at the samples is tried as well.
+
+Where players change their plans, or are not at an equilibrium at all, no solution explains the
+samples, and whole searches would be in vain each time. So what the last search left is not searched
+for again, unless the error has become clearly larger.
 """
 
 import time
@@ -28,6 +32,9 @@ _BARRIER, _SEEN_BARRIER = 1e-3, 1.0
 
 #: Noise leaves a larger squared error with this probability.
 _DOUBTFUL = 0.05
+
+#: The error, relative to what noise explains, may grow by this factor before another search.
+_GROWTH = 1.5
 
 #: Searches for the lowest optimum of a problem (T, N, d), from scratch, until a deadline.
 Search = Callable[[Problem, np.ndarray, float], list[JointSolution]]
@@ -72,6 +79,7 @@ class FollowedOptimum:
         self._settings, self._search = settings, search
         self._last: JointPoint | None = None
         self._dropped = 0
+        self._left = 1.0  # error of the last search, relative to what noise explains; one at least
 
     def find(
         self, problem: Problem, y: np.ndarray, deadline: float, dropped: int = 0
@@ -89,8 +97,10 @@ class FollowedOptimum:
             attempts = self._search(problem, y, deadline)
             best = min(attempts, key=lambda one: (not one.converged, one.criterion))
             starts = len(attempts)
-        self._last = best.point if best.converged else None
-        self._dropped = dropped
+            explained = best.objective / largest_explicable(problem, [y])
+            self._left = max(1.0, _GROWTH * explained) if best.converged else 1.0
+        if best.converged:
+            self._last, self._dropped = best.point, dropped
         return best, starts
 
     def _warm(
@@ -100,12 +110,13 @@ class FollowedOptimum:
         if self._last is None:
             return None
         best = self._solved(problem, y, _later(self._last, gone), _BARRIER, deadline)
-        if best is None or best.objective > largest_explicable(problem, [y], _DOUBTFUL):
+        doubtful = self._left * largest_explicable(problem, [y], _DOUBTFUL)
+        if best is None or best.objective > doubtful:
             second = self._solved(problem, y, seen_then_free(problem, y), _SEEN_BARRIER, deadline)
             found = [one for one in (best, second) if one is not None]
             best = min(found, key=lambda one: one.criterion, default=None)
-        explained = best is not None and best.objective <= largest_explicable(problem, [y])
-        return best if explained else None
+        most = self._left * largest_explicable(problem, [y])
+        return best if best is not None and best.objective <= most else None
 
     def _solved(
         self, problem: Problem, y: np.ndarray, start: JointPoint, barrier: float, deadline: float

@@ -15,6 +15,7 @@ is found near it. Four other motions begin at the samples:
    another way of passing each other.
 """
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -163,7 +164,14 @@ def tied_settings(problem: Problem, tie: float, iterations: int) -> JointSetting
     )
 
 
-def followed(problem: Problem, y: np.ndarray, start: JointPoint, tie: float = 1.0) -> JointPoint:
+def followed(
+    problem: Problem,
+    y: np.ndarray,
+    start: JointPoint,
+    tie: float = 1.0,
+    *,
+    deadline: float = np.inf,
+) -> JointPoint:
     """The solution with weights tied to uniform, as samples are added to the first ones.
 
     Args:
@@ -171,6 +179,7 @@ def followed(problem: Problem, y: np.ndarray, start: JointPoint, tie: float = 1.
         y: (T, N, d) observations, NaN where missing.
         start: where the first solve begins.
         tie: factor of the term |theta - 1/K|^2.
+        deadline: solves end by then, in seconds of ``time.monotonic``.
 
     Returns:
         The last point at which a solve converged.
@@ -179,7 +188,10 @@ def followed(problem: Problem, y: np.ndarray, start: JointPoint, tie: float = 1.
     point, shown = start, int(_last_seen(y).max())
     growth = max(1, -(-(shown - _FIRST) // _ADDITIONS))
     for count in (*range(_FIRST, shown, growth), shown):
-        settings = replace(settings, first_barrier=_BARRIERS[int(count > _FIRST)])
+        left = deadline - time.monotonic()
+        if left < 0:
+            break
+        settings = replace(settings, first_barrier=_BARRIERS[int(count > _FIRST)], limit=left)
         part = first_samples(y, count)
         solution = solve_joint(problem.game, problem.view, part, point, settings)
         if solution.converged:

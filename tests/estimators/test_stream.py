@@ -77,6 +77,17 @@ def test_what_explains_nothing_is_no_start(passing) -> None:
     assert np.abs(found.states - states)[..., :2].max() < 0.1
 
 
+def test_what_no_equilibrium_explains_is_not_searched_for_each_time(passing) -> None:
+    problem, y, _, _ = passing
+    swaying = y.copy()
+    swaying[:, :, 0] += 10 * SIGMA * np.sin(2.0 * np.arange(len(y)))[:, None]
+    estimates = follow(KktConstrained(), problem, swaying)
+    lost = estimates[8:]
+    assert max(one.extras["objective"] for one in lost) > 5 * SIGMA**2 * swaying.size  # far from noise
+    searches = sum(one.extras["starts"] > 0 for one in lost)
+    assert searches < len(lost) / 2
+
+
 def test_the_rest_of_a_motion_is_a_game_of_the_same_weights(passing) -> None:
     problem, _, states, weights = passing
     exact = replace(problem, sigma=0.0)
