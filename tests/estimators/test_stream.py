@@ -83,7 +83,8 @@ def test_what_no_equilibrium_explains_is_not_searched_for_each_time(passing) -> 
     swaying[:, :, 0] += 10 * SIGMA * np.sin(2.0 * np.arange(len(y)))[:, None]
     estimates = follow(KktConstrained(), problem, swaying)
     lost = estimates[8:]
-    assert max(one.extras["objective"] for one in lost) > 5 * SIGMA**2 * swaying.size  # far from noise
+    largest = max(one.extras["objective"] for one in lost)
+    assert largest > 5 * SIGMA**2 * swaying.size  # far from noise
     searches = sum(one.extras["starts"] > 0 for one in lost)
     assert searches < len(lost) / 2
 
