@@ -6,7 +6,7 @@ a problem and observations and nothing else.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from olne_bench import plugins
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
 from olne_bench.bench.judge.likelihood import likelihood_ratio
-from olne_bench.bench.judge.metrics.judged import HeldOut, Judged
+from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.judge.observe import observe, observed, sensor_model
 from olne_bench.bench.judge.priors import exclusion
@@ -303,7 +303,7 @@ def _scored(
         prediction=prediction.root.states,
         held_out=partial(_held_out, case.draw, theta, trial.root_iterations),
         held_out_samples=partial(_held_out_samples, case, trial, estimate),
-        likelihood_ratio=cache(
+        likelihood_ratio=Once(
             partial(
                 likelihood_ratio,
                 *(case.problem, case.observations, case.recordings),

@@ -79,6 +79,19 @@ class Judged:
         return self.recordings[0].scenario.weights
 
 
+class Once:
+    """A value that is computed at its first use and kept; unlike a cache, it can be pickled."""
+
+    def __init__(self, compute: Callable[[], float | None]) -> None:
+        self._compute = compute
+        self._value: tuple[float | None, ...] = ()
+
+    def __call__(self) -> float | None:
+        if not self._value:
+            self._value = (self._compute(),)
+        return self._value[0]
+
+
 def _lock(*arrays: np.ndarray | None) -> None:
     for array in arrays:
         if array is not None:
