@@ -14,7 +14,8 @@ Paper: after Papamakarios and Murray 2016 (mixture density network), Greenberg e
 Assumes: a game that it was trained for, weights from a flat Dirichlet distribution, starts near
     those of the scenario, and independent noise of a level that it was trained for.
 Cost: milliseconds, no games; before that, 10,000 to 20,000 games and minutes of training, once.
-Trust: as a fast guess. Its coverage is tested on few draws only, and nothing shows when an observation is unlike its training draws.
+Trust: as a fast guess. Its coverage is tested on few draws only, and nothing shows when an
+    observation is unlike its training draws.
 """
 
 import hashlib
