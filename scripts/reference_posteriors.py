@@ -46,7 +46,7 @@ class Reference:
         weights: (M, N, K).
         r_hat: the largest over weights.
         effective: the least bulk effective sample size.
-        accepted: share of accepted steps.
+        accepted: share of accepted straightened steps.
     """
 
     weights: np.ndarray
@@ -61,8 +61,8 @@ def main() -> None:
     parser.add_argument("scenario", choices=SIGMAS)
     parser.add_argument("--observations", type=int, default=10)
     parser.add_argument("--chains", type=int, default=40)
-    parser.add_argument("--steps", type=int, default=1500)
-    parser.add_argument("--most", type=int, default=6000, help="steps where chains disagree")
+    parser.add_argument("--steps", type=int, default=500)
+    parser.add_argument("--most", type=int, default=4000, help="steps where chains disagree")
     parser.add_argument("--out", type=Path, default=FOLDER)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
