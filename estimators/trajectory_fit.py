@@ -23,6 +23,10 @@ _HEADING_PASSES = 8
 #: Number of samples from which a gap at the beginning or the end is extrapolated.
 _LINE = 4
 
+#: Where samples say too little, as without headings and with gaps, there are many best fits and
+#: IPOPT wanders among them; where there is one, some 50 iterations lead to it.
+_OPTIONS = QUIET | {"ipopt.max_iter": 500}
+
 
 @dataclass(frozen=True)
 class TrajectoryFit:
@@ -206,4 +210,4 @@ def _fit_solver(game: Game, view: View, steps: int) -> ca.Function:
         "f": squared_error(game, view, states, y, precision),
         "g": ca.vertcat(*errors),
     }
-    return ca.nlpsol("trajectory_fit", "ipopt", problem, QUIET)
+    return ca.nlpsol("trajectory_fit", "ipopt", problem, _OPTIONS)

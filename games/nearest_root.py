@@ -56,14 +56,15 @@ def predict(
         weights: (N, K), or (N, K + U) with standardised unknowns.
         truth: the true motion, a root at the true weights.
         true_weights: those of the truth.
-        max_iterations: limit on IPOPT's iterations.
+        max_iterations: limit on IPOPT's iterations; 0 for no published solve.
 
     Returns:
         The root of the published solve, or else that of ``follow_root``. The published study has
-        no constraints, and no unknowns besides weights. With them it is always the latter, and
-        counts as published where the path from the true weights leads to it.
+        no constraints, and no unknowns besides weights. With them, or without the published
+        solve, it is always the latter, and counts as published where the path from the true
+        weights leads to it.
     """
-    if game.constraints or game.parameters.count:
+    if game.constraints or game.parameters.count or not max_iterations:
         root = follow_weights(game, truth, true_weights, weights)
         if root is not None:
             return Prediction(root, published=True)

@@ -16,8 +16,18 @@ differential evolution (ter Braak 2006), along the difference of two other chain
 
 symmetric, as a and b are of the other half of the chains. One in ten has the length 1, which leads
 from one mode to another.
+
+Both are short where a narrow valley bends. The third kind of step is taken in coordinates in which
+it is straight: with the Q of J = QR at an anchor, xi = Q' F(x) has the density
+pi(x) / |det Q' J(x)|, nearly a normal one (Bardsley et al. 2014), and
+
+    xi' = sqrt(1 - s^2) xi + s N(0, I)
+
+leaves the normal one as it is (Cotter et al. 2013). Newton's method finds x'. Anchors are the peaks
+and places that the first half of the chains has reached.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +41,12 @@ from olne_bench.estimators.residual_density import Density, Places, joined
 #: population's deviations.
 _BEST_LENGTH, _WHOLE, _NOISE = 2.38, 0.1, 1e-3
 
+#: Of straightened steps: the first s and the longest, the wanted share of accepted ones, the
+#: standard deviation of the logarithms of s, the number of anchors besides the peaks, and of
+#: Newton's method the steps at most and the error of xi at its end.
+_TURN, _MOST_TURN, _TURNED, _TURN_SPREAD, _ANCHORS = 0.5, 0.95, 0.4, 0.8, 10
+_NEWTON, _SOLVED = 8, 1e-4
+
 #: Wanted share of accepted steps, the first length, how fast the length follows the share, and the
 #: standard deviation of the logarithms of lengths.
 _ACCEPTED, _LENGTH, _RATE, _SPREAD = 0.5, 0.8, 0.1, 1.0
@@ -42,7 +58,7 @@ class Chains:
 
     Attributes:
         points: (C, S, d).
-        accepted: share of accepted steps.
+        accepted: share of accepted straightened steps.
     """
 
     points: np.ndarray
@@ -68,18 +84,29 @@ def run_chains(
         steps: of each chain; the first half is not kept.
         thin: one of so many points is kept.
     """
-    places, length = _starts(density, peaks, count, rng), _LENGTH
-    kept, accepted = [], []
+    places, length, turn = _starts(density, peaks, count, rng), _LENGTH, _TURN
+    anchors, half, kept, accepted = list(peaks), steps // 2, [], []
     for step in tqdm(range(steps), leave=False, disable=None):
         share = _step(density, places, length, rng)
         _evolve(density, places, rng)
-        if step < steps // 2:
+        turned = _straightened(density, anchors[rng.integers(len(anchors))], places, turn, rng)
+        if step < half:
             length *= np.exp(_RATE * (share - _ACCEPTED))
+            turn = min(_MOST_TURN, turn * np.exp(_RATE * (turned - _TURNED)))
+            if step % max(1, half // _ANCHORS) == 0:
+                anchors += _anchor(places, rng)
         else:
-            accepted.append(share)
+            accepted.append(turned)
             if step % thin == 0:
                 kept.append(places.points.copy())
     return Chains(np.stack(kept, axis=1), float(np.mean(accepted)))
+
+
+def _anchor(places: Places, rng: np.random.Generator) -> list[Peak]:
+    """One of the places; none if a direction changes nothing there."""
+    with suppress(np.linalg.LinAlgError):
+        return [Peak.at(places.at(rng.choice(len(places), 1)))]
+    return []
 
 
 def _starts(density: Density, peaks: list[Peak], count: int, rng: np.random.Generator) -> Places:
@@ -131,6 +158,49 @@ def _evolve(density: Density, places: Places, rng: np.random.Generator) -> None:
         # In the order of the places, as they are put.
         ranked = np.flatnonzero(good)[np.argsort(movers[good])]
         places.put(chosen, trial.at(ranked))
+
+
+def _straightened(
+    density: Density, anchor: Peak, places: Places, turn: float, rng: np.random.Generator
+) -> float:
+    """One step of all chains in straight coordinates, in place; the share that is accepted."""
+    offsets, before = anchor.offsets(places), _straight_density(anchor, places)
+    turns = np.minimum(_MOST_TURN, turn * np.exp(_TURN_SPREAD * rng.standard_normal(len(places))))
+    wanted = np.sqrt(1 - turns[:, None] ** 2) * offsets
+    wanted += turns[:, None] * rng.standard_normal(offsets.shape)
+    found, solved = _followed(density, anchor, places, wanted)
+    gain = np.where(np.isfinite(before) & solved, _straight_density(anchor, found), -np.inf)
+    good = np.log(rng.random(len(places))) < gain - np.where(np.isfinite(before), before, 0.0)
+    places.put(good, found.at(good))
+    return float(good.mean())
+
+
+def _straight_density(anchor: Peak, places: Places) -> np.ndarray:
+    """Log of pi(x) / |det Q' J(x)| over the normal density of xi (B,), less a constant."""
+    known = anchor.log_density(places)
+    reached = np.isfinite(known)
+    return np.where(reached, places.log_density - np.where(reached, known, 0.0), -np.inf)
+
+
+def _followed(
+    density: Density, anchor: Peak, places: Places, wanted: np.ndarray
+) -> tuple[Places, np.ndarray]:
+    """The places where xi is what is wanted (B, d), from these, and which are found (B,)."""
+    found, solved = places.at(np.arange(len(places))), np.zeros(len(places), dtype=bool)
+    left = np.arange(len(places))
+    for _ in range(_NEWTON):
+        here = found.at(left)
+        slopes = anchor.directions.T @ here.rows
+        away = (anchor.offsets(here) - wanted[left])[..., None]
+        trial = density.reach(here.points - np.linalg.solve(slopes, away)[..., 0], here)
+        left, trial = left[trial.possible], trial.at(trial.possible)
+        found.put(left, trial)
+        ended = np.linalg.norm(anchor.offsets(trial) - wanted[left], axis=1) <= _SOLVED
+        solved[left[ended]] = True
+        left = left[~ended]
+        if not left.size:
+            break
+    return found, solved
 
 
 @dataclass(frozen=True)

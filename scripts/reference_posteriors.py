@@ -8,7 +8,8 @@ Each observation has a draw (``posterior_draws``), a view and a noise level of i
 same peaks; where its chains disagree (R-hat), they are run again with twice as many steps, up to
 ``--most``. A network learns to tell 1,000 samples of the weights of one from those of the other
 (Lopez-Paz and Oquab 2017): a share of right answers of 0.5 means that it cannot. Prints a line per
-observation, and writes the chains' samples to results/calibration/references_SCENARIO.parquet.
+observation, and writes the chains' samples to results/calibration/references_SCENARIO.parquet. If
+``--out`` has that file, the command goes on with it.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import time
 from dataclasses import dataclass
 from itertools import cycle, product
 from pathlib import Path
+from typing import Any
 
 import arviz
 import numpy as np
@@ -44,7 +46,7 @@ class Reference:
         weights: (M, N, K).
         r_hat: the largest over weights.
         effective: the least bulk effective sample size.
-        accepted: share of accepted steps.
+        accepted: share of accepted straightened steps.
     """
 
     weights: np.ndarray
@@ -59,42 +61,48 @@ def main() -> None:
     parser.add_argument("scenario", choices=SIGMAS)
     parser.add_argument("--observations", type=int, default=10)
     parser.add_argument("--chains", type=int, default=40)
-    parser.add_argument("--steps", type=int, default=1500)
-    parser.add_argument("--most", type=int, default=6000, help="steps where chains disagree")
+    parser.add_argument("--steps", type=int, default=500)
+    parser.add_argument("--most", type=int, default=4000, help="steps where chains disagree")
     parser.add_argument("--out", type=Path, default=FOLDER)
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / f"references_{options.scenario}.parquet"
+    rows: list[Any] = pd.read_parquet(path).to_dict("records") if path.exists() else []
     print("seed view    sigma   C2ST  peaks  R-hat   ESS  accepted  ESS of posterior  seconds")
-    rows = []
     cells = list(product(("full", "partial"), SIGMAS[options.scenario]))
     some = draws(options.scenario, range(FIRST, FIRST + options.observations))
-    for draw, (view, sigma) in zip(some, cycle(cells), strict=False):
-        started = time.process_time()
-        estimate, reference, peaks = _both(draw, view, sigma, options)
-        score = c2st(estimate, reference) if estimate.samples is not None else np.nan
-        effective = estimate.extras.get("effective_sample_size", 0)
-        print(
-            f"{draw.seed} {view:8}{sigma:5g}  {score:.3f}  {peaks:5}  {reference.r_hat:.3f}"
-            f"{reference.effective:6.0f}  {reference.accepted:8.2f}  {effective:16.0f}"
-            f"{'' if estimate.converged else ' (not converged)'}"
-            f"  {time.process_time() - started:7.0f}",
-            flush=True,
-        )
-        rows.append(
-            {
-                "scenario": options.scenario,
-                "seed": draw.seed,
-                "view": view,
-                "sigma": sigma,
-                "c2st": score,
-                "r_hat": reference.r_hat,
-                "effective": reference.effective,
-                "weights": reference.weights[..., :-1].astype(np.float32).ravel(),
-            }
-        )
-    options.out.mkdir(parents=True, exist_ok=True)
-    table = pd.DataFrame(rows)
-    table.to_parquet(options.out / f"references_{options.scenario}.parquet", compression="zstd")
-    print(f"C2ST: median {table['c2st'].median():.3f}, largest {table['c2st'].max():.3f}")
+    for number, (draw, (view, sigma)) in enumerate(zip(some, cycle(cells), strict=False)):
+        if number == len(rows):
+            rows.append(_row(draw, view, sigma, options))
+            pd.DataFrame(rows).to_parquet(path, compression="zstd")
+        print(rows[number]["line"], flush=True)
+    scores = [row["c2st"] for row in rows]
+    print(f"C2ST: median {np.median(scores):.3f}, largest {np.max(scores):.3f}")
+
+
+def _row(draw: Draw, view: str, sigma: float, options: argparse.Namespace) -> dict[str, Any]:
+    """An observation with its reference; ``line`` is what is printed of it."""
+    started = time.process_time()
+    estimate, reference, peaks = _both(draw, view, sigma, options)
+    score = c2st(estimate, reference) if estimate.samples is not None else np.nan
+    effective = estimate.extras.get("effective_sample_size", 0)
+    line = (
+        f"{draw.seed} {view:8}{sigma:5g}  {score:.3f}  {peaks:5}  {reference.r_hat:.3f}"
+        f"{reference.effective:6.0f}  {reference.accepted:8.2f}  {effective:16.0f}"
+        f"{'' if estimate.converged else ' (not converged)'}"
+        f"  {time.process_time() - started:7.0f}"
+    )
+    return {
+        "scenario": options.scenario,
+        "seed": draw.seed,
+        "view": view,
+        "sigma": sigma,
+        "c2st": score,
+        "r_hat": reference.r_hat,
+        "effective": reference.effective,
+        "line": line,
+        "weights": reference.weights[..., :-1].astype(np.float32).ravel(),
+    }
 
 
 def _both(

@@ -1,6 +1,7 @@
 """``olne-bench drive``: let planners drive an ego among others, and count what it is worth."""
 
-from collections.abc import Iterator, Sequence
+import signal
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,17 @@ import pandas as pd
 from tqdm import tqdm
 
 from olne_bench import plugins
-from olne_bench.bench.commands.options import PATH, FiniteRange, memory_option
-from olne_bench.bench.judge.beliefs import LEAST_WINDOW, EstimateRules
-from olne_bench.bench.judge.driving import OWN_PLANNERS, DriveTask, judge_drive
+from olne_bench.bench.commands.going_on import Machine, leave, machine_options, start
+from olne_bench.bench.commands.options import PATH, FiniteRange
+from olne_bench.bench.judge.driving import judge_drive
+from olne_bench.bench.plan.drive import LEAST_WINDOW, OWN_PLANNERS, DriveTask, EstimateRules
 from olne_bench.bench.plan.salt import check_salt
+from olne_bench.bench.plan.versions import code_of_drive
 from olne_bench.bench.report.driving import comparison_table, drive_table
 from olne_bench.bench.report.figures.driving import draw_driving
-from olne_bench.bench.run.driving import DriveFile, is_done, run_drives
+from olne_bench.bench.run.cluster import check_cluster
+from olne_bench.bench.run.drive_file import DriveFile, is_done, row_of
+from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, WEIGHTS
 from olne_bench.envs.drive.pictures import picture
@@ -95,7 +100,7 @@ _SHOWN += ["fallback", "late"]
     show_default=True,
     help="Time after which an estimator is killed [s].",
 )
-@memory_option("Memory limit of the player process.")
+@machine_options
 @click.option("--salt", default=SALT, show_default=True, metavar="TEXT", help="Seeds noise.")
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures.")
 def drive(out: Path | None, video: Path | None, **asked: Any) -> None:
@@ -109,18 +114,18 @@ def drive(out: Path | None, video: Path | None, **asked: Any) -> None:
     tasks = _tasks(seeds, **asked)
     if (out is None) == (video is None):
         raise UserError("drive needs either --out FOLDER, for a study, or --video FILE")
-    memory = int(asked["memory"] * 2**30)
     if video is not None:
-        _film(video, tasks, memory)
+        _film(video, tasks, int(asked["memory"] * 2**30))
         return
     assert out is not None
+    if asked["dask"] is not None:
+        check_cluster(asked["dask"])
     file = _begun(out, asked)
     done = file.done()
     left = [task for task in tasks if not is_done(task, done)]
     click.echo(f"{len(left)} of {len(tasks)} drives are left", err=True)
-    for row in run_drives(_shown(left), memory=memory, hidden=out.resolve()):
-        file.add(row)
-    _write_tables(file.read(), out, asked["figures"])
+    leave(_run(left, file, Machine(out, asked["jobs"], asked["dask"], asked["memory"])))
+    _write_tables(file.read(_codes(file, tasks)), out, asked["figures"])
 
 
 def _tasks(numbers: Sequence[int], **asked: Any) -> list[DriveTask]:
@@ -143,7 +148,8 @@ def _tasks(numbers: Sequence[int], **asked: Any) -> list[DriveTask]:
     rules = EstimateRules(asked["window"], asked["sigma"], asked["deadline"], asked["time_limit"])
     return [
         DriveTask(
-            road, traffic, asked["weights"], seed, label, reference, plugin, rules, asked["salt"]
+            *(road, traffic, asked["weights"], seed, label, reference, plugin, rules),
+            *(asked["salt"], code_of_drive(reference)),
         )
         for traffic, road, seed, (label, reference, plugin) in product(
             asked["traffic"], asked["road"] or tuple(ROADS), numbers, planners
@@ -195,11 +201,45 @@ def _begun(out: Path, asked: dict[str, Any]) -> DriveFile:
     return DriveFile(out / EPISODES)
 
 
-def _shown(tasks: list[DriveTask]) -> Iterator[DriveTask]:
-    with tqdm(total=len(tasks), unit="drive", smoothing=0.05, mininterval=0.5) as bar:
-        for task in tasks:
-            yield task
+def _run(left: list[DriveTask], file: DriveFile, machine: Machine) -> signal.Signals | None:
+    """Run drives and keep their rows; the signal that interrupted them, if any."""
+    ended = 0
+    with (
+        stop_request() as stop,
+        tqdm(total=len(left), unit="drive", smoothing=0.05, mininterval=0.5) as bar,
+    ):
+        for task, outcome in start(left, machine, stop):
+            file.add(row_of(task, outcome))
+            ended += 1
             bar.update()
+    if stop.signal is None or ended == len(left):
+        return None
+    click.echo(
+        f"interrupted: {ended} drives are stored in {machine.out}, {len(left) - ended} remain; run "
+        "the same command again to continue",
+        err=True,
+    )
+    return stop.signal
+
+
+def _codes(file: DriveFile, tasks: list[DriveTask]) -> dict[str, str]:
+    """Code of each planner in a file; planners whose code is another one now are named."""
+    codes = {task.planner: task.code for task in tasks}
+    for label in file.read()["planner"].unique():
+        if label not in codes:
+            codes[label] = _code(label)
+    stale = sorted(set(file.read()["planner"]) - set(file.read(codes)["planner"]))
+    if stale:
+        click.echo(f"not in the tables, as their code has changed: {', '.join(stale)}", err=True)
+    return codes
+
+
+def _code(label: str) -> str:
+    """Code of a planner by its label; empty if it is not known here."""
+    try:
+        return code_of_drive(_planner(label)[1])
+    except UserError:
+        return ""
 
 
 def _write_tables(rows: pd.DataFrame, out: Path, figures: bool) -> None:

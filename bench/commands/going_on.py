@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from olne_bench.bench.plan.salt import salted
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
+from olne_bench.bench.plan.work import W
 from olne_bench.bench.run.cluster import run_on_dask
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.interrupt import stop_request
@@ -36,14 +37,20 @@ Expand = Callable[[Suite, int | None], Iterator[Trial]]
 
 
 @dataclass(frozen=True)
-class StudyOptions:
-    """The options of commands that run a suite."""
+class Machine:
+    """Where a study runs, and into which folder."""
 
-    suite: str
     out: Path
     jobs: int
     dask: str | None
     memory: float
+
+
+@dataclass(frozen=True)
+class StudyOptions(Machine):
+    """The options of commands that run a suite."""
+
+    suite: str
     retry: tuple[str, ...]
     scenario: tuple[str, ...]
     sensor: tuple[str, ...]
@@ -66,13 +73,8 @@ class StudyOptions:
         )
 
 
-_OPTIONS = (
-    click.option(
-        "--out",
-        type=PATH,
-        required=True,
-        help="Run folder. An interrupted run continues.",
-    ),
+#: The options of ``Machine`` but the folder.
+MACHINE_OPTIONS = (
     click.option(
         "--jobs",
         type=JOBS,
@@ -86,6 +88,15 @@ _OPTIONS = (
         help="Dask cluster to run on: tcp://host:8786, or local:N for N workers on this machine.",
     ),
     memory_option("Memory limit of each worker process."),
+)
+_OPTIONS = (
+    click.option(
+        "--out",
+        type=PATH,
+        required=True,
+        help="Run folder. An interrupted run continues.",
+    ),
+    *MACHINE_OPTIONS,
     click.option(
         "--retry",
         type=click.Choice(RETRIES),
@@ -119,7 +130,16 @@ _OPTIONS = (
 
 def study_options(command: Command) -> Command:
     """The options of ``StudyOptions``, for a command that has the argument ``suite``."""
-    for option in reversed(_OPTIONS):
+    return _with(_OPTIONS, command)
+
+
+def machine_options(command: Command) -> Command:
+    """The options of ``Machine``, for a command that has the option ``--out``."""
+    return _with(MACHINE_OPTIONS, command)
+
+
+def _with(options: Sequence[Callable[[Command], Command]], command: Command) -> Command:
+    for option in reversed(options):
         command = option(command)
     return command
 
@@ -180,9 +200,9 @@ def go_on(
 
 
 def start(
-    todo: Iterable[Trial], options: StudyOptions, stop: Callable[[], bool]
-) -> Iterator[tuple[Trial, Outcome]]:
-    """Outcomes of trials, here or on a cluster, as they end."""
+    todo: Iterable[W], options: Machine, stop: Callable[[], bool]
+) -> Iterator[tuple[W, Outcome]]:
+    """Outcomes of trials, motions or drives, here or on a cluster, as they end."""
     limit, out = int(options.memory * 2**30), options.out.resolve()
     if options.dask:
         return run_on_dask(

@@ -2,16 +2,15 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 import pandas as pd
 
 from olne_bench.bench.commands.going_on import StudyOptions, go_on, leave, study_options
+from olne_bench.bench.commands.online_rules import keep_rules
 from olne_bench.bench.commands.options import FiniteRange
 from olne_bench.bench.judge.online import ERROR_COLUMNS
 from olne_bench.bench.plan.entries import ScenarioEntry
@@ -32,16 +31,12 @@ from olne_bench.bench.report.write_online import write_online
 from olne_bench.bench.run.cluster import check_cluster
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.excluding import check_priors
-from olne_bench.bench.run.store import Store, open_store
+from olne_bench.bench.run.store import open_store
 from olne_bench.bench.run.store_layout import MOTIONS_NAME
 from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
 from olne_bench.estimators.stream import LEAST_LAG
-from olne_bench.files import whole_file
-
-#: File of a study's rules.
-SETTINGS = "online.json"
 
 #: Columns of the summary that are shown, in the order of the terminal.
 _SHOWN = ["motions", "failed", "late", "latency_50", "latency_99", "cosine_error", "half_time"]
@@ -103,7 +98,7 @@ def online(suite: str, **options: Any) -> None:
         references = [e.label for e in whole.estimators if e.label in REFERENCES]
         chosen = replace(chosen, estimator=(*references, *chosen.estimator))
     with open_store(chosen.out, MOTIONS_NAME) as store:
-        _keep_rules(store, whole, rules, chosen.out)
+        keep_rules(chosen.out, whole, rules, begun=bool(store.runs()))
         interrupted = go_on(whole, text, chosen, store, partial(_expanded, rules))
         leave(interrupted)
         rows, runs = update_table(store, whole), store.runs()
@@ -152,33 +147,6 @@ def _check_lag(scenario: ScenarioEntry, lag: int) -> None:
                 f"--lag {lag}: a motion of scenario {scenario.label!r} has {samples} samples; use "
                 "fewer, or no --lag for all so far"
             )
-
-
-def _keep_rules(store: Store, suite: Suite, rules: OnlineRules, out: Path) -> None:
-    """Note the rules of a new study; refuse others in an old one.
-
-    Raises:
-        UserError: if a rule differs, as rows of both would be mixed.
-    """
-    path, kept = out / SETTINGS, asdict(rules)
-    if store.runs() and path.exists():
-        former = msgspec.json.decode(path.read_bytes())
-        for name, value in asdict(rules).items():
-            old = former.get(name)
-            if name == "fit_every" and None in (old, value):  # fits may come later
-                kept[name] = old or value
-            elif old != value:
-                raise UserError(
-                    f"{out} holds a study whose {name} is {_told(old)}, and here it is "
-                    f"{_told(value)}; rows of both would be mixed: use another --out"
-                )
-    settings = {"suite": suite.model_dump(mode="json")} | kept
-    with whole_file(path) as new:
-        new.write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=1))
-
-
-def _told(value: float | None) -> str:
-    return "the default" if value is None else f"{value:g}"
 
 
 def _say(rows: pd.DataFrame, summary: pd.DataFrame) -> None:

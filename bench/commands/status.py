@@ -8,13 +8,16 @@ from pathlib import Path
 import click
 import pandas as pd
 
+from olne_bench.bench.commands.online_rules import read_rules
 from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.motion import OnlineRules, motions
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import STATES, Stored, last_suite
-from olne_bench.bench.run.store import read_store
+from olne_bench.bench.run.store import read_store, store_name
+from olne_bench.bench.run.store_layout import MOTIONS_NAME
 from olne_bench.bench.run.time_left import Cost, in_words, processes, time_left
 from olne_bench.plugins import PluginError
 
@@ -30,28 +33,32 @@ def status(folder: Path) -> None:
     since. missing: not run yet. The time left of missing and stale trials is estimated from the
     mean time of each estimator's trials in this folder.
     """
-    with read_store(folder) as store:
+    name = store_name(folder)
+    with read_store(folder, name) as store:
         runs = store.runs()
         stored, costs = Stored(store.records()), store.costs()
-    suite = last_suite(runs, folder)
-    table, notes = _table(suite, stored)
+    suite, online = last_suite(runs, folder), name == MOTIONS_NAME
+    table, notes = _table(suite, stored, read_rules(folder) if online else None)
     click.echo(_heading(folder, runs))
     click.echo(table.to_string(index=False))
     for note in notes:
         click.echo(note)
     for line in _time_left(table, costs, runs[-1].executor):
         click.echo(line)
-    for hint in _hints(table, runs[-1]):
+    for hint in _hints(table, runs[-1], "online" if online else "run"):
         click.echo(hint)
 
 
-def _table(suite: Suite, stored: Stored) -> tuple[pd.DataFrame, list[str]]:
+def _table(
+    suite: Suite, stored: Stored, rules: OnlineRules | None
+) -> tuple[pd.DataFrame, list[str]]:
     """One row per scenario and estimator, and a note for each without one."""
     rows, notes = [], []
     for scenario, estimator in suite.pairs():
         part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
         try:
-            found = Counter(stored.state(trial) for trial in expand(part))
+            trials = expand(part) if rules is None else motions(part, rules)
+            found = Counter(stored.state(trial) for trial in trials)
         except PluginError as error:
             notes.append(f"{estimator.label} on {scenario.label}: not known here: {error}")
             continue
@@ -95,15 +102,15 @@ def _heading(folder: Path, runs: list[Provenance]) -> str:
     )
 
 
-def _hints(table: pd.DataFrame, last: Provenance) -> list[str]:
+def _hints(table: pd.DataFrame, last: Provenance, command: str) -> list[str]:
     hints = []
     if table["missing"].any() or table["stale"].any():
-        hints.append("'olne-bench run' with this --out runs missing and stale trials")
+        hints.append(f"'olne-bench {command}' with this --out runs missing and stale trials")
     if table["failed"].any():
-        hints.append("'olne-bench run --retry failed' runs failed trials again")
+        hints.append(f"'olne-bench {command} --retry failed' runs failed trials again")
     if table["harness_error"].any():
         hints.append(
-            "'olne-bench run --retry harness_error' runs trials again that were not judged"
+            f"'olne-bench {command} --retry harness_error' runs trials again that were not judged"
         )
     if str(last.selection):
         hints.append(f"the last run was of a part of the suite: {last.selection}")

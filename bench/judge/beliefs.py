@@ -1,7 +1,6 @@
 """What an ego takes the others' weights and target speeds to be, while it drives among them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -10,8 +9,8 @@ from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimat
 from olne_bench.bench.judge.online import StreamPlayer, StreamTask
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.bench.judge.referee import PlayerFault
+from olne_bench.bench.plan.drive import EstimateRules
 from olne_bench.envs.drive.cars import (
-    STEP,
     Car,
     Road,
     drive_game,
@@ -19,33 +18,16 @@ from olne_bench.envs.drive.cars import (
     unknown_speed,
     with_target,
 )
+from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.driving import NOISE_SCALE
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import VIEWS
 
-#: Samples that a window has at least: two states make a game.
-LEAST_WINDOW = 2
-
-#: Steps after the window, in a stream's game, when it begins and when it is used up: 7 s and 4 s.
-_AHEAD, _LEFT = round(7.0 / STEP), round(4.0 / STEP)
-
-
-@dataclass(frozen=True)
-class EstimateRules:
-    """How an ego uses estimates.
-
-    Attributes:
-        window: number of latest samples that count.
-        sigma: standard deviation of the noise on positions [m].
-        deadline: time [s] in which an estimate has to be there.
-        time_limit: time [s] after which a process is killed.
-    """
-
-    window: int
-    sigma: float
-    deadline: float
-    time_limit: float
+#: From the first sample of its window, a stream's game reaches as far as the plans of Nash traffic,
+#: and so many samples further when it begins: after as many, another stream begins. A longer game
+#: is another one: what it takes for weights predicts half as well.
+_SPARE = 5
 
 
 class Beliefs(Protocol):
@@ -161,7 +143,7 @@ class EstimatedBeliefs:
     ) -> tuple[CheckedEstimate | None, float]:
         """The estimate after the latest sample, if it is one, and the time [s] that it took."""
         latest = [self._seen[-1]]
-        most = self._rules.window + _AHEAD - _LEFT
+        most = self._rules.window + _SPARE
         if numbers != self._numbers or self._count >= most:
             latest = _shared(self._seen, numbers)
             self._begin(cars, numbers)
@@ -184,7 +166,7 @@ class EstimatedBeliefs:
         speed = unknown_speed(self._road)
         players = [ego.player, *(with_target(car.player, speed) for car in others)]
         self._problem = Problem(
-            drive_game(players, self._rules.window + _AHEAD),
+            drive_game(players, max(HORIZON, self._rules.window + 1) + _SPARE),
             VIEWS["full"],
             self._rules.sigma,
             noise_scale=NOISE_SCALE,

@@ -15,12 +15,18 @@ import numpy as np
 from olne_bench.bench.judge.beliefs import (
     Beliefs,
     EstimatedBeliefs,
-    EstimateRules,
     TrueBeliefs,
     UniformBeliefs,
 )
 from olne_bench.bench.judge.online import StreamPlayer, StreamTask
 from olne_bench.bench.judge.streams import stream
+from olne_bench.bench.plan.drive import (
+    CONSTANT_VELOCITY,
+    ORACLE,
+    OWN_PLANNERS,
+    STOCK_EGO,
+    DriveTask,
+)
 from olne_bench.bench.text import clip
 from olne_bench.envs.drive.cars import ROADS, STEP, Car
 from olne_bench.envs.drive.costs import EgoCost
@@ -35,11 +41,6 @@ from olne_bench.envs.drive.world import DriveWorld
 from olne_bench.envs.driving import NOISE_SCALE
 from olne_bench.estimators.protocol import Problem
 
-#: Planners that need no estimator: the true weights and target speeds, equal weights and middle
-#: speeds, others that drive straight on, and HighwayEnv's own driver.
-ORACLE, UNIFORM, CONSTANT_VELOCITY, STOCK_EGO = "oracle", "uniform", "constant_velocity", "stock"
-OWN_PLANNERS = (ORACLE, UNIFORM, CONSTANT_VELOCITY, STOCK_EGO)
-
 #: Other cars that a planner looks at: the nearest ones.
 NEAREST = 4
 
@@ -50,38 +51,6 @@ _CYCLES = (50, 95, 99)
 
 #: Deadlines that an update may spend: it counts late then, and is worth little after that.
 _BUDGET = 5
-
-
-@dataclass(frozen=True)
-class DriveTask:
-    """One drive.
-
-    Attributes:
-        road: one of ``envs.drive.cars.ROADS``.
-        traffic: one of ``envs.drive.world.TRAFFIC``.
-        weights: how hidden weights are drawn.
-        seed: identifies the drive.
-        planner: label of the planner.
-        reference: name or file of its estimator; empty for ``OWN_PLANNERS``.
-        plugin: identifies an estimator that is a plugin; empty for a built-in one.
-        rules: how estimates are used.
-        salt: seeds noise.
-    """
-
-    road: str
-    traffic: str
-    weights: str
-    seed: int
-    planner: str
-    reference: str
-    plugin: str
-    rules: EstimateRules
-    salt: str
-
-    @property
-    def key(self) -> tuple[str | int | float, ...]:
-        """What a planner's drive has in common with all other planners'."""
-        return (self.road, self.traffic, self.weights, self.rules.sigma, self.seed)
 
 
 @dataclass(frozen=True)

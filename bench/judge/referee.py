@@ -33,6 +33,7 @@ from olne_bench.bench.judge.weight_levels import weight_levels
 from olne_bench.bench.plan.entries import MetricEntry, SensorEntry
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.plan.work import Work
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
@@ -193,7 +194,7 @@ def judge(
         return replace(outcome, status="harness_error", message=f"scoring: {describe_error(error)}")
 
 
-def own_seconds(trial: Trial) -> float:
+def own_seconds(trial: Work) -> float:
     """Time limit of the referee's own stages [s]; foreign code gets no more than the trial's."""
     return trial.time_limit if trial.home_plugins else max(trial.time_limit, _OWN_SECONDS)
 

@@ -50,7 +50,8 @@ class Suite(Strict):
         time_limit: wall-clock seconds after which a stage of a trial (set-up, estimate, scoring) is
             killed.
         root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
-            estimated weights. Default: those of the published study.
+            estimated weights. Default: those of the published study. 0: the path of roots from
+            the true weights is followed instead (``games.nearest_root.predict``).
         trajectories: number of trajectories of each trial, unless a scenario sets its own.
         estimators: names, or tables with parameters.
         metrics: names, or tables with parameters; a file need not list the built-in ones.

@@ -88,6 +88,10 @@ class Trial:
         """The versions of the code that this process would run it with."""
         return versions(self.scenario, self.sensor, self.estimator, self.metrics)
 
+    def code_difference(self) -> str | None:
+        """How this process's code differs from the code it was made for; None if it does not."""
+        return explain_difference(self)
+
     @property
     def key(self) -> tuple[str, ...]:
         """What identifies the trial, whatever the version of the code."""

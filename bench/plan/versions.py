@@ -42,6 +42,15 @@ _SCORING = (
 )
 #: What hands out samples one by one, and scores predictions.
 _FOLLOWING = ("judge.online", "judge.predictions", "run.stream_player")
+#: What lets an ego drive, beside what it imports from games, environments and estimators.
+_DRIVING = (
+    "judge.beliefs",
+    "judge.driving",
+    "judge.estimate_check",
+    "judge.raw_estimate",
+    "judge.streams",
+    "run.stream_player",
+)
 #: Another version of one of these may round differently, or draw other numbers.
 _LIBRARIES = ("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env")
 
@@ -94,6 +103,21 @@ def versions(
 def with_following(code: Versions) -> Versions:
     """Versions of a trial for a motion, whose row depends on more of our code."""
     return replace(code, scoring=_digest([code.scoring, _following()]))
+
+
+def code_of_drive(reference: str) -> str:
+    """Fingerprint of what a drive depends on.
+
+    Args:
+        reference: names the estimator; empty for none.
+
+    Raises:
+        UserError: if its code is not found.
+    """
+    estimator = _version(ESTIMATOR, reference) if reference else ""
+    modules = _modules("olne_bench.bench", _DRIVING)
+    own = fingerprint(modules, _GAMES | _ENVS | _ESTIMATORS, own=None)
+    return _digest([estimator, own, *(f"{name} {value}" for name, value in environment().items())])
 
 
 def files_of(kind: Kind, reference: str) -> list[Path]:

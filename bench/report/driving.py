@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, bootstrap, permutation_test
 
-from olne_bench.bench.judge.driving import CONSTANT_VELOCITY, ERROR_COLUMNS, ORACLE, UNIFORM
+from olne_bench.bench.judge.driving import ERROR_COLUMNS
+from olne_bench.bench.plan.drive import CONSTANT_VELOCITY, ORACLE, UNIFORM
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.statistics.estimator_comparison import holm
 

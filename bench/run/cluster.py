@@ -12,7 +12,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures import wait as futures_wait
 from contextlib import ExitStack, contextmanager, suppress
@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Generic
 
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.plan.work import W, Work
 from olne_bench.bench.process.child import TICK
 from olne_bench.bench.run.executor import never
 from olne_bench.bench.run.referee_process import RefereeProcess
@@ -54,14 +54,14 @@ _idle: SimpleQueue[RefereeProcess] = SimpleQueue()
 
 
 def run_on_dask(
-    trials: Iterable[Trial],
+    trials: Iterable[W],
     *,
     cluster: str,
     log: Path | None = None,
     memory: int | None = None,
     hidden: Path | None = None,
     stop: Callable[[], bool] = never,
-) -> Iterator[tuple[Trial, Outcome]]:
+) -> Iterator[tuple[W, Outcome]]:
     """Run trials on a cluster; yield each with its outcome as it ends.
 
     Args:
@@ -82,7 +82,8 @@ def run_on_dask(
     with _client(cluster, stop) as client:
         if client is not None:
             places = _Places(log if local else None, memory, hidden)
-            yield from _Run(client, places, stop).run(iter(trials))
+            run: _Run[W] = _Run(client, places, stop)
+            yield from run.run(iter(trials))
 
 
 def check_cluster(cluster: str) -> None:
@@ -102,7 +103,7 @@ def check_cluster(cluster: str) -> None:
 
 
 def run_chunk(
-    trials: list[Trial], log: Path | None, memory: int | None, hidden: Path | None
+    trials: Sequence[Work], log: Path | None, memory: int | None, hidden: Path | None
 ) -> tuple[list[Outcome], float]:
     """Run trials one after the other: the task that is executed on the cluster.
 
@@ -136,7 +137,7 @@ def run_chunk(
     return outcomes, seconds
 
 
-class _Run:
+class _Run(Generic[W]):
     """Trials on their way to a cluster and back."""
 
     def __init__(self, client: Any, places: "_Places", stop: Callable[[], bool]) -> None:
@@ -144,12 +145,12 @@ class _Run:
         self._places = places
         self._stop = stop
         self._ended: SimpleQueue[Any] = SimpleQueue()
-        self._running: dict[Any, _Chunk] = {}
-        self._again: deque[Trial] = deque()
+        self._running: dict[Any, _Chunk[W]] = {}
+        self._again: deque[W] = deque()
         self._chunk = 1
         self._census = _Census(client)
 
-    def run(self, source: Iterator[Trial]) -> Iterator[tuple[Trial, Outcome]]:
+    def run(self, source: Iterator[W]) -> Iterator[tuple[W, Outcome]]:
         """Yield trials with their outcomes as they end."""
         self._fill(source)
         while self._running and not self._stop():
@@ -163,7 +164,7 @@ class _Run:
                 self._fill(source)
                 yield from ended
 
-    def _fill(self, source: Iterator[Trial]) -> None:
+    def _fill(self, source: Iterator[W]) -> None:
         while len(self._running) < _AHEAD * self._census.threads:
             again = [self._again.popleft() for _ in range(min(self._chunk, len(self._again)))]
             trials = again or list(itertools.islice(source, self._chunk))
@@ -171,7 +172,7 @@ class _Run:
                 return
             self._submit(_Chunk(trials))
 
-    def _submit(self, chunk: "_Chunk") -> None:
+    def _submit(self, chunk: "_Chunk[W]") -> None:
         places = self._places
         future = self._client.submit(
             run_chunk, chunk.trials, places.log, places.memory, places.hidden, pure=False
@@ -179,7 +180,7 @@ class _Run:
         self._running[future] = chunk
         future.add_done_callback(self._ended.put)
 
-    def _collect(self, future: Any) -> list[tuple[Trial, Outcome]]:
+    def _collect(self, future: Any) -> list[tuple[W, Outcome]]:
         """Outcomes of a task; its trials without an outcome are queued again."""
         chunk = self._running.pop(future)
         if future.status != "finished":
@@ -192,7 +193,7 @@ class _Run:
         self._chunk = max(1, min(_LARGEST_CHUNK, int(_CHUNK_SECONDS * done / max(seconds, 1e-6))))
         return list(zip(chunk.trials[:done], outcomes, strict=True))
 
-    def _lose(self, future: Any, chunk: "_Chunk") -> None:
+    def _lose(self, future: Any, chunk: "_Chunk[W]") -> None:
         """Run a chunk again if its worker has died; its trials did not fail."""
         from distributed import KilledWorker
 
@@ -258,10 +259,10 @@ class _Places:
 
 
 @dataclass(frozen=True)
-class _Chunk:
+class _Chunk(Generic[W]):
     """Trials of one task, and how often they were lost with their worker."""
 
-    trials: list[Trial]
+    trials: list[W]
     losses: int = 0
 
 

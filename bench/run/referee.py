@@ -6,11 +6,14 @@ from pathlib import Path
 
 from olne_bench.bench.judge.referee import judge
 from olne_bench.bench.plan.draws import opened
+from olne_bench.bench.plan.drive import DriveTask
 from olne_bench.bench.plan.motion import Motion
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.trial import Trial, explain_difference
+from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.plan.work import Work
 from olne_bench.bench.process.child import StartError
 from olne_bench.bench.process.inside import announce
+from olne_bench.bench.run.driving import outcome_of_drive
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.run.online import outcome_of
 from olne_bench.bench.run.player_process import PlayerProcess
@@ -37,8 +40,8 @@ class _Staff:
 _staff: _Staff | None = None
 
 
-def run_trial(trial: Trial, memory: int | None, hidden: Path | None) -> Outcome:
-    """Judge a trial with the code that it was made for.
+def run_trial(trial: Work, memory: int | None, hidden: Path | None) -> Outcome:
+    """Judge a trial, a motion or a drive with the code that it was made for.
 
     Args:
         trial: what to judge.
@@ -51,7 +54,7 @@ def run_trial(trial: Trial, memory: int | None, hidden: Path | None) -> Outcome:
     """
     global _staff
     announce("check of the code", _CODE_SECONDS)
-    difference = explain_difference(trial)
+    difference = trial.code_difference()
     if difference is not None:
         raise OtherCodeError(difference)
     if _staff is None:
@@ -63,12 +66,18 @@ def run_trial(trial: Trial, memory: int | None, hidden: Path | None) -> Outcome:
     began = time.monotonic()
     try:
         with travelling(opened(trial.draws)):
-            if isinstance(trial, Motion):
-                outcome = outcome_of(trial, _staff.follower, announce)
-            else:
-                outcome = judge(trial, _staff.player, _staff.metrics, announce)
+            outcome = _judged(trial, _staff)
         return replace(outcome, trial_seconds=time.monotonic() - began)
     except StartError:
         raise
     except UserError as error:  # all input was checked before the run
         return Outcome("harness_error", str(error))
+
+
+def _judged(trial: Work, staff: _Staff) -> Outcome:
+    if isinstance(trial, DriveTask):
+        return outcome_of_drive(trial, staff.follower, announce)
+    if isinstance(trial, Motion):
+        return outcome_of(trial, staff.follower, announce)
+    assert isinstance(trial, Trial)
+    return judge(trial, staff.player, staff.metrics, announce)

@@ -1,10 +1,11 @@
 """The referee process as the driver sees it: trials go in, outcomes come out."""
 
 from pathlib import Path
+from typing import Generic
 
 from olne_bench.bench.judge.referee import own_seconds
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.plan.work import W, Work
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.child import (
     ATTEMPTS,
@@ -17,7 +18,7 @@ from olne_bench.bench.process.child import (
 from olne_bench.bench.run.referee import run_trial
 
 
-class RefereeProcess:
+class RefereeProcess(Generic[W]):
     """One referee; its process is started with its first trial and replaced when it dies.
 
     It is also replaced before a trial whose scenario or sensor is another plugin, so that plugins
@@ -35,7 +36,7 @@ class RefereeProcess:
             memory: memory limit [bytes] of each process, None for no limit.
             hidden: folder that foreign code cannot read, as it holds the run.
         """
-        self.trial: Trial | None = None
+        self.trial: W | None = None
         self._memory, self._hidden = memory, hidden
         self._log = log
         self._child = Child(log=log, may_announce=True)
@@ -47,7 +48,7 @@ class RefereeProcess:
         """The connection; it is readable when ``poll`` may find something."""
         return self._child.channel
 
-    def assign(self, trial: Trial) -> None:
+    def assign(self, trial: W) -> None:
         """Give an idle referee its next trial."""
         assert self.trial is None
         self._attempts = 0
@@ -85,7 +86,7 @@ class RefereeProcess:
         self._child.stop()
         self.trial = None
 
-    def _send(self, trial: Trial) -> None:
+    def _send(self, trial: W) -> None:
         if trial.home_plugins != self._home:
             self._child.stop()
             self._child = self._for(trial)
@@ -93,7 +94,7 @@ class RefereeProcess:
         arguments = (trial, self._memory, self._hidden)
         self._child.submit(run_trial, *arguments, seconds=own_seconds(trial))
 
-    def _for(self, trial: Trial) -> Child:
+    def _for(self, trial: Work) -> Child:
         """A process for a trial; foreign scenarios and sensors run in a sandbox, as players do."""
         if not trial.home_plugins:
             return Child(log=self._log, may_announce=True)

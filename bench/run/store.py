@@ -19,6 +19,7 @@ from olne_bench.bench.run.store_layout import (
     COLUMNS,
     CURRENT,
     FILE_NAME,
+    MOTIONS_NAME,
     NAMED,
     add_cost,
     add_metric_columns,
@@ -187,14 +188,20 @@ def open_store(folder: Path, name: str = FILE_NAME) -> Iterator[Store]:
 
 
 @contextmanager
-def read_store(folder: Path) -> Iterator[Store]:
-    """Open an existing run folder's store.
+def read_store(folder: Path, name: str = FILE_NAME) -> Iterator[Store]:
+    """Open an existing run folder's store; its name is as in ``open_store``.
 
     Raises:
         UserError: if there is none, or its file is damaged or not a store.
     """
-    with reading(folder) as connection:
+    with reading(folder, name) as connection:
         yield Store(connection)
+
+
+def store_name(folder: Path) -> str:
+    """Name of the store in a folder: that of a study online if there is no other."""
+    online = (folder / MOTIONS_NAME).is_file() and not (folder / FILE_NAME).is_file()
+    return MOTIONS_NAME if online else FILE_NAME
 
 
 def _flat(versions: Versions) -> tuple[str, ...]:

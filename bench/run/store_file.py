@@ -66,20 +66,20 @@ def _refuse_other_kind(folder: Path, name: str) -> None:
 
 
 @contextmanager
-def reading(folder: Path) -> Iterator[sqlite3.Connection]:
+def reading(folder: Path, name: str = FILE_NAME) -> Iterator[sqlite3.Connection]:
     """A read-only connection to an existing run folder's store.
 
     Raises:
         UserError: if there is none, or its file is damaged or not a store.
     """
-    path = folder / FILE_NAME
+    path = folder / name
     try:
         if folder.is_file():
             raise UserError(f"no run in {folder}: it is a file; name the run's folder")
         if not path.is_file():
-            raise UserError(f"no run in {folder}: it has no {FILE_NAME}")
+            raise UserError(f"no run in {folder}: it has no {name}")
         if not path.stat().st_size:
-            raise UserError(f"no run in {folder}: its {FILE_NAME} is empty")
+            raise UserError(f"no run in {folder}: its {name} is empty")
     except OSError as error:
         raise UserError(f"cannot read {folder}: {error.strerror or error}") from error
     with _connected(path, _reader) as connection:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators import trajectory_fit as module
 from olne_bench.estimators.trajectory_fit import (
     fit_trajectory,
     guess_controls,
@@ -109,6 +110,22 @@ def test_noise_is_explained_by_motion_at_least_as_well_as_by_the_truth() -> None
         near = fit.controls + 1e-3 * rng.standard_normal(fit.controls.shape)
         other = rollout(game.dynamics, fit.states[0], near, game.dt)
         assert np.sum(((y - other) / scale) ** 2) > own
+
+
+def test_a_fit_that_samples_leave_open_ends_soon() -> None:
+    """With gaps there are many best fits of a car: IPOPT took 3,000 iterations, seconds, before."""
+    car = bicycle(rear_axle=2.5, sub_steps=6)
+    game = Game((Player((ControlEffort("steering"),)),), car, horizon=20, dt=0.4)
+    states = rollout(car, np.array([[0.0, 0.0, 0.0, 20.0]]), np.zeros(game.control_shape), game.dt)
+    solver = module._fit_solver(module._motion_of(game), VIEWS["partial"], 20)
+    rng = np.random.default_rng(0)
+    iterations = []
+    for _ in range(4):
+        y = states[..., :3] + (0.2, 0.2, 0.02) * rng.standard_normal(states[..., :3].shape)
+        y[rng.random(y.shape[:2]) < 0.3] = np.nan
+        fit_trajectory(game, VIEWS["partial"], y, (1.0, 1.0, 0.1))
+        iterations.append(solver.stats()["iter_count"])
+    assert max(iterations) == 500
 
 
 def test_missing_samples_have_no_precision_and_others_one_over_their_scale() -> None:

@@ -80,3 +80,19 @@ def test_where_the_published_step_fails_a_path_of_roots_is_followed(
     assert not prediction.published
     assert prediction.root is not None
     np.testing.assert_allclose(prediction.root.states, expected.root.states, atol=1e-6)
+
+
+def test_without_iterations_the_path_from_the_true_weights_is_the_verdict(
+    crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    game, weights, _ = crossing
+    other, truth = game.check_weights(weights + 0.05 * np.eye(3, 4)), _root(crossing_equilibrium)
+    expected = predict(game, other, truth, weights).root
+    assert expected is not None
+    monkeypatch.delattr(module, "nearest_root")  # IPOPT has no say
+    prediction = predict(game, other, truth, weights, max_iterations=0)
+    assert prediction.published
+    assert prediction.root is not None
+    np.testing.assert_allclose(prediction.root.states, expected.states, atol=1e-6)
+    monkeypatch.setattr(module, "follow_weights", lambda *_: None)
+    assert not predict(game, other, truth, weights, max_iterations=0).published

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from olne_bench.bench.judge.driving import OWN_PLANNERS
+from olne_bench.bench.plan.drive import OWN_PLANNERS
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import USUAL_FORMATS
 

@@ -296,8 +296,10 @@ def test_a_status_says_what_to_do_next(state, hint):
     columns = ["missing", "stale", "failed", "harness_error"]
     table = pd.DataFrame([[0] * 4, [0] * 4], columns=columns)
     whole, part = (SimpleNamespace(selection=s) for s in ("", "--seeds 1"))
-    assert module._hints(table, whole) == []
-    assert module._hints(table, part) == ["the last run was of a part of the suite: --seeds 1"]
+    assert module._hints(table, whole, "run") == []
+    assert module._hints(table, part, "run") == [
+        "the last run was of a part of the suite: --seeds 1"
+    ]
     table.loc[1, state] = 2
-    (found,) = module._hints(table, whole)
+    (found,) = module._hints(table, whole, "run")
     assert hint in found

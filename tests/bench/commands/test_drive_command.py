@@ -6,10 +6,10 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from olne_bench.bench.run.driving import COLUMNS, DriveFile
+from olne_bench.bench.run.drive_file import COLUMNS, DriveFile
 
 #: HighwayEnv's drivers need no game, and no compiler.
-QUICK = ["drive", "--traffic", "stock", "--planner", "stock", "--road", "two_way"]
+QUICK = ["drive", "--traffic", "stock", "--planner", "stock", "--road", "two_way", "--jobs", 1]
 
 
 def test_a_study_goes_on_where_it_was_interrupted(study) -> None:
@@ -35,13 +35,48 @@ def test_a_study_goes_on_where_it_was_interrupted(study) -> None:
     assert "--window 5 differs from that of the study" in said
 
 
+def test_rows_of_other_code_are_run_again(study) -> None:
+    out = study.folder / "drives"
+    words = [*QUICK, "--seeds", 1, "--out", out, "--no-figures"]
+    study.call(*words)
+    rows = pd.read_csv(out / "episodes.csv")
+    code = rows["code"][0]
+    former = rows.assign(planner=["stock"], code="0123456789ab")
+    unknown = rows.assign(planner=["a_plugin"])
+    pd.concat([former, unknown]).to_csv(out / "episodes.csv", index=False)
+    said = study.call(*words)
+    assert "1 of 1 drives are left" in said
+    assert "not in the tables, as their code has changed: a_plugin" in said
+    assert pd.read_csv(out / "episodes.csv")["code"].tolist() == ["0123456789ab", code, code]
+    assert pd.read_csv(out / "summary.csv")["planner"].unique().tolist() == ["stock"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("where", [("--jobs", 2), ("--dask", "local:2")], ids=["jobs", "dask"])
+def test_rows_do_not_depend_on_where_they_are_made(study, where) -> None:
+    words = [*QUICK[:-2], "--planner", "constant_velocity", "--seeds", 2, "--no-figures"]
+    study.call(*words, "--jobs", 1, "--out", study.folder / "one")
+    study.call_alone(*words, *where, "--out", study.folder / "more")
+    one, more = (
+        DriveFile(study.folder / name / "episodes.csv")
+        .read()
+        .drop(columns=["cycle_50", "cycle_95", "cycle_99"])
+        .sort_values(["planner", "seed"], ignore_index=True)
+        for name in ("one", "more")
+    )
+    assert len(one) == 4
+    pd.testing.assert_frame_equal(one, more, check_exact=True)
+
+
 def test_faults_of_the_harness_are_run_again(tmp_path) -> None:
     file = DriveFile(tmp_path / "episodes.csv")
-    key = dict(zip(COLUMNS, ("merge", "nash", "dirichlet", 0.1, 3, "abc", "map"), strict=False))
+    key = dict(
+        zip(COLUMNS, ("merge", "nash", "dirichlet", 0.1, 3, "abc", "map", "f00"), strict=False)
+    )
     file.add(key | {"status": "harness_error", "message": "a, b"})
     assert not file.done()
     file.add(key | {"status": "ok"})
-    assert file.done() == {("merge", "nash", "dirichlet", "0.1", "3", "abc", "map")}
+    assert file.done() == {("merge", "nash", "dirichlet", "0.1", "3", "abc", "map", "f00")}
     assert len(file.read()) == 1
 
 

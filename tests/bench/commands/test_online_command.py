@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import signal
 import time
 
@@ -100,6 +101,27 @@ def refused(study, out, words) -> None:
     said = study.call("run", study.suite, "--out", out, code=2)
     assert "holds a study of 'olne-bench online'; use another --out" in said
     assert (out / "updates.csv").read_bytes() == before
+
+
+@pytest.mark.long
+def test_studies_of_two_machines_become_one(study) -> None:
+    study.suite.write_text(SUITE.replace('"uniform", "map"', '"uniform"'))
+    words = ["online", study.suite, "--no-figures", "--jobs", 1, "--deadline", 10]
+    one, two, both = (study.folder / name for name in ("one", "two", "both"))
+    study.call(*words, "--out", one, "--seeds", 1)
+    said = study.call("status", one)
+    assert "'olne-bench online' with this --out runs missing and stale trials" in said
+    assert re.search(r"uniform +1 +0 +0 +0 +1", said)  # done, failed, faults, stale, missing
+    study.call(*words[:-1], 9, "--out", two, "--seeds", 1)
+    assert "have different rules" in study.call("merge", one, two, code=2)
+    shutil.rmtree(two)
+    study.call(*words, "--out", two)
+    said = study.call("merge", one, two, "--out", both)
+    assert "5 rows of" in said and "5 were there before" in said
+    assert "10 of 10 trials are done already" in study.call(*words, "--out", both)
+    pd.testing.assert_frame_equal(reproducible(both), reproducible(two))
+    (one / "trials.sqlite").write_bytes(b"")
+    assert f"{two} is a study online" in study.call("merge", one, two, code=2)
 
 
 @pytest.mark.long

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.beliefs import EstimatedBeliefs, EstimateRules, UniformBeliefs
+from olne_bench.bench.judge.beliefs import EstimatedBeliefs, UniformBeliefs
 from olne_bench.bench.judge.online import StreamTask
 from olne_bench.bench.judge.raw_estimate import read_estimate
 from olne_bench.bench.judge.referee import Answer, PlayerFault
+from olne_bench.bench.plan.drive import EstimateRules
 from olne_bench.envs.drive.cars import ROADS, Car, middle_speed, proposed_cars
+from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.games.unknowns import Unknown
 
@@ -99,9 +101,10 @@ def test_a_stream_that_is_used_up_is_followed_by_another(cars: list[Car]) -> Non
     for step in range(20):
         player.answers = 0  # its weights stay valid
         beliefs.see(cars, sample(cars, step))
-    used = 3 + 35 - 20  # samples of the window and of 7 s, less 4 s that are left
-    assert [len(samples) for samples in player.samples] == [used, 3 + 20 - used - 1]
+    used = 3 + 5  # a window, and the steps by which its game is longer than the others' plans
+    assert [len(samples) for samples in player.samples] == [used, used, used]
     assert np.array_equal(player.samples[1][0], sample(cars, used - 2))
+    assert player.tasks[0].problem.game.horizon == HORIZON + 5
 
 
 def test_a_problem_says_nothing_that_is_hidden(cars: list[Car]) -> None:

@@ -68,7 +68,7 @@ def test_paper_suite_is_the_published_study():
         ('"two_player"', '{name="random", options={players=3}}', "its parameters: num_players"),
         ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
         ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
-        ("seeds = 3", "seeds = 3\nroot_iterations = 0", "root_iterations: Input should be greater"),
+        ("seeds = 3", "seeds = 3\nroot_iterations = -1", "root_iterations: Input should be"),
         ('"full"', '"fulll"', "unknown sensor 'fulll'; known are: correlated, drop, full"),
         (
             '"uniform"',

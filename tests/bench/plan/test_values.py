@@ -73,7 +73,7 @@ REFUSED = [
     ("seeds", 0),
     ("seeds", 10**8 + 1),
     ("seeds", 1.0),
-    ("iterations", 0),
+    ("iterations", -1),
     ("iterations", 10**6 + 1),
     ("trajectories", 0),
     ("trajectories", 1001),

@@ -6,7 +6,7 @@ import pytest
 
 from olne_bench.bench.report.driving import comparison_table, drive_table
 from olne_bench.bench.report.figures.driving import figure_of
-from olne_bench.bench.run.driving import COLUMNS
+from olne_bench.bench.run.drive_file import COLUMNS
 
 DRIVES = 10
 

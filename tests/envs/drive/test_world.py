@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from highway_env.road.regulation import RegulatedRoad
+from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.drive.cars import ROADS, STEPS
 from olne_bench.envs.drive.nash_traffic import drivable, nash_plan
@@ -45,6 +47,31 @@ def test_a_drive_ends_when_the_ego_collides() -> None:
     world.advance(np.zeros(2))
     assert world.crashed
     assert world.over
+
+
+def test_right_of_way_is_left_out_where_it_changes_nothing(monkeypatch) -> None:
+    looked = []
+    rules = RegulatedRoad.enforce_road_rules
+    monkeypatch.setattr(
+        RegulatedRoad, "enforce_road_rules", lambda road: (looked.append(road), rules(road))
+    )
+    driven(DriveWorld("intersection", 0, traffic=STOCK), 5, SLIGHT)
+    assert looked
+
+    looked.clear()
+    quick, whole = (DriveWorld("intersection", 0, traffic=STOCK) for _ in range(2))
+    for world in (quick, whole):
+        road = world.road.road
+        for number, one in world._vehicles.items():
+            world._vehicles[number] = Vehicle(road, one.position, one.heading, one.speed)
+        world._show()
+    for _ in range(15):
+        quick._frame()
+    assert not looked
+    for _ in range(15):
+        whole.road.road.step(1 / 15)
+    assert looked
+    assert np.array_equal(quick.states(), whole.states())
 
 
 @pytest.mark.parametrize(
