@@ -48,7 +48,9 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     panels[0][0].set(xlim=(0, 1))
     figure.suptitle(f"{trials['scenario'].iloc[0]}: share of levels below, less the level")
     players = max(weight_levels_of(one.trials).shape[1] for one in series)
-    entries = [(Line2D([], [], color=f"C{i + 1}"), f"weights of player {i}") for i in range(players)]
+    entries = [
+        (Line2D([], [], color=f"C{i}"), f"weights of player {i + 1}") for i in range(players)
+    ]
     style.legend_below(figure, entries)
     return figure
 
