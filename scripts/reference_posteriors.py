@@ -74,7 +74,8 @@ def main() -> None:
     for number, (draw, (view, sigma)) in enumerate(zip(some, cycle(cells), strict=False)):
         if number == len(rows):
             rows.append(_row(draw, view, sigma, options))
-            pd.DataFrame(rows).to_parquet(path, compression="zstd")
+            # samples hardly repeat, so a dictionary of them would only take room
+            pd.DataFrame(rows).to_parquet(path, compression="zstd", use_dictionary=False)
         print(rows[number]["line"], flush=True)
     scores = [row["c2st"] for row in rows]
     print(f"C2ST: median {np.median(scores):.3f}, largest {np.max(scores):.3f}")

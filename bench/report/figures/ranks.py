@@ -10,7 +10,7 @@ from scipy.stats import binom
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.series import Series, split
 from olne_bench.bench.report.not_drawn import NotDrawnError
-from olne_bench.bench.report.statistics.calibration import coverage_curve, weight_levels_of
+from olne_bench.bench.report.statistics.calibration import WEIGHTS, coverage_curve, weight_levels_of
 from olne_bench.bench.report.study import USUAL, Study
 
 _BAND = 0.95
@@ -21,9 +21,11 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     """Cumulative share of levels less the level, a row per estimator and a column per sensor.
 
     A line is one weight, at all noise levels together. If an estimate is calibrated, a line stays
-    in the grey band with 95 % at each level; the band is that of the weight in the fewest
-    trials. A line that rises at both ends belongs to intervals that are too narrow; one that is
-    above zero throughout, to estimates that are too high.
+    in the grey band with at least 95 % at each level. The band is that of as many independent
+    levels as there are seeds, of the weight in the fewest: trials of one seed share their true
+    weights at all noise levels, so they may say little more than one of them does. A line that
+    rises at both ends belongs to intervals that are too narrow; one that is above zero
+    throughout, to estimates that are too high.
 
     Raises:
         NotDrawnError: if no estimate tells the levels of single weights.
@@ -48,14 +50,18 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     panels[0][0].set(xlim=(0, 1))
     figure.suptitle(f"{trials['scenario'].iloc[0]}: share of levels below, less the level")
     players = max(weight_levels_of(one.trials).shape[1] for one in series)
-    entries = [(Line2D([], [], color=f"C{i}"), f"weights of player {i}") for i in range(players)]
+    entries = [
+        (Line2D([], [], color=f"C{i}"), f"weights of player {i + 1}") for i in range(players)
+    ]
     style.legend_below(figure, entries)
     return figure
 
 
 def _panel(axes: Axes, series: Series) -> None:
     levels = weight_levels_of(series.trials)
-    count = int(np.isfinite(levels[:, :, 0]).sum(axis=0).min())
+    seeds = series.trials.dropna(subset=[WEIGHTS])["seed"].to_numpy()
+    told = [np.unique(seeds[has]).size for has in np.isfinite(levels[:, :, 0]).T]
+    count = min(told)
     at = np.linspace(0, 1, 201)
     low, high = (binom.ppf(p, count, at) / count - at for p in ((1 - _BAND) / 2, (1 + _BAND) / 2))
     axes.fill_between(at, low, high, color="0.88", linewidth=0)
@@ -64,5 +70,5 @@ def _panel(axes: Axes, series: Series) -> None:
         for weight in own:
             level, share = coverage_curve(weight[np.isfinite(weight)])
             axes.plot(level, share - level, color=f"C{player}", linewidth=0.9, alpha=0.8)
-    trials = f"{count} trials" + (" or more" if count < len(levels) else "")
-    axes.text(0.02, 0.04, trials, transform=axes.transAxes, fontsize="small")
+    seeds_told = f"{count} seeds" + (" or more" if count < max(told) else "")
+    axes.text(0.02, 0.04, seeds_told, transform=axes.transAxes, fontsize="small")

@@ -67,7 +67,13 @@ def test_a_player_of_some_draws_has_its_lines(told: pd.DataFrame) -> None:
     figure = ranks.draw(told)
     for axes in figure.axes:
         assert len(axes.lines) == 1 + 3 * 3
-        assert [text.get_text() for text in axes.texts] == [f"{NUMBER // 2} trials or more"]
+        assert [text.get_text() for text in axes.texts] == [f"{NUMBER // 2} seeds or more"]
+
+
+def test_the_band_counts_a_seed_once_at_all_its_noise_levels(told: pd.DataFrame) -> None:
+    figure = ranks.draw(pd.concat([told, told.assign(sigma=0.2)]))
+    for axes in figure.axes:
+        assert [text.get_text() for text in axes.texts] == [f"{NUMBER} seeds"]
 
 
 def test_a_point_with_bars_for_each_noise_level(told: pd.DataFrame) -> None:
