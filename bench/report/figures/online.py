@@ -77,8 +77,8 @@ def figure_of(title: str, rows: pd.DataFrame) -> Figure:
         axes.set_xlabel("Time since the first sample [s]")
     motions = rows["seed"].nunique()
     figure.suptitle(
-        f"{style.printable(title)}: estimates after each sample (median and quartiles of "
-        f"{motions} motion{'s' if motions != 1 else ''})"
+        f"{style.printable(title)}: estimates after each sample\n"
+        f"(median and quartiles of {motions} motion{'s' if motions != 1 else ''})"
     )
     entries = [(Line2D([], [], **_looks(name)), style.printable(name)) for name in names]
     style.legend_below(figure, entries)
