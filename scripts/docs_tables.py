@@ -325,7 +325,7 @@ def learned_errors() -> str:
     for scenario in PAPER:
         path = RESULTS / "learned" / f"errors_{scenario}.txt"
         table = pd.read_csv(path, sep=r"\s*\|\s*", engine="python")
-        draws = int(table.iloc[0, 0].split()[-1])
+        draws = int(str(table.iloc[0, 0]).split()[-1])
         errors = [_number(table[f"cos {name}"].mean()) for name in ("neural", "map", "uniform")]
         shares = [
             f"{_share(table[name].mean())} [{table[name].min():.0%}, {table[name].max():.0%}]"
