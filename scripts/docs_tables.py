@@ -29,6 +29,7 @@ PAGES = (
     "docs/unknowns.md",
     "docs/constraints.md",
     "docs/calibration.md",
+    "docs/learned.md",
 )
 #: Columns of a leaderboard, and their heads in the table of constraints.
 _WORTH = {
@@ -299,12 +300,72 @@ def identified() -> str:
     return _by_level(found, cells)
 
 
+def learned() -> str:
+    """What is learned beside what solves games: errors, coverage, energy score and time."""
+    rows = [
+        [
+            row["scenario"],
+            row["sensor"],
+            row["estimator"],
+            _number(row["position_error_median"]),
+            _number(row["cosine_error_median"]),
+            _share(row["covers_truth_share"]),
+            _number(row["energy_score_median"]),
+            *_failures_and_time(row),
+        ]
+        for row in _in_order(_leaderboard("learned")).to_dict("records")
+    ]
+    heads = "Scenario, Sensor, Estimator, Position error [m], Cosine error, Covered, Energy score"
+    return _markdown([*heads.split(", "), "Failures", "ms"], rows, left=3)
+
+
+def learned_errors() -> str:
+    """Means over views and noise levels of what ``learned_error.py`` prints, and their range."""
+    rows = []
+    for scenario in PAPER:
+        path = RESULTS / "learned" / f"errors_{scenario}.txt"
+        table = pd.read_csv(path, sep=r"\s*\|\s*", engine="python")
+        draws = int(str(table.iloc[0, 0]).split()[-1])
+        errors = [_number(table[f"cos {name}"].mean()) for name in ("neural", "map", "uniform")]
+        shares = [
+            f"{_share(table[name].mean())} [{table[name].min():.0%}, {table[name].max():.0%}]"
+            for name in ("ellipsoid", "interval")
+        ]
+        rows.append([scenario, str(draws), *errors, *shares])
+    heads = "Scenario, Draws, neural_posterior, map, uniform, In 95 % ellipsoid, In 95 % interval"
+    return _markdown(heads.split(", "), rows, left=1)
+
+
+def learned_online() -> str:
+    """Predictions while samples come in, of what is learned and what is not."""
+    table = pd.read_csv(RESULTS / "learned" / "online_summary.csv")
+
+    def with_interval(row: dict[Hashable, Any], name: str) -> str:
+        error, low, high = (_number(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+        return f"{error} [{low}, {high}]"
+
+    rows = [
+        [
+            row["scenario"],
+            row["estimator"],
+            _number(row["cosine_error"]),
+            _number(row["fde_1s"]),
+            with_interval(row, "fde_3s"),
+            _number(row["latency_50"]),
+        ]
+        for row in table.to_dict("records")
+    ]
+    heads = "Scenario, Prediction by, Cosine error, Error in 1 s [m], Error in 3 s [m], ms"
+    return _markdown(heads.split(", "), rows, left=2)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     table.__name__: table
     for table in (
         *(paper, field, times, coverage, exponents, claims),
         *(roads, wins, parameters, constrained),
         *(posterior, regions, levels, scores, gains, identified),
+        *(learned, learned_errors, learned_online),
     )
 }
 

@@ -11,9 +11,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from olne_bench.bench.judge.cloned_policy import policy_of
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.predictions import (
+    drive_as_cloned,
     drive_as_fitted,
     drive_as_stock,
     drive_on,
@@ -34,6 +36,7 @@ from olne_bench.bench.judge.referee import (
 )
 from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.plan.motion import (
+    CLONED,
     CONSTANT_VELOCITY,
     STOCK,
     STOCK_FITTED,
@@ -187,6 +190,8 @@ def _reference_updates(motion: Motion, case: Case, announce: Announce) -> Iterat
     of_roads = name in (STOCK, STOCK_FITTED)
     if of_roads and not is_on_road(case.recordings[0].scenario):
         return  # they drive on its roads only
+    if name == CLONED and policy_of(case.problem.game) is None:
+        return  # nobody was cloned there
     every = motion.rules.fit_every or 1 if name == STOCK_FITTED else 1
     scored = round(min(AHEAD) / case.problem.game.dt)
     last = samples - scored if name == STOCK_FITTED else samples
@@ -206,6 +211,8 @@ def _referred(case: Case, name: str, seen: np.ndarray) -> np.ndarray | None:
     scenario = case.recordings[0].scenario
     if name == TRUE_WEIGHTS:
         return play_on(case.problem, seen, scenario.weights, scenario.parameters)
+    if name == CLONED:
+        return drive_as_cloned(case.problem, seen)
     if name in (STOCK, STOCK_FITTED):
         drive = drive_as_stock if name == STOCK else drive_as_fitted
         return drive(scenario.name, case.problem, seen)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from olne_bench.bench.judge.cloned_policy import driven, policy_of
 from olne_bench.estimators.protocol import Problem
 from olne_bench.estimators.trajectory_fit import guess_states
 from olne_bench.estimators.window_starts import drive_alone
@@ -55,6 +56,24 @@ def turn_on(problem: Problem, seen: np.ndarray) -> np.ndarray:
     """
     states, controls = _until_now(problem, seen)
     return _held(problem, states, controls)
+
+
+def drive_as_cloned(problem: Problem, seen: np.ndarray) -> np.ndarray | None:
+    """Every player goes on as players of the simulator did who were where it is now.
+
+    Args:
+        problem: what is known.
+        seen: (S, N, d) the samples so far.
+
+    Returns:
+        States (T, N, n), those of past samples read off them; None where no policy was trained.
+    """
+    policy = policy_of(problem.game)
+    if policy is None:
+        return None
+    states, controls = _until_now(problem, seen)
+    ahead = driven(policy, problem.game, states[-1], controls, problem.game.horizon - len(seen))
+    return np.concatenate([states[:-1], ahead])
 
 
 def drive_as_stock(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray:

@@ -12,11 +12,12 @@ from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins
 from olne_bench.bench.plan.versions import Versions, with_following
 
-#: Driving straight on, going on with the present controls, HighwayEnv's own drivers on its roads,
-#: those fitted to the samples so far, and the true weights.
+#: Driving straight on, going on with the present controls, a policy that was cloned from players of
+#: the simulator, HighwayEnv's own drivers on its roads, those fitted to the samples so far, and the
+#: true weights.
 CONSTANT_VELOCITY, CONSTANT_CONTROLS = "constant_velocity", "constant_controls"
-STOCK, STOCK_FITTED, TRUE_WEIGHTS = "stock", "stock_fitted", "true_weights"
-REFERENCES = (CONSTANT_VELOCITY, CONSTANT_CONTROLS, STOCK, STOCK_FITTED, TRUE_WEIGHTS)
+CLONED, STOCK, STOCK_FITTED, TRUE_WEIGHTS = "cloned", "stock", "stock_fitted", "true_weights"
+REFERENCES = (CONSTANT_VELOCITY, CONSTANT_CONTROLS, CLONED, STOCK, STOCK_FITTED, TRUE_WEIGHTS)
 
 #: An estimator that is always there, in the place of one in the entry of a reference.
 _NONE = "uniform"

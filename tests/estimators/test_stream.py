@@ -172,7 +172,13 @@ def test_bad_samples_are_refused(passing) -> None:
 #: Parameters that make an estimator fast, and estimators that are slow all the same.
 FAST: dict[str, dict[str, Any]] = {"particle": {"count": 40, "most_draws": 2}}
 SLOW = ("bilevel", "maxent_residual", "particle", "posterior", "ukf")
-ALL = [pytest.param(n, marks=[pytest.mark.long] if n in SLOW else []) for n in names(ESTIMATOR)]
+#: Those that know a few games only; they have a test of their own.
+TRAINED = ("neural_posterior",)
+ALL = [
+    pytest.param(n, marks=[pytest.mark.long] if n in SLOW else [])
+    for n in names(ESTIMATOR)
+    if n not in TRAINED
+]
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -22,10 +22,10 @@ _MEASURES = {
     "fde_3s": "Position error 3 s ahead [m]",
     "latency": "Latency [s]",
 }
-_SPARSE = (0, (1, 3))
+_SPARSE, _LONG = (0, (1, 3)), (0, (8, 2))
 _REFERENCE_STYLES = {
     name: {"color": "#555555", "linestyle": line, "linewidth": 1.1}
-    for name, line in zip(REFERENCES, (*style.LINE_STYLES[::-1], _SPARSE), strict=True)
+    for name, line in zip(REFERENCES, (*style.LINE_STYLES[::-1], _SPARSE, _LONG), strict=True)
 }
 _WIDTH, _HEIGHT = 3.4, 2.2  # of a panel [inch]
 _QUARTILES = (0.25, 0.5, 0.75)
@@ -77,8 +77,8 @@ def figure_of(title: str, rows: pd.DataFrame) -> Figure:
         axes.set_xlabel("Time since the first sample [s]")
     motions = rows["seed"].nunique()
     figure.suptitle(
-        f"{style.printable(title)}: estimates after each sample (median and quartiles of "
-        f"{motions} motion{'s' if motions != 1 else ''})"
+        f"{style.printable(title)}: estimates after each sample\n"
+        f"(median and quartiles of {motions} motion{'s' if motions != 1 else ''})"
     )
     entries = [(Line2D([], [], **_looks(name)), style.printable(name)) for name in names]
     style.legend_below(figure, entries)

@@ -35,6 +35,7 @@ ESTIMATOR_COLOURS = {
     "particle": ("#7A6A00", "#CFC22B"),
     "ukf": ("#3B2A1A", "#A98F76"),
     "ridge": ("#5C5C3D", "#B3B39C"),
+    "neural_posterior": ("#A3007D", "#F2A6DD"),
 }
 #: Pairs of all other estimators, chosen by name.
 FOREIGN_COLOURS = (
@@ -55,7 +56,7 @@ FLOOR_COLOUR = "#8C8C8C"
 LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
 #: Markers of plugins, and of built-in estimators. A triangle that points up is a failure.
 MARKERS = ("o", "s", "D", "v", "P", "X")
-_OWN_MARKERS = (*MARKERS, "p", "h", "d")
+_OWN_MARKERS = (*MARKERS, "p", "h", "d", "8")
 
 _DPI = 130
 _SAVING: dict[str, dict[str, Any]] = {

@@ -23,7 +23,8 @@ _DRAWN = {
     "fde_3s": "Position error 3 s ahead [m]",
 }
 _GREY = "#7a7a7a"
-_DASHES = dict(zip(REFERENCES, ("2 3", "7 3", "1 4 6 4", "10 3 2 3", "5 2"), strict=True))
+_LINES = ("2 3", "7 3", "9 2 2 2", "1 4 6 4", "10 3 2 3", "5 2")
+_DASHES = dict(zip(REFERENCES, _LINES, strict=True))
 _WIDTH, _HEIGHT = 460, 250  # of a chart, in its own units
 _LEFT, _RIGHT, _TOP, _BOTTOM = 44, 8, 10, 34
 _CROSS = 4  # half the size of a point that stands alone

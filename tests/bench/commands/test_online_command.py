@@ -24,7 +24,7 @@ seeds = 2
 time_limit = 20.0
 estimators = ["uniform", "map"]
 """
-KINDS = ["constant_velocity", "constant_controls", "true_weights", "uniform", "map"]
+KINDS = ["constant_velocity", "constant_controls", "cloned", "true_weights", "uniform", "map"]
 
 PLUGIN = """
 import time
@@ -76,12 +76,12 @@ def test_a_study_goes_on_where_it_stopped(study) -> None:
     assert 0 < last["latency"] < 10
     summary = pd.read_csv(out / "summary.csv")
     assert summary["estimator"].tolist() == KINDS and (summary["failed"] == 0).all()
-    assert len(pd.read_csv(out / "over_time.csv")) == 5 * 25
+    assert len(pd.read_csv(out / "over_time.csv")) == len(KINDS) * 25
     settings = json.loads((out / "online.json").read_text())
     assert (settings["lag"], settings["deadline"]) == (20, 10.0)
     assert "fde_3s" in said and "map" in said
     assert (out / "online_two_player_full.png").is_file()
-    assert "6 of 12 trials are done already" in study.call(*words, "--no-figures")
+    assert "7 of 14 trials are done already" in study.call(*words, "--no-figures")
     more = pd.read_csv(out / "updates.csv")
     same = more[more["seed"] == 0].reset_index(drop=True)
     pd.testing.assert_frame_equal(same, rows)  # latencies included: they are the former rows

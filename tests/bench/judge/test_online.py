@@ -14,6 +14,7 @@ from olne_bench.bench.judge.raw_estimate import read_estimate
 from olne_bench.bench.judge.referee import Answer, Case, PlayerFault, case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.motion import (
+    CLONED,
     CONSTANT_CONTROLS,
     CONSTANT_VELOCITY,
     STOCK,
@@ -187,6 +188,9 @@ def test_what_estimators_are_compared_with() -> None:
     assert len(known) == len(ahead) == len(turning) == STEPS
     assert turning[8].errors["fde_1s"] < ahead[8].errors["fde_1s"]
     assert told(STOCK) == told(STOCK_FITTED) == []  # they drive on HighwayEnv's roads only
+    cloned = told(CLONED)
+    assert [row.status for row in cloned] == ["ok"] * STEPS
+    assert cloned[8].errors["fde_1s"] < ahead[8].errors["fde_1s"]
     assert all(row.status == "ok" and row.cosine_error is None for row in (*known, *ahead))
     assert max(row.errors.get("fde_1s", 0.0) for row in known[1:]) < 0.02
     assert ahead[5].errors["fde_3s"] > 0.05
