@@ -190,8 +190,11 @@ class LaneKeeping:
     """``scale * (beside / width)^2 + heading_scale * 2 (1 - cos(heading - heading of the lane))``.
 
     Along a route of several lanes the costs of two neighbours are blended by a logistic function
-    of the distance along the earlier one, within about ``blend`` metres of its end. The states
-    need a ``heading``; angles need no unwrapping.
+    of the distance past the end of the earlier one, within about ``blend`` metres. Beside the lane
+    this distance counts for more. For who turns off at a right angle stays a few metres past the
+    end for ever, as does who leaves an arc straight on, while the distance to the lane grows: a
+    small share of its cost would grow without bound. The states need a ``heading``; angles need no
+    unwrapping.
 
     Attributes:
         route: lanes in driving order, at least one.
@@ -237,8 +240,9 @@ class LaneKeeping:
             along, beside, direction = lane.locate(position)
             own = self.scale * (beside / self.width) ** 2
             own += self.heading_scale * 2 * (1 - ca.cos(heading - direction))
+            past = (along - lane.length) * ca.sqrt(1 + (beside / self.blend) ** 2)
             # 1/(1+exp) overflows far away; tanh does not.
-            passed = goes_on * (1 + ca.tanh((along - lane.length) / (2 * self.blend))) / 2
+            passed = goes_on * (1 + ca.tanh(past / (2 * self.blend))) / 2
             cost += reached * (1 - passed) * own
             reached *= passed
         return cost

@@ -80,6 +80,18 @@ def test_beside_a_route_each_lane_costs_what_it_costs_alone():
     assert float(route(at_the_joint)) == pytest.approx((first + second) / 2, abs=1e-3)
 
 
+@pytest.mark.parametrize("turn", [TURN, StraightLane((20, 0), (0.6, 0.8), 10.0)])
+def test_far_past_a_turn_only_the_last_lane_counts(turn: Lane) -> None:
+    """Also where it leads away from the first one at a right angle, and straight from an arc."""
+    end = turn.general().point(turn.length)
+    last = StraightLane(end, (0.0, 1.0), 100.0)
+    route = cost_function(LaneKeeping((EAST, turn, last), width=0.7, heading_scale=10.0))
+    for along in (15.0, 40.0, 90.0):
+        assert float(route([end[0], end[1] + along, np.pi / 2, 8])) < 1e-3
+        beside = float(route([end[0] + 0.7, end[1] + along, np.pi / 2, 8]))
+        assert beside == pytest.approx(1.0, abs=1e-3)
+
+
 def test_a_route_needs_lanes():
     with pytest.raises(ValueError, match="at least one lane"):
         LaneKeeping(())
