@@ -1,6 +1,6 @@
 """The ego of a drive as an environment of Gymnasium, for drivers that learn."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -23,8 +23,6 @@ class EgoEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     the ego, as a share of what it costs to stand at the start, at most one. A collision ends the
     episode and costs one for each step that is left.
     """
-
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
 
     def __init__(
         self, road: str | None = None, traffic: str | None = None, sigma: float = 0.1

@@ -16,6 +16,7 @@ from olne_bench.games.lanes import ArcLane, SineLane, StraightLane
 #: Distances [m] along the route at which the ego looks ahead.
 _AHEAD = (0.0, 5.0, 10.0, 20.0, 40.0)
 _SPACING = 1.0  # of points of a route [m]
+_FURTHER = 200.0  # of straight lanes at the ends of a route [m]
 _LENGTH, _SPEED = 20.0, 10.0  # units [m], [m/s]
 LARGEST = 5.0
 _OF_OTHER = 7
@@ -101,10 +102,12 @@ def _turn(heading: float) -> np.ndarray:
 
 
 def _points(lanes: Sequence[object]) -> np.ndarray:
-    """Points (P, 2) of a route."""
+    """Points (P, 2) of a route; its first and last lanes go on where they are straight."""
     found = []
-    for lane in lanes:
+    for number, lane in enumerate(lanes):
         assert isinstance(lane, StraightLane | SineLane | ArcLane)
-        curve = lane.general()
-        found += [curve.point(along) for along in np.arange(0.0, lane.length, _SPACING)]
+        curve, straight = lane.general(), isinstance(lane, StraightLane)
+        first = -_FURTHER if straight and number == 0 else 0.0
+        last = lane.length + (_FURTHER if straight and number == len(lanes) - 1 else 0.0)
+        found += [curve.point(along) for along in np.arange(first, last, _SPACING)]
     return np.array(found)
