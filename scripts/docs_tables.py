@@ -62,11 +62,7 @@ def paper() -> str:
     )
     rows = [
         [
-            row["scenario"],
-            row["sensor"],
-            row["estimator"],
-            _number(row["position_error_median"]),
-            _number(row["cosine_error_median"]),
+            *_place_and_errors(row),
             _number(row["limit_ratio"]),
             *_failures_and_time(row),
         ]
@@ -304,11 +300,7 @@ def learned() -> str:
     """What is learned beside what solves games: errors, coverage, energy score and time."""
     rows = [
         [
-            row["scenario"],
-            row["sensor"],
-            row["estimator"],
-            _number(row["position_error_median"]),
-            _number(row["cosine_error_median"]),
+            *_place_and_errors(row),
             _share(row["covers_truth_share"]),
             _number(row["energy_score_median"]),
             *_failures_and_time(row),
@@ -418,6 +410,12 @@ def _chance(value: float) -> str:
     if math.isnan(value):
         return "–"
     return "< 0.001" if value < 0.001 else f"{value:.2g}"
+
+
+def _place_and_errors(row: dict[Hashable, Any]) -> list[str]:
+    """Scenario, sensor and estimator, and the median errors of positions and weights."""
+    errors = [_number(row[f"{name}_error_median"]) for name in ("position", "cosine")]
+    return [*(row[name] for name in _PLACE), *errors]
 
 
 def _failures_and_time(row: dict[Hashable, Any]) -> tuple[str, str]:

@@ -4,7 +4,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry
 from olne_bench.bench.plan.limits import FIXED
 from olne_bench.bench.plan.outcome import OUTCOME_COLUMNS
 from olne_bench.bench.plan.suite import Suite
@@ -34,17 +33,8 @@ def check_suite(suite: Suite) -> None:
     labels = [scenario.label for scenario in suite.scenarios]
     for estimator in suite.estimators:
         complaint = f"estimator {estimator.label!r} is limited to an unknown scenario"
-        _named(complaint, estimator.scenarios, labels)
-    entries: list[tuple[str, ScenarioEntry | EstimatorEntry]] = [
-        *(("scenario", entry) for entry in suite.scenarios),
-        *(("estimator", entry) for entry in suite.estimators),
-    ]
-    for what, entry in entries:
-        if entry.seeds is not None and entry.seeds > suite.seeds:
-            raise UserError(
-                f"{what} {entry.label!r} has seeds = {entry.seeds}, the suite has only "
-                f"{suite.seeds}"
-            )
+        _named(complaint, [*estimator.scenarios, *estimator.seeds_in], labels)
+    _check_seeds(suite)
     number = number_of_trials(suite)
     if number > MOST_TRIALS:
         raise UserError(f"it has {number} trials, at most {MOST_TRIALS} can be run")
@@ -68,6 +58,16 @@ def check_gate(suite: Suite) -> None:
         _named(f"{place}: unknown sensor", limits.sensors, sensors)
         gated = [e.column for e in suite.metrics if e.declaration.get("gated")]
         _named(f"{place}: unknown limit", limits.metrics, [*gated, *FIXED])
+
+
+def _check_seeds(suite: Suite) -> None:
+    numbers = [(f"scenario {entry.label!r}", entry.seeds) for entry in suite.scenarios]
+    for entry in suite.estimators:
+        own = (entry.seeds, *entry.seeds_in.values())
+        numbers += [(f"estimator {entry.label!r}", number) for number in own]
+    for what, number in numbers:
+        if number is not None and number > suite.seeds:
+            raise UserError(f"{what} has seeds = {number}, the suite has only {suite.seeds}")
 
 
 def _check_columns(suite: Suite) -> None:

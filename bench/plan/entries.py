@@ -97,6 +97,7 @@ class EstimatorEntry(Strict):
         label: name in tables. Default: the estimator's name.
         scenarios: labels of the scenarios that it is run on. Default: all.
         seeds: number of noise draws to use, from the first on. Default: all.
+        seeds_in: the same for single scenarios, by label; goes before ``seeds``.
         several: whether it takes several trajectories at once; learnt.
     """
 
@@ -105,6 +106,7 @@ class EstimatorEntry(Strict):
     label: Label = ""
     scenarios: tuple[Label, ...] = ()
     seeds: Seeds | None = None
+    seeds_in: dict[Label, Seeds] = Field(default_factory=dict)
     several: bool = False
 
 

@@ -132,7 +132,8 @@ class Suite(Strict):
 
     def seeds_of(self, scenario: ScenarioEntry, estimator: EstimatorEntry) -> int:
         """Noise draws per level that an estimator is run on in a scenario."""
-        limits = (self.seeds, scenario.seeds, estimator.seeds)
+        own = estimator.seeds_in.get(scenario.label, estimator.seeds)
+        limits = (self.seeds, scenario.seeds, own)
         return min(limit for limit in limits if limit is not None)
 
 

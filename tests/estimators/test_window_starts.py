@@ -85,7 +85,7 @@ def test_the_first_point_is_a_game(bend) -> None:
 def test_samples_and_free_drive_are_joined(bend) -> None:
     problem, y = a_window(bend)
     seen = window_points(problem, y).seen
-    assert np.abs(seen.states[:SEEN] - y[:SEEN])[..., :2].max() < 1.0  # smoothing cuts bends
+    assert np.abs(seen.states[:SEEN] - y[:SEEN])[..., :2].max() < 1.5  # smoothing cuts bends
     steps = np.linalg.norm(np.diff(seen.states[..., :2], axis=0), axis=-1)
     assert steps.max() < 2 * 12 * problem.game.dt  # nobody leaps at the joint
 

@@ -117,8 +117,8 @@ def test_studies_of_two_machines_become_one(study) -> None:
     shutil.rmtree(two)
     study.call(*words, "--out", two)
     said = study.call("merge", one, two, "--out", both)
-    assert "5 rows of" in said and "5 were there before" in said
-    assert "10 of 10 trials are done already" in study.call(*words, "--out", both)
+    assert "6 rows of" in said and "6 were there before" in said
+    assert "12 of 12 trials are done already" in study.call(*words, "--out", both)
     pd.testing.assert_frame_equal(reproducible(both), reproducible(two))
     (one / "trials.sqlite").write_bytes(b"")
     assert f"{two} is a study online" in study.call("merge", one, two, code=2)

@@ -221,6 +221,17 @@ def test_a_scenario_may_have_noise_levels_and_seeds_of_its_own(tmp_path):
     assert [t.key for t in expand(again)] == [t.key for t in trials]
 
 
+def test_an_estimator_may_see_more_draws_of_one_scenario(tmp_path):
+    text = GOOD.replace('["two_player"]', '["two_player", "highway_overtaking"]').replace(
+        '["uniform"]', '[{name = "uniform", seeds = 1, seeds_in = {highway_overtaking = 2}}]'
+    )
+    suite = load_suite(write(tmp_path, text))
+    seeds = {
+        scenario.name: suite.seeds_of(scenario, estimator) for scenario, estimator in suite.pairs()
+    }
+    assert seeds == {"two_player": 1, "highway_overtaking": 2}
+
+
 def test_a_scenario_lists_no_noise_level_twice(tmp_path):
     text = GOOD.replace('["two_player"]', '[{name = "two_player", sigmas = [0.1, 0.1]}]')
     with pytest.raises(UserError, match=r"'two_player': sigma 0\.1 is listed twice"):
@@ -232,6 +243,8 @@ def test_a_scenario_lists_no_noise_level_twice(tmp_path):
     [
         ('scenarios = ["highway"]', "limited to an unknown scenario 'highway'; the suite has: two"),
         ("seeds = 0", "estimators.0.seeds: Input should be greater than 0, got 0"),
+        ("seeds_in = { highway = 2 }", "limited to an unknown scenario 'highway'; the suite has:"),
+        ("seeds_in = { two_player = 9 }", "estimator 'uniform' has seeds = 9, the suite has only"),
     ],
 )
 def test_a_malformed_limit_is_refused(tmp_path, entry, message):
