@@ -1,6 +1,6 @@
 """Train the planner ``ppo`` of ``olne-bench drive``; needs the extra ``rl``.
 
-Usage: python scripts/train_driver.py [--steps N] [--out FILE] [--log FILE]
+Usage: python scripts/train_driver.py [--steps N] [--out FILE]
 
 Stable-Baselines3's PPO drives the ego of ``olne/Drive-v0``: all roads and both kinds of traffic, on
 seeds that no study uses. Prints the mean return and the share of collisions of the last episodes,
