@@ -2,7 +2,7 @@
 
 A fingerprint covers modules and what they import from given packages, at any depth. It also covers
 files beside a module that share its name, such as data or C code. It does not cover what code finds
-in other ways, such as ``importlib``.
+in other ways, such as ``importlib``, nor names under which Gymnasium finds environments.
 """
 
 import hashlib
@@ -12,6 +12,8 @@ from pathlib import Path
 
 from olne_bench.bench.plan.source_summary import Summary, summarised
 
+#: Modules that no result depends on, though packages import them.
+_OF_NO_RESULT = {"olne_bench.envs.gym_ids"}
 _COMPILED = {".pyc", ".pyo", ".so", ".pyd"}
 LENGTH = 12
 
@@ -39,7 +41,7 @@ def modules_used(
     pending = list(modules.items())
     while pending:
         name, path = pending.pop()
-        if name in found:
+        if name in found or name in _OF_NO_RESULT:
             continue
         found[name] = path
         for imported in _imports(path, name):

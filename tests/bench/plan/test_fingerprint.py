@@ -1,8 +1,11 @@
 """A fingerprint changes with the code, but not with its comments, docstrings or formatting."""
 
+from pathlib import Path
+
 import pytest
 
-from olne_bench.bench.plan.fingerprint import fingerprint
+import olne_bench.envs
+from olne_bench.bench.plan.fingerprint import fingerprint, modules_used
 
 MAIN = '''"""Doc."""
 import numpy
@@ -74,3 +77,10 @@ def test_a_fingerprint_has_twelve_hexadecimal_digits(folder, tmp_path_factory):
     text = taken(folder, tmp_path_factory)
     assert len(text) == 12
     assert set(text) <= set("0123456789abcdef")
+
+
+def test_names_for_gymnasium_do_not_count():
+    scenario = {"scene": Path(olne_bench.envs.__file__).parent / "scene.py"}
+    roots = {"olne_bench.envs": Path(olne_bench.__file__).parents[1]}
+    found = modules_used(scenario, roots, own=None)
+    assert "olne_bench.envs" in found and "olne_bench.envs.gym_ids" not in found
