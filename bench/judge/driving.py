@@ -49,7 +49,7 @@ ERROR_COLUMNS = tuple(f"fde_{ahead:g}s" for ahead in AHEAD)
 _CYCLES = (50, 95, 99)
 
 #: Deadlines that an update may spend: it counts late then, and is worth little after that.
-_BUDGET = 5
+_BUDGET = 2
 
 
 @dataclass(frozen=True)
