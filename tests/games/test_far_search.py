@@ -41,8 +41,10 @@ def solved(name: str, seed: int, **options: int) -> tuple[Game, np.ndarray, Equi
         *[
             pytest.param(name, seed, {"num_players": 3, "attempt": k}, i, gain, marks=[LONG])
             for name, seed, k, i, gain in (
-                ("roundabout", 0, 1, 1, 0.033),
-                ("roundabout", 3, 0, 1, 0.0020),
+                ("roundabout", 3, 1, 1, 0.074),
+                ("roundabout", 17, 0, 1, 0.079),
+                ("roundabout", 18, 1, 1, 0.0255),
+                ("intersection", 7, 1, 1, 0.404),
             )
         ],
     ],
