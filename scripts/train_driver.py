@@ -19,6 +19,8 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 
 from olne_bench.envs.drive.ego_env import EgoEnv
@@ -26,7 +28,7 @@ from olne_bench.envs.drive.ego_env import EgoEnv
 FILE = Path(__file__).parents[1] / "bench" / "judge" / "learned_driver.ppo.npz"
 WIDTHS = [64, 64]
 SETTINGS: dict[str, Any] = {
-    **{"n_steps": 1000, "batch_size": 250, "n_epochs": 10, "learning_rate": 3e-4},
+    **{"n_steps": 500, "batch_size": 250, "n_epochs": 10, "learning_rate": 5e-4},
     **{"gamma": 0.97, "gae_lambda": 0.95, "ent_coef": 0.0},
 }
 LAST = 100  # episodes that are told of
@@ -41,8 +43,10 @@ def main() -> None:
     given = parser.parse_args()
     torch.set_num_threads(1)
     begin = time.process_time()
-    kind = {"net_arch": WIDTHS, "activation_fn": nn.SiLU, "log_std_init": -1.0}
-    model = PPO("MlpPolicy", EgoEnv(), seed=0, device="cpu", policy_kwargs=kind, **SETTINGS)
+    kind = {"net_arch": WIDTHS, "activation_fn": nn.SiLU, "log_std_init": -0.7}
+    # Returns of about one: gradients are clipped, and a value far from them would take them all.
+    world = VecNormalize(make_vec_env(EgoEnv, 4, seed=0), norm_obs=False, gamma=SETTINGS["gamma"])
+    model = PPO("MlpPolicy", world, seed=0, device="cpu", policy_kwargs=kind, **SETTINGS)
     print("steps  episodes  return  collisions", flush=True)
     model.learn(given.steps, callback=Progress(given.steps // 10))
     print(f"{given.steps} steps: {time.process_time() - begin:.0f} s of processor time")

@@ -26,7 +26,7 @@ SIZE = 2 * len(_AHEAD) + 3 + 4 + _OF_OTHER * NEAREST
 
 #: What it does is added to following the route at constant speed: at most so much steering [rad]
 #: and acceleration [m/s^2].
-STEERING, ACCELERATION = 0.15, 5.0
+STEERING, ACCELERATION = 0.06, 5.0
 _LOOK_AHEAD = 0.8  # [s]
 _LEAST_LOOK_AHEAD = 6.0  # [m]
 

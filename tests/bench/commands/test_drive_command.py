@@ -117,5 +117,5 @@ def test_other_folders_and_several_films_are_refused(study) -> None:
     said = study.call("drive", "--out", study.folder, code=2)
     assert "holds no study of drives" in said
     said = study.call("drive", "--video", study.folder / "film.gif", "--road", "merge", code=2)
-    assert "--video shows one drive, and 6 are asked for" in said
+    assert "--video shows one drive, and 7 are asked for" in said
     assert "either --out" in study.call("drive", code=2)
