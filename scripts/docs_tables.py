@@ -30,6 +30,7 @@ PAGES = (
     "docs/constraints.md",
     "docs/calibration.md",
     "docs/learned.md",
+    "docs/online.md",
 )
 #: Columns of a leaderboard, and their heads in the table of constraints.
 _WORTH = {
@@ -43,8 +44,10 @@ _POSTERIOR = {
     **{"Effective size": 11, "R-hat": 12, "Not converged [%]": 13, "Time [s]": 14},
 }
 #: What predicts in the table of online studies.
-_FORECASTS = ("map", "kkt_constrained", "uniform", "true_weights", "constant_velocity", "stock")
-_FORECASTS += ("stock_fitted",)
+_FORECASTS = (
+    *("map", "kkt_constrained", "uniform", "true_weights"),
+    *("constant_velocity", "stock", "stock_fitted"),
+)
 _PLACE = ("scenario", "sensor", "estimator")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

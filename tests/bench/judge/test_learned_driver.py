@@ -3,8 +3,7 @@
 import numpy as np
 
 from olne_bench.bench.judge.learned_driver import LearnedDriver
-from olne_bench.envs.drive.ego_env import EgoEnv
-from olne_bench.envs.drive.ego_view import ACCELERATION, EgoView
+from olne_bench.envs.drive.ego_view import ACCELERATION
 from olne_bench.envs.drive.world import STOCK, DriveWorld
 from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING
 
@@ -26,5 +25,5 @@ def test_it_sees_the_others() -> None:
     world = DriveWorld("highway", SEED, traffic=STOCK)
     ego, *_ = samples = world.states()
     driver = LearnedDriver(world.cars[0])
-    near = np.stack([ego, ego + [8.0, 0.0, 0.0, -10.0]])
+    near = np.stack([ego, ego + np.array([8.0, 0.0, 0.0, -10.0])])
     assert len(samples) > 1 and driver.control(near)[1] < driver.control(near[:1])[1]
