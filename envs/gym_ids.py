@@ -1,4 +1,4 @@
-"""Register the Gymnasium environments of ``envs.nash_gym`` without importing them."""
+"""Register the Gymnasium environments without importing them."""
 
 from gymnasium.envs.registration import register, registry
 
@@ -10,6 +10,9 @@ GYM_IDS = {
     "olne/NashIntersection-v0": "NashIntersectionEnv",
     "olne/NashTwoWay-v0": "NashTwoWayEnv",
 }
+
+#: A drive of 20 s, on a road of its own or that is named.
+DRIVE = "olne/Drive-v0"
 
 #: Limits of steps per episode for environments that HighwayEnv does not limit itself.
 _MAX_STEPS = {"olne/NashTwoWay-v0": 15}
@@ -24,3 +27,5 @@ def register_ids() -> None:
                 entry_point=f"olne_bench.envs.nash_gym:{class_name}",
                 max_episode_steps=_MAX_STEPS.get(name),
             )
+    if DRIVE not in registry:
+        register(id=DRIVE, entry_point="olne_bench.envs.drive.ego_env:EgoEnv")

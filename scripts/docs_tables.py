@@ -30,6 +30,7 @@ PAGES = (
     "docs/constraints.md",
     "docs/calibration.md",
     "docs/learned.md",
+    "docs/online.md",
 )
 #: Columns of a leaderboard, and their heads in the table of constraints.
 _WORTH = {
@@ -42,6 +43,11 @@ _POSTERIOR = {
     **{"Control [%]": 5, "Weights within 95 % [%]": 8, "Least p of ranks": 9},
     **{"Effective size": 11, "R-hat": 12, "Not converged [%]": 13, "Time [s]": 14},
 }
+#: What predicts in the table of online studies.
+_FORECASTS = (
+    *("map", "kkt_constrained", "uniform", "true_weights"),
+    *("constant_velocity", "stock", "stock_fitted"),
+)
 _PLACE = ("scenario", "sensor", "estimator")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -331,24 +337,85 @@ def learned_errors() -> str:
 def learned_online() -> str:
     """Predictions while samples come in, of what is learned and what is not."""
     table = pd.read_csv(RESULTS / "learned" / "online_summary.csv")
-
-    def with_interval(row: dict[Hashable, Any], name: str) -> str:
-        error, low, high = (_number(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
-        return f"{error} [{low}, {high}]"
-
     rows = [
         [
             row["scenario"],
             row["estimator"],
             _number(row["cosine_error"]),
             _number(row["fde_1s"]),
-            with_interval(row, "fde_3s"),
+            _with_interval(row, "fde_3s"),
             _number(row["latency_50"]),
         ]
         for row in table.to_dict("records")
     ]
     heads = "Scenario, Prediction by, Cosine error, Error in 1 s [m], Error in 3 s [m], ms"
     return _markdown(heads.split(", "), rows, left=2)
+
+
+def online() -> str:
+    """Median errors of predictions 3 s ahead while samples come in, by road."""
+    table = pd.read_csv(RESULTS / "online" / "summary.csv")
+    rows = [
+        [road, *(_with_interval(of[name], "fde_3s") for name in _FORECASTS)]
+        for road, of in _lines(table, "scenario", "estimator").items()
+    ]
+    return _markdown(["Road", *_FORECASTS], rows, left=1)
+
+
+def online_tests() -> str:
+    """Errors over those of constant velocity and of fitted drivers, and the time to be sure."""
+    table = pd.read_csv(RESULTS / "online" / "comparisons.csv")
+    summary = _lines(pd.read_csv(RESULTS / "online" / "summary.csv"), "scenario", "estimator")
+    table["pair"] = table["estimator"] + " / " + table["other"]
+    rows = [
+        [
+            road,
+            *(f"{_number(row['ratio'])} (p {_chance(row['p_holm'])})" for row in of.values()),
+            _with_interval(summary[road]["map"], "half_time"),
+        ]
+        for road, of in _lines(table, "scenario", "pair").items()
+    ]
+    heads = ["Road", *dict.fromkeys(table["pair"]), "Half time of map [s]"]
+    return _markdown(heads, rows, left=1)
+
+
+def drives() -> str:
+    """What became of drives, by road and planner."""
+    table = pd.read_csv(RESULTS / "driving" / "summary.csv")
+    rows = [
+        [
+            row["road"],
+            row["planner"],
+            str(row["drives"]),
+            _exact(row["collision"], int(row["drives"])),
+            _with_interval(row, "regret"),
+            *(_number(row[name]) for name in ("progress", "jerk", "fde_3s")),
+            *(_number(row[name]) for name in ("cycle_50", "cycle_99")),
+        ]
+        for row in table.to_dict("records")
+    ]
+    heads = (
+        "Road, Planner, Drives, Collisions, Regret, Progress [m], Jerk [m/s^3], Error in 3 s [m]"
+    )
+    return _markdown([*heads.split(", "), "Cycle [ms]", "99 % [ms]"], rows, left=2)
+
+
+def drive_tests() -> str:
+    """Paired differences of planners to those that know nothing of the others."""
+    table = pd.read_csv(RESULTS / "driving" / "tests.csv")
+    table["pair"] = table["column"] + ", less " + table["other"]
+    rows = []
+    for (road, planner), part in table.groupby(["road", "planner"], sort=False):
+        of = part.set_index("pair").to_dict("index")
+        cells = [
+            f"{_number(of[pair]['difference'])} (p {_chance(of[pair]['p_holm'])})"
+            if pair in of
+            else "–"
+            for pair in dict.fromkeys(table["pair"])
+        ]
+        rows.append([str(road), str(planner), *cells])
+    heads = [pair.capitalize() for pair in dict.fromkeys(table["pair"])]
+    return _markdown(["Road", "Planner", *heads], rows, left=2)
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -358,6 +425,7 @@ TABLES: dict[str, Callable[[], str]] = {
         *(roads, wins, parameters, constrained),
         *(posterior, regions, levels, scores, gains, identified),
         *(learned, learned_errors, learned_online),
+        *(online, online_tests, drives, drive_tests),
     )
 }
 
@@ -398,6 +466,20 @@ def _by_level(table: pd.DataFrame, cells: list[str]) -> str:
     heads = [key.capitalize() for key in keys]
     heads += ["Least noise", *(["More"] * (most - 2)), "Most"][:most]
     return _markdown(heads, rows, left=len(keys))
+
+
+def _lines(table: pd.DataFrame, first: str, second: str) -> dict[str, dict[str, Any]]:
+    """Rows by two of their labels."""
+    return {
+        str(name): {str(row[second]): row for row in part.to_dict("records")}
+        for name, part in table.groupby(first, sort=False)
+    }
+
+
+def _with_interval(row: dict[Hashable, Any], name: str) -> str:
+    """A value with its interval."""
+    value, low, high = (_number(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+    return f"{value} [{low}, {high}]"
 
 
 def _exact(share: float, trials: int) -> str:

@@ -36,7 +36,7 @@ from olne_bench.files import check_new_file, whole_file
 SETTINGS, EPISODES, SUMMARY, TESTS = "drive.json", "episodes.csv", "summary.csv", "tests.csv"
 
 #: Planners and salt, unless others are named.
-PLANNERS = ("oracle", "map", "kkt_constrained", "uniform", "constant_velocity", "stock")
+PLANNERS = ("oracle", "map", "kkt_constrained", "uniform", "constant_velocity", "stock", "ppo")
 SALT = "driving"
 
 _SHOWN = ["drives", "collisions", "regret", "progress", "jerk", "fde_3s", "cycle_50", "cycle_99"]
@@ -65,8 +65,8 @@ _SHOWN += ["fallback", "late"]
 @click.option(
     "--planner",
     multiple=True,
-    help="Only this planner (repeatable): oracle, uniform, constant_velocity, stock, or an "
-    f"estimator. Default: {', '.join(PLANNERS)}.",
+    help="Only this planner (repeatable): oracle, uniform, constant_velocity, stock, ppo, or "
+    f"an estimator. Default: {', '.join(PLANNERS)}.",
 )
 @click.option("--seeds", type=click.IntRange(1, 10**6), default=4, show_default=True)
 @click.option(

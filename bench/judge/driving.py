@@ -18,12 +18,14 @@ from olne_bench.bench.judge.beliefs import (
     TrueBeliefs,
     UniformBeliefs,
 )
+from olne_bench.bench.judge.learned_driver import LearnedDriver
 from olne_bench.bench.judge.online import StreamPlayer, StreamTask
 from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.plan.drive import (
     CONSTANT_VELOCITY,
     ORACLE,
     OWN_PLANNERS,
+    PPO,
     STOCK_EGO,
     DriveTask,
 )
@@ -37,12 +39,9 @@ from olne_bench.envs.drive.planner import (
     GamePlanner,
     StraightOnPlanner,
 )
+from olne_bench.envs.drive.seen import seen
 from olne_bench.envs.drive.world import DriveWorld
-from olne_bench.envs.driving import NOISE_SCALE
 from olne_bench.estimators.protocol import Problem
-
-#: Other cars that a planner looks at: the nearest ones.
-NEAREST = 4
 
 #: How far ahead predictions are scored [s].
 AHEAD = (1.0, 2.0, 3.0)
@@ -50,7 +49,7 @@ ERROR_COLUMNS = tuple(f"fde_{ahead:g}s" for ahead in AHEAD)
 _CYCLES = (50, 95, 99)
 
 #: Deadlines that an update may spend: it counts late then, and is worth little after that.
-_BUDGET = 5
+_BUDGET = 2
 
 
 @dataclass(frozen=True)
@@ -140,6 +139,7 @@ class _Drive:
         self._beliefs = _beliefs(task, player)
         straight_on = task.planner == CONSTANT_VELOCITY
         self._planner = StraightOnPlanner() if straight_on else GamePlanner()
+        self._driver = LearnedDriver(self.world.cars[0]) if task.planner == PPO else None
         self._cost = EgoCost(self.world.cars[0])
         self._motion: list[dict[int, np.ndarray]] = []
         self._controls: list[np.ndarray] = []
@@ -152,29 +152,27 @@ class _Drive:
         self._motion.append(_by_number(world.cars, states))
         plan, control = None, None
         if self._task.planner != STOCK_EGO:
-            cars, samples = self._seen(states)
+            cars, samples = seen(world, self._task.rules.sigma, self._rng)
             began = perf_counter()
-            self._beliefs.see(cars, samples)
-            plan = self._planner.plan(self._beliefs.minds(cars), samples)
+            plan, control = self._planned(cars, samples)
             self._cycles.append(perf_counter() - began)
-            self._plans.append(plan)
-            control = plan.control
         if watch is not None:
             watch(world, plan)
         world.advance(control)
         self._controls.append(world.ego_control(states[0]) if control is None else control)
 
-    def _seen(self, states: np.ndarray) -> tuple[list[Car], np.ndarray]:
-        """The ego and the nearest others, in order of their numbers, and samples of them."""
-        away = np.linalg.norm(states[1:, :2] - states[0, :2], axis=1)
-        places = [0, *sorted(1 + np.argsort(away, kind="stable")[:NEAREST])]
-        cars = [self.world.cars[place] for place in places]
-        samples = states[places]
-        for sample, car in zip(samples[1:], cars[1:], strict=True):
-            rng = np.random.default_rng([self._noise, self.world.step, car.number])
-            noise = rng.standard_normal(len(sample)) * np.array(NOISE_SCALE)
-            sample += self._task.rules.sigma * noise
-        return cars, samples
+    def _rng(self, car: Car) -> np.random.Generator:
+        """Draws the noise of a car at this step."""
+        return np.random.default_rng([self._noise, self.world.step, car.number])
+
+    def _planned(self, cars: list[Car], samples: np.ndarray) -> tuple[EgoPlan | None, np.ndarray]:
+        """What the ego does next (2,), and the plan that it is a part of if there is one."""
+        if self._driver is not None:
+            return None, self._driver.control(samples)
+        self._beliefs.see(cars, samples)
+        plan = self._planner.plan(self._beliefs.minds(cars), samples)
+        self._plans.append(plan)
+        return plan, plan.control
 
     def row(self) -> DriveRow:
         """The row, once the drive is over."""
@@ -215,13 +213,14 @@ class _Drive:
 
     def _shares(self) -> dict[str, Any]:
         """Times of cycles, and shares of what went wrong in them."""
-        if not self._plans:
+        if not self._cycles:
             return {}
         cycles = np.percentile(1e3 * np.array(self._cycles), _CYCLES)
         shares: dict[str, Any] = {
             f"cycle_{level}": float(value) for level, value in zip(_CYCLES, cycles, strict=True)
         }
-        shares["fallback"] = float(np.mean([plan.kind != CONSTRAINED for plan in self._plans]))
+        if self._plans:
+            shares["fallback"] = float(np.mean([plan.kind != CONSTRAINED for plan in self._plans]))
         if isinstance(self._beliefs, EstimatedBeliefs):
             updates = max(1, self._beliefs.updates)
             shares["late"] = self._beliefs.late / updates

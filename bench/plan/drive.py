@@ -6,9 +6,10 @@ from olne_bench.bench.plan.draws import DrawsSource
 from olne_bench.bench.plan.versions import code_of_drive
 
 #: Planners that need no estimator: the true weights and target speeds, equal weights and middle
-#: speeds, others that drive straight on, and HighwayEnv's own driver.
+#: speeds, others that drive straight on, HighwayEnv's own driver, and a driver that has learned.
 ORACLE, UNIFORM, CONSTANT_VELOCITY, STOCK_EGO = "oracle", "uniform", "constant_velocity", "stock"
-OWN_PLANNERS = (ORACLE, UNIFORM, CONSTANT_VELOCITY, STOCK_EGO)
+PPO = "ppo"
+OWN_PLANNERS = (ORACLE, UNIFORM, CONSTANT_VELOCITY, STOCK_EGO, PPO)
 
 #: Samples that a window has at least: two states make a game.
 LEAST_WINDOW = 2

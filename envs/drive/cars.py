@@ -32,10 +32,9 @@ STEPS = round(DURATION / STEP)
 #: HighwayEnv's vehicle in a step.
 MOTION = bicycle(rear_axle=Vehicle.LENGTH / 2, sub_steps=FRAMES)
 
-#: Distance [m] from middle to middle that cars keep: half a length and half a width are 3.5 m, so
-#: that they hit nobody who crosses their way, and lanes are 4 m apart, so that they can pass. It
-#: counts from the second step on, as controls change little of what is nearer in time.
-DISTANCE, FIRST_STEP = 3.7, 2
+#: Cars keep out of each other from this step of a plan on, as controls change little of what is
+#: nearer in time.
+FIRST_STEP = 2
 
 #: Routes are tables of so many lanes, so that many games share one solver: those of roads that go
 #: on, and those of towns.

@@ -12,11 +12,11 @@ from itertools import combinations
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import DISTANCE, FIRST_STEP, STEP, Car, drive_game
+from olne_bench.envs.drive.cars import FIRST_STEP, STEP, Car, drive_game
+from olne_bench.envs.drive.footprint import CarsApart
 from olne_bench.envs.drive.gaps import gaps
 from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.constrained import variational_solution
-from olne_bench.games.constraints import Distance
 from olne_bench.games.continuation import coupled_features
 from olne_bench.games.free_drive import grown_plans
 from olne_bench.games.game import Game
@@ -136,7 +136,7 @@ def plan_apart(
     Its first-order conditions hold; best responses do not certify it.
     """
     pairs = combinations(range(len(cars)), 2)
-    constraints = tuple(Distance(pair, DISTANCE, FIRST_STEP) for pair in pairs)
+    constraints = tuple(CarsApart(pair, FIRST_STEP) for pair in pairs)
     game = drive_game([car.player for car in cars], HORIZON, constraints)
     weights = np.stack([car.weights for car in cars])
     free = replace(game, constraints=())

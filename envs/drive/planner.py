@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import DISTANCE, FIRST_STEP, MOTION, STEP, drive_game
+from olne_bench.envs.drive.cars import FIRST_STEP, MOTION, STEP, drive_game
+from olne_bench.envs.drive.footprint import CarsApart
 from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.best_response import best_responses
 from olne_bench.games.constrained import solution_near, variational_solution
 from olne_bench.games.constrained_response import constrained_response
-from olne_bench.games.constraints import Distance
 from olne_bench.games.continuation import coupled_features
 from olne_bench.games.dynamics import rollout
 from olne_bench.games.free_drive import grown_plans
@@ -146,7 +146,7 @@ class StraightOnPlanner:
 
 def _game(minds: Sequence[Mind]) -> Game:
     """The game in which the ego, player 0, keeps a distance from each other."""
-    constraints = tuple(Distance((0, j), DISTANCE, FIRST_STEP) for j in range(1, len(minds)))
+    constraints = tuple(CarsApart((0, j), FIRST_STEP) for j in range(1, len(minds)))
     return drive_game([mind.player for mind in minds], HORIZON, constraints)
 
 

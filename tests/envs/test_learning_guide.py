@@ -18,7 +18,7 @@ from olne_bench.envs.highway_roads import ROAD_NAMES
 pytestmark = pytest.mark.learners
 
 PAGE = Path(__file__).parents[2] / "docs" / "learning.md"
-EGO, PLAYERS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+EGO, DRIVE, PLAYERS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
 STEPS = 8
 CHANGES = (
     ("n_steps=64", f"n_steps={STEPS}, batch_size=8, n_epochs=1"),
@@ -49,6 +49,7 @@ def outcomes() -> dict[str, tuple[int, int]]:
     if importlib.util.find_spec("stable_baselines3") is None:
         pytest.skip("the extra 'rl' is not installed")
     recipes = {name: changed(EGO, ("olne/NashMerge-v0", name)) for name in GYM_IDS}
+    recipes["drive"] = changed(DRIVE)
     recipes |= {road: changed(PLAYERS, ('"merge"', f'"{road}"'), FEW) for road in ROAD_NAMES}
     done = subprocess.run(
         [sys.executable, "-c", RUN_ALL],
@@ -65,6 +66,10 @@ def outcomes() -> dict[str, tuple[int, int]]:
 @pytest.mark.parametrize("name", GYM_IDS)
 def test_one_ego_among_nash_traffic(name, outcomes):
     assert outcomes[name] == (STEPS, 1)
+
+
+def test_the_ego_of_a_drive(outcomes):
+    assert outcomes["drive"] == (STEPS, 1)
 
 
 @pytest.mark.parametrize("road", ROAD_NAMES)

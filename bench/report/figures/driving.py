@@ -14,9 +14,8 @@ from olne_bench.bench.plan.drive import OWN_PLANNERS
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import USUAL_FORMATS
 
-_REFERENCE_COLOURS = dict(
-    zip(OWN_PLANNERS, ("#1b1b1b", "#8a8a8a", "#b06a2c", "#5b7f95"), strict=True)
-)
+_COLOURS = ("#1b1b1b", "#8a8a8a", "#b06a2c", "#5b7f95", "#7a5195")
+_REFERENCE_COLOURS = dict(zip(OWN_PLANNERS, _COLOURS, strict=True))
 _LINEAR = 0.1  # regrets below it are on a linear scale
 _WIDTH, _HEIGHT, _COLUMNS = 3.4, 2.8, 3  # of a panel [inch], and panels side by side
 

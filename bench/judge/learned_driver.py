@@ -1,0 +1,36 @@
+"""A driver that has learned by trial and error (PPO), for the ego of a drive.
+
+It maps what it sees to what it does, and knows no game. ``scripts/train_driver.py`` trained it in
+``envs.drive.ego_env`` and wrote the file beside this one.
+"""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from olne_bench.envs.drive.cars import Car
+from olne_bench.envs.drive.ego_view import EgoView
+from olne_bench.estimators.small_network import Layers, layers_of, output
+
+
+class LearnedDriver:
+    """Drives one ego."""
+
+    def __init__(self, ego: Car) -> None:
+        self._view = EgoView(ego)
+
+    def control(self, samples: np.ndarray) -> np.ndarray:
+        """Steering [rad] and acceleration [m/s^2] (2,).
+
+        Args:
+            samples: (1 + M, 4) states of the ego and of the nearest others as it knows them.
+        """
+        action = output(_network(), self._view.of(samples))
+        return self._view.control(samples[0], action)
+
+
+@lru_cache(maxsize=1)
+def _network() -> Layers:
+    with np.load(Path(__file__).with_suffix(".ppo.npz"), allow_pickle=False) as file:
+        return layers_of(file)

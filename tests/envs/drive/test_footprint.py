@@ -1,0 +1,48 @@
+"""Cars that stay out of each other, against rectangles as HighwayEnv has them."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from olne_bench.envs.drive.cars import MOTION, STEP
+from olne_bench.envs.drive.footprint import CarsApart
+from olne_bench.envs.drive.gaps import gap
+from olne_bench.games.features import Stage
+
+
+@pytest.fixture(scope="module")
+def margin() -> ca.Function:
+    states = (ca.SX.sym("one", 4), ca.SX.sym("other", 4))
+    stage = Stage(0, states, None, MOTION, STEP)
+    return ca.Function("margin", states, [CarsApart((0, 1)).margins(stage)])
+
+
+def car(px: float, py: float, heading: float = 0.0) -> np.ndarray:
+    return np.array([px, py, heading, 10.0])
+
+
+def test_cars_whose_circles_are_apart_do_not_touch(margin: ca.Function) -> None:
+    rng = np.random.default_rng(0)
+    low, high = [-7, -7, -np.pi, 0], [7, 7, np.pi, 10]
+    one, other = rng.uniform(low, high, (2, 4000, 4))
+    apart = np.array(margin(one.T, other.T)).ravel() >= 0
+    assert 500 < apart.sum() < 3500
+    assert gap(one, other)[apart].min() > 0
+
+
+@pytest.mark.parametrize(
+    ("other", "allowed"),
+    [
+        (car(0, 4), True),  # in the next lane
+        (car(3, -4, np.pi), True),  # passing the other way
+        (car(6.5, 0), True),  # a metre and a half behind
+        (car(5.2, 0), False),
+        (car(0, 2.5), False),
+        (car(4.2, 1, np.pi / 4), False),
+        (car(0, 0), False),
+    ],
+)
+def test_what_is_allowed(margin: ca.Function, other: np.ndarray, allowed: bool) -> None:
+    value = float(margin(car(0, 0), other))
+    assert np.isfinite(value) and (value >= 0) == allowed
+    assert float(margin(other, car(0, 0))) == pytest.approx(value)
