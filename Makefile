@@ -14,7 +14,7 @@ OUT ?= runs
 help:
 	@echo "make bench        the paper's study and a part of roads, into $(OUT)/paper and $(OUT)/roads"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
-	@echo "make roads        every estimator on HighwayEnv's roads, 60 draws each, into $(OUT)/roads: a night"
+	@echo "make roads        every estimator on HighwayEnv's roads, 50 draws each, into $(OUT)/roads: a night"
 	@echo "make field        every estimator on every scenario, and several trajectories"
 	@echo "make sensors      the paper's scenarios through five sensors, and the statistical limit"
 	@echo "make submissions  check what was submitted, and write its page"

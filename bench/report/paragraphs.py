@@ -45,7 +45,7 @@ def paragraphs(
     Args:
         board: the leaderboard.
         wins: from ``statistics.wins.win_table``.
-        levels: from ``statistics.failure_levels``.
+        levels: from ``statistics.noise_errors``.
         study: study of the run.
     """
     if board.empty:

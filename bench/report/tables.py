@@ -12,7 +12,6 @@ from olne_bench.bench.report.paragraphs import Paragraph, paragraphs
 from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of
 from olne_bench.bench.report.statistics.calibration import calibration_table
 from olne_bench.bench.report.statistics.estimator_comparison import adjusted, comparison_rows
-from olne_bench.bench.report.statistics.failure_levels import failure_levels
 from olne_bench.bench.report.statistics.harness_errors import harness_errors, most_frequent_first
 from olne_bench.bench.report.statistics.identifiability import (
     bound_ratios,
@@ -20,6 +19,7 @@ from olne_bench.bench.report.statistics.identifiability import (
     identifiable_errors,
     unknown_truths,
 )
+from olne_bench.bench.report.statistics.noise_errors import errors_by_noise
 from olne_bench.bench.report.statistics.noise_identifiability import identifiability_by_noise
 from olne_bench.bench.report.statistics.recognition import (
     confusion_table,
@@ -36,6 +36,7 @@ class RunTables:
 
     Attributes:
         leaderboard: one row per scenario, sensor and estimator.
+        errors_by_noise: median errors at each noise level, with intervals.
         comparisons: comparisons of estimators, in pairs.
         wins: draws that each estimator wins against each other one.
         identifiability: identifiability of each weight in each scenario and sensor.
@@ -50,6 +51,7 @@ class RunTables:
     """
 
     leaderboard: pd.DataFrame
+    errors_by_noise: pd.DataFrame
     comparisons: pd.DataFrame
     wins: pd.DataFrame
     identifiability: pd.DataFrame
@@ -66,6 +68,7 @@ class RunTables:
         """The tables that are written to the run folder, by name."""
         usual = {
             "leaderboard": self.leaderboard,
+            "errors_by_noise": self.errors_by_noise,
             "comparisons": self.comparisons,
             "wins": self.wins,
             "identifiability": self.identifiability,
@@ -92,6 +95,7 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     board = ranked_rows(whole["leaderboard"], shown, comparisons)
     return RunTables(
         leaderboard=board,
+        errors_by_noise=whole["errors_by_noise"],
         comparisons=comparisons,
         wins=wins,
         identifiability=whole["identifiability"],
@@ -101,7 +105,7 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
         temperaments=whole["temperaments"],
         confusions=whole["confusions"],
         harness_errors=most_frequent_first(whole["harness_errors"]),
-        paragraphs=tuple(paragraphs(board, wins, whole["failure_levels"], study)),
+        paragraphs=tuple(paragraphs(board, wins, whole["errors_by_noise"], study)),
         notes=tuple(whole["notes"]["note"]),
     )
 
@@ -114,6 +118,7 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
     return {
         "leaderboard": summaries(known, study),
+        "errors_by_noise": errors_by_noise(plain, study),
         "comparisons": comparison_rows(plain, study),
         "wins": win_counts(plain, study),
         "identifiability": identifiability_table(trials, study),
@@ -123,7 +128,6 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
         "temperaments": temperament_table(seen),
         "confusions": confusion_table(seen),
         "harness_errors": harness_errors(plain),
-        "failure_levels": failure_levels(plain),
         "notes": pd.DataFrame({"note": unknown_truths(trials, study)}, dtype=object),
     }
 

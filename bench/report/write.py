@@ -42,10 +42,11 @@ def write_report(
 ) -> Report:
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
-    The tables are ``trials`` (also as Parquet), ``leaderboard``, ``comparisons`` (of estimators,
-    in pairs), ``wins`` (of draws), ``identifiability`` and ``bound_ratios`` (of weights), and,
-    where drivers have temperaments, ``temperaments`` and ``confusions``; the leaderboard comes in
-    Markdown, with a paragraph on each estimator, and LaTeX, too. Truths are read from the draws
+    The tables are ``trials`` (also as Parquet), ``leaderboard``, ``errors_by_noise``,
+    ``comparisons`` (of estimators, in pairs), ``wins`` (of draws), ``identifiability`` and
+    ``bound_ratios`` (of weights), and, where drivers have temperaments, ``temperaments`` and
+    ``confusions``; the leaderboard comes in Markdown, with a paragraph on each estimator, and
+    LaTeX, too. Truths are read from the draws
     that come with the suite, where there are some. Only the trials of one scenario are in memory.
 
     Args:

@@ -19,7 +19,7 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
 
 TABLES = ("trials", "leaderboard", "comparisons", "wins", "bound_ratios", "calibration")
-TABLES += ("identifiability", "identifiability_by_noise")
+TABLES += ("identifiability", "identifiability_by_noise", "errors_by_noise")
 
 
 def fill(folder: Path, scored: bool = True) -> int:
