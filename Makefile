@@ -99,15 +99,16 @@ check: setup
 test: check
 	$(BIN)/python -m pytest --numprocesses $$(($(JOBS) + 1)) --dist worksteal
 
-# What the repository keeps of a study that was run: tables, some figures, and the page where it has
-# fewer bytes.
+# What the repository keeps of a study that was run: tables, some figures ($(2)), and the page where
+# it has fewer bytes. A script ($(3)) may take the place of a copy of the trials.
 PAGE_LIMIT := 1600000
 define keep
 	if [ -d $(OUT)/$(1) ]; then \
 		$(BIN)/olne-bench report $(OUT)/$(1) && \
 		rm -rf results/$(1) && \
 		mkdir -p results/$(1)/figures && \
-		cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md wins.csv trials.parquet) results/$(1)/ && \
+		cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md wins.csv errors_by_noise.csv) results/$(1)/ && \
+		$(if $(3),$(BIN)/python scripts/$(3),cp) $(OUT)/$(1)/trials.parquet results/$(1)/trials.parquet && \
 		cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/ && \
 		$(BIN)/python scripts/fewer_colours.py results/$(1) && \
 		find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \; ; \
@@ -131,7 +132,7 @@ endef
 
 results: setup
 	$(call keep,paper,*.png)
-	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png)
+	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png,fewer_columns.py)
 	$(call keep,field,errors_*.png)
 	$(call keep,sensors,errors_*.png)
 	$(call keep,parameters,errors_*.png)
