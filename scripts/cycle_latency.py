@@ -1,0 +1,119 @@
+"""How long an ego takes for a cycle of a drive: an estimate of the others, and a plan.
+
+    python scripts/cycle_latency.py [--drives 10] [--road highway] [--method map]
+
+Drives are those of ``olne-bench drive`` with Nash traffic, its window and noise, on one core and
+in one process. Counts cycles with five cars, the ego and four others. A cycle is warm if its stream
+and its former plan are about the same cars and the stream goes on; a stream that begins updates
+with each sample of its window. Prints the median and the 95 % and 99 % percentiles [ms] of warm and
+of all cycles: of the estimate, of the plan, and of both, in processor time and wall-clock time.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import pickle
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from olne_bench.bench.judge.beliefs import EstimatedBeliefs
+from olne_bench.bench.judge.online import StreamTask
+from olne_bench.bench.judge.referee import Answer
+from olne_bench.bench.plan.drive import EstimateRules
+from olne_bench.bench.run.stream_player import begin, update
+from olne_bench.envs.drive.cars import ROADS, STEP
+from olne_bench.envs.drive.planner import GamePlanner
+from olne_bench.envs.drive.seen import seen
+from olne_bench.envs.drive.world import DriveWorld, NoDriveError
+from olne_bench.estimators.protocol import Problem
+
+RULES = EstimateRules(window=10, sigma=0.1, deadline=STEP, time_limit=300.0)
+CARS = 5
+LEVELS = (50, 95, 99)
+FIRST_SEED = 20_000_000  # of drives that compile what is needed; the next ones count
+
+
+@dataclass
+class Here:
+    """Runs an estimator in this process; ``began`` says whether a stream began since last asked."""
+
+    began: bool = False
+
+    def start(self, task: StreamTask) -> str | None:
+        """As of ``judge.online.StreamPlayer``."""
+        self.began = True
+        problem = pickle.dumps(task.problem)
+        return begin(task.reference, task.parameters, problem, task.lag, task.seed).declined
+
+    def update(self, sample: np.ndarray) -> Answer:
+        """As of ``judge.online.StreamPlayer``."""
+        return Answer(estimate=update(sample.copy(), 2 * RULES.deadline).estimate, seconds=0.0)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--drives", type=int, default=10)
+    parser.add_argument("--road", choices=ROADS, default="highway")
+    parser.add_argument("--method", default="map")
+    given = parser.parse_args()
+    cycles_of(given.road, FIRST_SEED, given.method)
+    found = [cycles_of(given.road, FIRST_SEED + k, given.method) for k in range(given.drives)]
+    times, warm = (np.concatenate(part) for part in zip(*found, strict=True))
+    names = "".join(f"{level:>11}%" for level in LEVELS)
+    print(f"{given.road}, {given.method}: milliseconds, processor time / wall-clock time")
+    print(f"cycles        number  part    {names}")
+    for label, chosen in (("warm", times[warm]), ("all", times)):
+        for part, own in (("estimate", chosen[:, 0]), ("plan", chosen[:, 1])):
+            print(f"{label:12} {len(own):7}  {part:8}{percentiles(own)}")
+        print(f"{label:12} {len(chosen):7}  {'both':8}{percentiles(chosen.sum(axis=1))}")
+
+
+def percentiles(times: np.ndarray) -> str:
+    """Percentiles of times (C, 2) [s] as text."""
+    found = np.percentile(1e3 * times, LEVELS, axis=0)
+    return "".join(f"{f'{cpu:.1f}/{wall:.1f}':>12}" for cpu, wall in found)
+
+
+def cycles_of(road: str, seed: int, method: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times (C, 2, 2) of estimate and plan [s], and whether cycles (C,) were warm."""
+    try:
+        world = DriveWorld(road, seed)
+    except NoDriveError:
+        return np.zeros((0, 2, 2)), np.zeros(0, dtype=bool)
+    player, planner, rng = Here(), GamePlanner(), np.random.default_rng(seed)
+
+    def task_of(problem: Problem) -> StreamTask:
+        return StreamTask(method, {}, "", problem, RULES.window, 0, RULES.time_limit)
+
+    beliefs = EstimatedBeliefs(player, task_of, ROADS[road], RULES)
+    times, warm = [], []
+    former: tuple[int, ...] = ()
+    while not world.over:
+        cars, samples = seen(world, RULES.sigma, lambda _: rng)
+        player.began = False
+        ticks = [clock()]
+        beliefs.see(cars, samples)
+        ticks.append(clock())
+        plan = planner.plan(beliefs.minds(cars), samples)
+        ticks.append(clock())
+        if len(cars) == CARS:
+            times.append(np.diff(ticks, axis=0))
+            warm.append(not player.began and plan.numbers == former)
+        former = plan.numbers
+        world.advance(plan.control)
+    return np.array(times).reshape(-1, 2, 2), np.array(warm, dtype=bool)
+
+
+def clock() -> np.ndarray:
+    """Processor time and wall-clock time [s]."""
+    return np.array([time.process_time(), time.perf_counter()])
+
+
+if __name__ == "__main__":
+    main()
