@@ -253,7 +253,9 @@ def _write_tables(rows: pd.DataFrame, out: Path, figures: bool) -> None:
         with whole_file(out / name) as path:
             whole.to_csv(path, index=False)
     shown = table[["traffic", "road", "planner", *_SHOWN]]
-    click.echo("regret of the mean cost of a step; medians in m, m/s^3, ms; shares")
+    click.echo(
+        "regret of the mean cost of a step (standing costs 1); medians in m, m/s^3, ms; shares"
+    )
     click.echo(shown.to_string(index=False, float_format=lambda value: f"{value:.3g}", na_rep="-"))
     click.echo(f"{out}: {EPISODES} has a row for each drive, {TESTS} paired tests")
     if figures:

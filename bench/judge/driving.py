@@ -63,7 +63,7 @@ class DriveRow:
         message: one line; empty if there is nothing to say.
         collision: whether the ego collided.
         collision_time: when [s].
-        cost: mean over the steps of what the drive cost the ego (``envs.drive.costs``).
+        cost: mean over the steps of what the drive cost the ego, 0 to 1 (``envs.drive.costs``).
         progress: way that the ego drove [m].
         jerk: root of the mean square of the ego's jerk [m/s^3].
         gap: smallest gap to another car [m].

@@ -1,8 +1,9 @@
 """What a drive costs the ego, by its own true features and weights.
 
 A car that is far away counts as nothing, so that it does not matter how many there are: proximity
-is counted from where a car is ``RANGE`` lengths ahead. What the ego has hit stays hit: after a
-collision each step costs as much as to stand on an empty road.
+is counted from where a car is ``RANGE`` lengths ahead. The unit is what a step costs an ego that
+stands at its start, alone. What the ego has hit stays hit: after a collision each step costs one,
+and no step costs more, so that drives count alike whatever the weights and the road.
 """
 
 from collections.abc import Sequence
@@ -28,6 +29,9 @@ class EgoCost:
             None if feature is near else _function(feature, players=1)
             for feature in ego.player.features
         ]
+        stands = ego.start.copy()
+        stands[3] = 0.0
+        self._standing = self.of_step(stands[None], np.zeros(2))
 
     def of_step(self, states: np.ndarray, control: np.ndarray) -> float:
         """Cost of a step.
@@ -44,16 +48,14 @@ class EgoCost:
         task = sum(values[count:]) * self._weights.mean()
         return float(self._weights @ np.array(values[:count]) + task)
 
-    def standing(self, state: np.ndarray) -> float:
-        """Cost of a step in which the ego stands where it is (4,), alone."""
-        stands = state.copy()
-        stands[3] = 0.0
-        return self.of_step(stands[None], np.zeros(2))
+    def share(self, states: np.ndarray, control: np.ndarray) -> float:
+        """Cost of a step as a share of that of standing at the start, at most 1."""
+        return min(self.of_step(states, control) / self._standing, 1.0)
 
     def of_drive(
         self, motion: Sequence[np.ndarray], controls: Sequence[np.ndarray], crashed: bool
     ) -> float:
-        """Mean cost of the steps of a whole drive.
+        """Mean share of the steps of a whole drive, 0 to 1.
 
         Args:
             motion: states (N, 4) at each step, the ego first; the last ones are those at the end.
@@ -61,11 +63,11 @@ class EgoCost:
             crashed: whether the drive ended in a collision.
         """
         costs = [
-            self.of_step(states, control)
+            self.share(states, control)
             for states, control in zip(motion[:-1], controls, strict=True)
         ]
         if crashed:
-            costs += [self.standing(motion[-1][0])] * (STEPS - len(costs))
+            costs += [1.0] * (STEPS - len(costs))
         return float(np.mean(costs))
 
     def _proximities(self, states: np.ndarray) -> float:

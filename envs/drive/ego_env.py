@@ -53,14 +53,13 @@ class EgoEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._world = self._drawn()
         ego = self._world.cars[0]
         self._view, self._cost = EgoView(ego), EgoCost(ego)
-        self._standing = self._cost.standing(ego.start)
         return self._observed(), {"crashed": False}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         before = self._world.states()
         control = self._view.control(before[0], np.asarray(action, dtype=float))
         self._world.advance(control)
-        reward = -min(self._cost.of_step(before, control) / self._standing, 1.0)
+        reward = -self._cost.share(before, control)
         crashed = self._world.crashed
         if crashed:
             reward -= STEPS - self._world.step

@@ -16,7 +16,7 @@ from olne_bench.bench.report.formats import USUAL_FORMATS
 
 _COLOURS = ("#1b1b1b", "#8a8a8a", "#b06a2c", "#5b7f95", "#7a5195")
 _REFERENCE_COLOURS = dict(zip(OWN_PLANNERS, _COLOURS, strict=True))
-_LINEAR = 0.1  # regrets below it are on a linear scale
+_LINEAR = 0.01  # regrets below it are on a linear scale
 _WIDTH, _HEIGHT, _COLUMNS = 3.4, 2.8, 3  # of a panel [inch], and panels side by side
 
 
@@ -59,7 +59,7 @@ def figure_of(traffic: str, table: pd.DataFrame) -> Figure:
                 handles[planner] = _point(axes, own.iloc[0], planner)
         drives = int(table[table["road"] == road]["drives"].max())
         axes.set_title(f"{'all roads' if road == 'all' else road}, {drives} drives")
-        axes.set_xlabel("Regret of the mean cost of a step")
+        axes.set_xlabel("Regret (1: a step of standing)")
         axes.set_ylabel("Drives with a collision [%]")
         axes.set_ylim(bottom=-2)
         axes.set_xscale("symlog", linthresh=_LINEAR)

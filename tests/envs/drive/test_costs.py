@@ -35,9 +35,15 @@ def test_terms_have_their_weights_and_units(cost) -> None:
     assert pytest.approx(0.2) == STEP
 
 
-def test_after_a_collision_the_ego_stands(cost) -> None:
+def test_standing_at_the_start_costs_one_and_so_does_a_collision(cost) -> None:
     ego, state = cost
     motion, controls = [state[None]] * 3, [np.zeros(2)] * 2
-    whole = ego.of_drive(motion, controls, crashed=True)
-    assert whole == pytest.approx(ego.standing(state) * (STEPS - 2) / STEPS)
     assert ego.of_drive(motion, controls, crashed=False) == pytest.approx(0, abs=1e-9)
+    whole = ego.of_drive(motion, controls, crashed=True)
+    assert whole == pytest.approx((STEPS - 2) / STEPS)
+    stands = proposed_cars(ROADS["highway"], np.random.default_rng(3), "temperaments")[0].start
+    stands = stands * np.array([1, 1, 1, 0])
+    assert ego.share(stands[None], np.zeros(2)) == pytest.approx(1.0)
+    beyond = stands + np.array([0, 50.0, 0, 0])
+    assert ego.of_step(beyond[None], np.zeros(2)) > ego.of_step(stands[None], np.zeros(2))
+    assert ego.share(beyond[None], np.zeros(2)) == 1.0
