@@ -23,7 +23,7 @@ def test_all_roads_are_played_with_known_and_with_unknown_speeds() -> None:
 
 def test_the_fast_see_forty_draws_and_the_slow_twenty() -> None:
     for scenario, estimator in ROADS.pairs():
-        slow = estimator.name in ("bilevel", "particle", "posterior", "ukf")
+        slow = estimator.name in ("bilevel", "maxent_residual", "particle", "posterior", "ukf")
         assert ROADS.seeds_of(scenario, estimator) >= 1.25 * (20 if slow else 40)
 
 
