@@ -27,9 +27,10 @@ from olne_bench.bench.judge.referee import Answer
 from olne_bench.bench.plan.drive import EstimateRules
 from olne_bench.bench.run.stream_player import begin, update
 from olne_bench.envs.drive.cars import ROADS, STEP
+from olne_bench.envs.drive.first_cars import NoDriveError
 from olne_bench.envs.drive.planner import GamePlanner
 from olne_bench.envs.drive.seen import seen
-from olne_bench.envs.drive.world import DriveWorld, NoDriveError
+from olne_bench.envs.drive.world import DriveWorld
 from olne_bench.estimators.protocol import Problem
 
 RULES = EstimateRules(window=10, sigma=0.1, deadline=STEP, time_limit=300.0)

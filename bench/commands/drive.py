@@ -26,8 +26,8 @@ from olne_bench.bench.run.drive_file import DriveFile, is_done, row_of
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, WEIGHTS
+from olne_bench.envs.drive.first_cars import TRAFFIC, NoDriveError
 from olne_bench.envs.drive.pictures import picture
-from olne_bench.envs.drive.world import TRAFFIC, NoDriveError
 from olne_bench.envs.video import SUFFIXES, check_format, write_video
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file, whole_file

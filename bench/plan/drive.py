@@ -38,7 +38,7 @@ class DriveTask:
 
     Attributes:
         road: one of ``envs.drive.cars.ROADS``.
-        traffic: one of ``envs.drive.world.TRAFFIC``.
+        traffic: one of ``envs.drive.first_cars.TRAFFIC``.
         weights: how hidden weights are drawn.
         seed: identifies the drive.
         planner: label of the planner.

@@ -11,7 +11,7 @@ from olne_bench.bench.plan.drive import DriveTask
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.process.child import StartError
 from olne_bench.bench.text import clip, describe_error
-from olne_bench.envs.drive.world import NoDriveError
+from olne_bench.envs.drive.first_cars import NoDriveError
 
 #: Time [s] for a drive, beside twice that after which a player is killed: its first plans may have
 #: to wait for a compiler.

@@ -8,8 +8,9 @@ import numpy as np
 from olne_bench.envs.drive.cars import ROADS, STEPS
 from olne_bench.envs.drive.costs import EgoCost
 from olne_bench.envs.drive.ego_view import LARGEST, SIZE, EgoView
+from olne_bench.envs.drive.first_cars import TRAFFIC, NoDriveError
 from olne_bench.envs.drive.seen import seen
-from olne_bench.envs.drive.world import TRAFFIC, DriveWorld, NoDriveError
+from olne_bench.envs.drive.world import DriveWorld
 
 #: Seeds of these drives start here: those of studies are smaller.
 FIRST_SEED = 10_000_000

@@ -50,10 +50,15 @@ class PlanCounts:
 
 
 class NashTraffic:
-    """The plans of all cars but the ego."""
+    """The plans of all cars but the ego.
 
-    def __init__(self) -> None:
+    Args:
+        first: states and controls of the first plan of all cars, if it is known.
+    """
+
+    def __init__(self, first: tuple[np.ndarray, np.ndarray] | None = None) -> None:
         self.counts = PlanCounts()
+        self._first = first
         self._plans: dict[int, np.ndarray] = {}  # controls that are left, by car number
 
     def plan(self, cars: Sequence[Car], states: np.ndarray) -> bool:
@@ -64,7 +69,8 @@ class NashTraffic:
             states: (N, 4) their states.
         """
         former = self._former(cars)
-        good = self._take(cars, nash_plan(cars, states, former))
+        good = self._take(cars, self._first or nash_plan(cars, states, former))
+        self._first = None
         if not good.all():
             apart = self._take(cars, plan_apart(cars, states, former))
             self.counts.apart += int(apart[1:].sum())

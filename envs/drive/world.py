@@ -13,25 +13,16 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.drive.cars import FRAMES, ROADS, STEP, STEPS, WEIGHTS, Car, Road, proposed_cars
-from olne_bench.envs.drive.gaps import gap, gaps
-from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts, drivable, nash_plan
+from olne_bench.envs.drive.first_cars import NASH, STOCK, TRAFFIC, first_cars, rng_of
+from olne_bench.envs.drive.gaps import gap
+from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts
 from olne_bench.envs.highway_roads import SIMULATION_FREQUENCY, PlayersOnly, make_road
 from olne_bench.envs.stock_drivers import StockDriver, stock_car, stock_route
 from olne_bench.envs.true_weights import TEMPERED
 from olne_bench.games.lanes import StraightLane
 
-#: Traffic: players of the family's game, and HighwayEnv's own drivers (IDM and MOBIL).
-NASH, STOCK = "nash", "stock"
-TRAFFIC = (NASH, STOCK)
-
-_MOST_PROPOSALS = 50
 _ENTRIES = 3  # proposals from which cars may enter at one time
 _FREE = 8.0  # least gap [m] of a car that enters
-_START_GAP = 1.0  # least gap [m] of the ego at the start
-
-
-class NoDriveError(Exception):
-    """No proposal of a seed can be driven."""
 
 
 @dataclass
@@ -95,12 +86,13 @@ class DriveWorld:
         self._settings, self._name = ROADS[name], name
         self._seed, self._kind, self._traffic = seed, weights, traffic
         self._stock_ego = stock_ego
-        self._nash = NashTraffic()
+        first = first_cars(name, seed, traffic, weights)
+        self._nash = NashTraffic(first.plan)
         self.step, self.crashed = 0, False
         self.counts = DriveCounts(plans=self._nash.counts)
         self.road: PlayersOnly = make_road(name, "rgb_array" if pictures else None)
         self.road.road.np_random = np.random.RandomState(seed % 2**32)
-        self.cars = self._first_cars()
+        self.cars = list(first.cars)
         self._origin = self.cars[0].start[0]
         self._vehicles = {car.number: self._vehicle(car) for car in self.cars}
         self._next = len(self.cars)
@@ -175,27 +167,6 @@ class DriveWorld:
                 steering, acceleration = (float(value) for value in chosen)
                 self._vehicles[car.number].act({"steering": steering, "acceleration": acceleration})
 
-    def _first_cars(self) -> list[Car]:
-        """The first proposal whose cars are apart, and in Nash traffic have plans."""
-        for attempt in range(_MOST_PROPOSALS):
-            cars = proposed_cars(self._settings, self._rng(0, attempt), self._kind)
-            states = np.stack([car.start for car in cars])
-            if gaps(states).min() < _START_GAP:
-                continue
-            if self._traffic == STOCK:
-                return cars
-            found = nash_plan(cars, states, [None] * len(cars))
-            if found is not None and drivable(*found).all():
-                return cars
-        raise NoDriveError(
-            f"no proposal of {self._name!r} can be driven, of {_MOST_PROPOSALS} "
-            f"from seed {self._seed}"
-        )
-
-    def _rng(self, *key: int) -> np.random.Generator:
-        place = list(ROADS).index(self._name)
-        return np.random.default_rng([self._seed, place, *key])
-
     def _vehicle(self, car: Car) -> Vehicle:
         road, (px, py, heading, speed) = self.road.road, car.start
         if self._traffic == STOCK if car.number else self._stock_ego:
@@ -239,7 +210,7 @@ class DriveWorld:
     def _enter(self) -> None:
         """Cars enter where proposals begin, as far as there is room."""
         for attempt in range(_ENTRIES):
-            rng = self._rng(self.step, attempt)
+            rng = rng_of(self._name, self._seed, self.step, attempt)
             proposed = proposed_cars(self._settings, rng, self._kind)
             shift = self._settings.shift * float(rng.choice((-1.0, 1.0)))
             for car in proposed[1:]:
