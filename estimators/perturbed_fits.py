@@ -33,6 +33,10 @@ _STEPS, _SOLVED, _LONGEST = 15, 0.02, 1.0
 #: Each step is cut by the factor up to so many times, until the error falls.
 _CUTS, _CUT = 4, 1 / 3
 
+#: After this share of all fits, they end if the effective size, growing in proportion, would stay
+#: below that share of what suffices.
+_PATIENCE, _HOPEFUL = 0.375, 1 / 3
+
 #: Least share of a peak.
 _LEAST_SHARE = 0.05
 
@@ -175,7 +179,7 @@ def perturbed_fits(
         rng: the source of randomness.
         first: number of fits from the peaks.
         more: number of fits from every further place.
-        most: number of all fits at most.
+        most: number of all fits at most; fewer if they would hardly suffice.
         enough: effective sample size that suffices.
     """
     pool = _Pool(density, rng)
@@ -185,10 +189,17 @@ def perturbed_fits(
         fits = pool.fits()
         if not 0 < fits.effective < enough or fits.asked + more > most:
             return fits
+        if fits.asked >= _PATIENCE * most and _reachable(fits, most) < _HOPEFUL * enough:
+            return fits
         squares = np.exp(2 * fits.log_weights)
         drawn = rng.choice(len(squares), size=1, p=squares / squares.sum())
         if not pool.add(Peak.at(fits.places.at(drawn)), more):
             return pool.fits()
+
+
+def _reachable(fits: Fits, most: int) -> float:
+    """The effective size of all fits, if it grows in proportion to their number."""
+    return fits.effective * most / fits.asked
 
 
 class _Pool:

@@ -86,6 +86,13 @@ def test_fits_end_when_they_suffice(densities) -> None:
     assert fitted(density, top, enough=450, most=450).asked == 400
 
 
+def test_hopeless_fits_end_early(densities) -> None:
+    density = densities.gaussian()
+    top = [peak(density, np.zeros(3))]
+    assert fitted(density, top, enough=13_000, most=4000).asked == 1500
+    assert fitted(density, top, enough=11_000, most=4000).asked == 4000
+
+
 def test_points_without_density_are_lost(densities) -> None:
     density = densities.cut()
     found = fitted(density, [peak(density, [1.0, 0.0])])
