@@ -30,7 +30,7 @@ from olne_bench.bench.report.figures.levels import (
 from olne_bench.bench.report.figures.series import Series, contenders
 
 _ABSCISSA = "Noise level σ [m]"
-_COUNTS_HEIGHT = 0.12  # of the panel's height, for triangles with numbers
+_COUNTS_HEIGHT = 0.14  # of the panel's height, for triangles with numbers
 
 
 def draw_level_panels(

@@ -19,7 +19,8 @@ _FEWEST = 4  # trials of a level for quartiles
 _SPREAD, _STEP = 0.76, 0.18  # of the distance between two levels: for all slots, and at most each
 _MANY = 40  # points of a level above which they are drawn fainter
 _COUNT_SIZE = 6.5  # [pt] of the number of failures
-_FAILED_HEIGHT, _BAR_HEIGHT = 0.955, 0.875  # of the panel's height
+_FAILED_HEIGHT, _BAR_HEIGHT = 0.955, 0.86  # of the panel's height
+_BESIDE = 3  # series of a level whose numbers do not touch each other if they lie
 
 
 @dataclass(frozen=True)
@@ -86,12 +87,17 @@ class Slots:
     Args:
         series: series of all panels that share the levels.
         estimators: their labels, from left to right.
+
+    Attributes:
+        levels: noise levels, ascending.
+        crowded: whether counts beside each other would touch.
     """
 
     def __init__(self, series: Sequence[Series], estimators: Sequence[str]) -> None:
         self.levels = sorted({float(sigma) for s in series for sigma in s.trials["sigma"]})
         number = len(estimators)
         offsets = (np.arange(number) - (number - 1) / 2) * min(_STEP, _SPREAD / max(number, 1))
+        self.crowded = number > _BESIDE
         self._offsets = dict(zip(estimators, offsets, strict=True))
         self._index = {sigma: k for k, sigma in enumerate(self.levels)}
 
@@ -144,7 +150,7 @@ def draw_levels(
     axes.vlines(places[known], low, high, **_bar_style(series))
     median = np.where(np.isfinite(told.median), np.maximum(told.median, bottom), np.nan)
     axes.plot(places, median, **median_style(series))
-    _count_failures(axes, series, places, told.failed)
+    _count_failures(axes, series, places, told.failed, upright=slots.crowded)
 
 
 def draw_shares(axes: Axes, series: Series, slots: Slots, metric: MetricDeclaration) -> None:
@@ -178,7 +184,9 @@ def median_style(series: Series) -> dict[str, Any]:
     }
 
 
-def _count_failures(axes: Axes, series: Series, places: np.ndarray, failed: np.ndarray) -> None:
+def _count_failures(
+    axes: Axes, series: Series, places: np.ndarray, failed: np.ndarray, *, upright: bool
+) -> None:
     across = axes.get_xaxis_transform()
     some = failed > 0
     if not some.any():
@@ -198,10 +206,11 @@ def _count_failures(axes: Axes, series: Series, places: np.ndarray, failed: np.n
             f"{number:.0f}",
             (place, _FAILED_HEIGHT),
             xycoords=across,
-            xytext=(0, -8),
+            xytext=(0, -4),
             textcoords="offset points",
             ha="center",
-            va="center",
+            va="top",
+            rotation=90 if upright else 0,
             fontsize=_COUNT_SIZE,
             color=series.colour,
         )
