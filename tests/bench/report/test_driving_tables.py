@@ -28,6 +28,7 @@ def made_up() -> pd.DataFrame:
                     | {"road": road, "traffic": "nash", "weights": "dirichlet", "sigma": 0.1}
                     | {"seed": seed, "salt_id": "s", "planner": planner, "status": "ok"}
                     | {"collision": seed < hits, "cost": hard + more, "fallback": 0.5}
+                    | {"fde_3s": np.nan if planner == "oracle" else hard * (1 + more)}
                 )
     return pd.DataFrame(rows)
 
@@ -61,7 +62,15 @@ def test_paired_tests_are_adjusted() -> None:
     assert own["difference"] == pytest.approx(-0.4 - 0.045)
     assert own["p"] < 0.001
     assert own["p"] < own["p_holm"] < 0.05
+    assert 200 * own["p"] < 0.05  # so a study of all roads and planners can tell something
     assert not (table["planner"] == table["other"]).any()
+
+
+def test_predictions_are_compared_where_both_have_one() -> None:
+    table = comparison_table(made_up())
+    own = line_of(table, column="fde_3s", road="all", planner="map", other="constant_velocity")
+    assert own["pairs"] == 20 and own["difference"] < -2 and own["p_holm"] < 0.05
+    assert "oracle" not in set(table.loc[table["column"] == "fde_3s", "planner"])
 
 
 def test_drives_that_are_missing_are_not_paired() -> None:
