@@ -31,6 +31,7 @@ PAGES = (
     "docs/calibration.md",
     "docs/learned.md",
     "docs/online.md",
+    "docs/driving.md",
 )
 #: Columns of a leaderboard, and their heads in the table of constraints.
 _WORTH = {
@@ -48,6 +49,10 @@ _FORECASTS = (
     *("map", "kkt_constrained", "uniform", "true_weights"),
     *("constant_velocity", "stock", "stock_fitted"),
 )
+#: Planners, rivals and columns in the table of tests of drives.
+_PLAYERS = ("oracle", "map", "kkt_constrained", "uniform")
+_RIVALS = ("uniform", "constant_velocity")
+_TESTED = {"collision": "Collisions", "cost": "Cost", "fde_3s": "Error in 3 s"}
 _PLACE = ("scenario", "sensor", "estimator")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -380,7 +385,16 @@ def online_tests() -> str:
 
 
 def drives() -> str:
-    """What became of drives, by road and planner."""
+    """What became of drives among Nash traffic, by road and planner."""
+    return _drives("nash")
+
+
+def stock_drives() -> str:
+    """What became of drives among HighwayEnv's own drivers, by road and planner."""
+    return _drives("stock")
+
+
+def _drives(traffic: str) -> str:
     table = pd.read_csv(RESULTS / "driving" / "summary.csv")
     rows = [
         [
@@ -388,11 +402,11 @@ def drives() -> str:
             row["planner"],
             str(row["drives"]),
             _exact(row["collision"], int(row["drives"])),
-            _with_interval(row, "regret"),
+            "0" if row["planner"] == "oracle" else _with_interval(row, "regret"),
             *(_number(row[name]) for name in ("progress", "jerk", "fde_3s")),
             *(_number(row[name]) for name in ("cycle_50", "cycle_99")),
         ]
-        for row in table.to_dict("records")
+        for row in table[table["traffic"] == traffic].to_dict("records")
     ]
     heads = (
         "Road, Planner, Drives, Collisions, Regret, Progress [m], Jerk [m/s^3], Error in 3 s [m]"
@@ -401,9 +415,11 @@ def drives() -> str:
 
 
 def drive_tests() -> str:
-    """Paired differences of planners to those that know nothing of the others."""
+    """Paired differences of planners of the game to those that know nothing of the others."""
     table = pd.read_csv(RESULTS / "driving" / "tests.csv")
-    table["pair"] = table["column"] + ", less " + table["other"]
+    table = table[(table["traffic"] == "nash") & table["planner"].isin(_PLAYERS)]
+    table["pair"] = table["column"].map(_TESTED) + ", less " + table["other"]
+    pairs = [f"{head}, less {other}" for head in _TESTED.values() for other in _RIVALS]
     rows = []
     for (road, planner), part in table.groupby(["road", "planner"], sort=False):
         of = part.set_index("pair").to_dict("index")
@@ -411,11 +427,10 @@ def drive_tests() -> str:
             f"{_number(of[pair]['difference'])} (p {_chance(of[pair]['p_holm'])})"
             if pair in of
             else "–"
-            for pair in dict.fromkeys(table["pair"])
+            for pair in pairs
         ]
         rows.append([str(road), str(planner), *cells])
-    heads = [pair.capitalize() for pair in dict.fromkeys(table["pair"])]
-    return _markdown(["Road", "Planner", *heads], rows, left=2)
+    return _markdown(["Road", "Planner", *pairs], rows, left=2)
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -425,7 +440,7 @@ TABLES: dict[str, Callable[[], str]] = {
         *(roads, wins, parameters, constrained),
         *(posterior, regions, levels, scores, gains, identified),
         *(learned, learned_errors, learned_online),
-        *(online, online_tests, drives, drive_tests),
+        *(online, online_tests, drives, stock_drives, drive_tests),
     )
 }
 

@@ -46,3 +46,11 @@ def test_what_is_allowed(margin: ca.Function, other: np.ndarray, allowed: bool) 
     value = float(margin(car(0, 0), other))
     assert np.isfinite(value) and (value >= 0) == allowed
     assert float(margin(other, car(0, 0))) == pytest.approx(value)
+
+
+def test_more_distance_is_kept_between_the_circles() -> None:
+    states = (ca.SX.sym("one", 4), ca.SX.sym("other", 4))
+    stage = Stage(0, states, None, MOTION, STEP)
+    wide = ca.Function("wide", states, [CarsApart((0, 1), more=0.8).margins(stage)])
+    assert float(wide(car(0, 0), car(6.4, 0))) < 0 < float(wide(car(0, 0), car(6.8, 0)))
+    assert float(wide(car(0, 0), car(6, 4))) > 0  # in the next lane, except side by side
