@@ -49,8 +49,8 @@ _FORECASTS = (
     *("map", "kkt_constrained", "uniform", "true_weights"),
     *("constant_velocity", "stock", "stock_fitted"),
 )
-#: Planners, rivals and columns in the table of tests of drives.
-_PLAYERS = ("oracle", "map", "kkt_constrained", "uniform")
+#: Planners that know something, rivals, and columns in the table of tests of drives.
+_PLAYERS = ("oracle", "map", "kkt_constrained")
 _RIVALS = ("uniform", "constant_velocity")
 _TESTED = {"collision": "Collisions", "cost": "Cost", "fde_3s": "Error in 3 s"}
 _PLACE = ("scenario", "sensor", "estimator")

@@ -7,9 +7,10 @@ import pandas as pd
 from scipy.stats import binomtest, bootstrap, permutation_test
 
 from olne_bench.bench.judge.driving import ERROR_COLUMNS
-from olne_bench.bench.plan.drive import CONSTANT_VELOCITY, ORACLE, UNIFORM
+from olne_bench.bench.plan.drive import CONSTANT_VELOCITY, ORACLE, OWN_PLANNERS, UNIFORM
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.statistics.estimator_comparison import holm
+from olne_bench.envs.drive.cars import ROADS
 
 #: What drives of a line have in common, besides the planner; ``all`` stands for all roads.
 GROUP = ["road", "traffic", "sigma"]
@@ -88,8 +89,17 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _with_all_roads(judged: pd.DataFrame) -> pd.DataFrame:
-    """Rows with their road in the column ``where``; each again as one of ``ALL_ROADS``."""
-    placed = judged.assign(where=judged["road"])
+    """Rows with their road in the column ``where``; each again as one of ``ALL_ROADS``.
+
+    They are in the order of roads, and of planners: the oracle, estimators, the others.
+    """
+    rank = {ORACLE: 0} | {name: 2 + k for k, name in enumerate(OWN_PLANNERS) if name != ORACLE}
+    placed = judged.assign(
+        where=judged["road"],
+        place=judged["road"].map({road: k for k, road in enumerate(ROADS)}),
+        rank=judged["planner"].map(lambda name: rank.get(name, 1)),
+    )
+    placed = placed.sort_values(["place", "rank", "planner", "seed"], kind="stable")
     if placed["road"].nunique() < 2:
         return placed
     return pd.concat([placed, placed.assign(road=ALL_ROADS)])

@@ -61,7 +61,9 @@ def figure_of(traffic: str, table: pd.DataFrame) -> Figure:
         axes.set_title(f"{'all roads' if road == 'all' else road}, {drives} drives")
         axes.set_xlabel("Regret (1: a step of standing)")
         axes.set_ylabel("Drives with a collision [%]")
-        axes.set_ylim(bottom=-2)
+        _, most = axes.get_ylim()
+        axes.set_ylim(-most / 20, most)  # below zero there is room for markers only
+        axes.set_yticks([tick for tick in axes.get_yticks() if 0 <= tick <= most])
         axes.set_xscale("symlog", linthresh=_LINEAR)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     for axes in panels[len(roads) :]:

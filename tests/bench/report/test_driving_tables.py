@@ -55,6 +55,13 @@ def test_collisions_have_exact_intervals_and_regret_is_paired() -> None:
     assert line_of(table, road="all", planner="oracle")["regret"] == 0
 
 
+def test_lines_are_in_the_order_of_roads_and_planners_whoever_ended_first() -> None:
+    table = drive_table(made_up().sample(frac=1, random_state=0))
+    pd.testing.assert_frame_equal(table, drive_table(made_up()))
+    assert list(table["planner"][:4]) == ["oracle", "map", "uniform", "constant_velocity"]
+    assert list(table["road"].unique()) == ["highway", "merge", "all"]
+
+
 def test_paired_tests_are_adjusted() -> None:
     table = comparison_table(made_up())
     own = line_of(table, column="cost", road="all", planner="map", other="uniform")
