@@ -52,7 +52,7 @@ _FORECASTS = (
 #: Planners that know something, rivals, and columns in the table of tests of drives.
 _PLAYERS = ("oracle", "map", "kkt_constrained")
 _RIVALS = ("uniform", "constant_velocity")
-_TESTED = {"collision": "Collisions", "cost": "Cost", "fde_3s": "Error in 3 s"}
+_TESTED = {"collision": "Collisions [%]", "cost": "Cost [%]", "fde_3s": "Error in 3 s [m]"}
 _PLACE = ("scenario", "sensor", "estimator")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -402,16 +402,21 @@ def _drives(traffic: str) -> str:
             row["planner"],
             str(row["drives"]),
             _exact(row["collision"], int(row["drives"])),
-            "0" if row["planner"] == "oracle" else _with_interval(row, "regret"),
+            _percent(row, "regret"),
             *(_number(row[name]) for name in ("progress", "jerk", "fde_3s")),
             *(_number(row[name]) for name in ("cycle_50", "cycle_99")),
         ]
         for row in table[table["traffic"] == traffic].to_dict("records")
     ]
-    heads = (
-        "Road, Planner, Drives, Collisions, Regret, Progress [m], Jerk [m/s^3], Error in 3 s [m]"
-    )
-    return _markdown([*heads.split(", "), "Cycle [ms]", "99 % [ms]"], rows, left=2)
+    heads = "Road, Planner, Drives, Collisions, Regret [%], Progress [m], Jerk [m/s^3]"
+    more = ["Error in 3 s [m]", "Cycle [ms]", "99 % [ms]"]
+    return _markdown([*heads.split(", "), *more], rows, left=2)
+
+
+def _percent(row: dict[Hashable, Any], name: str) -> str:
+    """A share and its interval in hundredths, to two decimals."""
+    estimate, low, high = (100 * row[name + end] for end in ("", "_low", "_high"))
+    return f"{estimate:.2f}" + ("" if math.isnan(low) else f" [{low:.2f}, {high:.2f}]")
 
 
 def drive_tests() -> str:
@@ -419,6 +424,7 @@ def drive_tests() -> str:
     table = pd.read_csv(RESULTS / "driving" / "tests.csv")
     table = table[(table["traffic"] == "nash") & table["planner"].isin(_PLAYERS)]
     table["pair"] = table["column"].map(_TESTED) + ", less " + table["other"]
+    table.loc[table["column"] != "fde_3s", "difference"] *= 100
     pairs = [f"{head}, less {other}" for head in _TESTED.values() for other in _RIVALS]
     rows = []
     for (road, planner), part in table.groupby(["road", "planner"], sort=False):
