@@ -93,11 +93,11 @@ def _with_all_roads(judged: pd.DataFrame) -> pd.DataFrame:
 
     They are in the order of roads, and of planners: the oracle, estimators, the others.
     """
-    rank = {ORACLE: 0} | {name: 2 + k for k, name in enumerate(OWN_PLANNERS) if name != ORACLE}
+    rank = {name: k for k, name in enumerate(OWN_PLANNERS)}  # the oracle first
     placed = judged.assign(
         where=judged["road"],
-        place=judged["road"].map({road: k for k, road in enumerate(ROADS)}),
-        rank=judged["planner"].map(lambda name: rank.get(name, 1)),
+        place=judged["road"].map(list(ROADS).index),
+        rank=judged["planner"].map(lambda name: rank.get(name, 0.5)),
     )
     placed = placed.sort_values(["place", "rank", "planner", "seed"], kind="stable")
     if placed["road"].nunique() < 2:

@@ -10,11 +10,15 @@ from olne_bench.envs.drive.gaps import gap
 from olne_bench.games.features import Stage
 
 
-@pytest.fixture(scope="module")
-def margin() -> ca.Function:
+def margin_of(apart: CarsApart) -> ca.Function:
     states = (ca.SX.sym("one", 4), ca.SX.sym("other", 4))
     stage = Stage(0, states, None, MOTION, STEP)
-    return ca.Function("margin", states, [CarsApart((0, 1)).margins(stage)])
+    return ca.Function("margin", states, [apart.margins(stage)])
+
+
+@pytest.fixture(scope="module")
+def margin() -> ca.Function:
+    return margin_of(CarsApart((0, 1)))
 
 
 def car(px: float, py: float, heading: float = 0.0) -> np.ndarray:
@@ -49,8 +53,6 @@ def test_what_is_allowed(margin: ca.Function, other: np.ndarray, allowed: bool) 
 
 
 def test_more_distance_is_kept_between_the_circles() -> None:
-    states = (ca.SX.sym("one", 4), ca.SX.sym("other", 4))
-    stage = Stage(0, states, None, MOTION, STEP)
-    wide = ca.Function("wide", states, [CarsApart((0, 1), more=0.8).margins(stage)])
+    wide = margin_of(CarsApart((0, 1), more=0.8))
     assert float(wide(car(0, 0), car(6.4, 0))) < 0 < float(wide(car(0, 0), car(6.8, 0)))
     assert float(wide(car(0, 0), car(6, 4))) > 0  # in the next lane, except side by side
