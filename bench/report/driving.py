@@ -9,7 +9,7 @@ from scipy.stats import binomtest, bootstrap, permutation_test
 from olne_bench.bench.judge.driving import ERROR_COLUMNS
 from olne_bench.bench.plan.drive import CONSTANT_VELOCITY, ORACLE, OWN_PLANNERS, UNIFORM
 from olne_bench.bench.report.statistics.attempts import attempts_of
-from olne_bench.bench.report.statistics.estimator_comparison import holm
+from olne_bench.bench.report.statistics.estimator_comparison import holm, permutation_p
 from olne_bench.envs.drive.cars import ROADS
 
 #: What drives of a line have in common, besides the planner; ``all`` stands for all roads.
@@ -61,8 +61,8 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Paired tests of planners against ``RIVALS``: collisions, cost and errors of predictions.
 
     Columns: ``column``; the group; ``planner`` and ``other``; ``pairs``; ``difference``, the mean
-    of the planner less the other; ``p`` of a paired permutation test; ``p_holm``, adjusted after
-    Holm for all lines of the table that have a p-value.
+    of the planner less the other; ``p`` of a paired permutation test, exact for
+    collisions; ``p_holm``, adjusted after Holm for all lines of the table that have a p-value.
 
     Args:
         rows: of drives, as ``run.driving`` makes them.
@@ -149,8 +149,8 @@ def _regret(part: pd.DataFrame, oracle: pd.DataFrame) -> dict[str, float]:
 
 def _tested(differences: np.ndarray) -> dict[str, float]:
     p = np.nan
-    if len(differences) >= _LEAST and not differences.any():
-        p = 1.0
+    if len(differences) >= _LEAST and not np.any(differences % 1):  # collisions, or all ties
+        p = permutation_p(differences.astype(int))
     elif len(differences) >= _LEAST:
         found = permutation_test(
             (differences, np.zeros_like(differences)),

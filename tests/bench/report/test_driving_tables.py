@@ -73,6 +73,13 @@ def test_paired_tests_are_adjusted() -> None:
     assert not (table["planner"] == table["other"]).any()
 
 
+def test_collisions_have_an_exact_p_value() -> None:
+    table = comparison_table(made_up())
+    own = line_of(table, column="collision", road="all", planner="map", other="constant_velocity")
+    assert own["difference"] == pytest.approx(-8 / 20)
+    assert own["p"] == pytest.approx(2 * 0.5**8)  # of eight drives that differ, all one way
+
+
 def test_predictions_are_compared_where_both_have_one() -> None:
     table = comparison_table(made_up())
     own = line_of(table, column="fde_3s", road="all", planner="map", other="constant_velocity")
