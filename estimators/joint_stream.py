@@ -26,6 +26,8 @@ from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.estimators.stream import Past, Samples
 from olne_bench.estimators.white_noise import with_white_noise
 from olne_bench.estimators.window_starts import seen_then_free
+from olne_bench.games.dynamics import rollout
+from olne_bench.games.game import Game
 
 #: First barriers of a solve from the last solution, and of one from the samples.
 _BARRIER, _SEEN_BARRIER = 1e-3, 1.0
@@ -69,7 +71,7 @@ class JointStream:
         best, starts = self._optimum.find(problem, observation.y, deadline, dropped)
         late = time.monotonic() > deadline
         estimate = self._describe(problem, observation.y, best, starts, late)
-        return self._past.with_states_of(estimate, dropped)
+        return self._past.with_states_of(estimate, self._samples.past)
 
 
 class FollowedOptimum:
@@ -90,7 +92,7 @@ class FollowedOptimum:
             problem: what is known; its noise is white.
             y: (T, N, d) observations, NaN where missing.
             deadline: solves end by then, in seconds of ``time.monotonic``.
-            dropped: number of steps before the first one of ``y``.
+            dropped: number of samples before the first one of ``y``.
         """
         best, starts = self._warm(problem, y, deadline, dropped - self._dropped), 0
         if best is None:
@@ -107,9 +109,9 @@ class FollowedOptimum:
         self, problem: Problem, y: np.ndarray, deadline: float, gone: int
     ) -> JointSolution | None:
         """The solution to which the last one leads; None if it explains nothing."""
-        if self._last is None:
+        if self._last is None or gone >= len(self._last.states):
             return None
-        best = self._solved(problem, y, _later(self._last, gone), _BARRIER, deadline)
+        best = self._solved(problem, y, _later(problem.game, self._last, gone), _BARRIER, deadline)
         doubtful = self._left * largest_explicable(problem, [y], _DOUBTFUL)
         if best is None or best.objective > doubtful:
             second = self._solved(problem, y, seen_then_free(problem, y), _SEEN_BARRIER, deadline)
@@ -132,11 +134,21 @@ class FollowedOptimum:
         return solution if solution.converged else None
 
 
-def _later(point: JointPoint, steps: int) -> JointPoint:
-    """The rest of a motion, without so many first steps."""
-    return replace(
-        point,
-        states=point.states[steps:],
-        controls=point.controls[steps:],
-        costates=point.costates[steps:],
+def _later(game: Game, point: JointPoint, steps: int) -> JointPoint:
+    """The rest of a motion, without so many first steps, up to the end of a game.
+
+    Where the game is longer, the last controls go on.
+    """
+    states, controls, costates = (
+        point.states[steps:],
+        point.controls[steps:],
+        point.costates[steps:],
     )
+    more = game.horizon - len(states)
+    if more > 0:
+        further = np.repeat(point.controls[-1:], more, axis=0)
+        controls = np.concatenate([controls, further])
+        costates = np.concatenate([costates, np.repeat(point.costates[-1:], more, axis=0)])
+        end = rollout(game.dynamics, point.states[-1], further, game.dt)
+        states = np.concatenate([states, end[1:]])
+    return replace(point, states=states, controls=controls, costates=costates)

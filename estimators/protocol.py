@@ -34,6 +34,9 @@ class Problem:
         noise_covariance: (d, d) covariance of the noise on a player's components, relative to
             sigma^2, or None if they are independent. The squares of ``noise_scale`` are its
             diagonal. ``estimators.white_noise`` turns it into independent noise.
+        goes_on: whether players plan again all the time, each time T states ahead. A stream
+            (``estimators.stream``) then has no last sample, and what it has seen last is the
+            beginning of a game of T states.
 
     Raises:
         ValueError: on a sigma, weight_floor, noise_scale or noise_covariance out of range.
@@ -45,6 +48,7 @@ class Problem:
     weight_floor: float = 1e-5
     noise_scale: tuple[float, ...] = ()
     noise_covariance: tuple[tuple[float, ...], ...] | None = None
+    goes_on: bool = False
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sigma) and self.sigma >= 0):

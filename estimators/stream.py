@@ -8,9 +8,11 @@ missing.
 With a lag, only the latest samples count. Open-loop equilibria are consistent in time: the rest of
 a motion is the equilibrium of the game that is left, from the state where it begins. So a window
 is the beginning of a shorter game of the same weights, whose x_1 is the state at the oldest sample
-that counts.
+that counts. Players that plan again all the time (``Problem.goes_on``) always look as far ahead, so
+there the game is as long as ever, and there are samples without end.
 """
 
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -54,7 +56,8 @@ class StreamEstimator(Protocol):
             problem: what is known. It is a copy and must not be changed.
             rng: the only source of randomness, seeded per episode.
             lag: number of latest samples that count; None for all so far. A method that carries
-                what it knows from one sample to the next may use more.
+                what it knows from one sample to the next may use more. A motion that goes on
+                has a lag.
         """
 
 
@@ -66,7 +69,6 @@ class Samples:
     """The samples so far, and the window that counts.
 
     Attributes:
-        y: (T, N, d) samples, NaN from the next one on.
         count: number of samples so far.
     """
 
@@ -78,14 +80,16 @@ class Samples:
             lag: number of samples that count; None for all.
 
         Raises:
-            ValueError: on a lag below ``LEAST_LAG``, or longer than the motion.
+            ValueError: on a lag below ``LEAST_LAG``, or longer than the game; on none if the motion
+                goes on.
         """
         self._problem, self._lag = problem, checked_lag(lag)
-        game = problem.game
-        if lag is not None and lag > game.horizon:
-            raise ValueError(f"a lag of {lag} samples is longer than the motion, of {game.horizon}")
-        size = observation_size(problem.view, game.dynamics)
-        self.y = np.full((game.horizon, game.num_players, size), np.nan)
+        horizon = problem.game.horizon
+        if lag is not None and lag > horizon:
+            raise ValueError(f"a lag of {lag} samples is longer than the motion, of {horizon}")
+        if lag is None and problem.goes_on:
+            raise ValueError("a motion that goes on needs a lag: the number of samples that count")
+        self._latest: deque[np.ndarray] = deque(maxlen=lag)
         self.count = 0
 
     def add(self, sample: np.ndarray) -> None:
@@ -95,34 +99,44 @@ class Samples:
             StreamEndedError: after the last one.
             ValueError: on a wrong shape, or on infinity.
         """
-        sample = np.asarray(sample, dtype=float)
-        if self.count == len(self.y):
-            raise StreamEndedError(f"the game ends after {len(self.y)} samples, got one more")
-        if sample.shape != self.y.shape[1:]:
+        sample, view, game = np.array(sample, dtype=float), self._problem.view, self._problem.game
+        if self.count == game.horizon and not self._problem.goes_on:
+            raise StreamEndedError(f"the game ends after {game.horizon} samples, got one more")
+        shape = (game.num_players, observation_size(view, game.dynamics))
+        if sample.shape != shape:
             raise ValueError(
-                f"a sample has the shape {sample.shape}, expected {self.y.shape[1:]} for the view "
-                f"{self._problem.view.name!r}"
+                f"a sample has the shape {sample.shape}, expected {shape} for the view "
+                f"{view.name!r}"
             )
         if np.isinf(sample).any():
             raise ValueError("a sample has infinite entries; a missing one is NaN")
-        self.y[self.count] = sample
+        self._latest.append(sample)
         self.count += 1
 
     @property
     def dropped(self) -> int:
         """Number of samples that count no more."""
-        return 0 if self._lag is None else max(0, self.count - self._lag)
+        return self.count - len(self._latest)
+
+    @property
+    def past(self) -> int:
+        """Number of steps of the problem's game before the window."""
+        return 0 if self._problem.goes_on else self.dropped
 
     def window(self) -> tuple[Problem, Observation]:
         """The game that begins at the oldest sample that counts, and what is seen of it."""
-        game, first = self._problem.game, self.dropped
-        shorter = replace(game, horizon=game.horizon - first)
-        return replace(self._problem, game=shorter), Observation(self.y[first:].copy())
+        game = self._problem.game
+        left = replace(game, horizon=game.horizon - self.past)
+        seen = np.stack(self._latest)
+        y = np.full((left.horizon, *seen.shape[1:]), np.nan)
+        y[: len(seen)] = seen
+        return replace(self._problem, game=left), Observation(y)
 
     def lags(self) -> range:
-        """The numbers of samples that may be dropped."""
-        most = 0 if self._lag is None else max(0, len(self.y) - self._lag)
-        return range(most + 1)
+        """The numbers of steps that windows may lack."""
+        if self._lag is None or self._problem.goes_on:
+            return range(1)
+        return range(self._problem.game.horizon - self._lag + 1)
 
 
 @dataclass(frozen=True)
@@ -180,7 +194,7 @@ class WindowStream:
         self._samples.add(sample)
         problem, observation = self._samples.window()
         estimate = self._estimator.estimate(problem, observation, rng=self._rng, budget=budget)
-        return self._past.with_states_of(estimate, self._samples.dropped)
+        return self._past.with_states_of(estimate, self._samples.past)
 
 
 class Past:
@@ -189,16 +203,20 @@ class Past:
     def __init__(self) -> None:
         self._states: np.ndarray | None = None
 
-    def with_states_of(self, estimate: Estimate, dropped: int) -> Estimate:
+    def with_states_of(self, estimate: Estimate, past: int) -> Estimate:
         """The estimate of a window, with states from the beginning of the motion.
 
         Without states of all steps before the window, it has none.
+
+        Args:
+            estimate: of the window.
+            past: number of steps before the window.
         """
         states = estimate.states
         if states is None:
             return estimate
-        if dropped:
-            before = None if self._states is None else self._states[:dropped]
+        if past:
+            before = None if self._states is None else self._states[:past]
             states = None if before is None else np.concatenate([before, states])
         if estimate.converged or self._states is None:
             self._states = states

@@ -1,6 +1,7 @@
 """What an ego takes the others' weights and target speeds to be, while it drives among them."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -24,10 +25,20 @@ from olne_bench.envs.driving import NOISE_SCALE
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import VIEWS
 
-#: From the first sample of its window, a stream's game reaches as far as the plans of Nash traffic,
-#: and so many samples further when it begins: after as many, another stream begins. A longer game
-#: is another one: what it takes for weights predicts half as well.
-_SPARE = 5
+
+@dataclass(frozen=True)
+class _Known:
+    """What an estimate says of a car.
+
+    Attributes:
+        weights: (4,) of its preferences.
+        speed: target speed [m/s].
+        worth: number of samples that it was made from, and of those before.
+    """
+
+    weights: np.ndarray
+    speed: float
+    worth: int
 
 
 class Beliefs(Protocol):
@@ -71,8 +82,12 @@ class UniformBeliefs:
 class EstimatedBeliefs:
     """The estimates of a stream; uniform weights and the middle speed until there are some.
 
-    A stream is about certain cars. Where they change, or the stream's game nears its end, another
-    one begins with the samples of the window at which all of its cars were seen.
+    A stream is about certain cars. Where they change, another one begins with the samples of the
+    window at which all of its cars were seen. What was known of a car before counts until the new
+    stream has as many samples as are left of those behind it, were one forgotten at each step.
+
+    The stream's game is as long as the plans of Nash traffic, and begins with its window. A longer
+    one is another game: what it takes for weights and target speeds predicts less well.
 
     Attributes:
         updates: number of samples at which an estimate was asked for.
@@ -98,8 +113,8 @@ class EstimatedBeliefs:
         """
         self._player, self._task_of, self._road, self._rules = player, task_of, road, rules
         self._prior = UniformBeliefs(road)
-        self._known: dict[int, tuple[np.ndarray, float]] = {}
-        self._coming: dict[int, tuple[np.ndarray, float]] = {}
+        self._known: dict[int, _Known] = {}
+        self._coming: dict[int, _Known] = {}
         self._seen: list[dict[int, np.ndarray]] = []
         self._numbers: tuple[int, ...] = ()
         self._count = 0
@@ -109,7 +124,7 @@ class EstimatedBeliefs:
 
     def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
         numbers = tuple(car.number for car in cars)
-        self._known |= self._coming  # what came late counts from now on
+        self._learn(self._coming)  # what came late counts from now on
         self._coming = {}
         self._seen.append(dict(zip(numbers, samples, strict=True)))
         del self._seen[: -self._rules.window]
@@ -124,27 +139,42 @@ class EstimatedBeliefs:
         if estimate is None:
             self.failed += 1
             return
-        found = dict(zip(numbers[1:], _minds_of(estimate), strict=True))
+        found = dict(zip(numbers[1:], self._said(estimate), strict=True))
         if seconds > self._rules.deadline:
             self.late, self._coming = self.late + 1, found
         else:
-            self._known |= found
+            self._learn(found)
 
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
         minds = self._prior.minds(cars)
         for index, car in enumerate(cars[1:], start=1):
             if car.number in self._known:
-                weights, speed = self._known[car.number]
-                minds[index] = Mind(car.number, with_target(car.player, speed), weights)
+                known = self._known[car.number]
+                player = with_target(car.player, known.speed)
+                minds[index] = Mind(car.number, player, known.weights)
         return minds
+
+    def _learn(self, found: dict[int, _Known]) -> None:
+        """Take what estimates say of cars, unless what is known is worth more."""
+        for number, said in found.items():
+            if number not in self._known or said.worth >= self._known[number].worth:
+                self._known[number] = said
+
+    def _said(self, estimate: CheckedEstimate) -> list[_Known]:
+        """Of each player but the ego."""
+        assert estimate.parameters is not None
+        worth = self.updates + min(self._count, self._rules.window)
+        return [
+            _Known(weights, float(values[0]), worth)
+            for weights, values in zip(estimate.weights[1:], estimate.parameters[1:], strict=True)
+        ]
 
     def _estimate(
         self, cars: Sequence[Car], numbers: tuple[int, ...]
     ) -> tuple[CheckedEstimate | None, float]:
         """The estimate after the latest sample, if it is one, and the time [s] that it took."""
         latest = [self._seen[-1]]
-        most = self._rules.window + _SPARE
-        if numbers != self._numbers or self._count >= most:
+        if numbers != self._numbers:
             latest = _shared(self._seen, numbers)
             self._begin(cars, numbers)
         seconds = 0.0
@@ -166,10 +196,11 @@ class EstimatedBeliefs:
         speed = unknown_speed(self._road)
         players = [ego.player, *(with_target(car.player, speed) for car in others)]
         self._problem = Problem(
-            drive_game(players, max(HORIZON, self._rules.window + 1) + _SPARE),
+            drive_game(players, max(HORIZON, self._rules.window + 1)),
             VIEWS["full"],
             self._rules.sigma,
             noise_scale=NOISE_SCALE,
+            goes_on=True,
         )
         self._numbers, self._count = numbers, 0
         declined = self._player.start(self._task_of(self._problem))
@@ -185,12 +216,3 @@ def _shared(seen: list[dict[int, np.ndarray]], numbers: tuple[int, ...]) -> list
             break
         shared.insert(0, sample)
     return shared
-
-
-def _minds_of(estimate: CheckedEstimate) -> list[tuple[np.ndarray, float]]:
-    """Weights and target speed of each player but the ego."""
-    assert estimate.parameters is not None
-    return [
-        (weights, float(values[0]))
-        for weights, values in zip(estimate.weights[1:], estimate.parameters[1:], strict=True)
-    ]

@@ -20,6 +20,7 @@ from olne_bench.estimators.stream import (
 )
 from olne_bench.estimators.uniform import Uniform
 from olne_bench.games.observation import VIEWS
+from olne_bench.games.olne import solve_olne
 from olne_bench.plugins import ESTIMATOR, make, names
 
 SIGMA = 0.01
@@ -228,3 +229,51 @@ def test_a_window_is_no_longer_than_the_game(passing) -> None:
     with pytest.raises(ValueError, match="a lag of 26 samples is longer than the motion, of 25"):
         Samples(problem, len(y) + 1)
     assert Samples(problem, len(y)).dropped == 0
+
+
+@pytest.fixture(scope="module")
+def replanned(passing) -> tuple[Problem, np.ndarray]:
+    """A problem that goes on, and samples of players who plan again after five steps."""
+    problem, _, states, weights = passing
+    game = replace(problem.game, horizon=15)
+    motion, start = [], states[0]
+    for _ in range(4):
+        found = solve_olne(game, weights, start)
+        assert found.certificate.passed
+        motion, start = [*motion, *found.states[:5]], found.states[5]
+    noise = SIGMA * np.random.default_rng(1).standard_normal((20, *states.shape[1:]))
+    return replace(problem, game=game, goes_on=True), np.stack(motion) + noise
+
+
+@pytest.mark.parametrize("estimator", [Map(), Windows(Map()), Uniform()], ids=str)
+def test_a_motion_that_goes_on_has_games_of_one_length(replanned, estimator) -> None:
+    problem, y = replanned
+    estimates = follow(as_stream_estimator(estimator), problem, y, lag=6)
+    assert len(estimates) > problem.game.horizon
+    for estimate in estimates[1:]:
+        assert estimate.converged
+        if estimate.states is not None:
+            assert estimate.states.shape == problem.game.state_shape
+    if estimates[-1].states is not None:  # of the window, from its first sample on
+        away = estimates[-1].states[:6, :, :2] - y[-6:, :, :2]
+        assert np.linalg.norm(away, axis=-1).max() < 5 * SIGMA
+
+
+def test_solves_go_on_from_the_last_one_where_the_motion_does(replanned) -> None:
+    problem, y = replanned
+    warm, cold = (follow(one, problem, y, lag=6) for one in (Map(), Windows(Map())))
+    assert sum(one.extras["starts"] == 0 for one in warm) >= len(y) - 5
+    for ours, theirs in list(zip(warm, cold, strict=True))[6:]:
+        assert ours.extras["objective"] <= 1.01 * theirs.extras["objective"]
+    ahead = [np.linalg.norm(warm[k].states[8, :, :2] - y[k + 3, :, :2]) for k in range(6, 17)]
+    straight = [
+        np.linalg.norm((y[k] + 3 * (y[k] - y[k - 1]) - y[k + 3])[:, :2]) for k in range(6, 17)
+    ]
+    assert np.median(ahead) < 0.5 * np.median(straight)
+
+
+def test_a_motion_that_goes_on_needs_a_lag(replanned) -> None:
+    problem, _ = replanned
+    with pytest.raises(ValueError, match="a motion that goes on needs a lag"):
+        Samples(problem)
+    assert len(Samples(problem, 6).lags()) == 1

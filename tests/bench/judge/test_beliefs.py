@@ -95,16 +95,32 @@ def test_other_cars_make_another_stream_of_the_samples_that_show_them(cars: list
     assert [len(samples) for samples in player.samples] == [2, 4, 1]
 
 
-def test_a_stream_that_is_used_up_is_followed_by_another(cars: list[Car]) -> None:
+def test_a_stream_goes_on_while_its_cars_stay(cars: list[Car]) -> None:
     player = Player()
     beliefs = beliefs_of(player)
-    for step in range(20):
+    for step in range(2 * HORIZON):
         player.answers = 0  # its weights stay valid
         beliefs.see(cars, sample(cars, step))
-    used = 3 + 5  # a window, and the steps by which its game is longer than the others' plans
-    assert [len(samples) for samples in player.samples] == [used, used, used]
-    assert np.array_equal(player.samples[1][0], sample(cars, used - 2))
-    assert player.tasks[0].problem.game.horizon == HORIZON + 5
+    assert [len(samples) for samples in player.samples] == [2 * HORIZON]
+    assert player.tasks[0].problem.goes_on
+    assert player.tasks[0].problem.game.horizon == HORIZON
+
+
+def test_what_more_samples_have_said_counts_for_some_steps(cars: list[Car]) -> None:
+    player = Player()
+    beliefs = beliefs_of(player)
+    for step in range(4):
+        beliefs.see(cars[:-1], sample(cars[:-1], step))
+    newcomer = cars[-1]
+    told = []  # the first weights of a car that was known, and of the newcomer
+    for step in range(4, 7):
+        player.answers = step
+        beliefs.see(cars, sample(cars, step))
+        told.append([float(mind.weights[0]) for mind in beliefs.minds(cars)[1:]])
+    assert told[0][0] == pytest.approx(0.4)  # of three samples, not of the first one with all cars
+    assert beliefs.minds(cars)[-1].number == newcomer.number
+    assert [known for *_, known in told] == pytest.approx([0.5, 0.6, 0.7])
+    assert [known for known, *_ in told] == pytest.approx([0.4, 0.6, 0.7])  # two, and two are left
 
 
 def test_a_problem_says_nothing_that_is_hidden(cars: list[Car]) -> None:
