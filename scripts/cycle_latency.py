@@ -33,7 +33,7 @@ from olne_bench.envs.drive.seen import seen
 from olne_bench.envs.drive.world import DriveWorld
 from olne_bench.estimators.protocol import Problem
 
-RULES = EstimateRules(window=10, sigma=0.1, deadline=STEP, time_limit=300.0)
+RULES = EstimateRules(window=6, sigma=0.1, deadline=STEP, time_limit=300.0)
 CARS = 5
 LEVELS = (50, 95, 99)
 FIRST_SEED = 20_000_000  # of drives that compile what is needed; the next ones count

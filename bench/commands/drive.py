@@ -82,7 +82,7 @@ _SHOWN += ["fallback", "late"]
 @click.option(
     "--window",
     type=click.IntRange(min=LEAST_WINDOW),
-    default=10,
+    default=6,
     show_default=True,
     help="Number of latest samples that count.",
 )

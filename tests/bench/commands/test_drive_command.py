@@ -21,7 +21,7 @@ def test_a_study_goes_on_where_it_was_interrupted(study) -> None:
     assert rows["road"].tolist() == ["two_way", "merge"]
     assert (rows["status"] == "ok").all() and not rows["collision"].any()
     assert (rows["progress"] > 50).all() and (rows["cost"] > 0).all()
-    assert json.loads((out / "drive.json").read_text())["window"] == 10
+    assert json.loads((out / "drive.json").read_text())["window"] == 6
 
     whole = (out / "episodes.csv").read_bytes()
     (out / "episodes.csv").write_bytes(whole[:-20])  # the machine died while it wrote
