@@ -15,45 +15,20 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
-import pickle
 import time
-from dataclasses import dataclass
 
 import numpy as np
+from beliefs_here import RULES, Here, beliefs_here
 
-from olne_bench.bench.judge.beliefs import EstimatedBeliefs
-from olne_bench.bench.judge.online import StreamTask
-from olne_bench.bench.judge.referee import Answer
-from olne_bench.bench.plan.drive import EstimateRules
-from olne_bench.bench.run.stream_player import begin, update
-from olne_bench.envs.drive.cars import ROADS, STEP
+from olne_bench.envs.drive.cars import ROADS
 from olne_bench.envs.drive.first_cars import NoDriveError
 from olne_bench.envs.drive.planner import GamePlanner
 from olne_bench.envs.drive.seen import seen
 from olne_bench.envs.drive.world import DriveWorld
-from olne_bench.estimators.protocol import Problem
 
-RULES = EstimateRules(window=6, sigma=0.1, deadline=STEP, time_limit=300.0)
 CARS = 5
 LEVELS = (50, 95, 99)
 FIRST_SEED = 20_000_000  # of drives that compile what is needed; the next ones count
-
-
-@dataclass
-class Here:
-    """Runs an estimator in this process; ``began`` says whether a stream began since last asked."""
-
-    began: bool = False
-
-    def start(self, task: StreamTask) -> str | None:
-        """As of ``judge.online.StreamPlayer``."""
-        self.began = True
-        problem = pickle.dumps(task.problem)
-        return begin(task.reference, task.parameters, problem, task.lag, task.seed).declined
-
-    def update(self, sample: np.ndarray) -> Answer:
-        """As of ``judge.online.StreamPlayer``."""
-        return Answer(estimate=update(sample.copy(), 2 * RULES.deadline).estimate, seconds=0.0)
 
 
 def main() -> None:
@@ -88,11 +63,7 @@ def cycles_of(road: str, seed: int, method: str) -> tuple[np.ndarray, np.ndarray
     except NoDriveError:
         return np.zeros((0, 2, 2)), np.zeros(0, dtype=bool)
     player, planner, rng = Here(), GamePlanner(), np.random.default_rng(seed)
-
-    def task_of(problem: Problem) -> StreamTask:
-        return StreamTask(method, {}, "", problem, RULES.window, 0, RULES.time_limit)
-
-    beliefs = EstimatedBeliefs(player, task_of, ROADS[road], RULES)
+    beliefs = beliefs_here(player, road, method)
     times, warm = [], []
     former: tuple[int, ...] = ()
     while not world.over:

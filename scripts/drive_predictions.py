@@ -1,8 +1,9 @@
-"""What predictions among Nash traffic can reach: true weights and target speeds, exact states.
+"""What predictions among Nash traffic can reach, by what the ego knows of the others.
 
-An oracle drives. At each step it predicts the others in three ways: straight on, as one equilibrium
-over 4 s, and as players who plan again each second, as they do. What is left of the error is not
-for want of knowledge: the ego drives otherwise than the others expect.
+At each step the ego predicts the others in three ways: straight on, as one equilibrium over 4 s,
+and as players who plan again each second, as they do. ``truth`` knows weights, target speeds and
+states; what is left of its error is not for want of knowledge: the ego drives otherwise than the
+others expect. ``map`` estimates them from samples with noise of 0.1 m. Each of them drives.
 
 Usage: python scripts/drive_predictions.py --seeds 20
 """
@@ -11,7 +12,9 @@ import argparse
 from collections.abc import Sequence
 
 import numpy as np
+from beliefs_here import RULES, Here, beliefs_here
 
+from olne_bench.bench.judge.beliefs import TrueBeliefs
 from olne_bench.envs.drive.cars import MOTION, ROADS, STEP, drive_game
 from olne_bench.envs.drive.first_cars import NoDriveError
 from olne_bench.envs.drive.nash_traffic import REPLAN
@@ -23,6 +26,7 @@ from olne_bench.games.newton import newton_root
 from olne_bench.games.olne import RESIDUAL_TOLERANCE
 
 AHEAD = 3 * REPLAN  # 3 s
+KNOWN = ("truth", "map")
 KINDS = ("straight on", "one equilibrium", "planned again")
 
 
@@ -33,27 +37,32 @@ def main() -> None:
     parser.add_argument("--roads", nargs="+", choices=list(ROADS), default=list(ROADS))
     given = parser.parse_args()
     print("position error of others 3 s ahead [m]: median over drives of each drive's mean")
-    print(f"{'road':14}{'drives':>7}" + "".join(f"{kind:>17}" for kind in KINDS))
+    print(f"{'road':14}{'known':7}{'drives':>7}" + "".join(f"{kind:>17}" for kind in KINDS))
     for road in given.roads:
-        found = [errors for seed in range(given.seeds) if (errors := errors_of(road, seed))]
-        medians = np.median(found, axis=0)
-        shown = "".join(f"{value:17.2f}" for value in medians)
-        print(f"{road:14}{len(found):7}{shown}", flush=True)
+        for known in KNOWN:
+            drives = (errors_of(road, seed, known) for seed in range(given.seeds))
+            found = [errors for errors in drives if errors]
+            shown = "".join(f"{value:17.2f}" for value in np.median(found, axis=0))
+            print(f"{road:14}{known:7}{len(found):7}{shown}", flush=True)
 
 
-def errors_of(road: str, seed: int) -> list[float]:
+def errors_of(road: str, seed: int, known: str) -> list[float]:
     """Mean error [m] of each kind of prediction in one drive; empty if there is none."""
     try:
         world = DriveWorld(road, seed)
     except NoDriveError:
         return []
+    exact = known == "truth"
+    beliefs = TrueBeliefs() if exact else beliefs_here(Here(), road, known)
+    rng = np.random.default_rng(seed)
     planner, motion, predicted = GamePlanner(), [], []
     while not world.over:
-        cars, states = seen(world, 0.0, lambda _: np.random.default_rng(0))
-        motion.append({car.number: state for car, state in zip(cars, states, strict=True)})
-        minds = [Mind(car.number, car.player, car.weights) for car in cars]
-        plan = planner.plan(minds, states)
-        predicted.append((plan.numbers, predictions(minds, states, plan, world.step)))
+        cars, samples = seen(world, 0.0 if exact else RULES.sigma, lambda _: rng)
+        motion.append(dict(zip((car.number for car in world.cars), world.states(), strict=True)))
+        beliefs.see(cars, samples)
+        minds = beliefs.minds(cars)
+        plan = planner.plan(minds, samples)
+        predicted.append((plan.numbers, predictions(minds, samples, plan, world.step)))
         world.advance(plan.control)
     errors: list[list[float]] = [[] for _ in KINDS]
     for (numbers, kinds), later in zip(predicted, motion[AHEAD:], strict=False):
