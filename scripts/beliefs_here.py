@@ -1,19 +1,22 @@
 """The beliefs of an ego in a drive, with the estimator in this process, for measurements."""
 
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
+from olne_bench.bench.commands.drive import drive
 from olne_bench.bench.judge.beliefs import EstimatedBeliefs
 from olne_bench.bench.judge.online import StreamTask
 from olne_bench.bench.judge.referee import Answer
 from olne_bench.bench.plan.drive import EstimateRules
 from olne_bench.bench.run.stream_player import begin, update
-from olne_bench.envs.drive.cars import ROADS, STEP
+from olne_bench.envs.drive.cars import ROADS
 from olne_bench.estimators.protocol import Problem
 
-RULES = EstimateRules(window=6, sigma=0.1, deadline=STEP, time_limit=300.0)
+DEFAULTS: dict[str, Any] = {option.name: option.default for option in drive.params}
+RULES = EstimateRules(**{rule.name: DEFAULTS[rule.name] for rule in fields(EstimateRules)})
 
 
 @dataclass
