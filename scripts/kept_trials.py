@@ -3,9 +3,9 @@
     python scripts/kept_trials.py keep runs/roads results/roads/slow.parquet --estimator particle
     python scripts/kept_trials.py restore results/roads/slow.parquet runs/roads
 
-Keeps all columns, numbers in single precision, the versions of the code and the provenance of the
-last run. ``olne-bench run`` goes on in the restored folder: it runs what is missing, and trials
-whose code has changed.
+Keeps all columns, numbers in single precision, the versions of the code, what trials have taken,
+and the provenance of the last run. ``olne-bench run`` goes on in the restored folder: it runs what
+is missing, and trials whose code has changed.
 """
 
 import argparse
@@ -34,7 +34,7 @@ from olne_bench.bench.run.store_table import parse_nested
 
 #: Keys of trials: these keep double precision.
 EXACT = ("sigma",)
-_RUNS = b"runs"
+_RUNS, _COSTS = b"runs", b"costs"
 
 
 def keep(folder: Path, file: Path, estimators: list[str]) -> int:
@@ -48,8 +48,10 @@ def keep(folder: Path, file: Path, estimators: list[str]) -> int:
     with read_store(folder) as store:
         table = parse_nested(store.table())
         runs = [provenance_json(run) for run in store.runs()]
+        costs = [(*place, *cost) for place, cost in store.costs().items() if place[1] in estimators]
     table = table.filter(pc.is_in(table["estimator"], pa.array(estimators)))
-    schema = pa.schema([_single(column) for column in table.schema], {_RUNS: json.dumps(runs[-1:])})
+    notes = {_RUNS: json.dumps(runs[-1:]), _COSTS: json.dumps(costs)}
+    schema = pa.schema([_single(column) for column in table.schema], notes)
     parquet.write_table(table.cast(schema), file, compression="zstd", compression_level=19)
     return table.num_rows
 
@@ -71,7 +73,7 @@ def restore(file: Path, folder: Path) -> int:
     if (folder / FILE_NAME).exists():
         raise SystemExit(f"{folder} holds a run already; restore to another, then merge the two")
     table = parquet.read_table(file)
-    runs = json.loads(table.schema.metadata[_RUNS])
+    runs, costs = (json.loads(table.schema.metadata[name]) for name in (_RUNS, _COSTS))
     rows = table.to_pylist()
     for row in rows:
         row |= {name: json.dumps(row[name]) for name in NESTED if row[name] is not None}
@@ -82,6 +84,7 @@ def restore(file: Path, folder: Path) -> int:
             connection.executemany(
                 "INSERT INTO runs (provenance) VALUES (?)", [[run] for run in runs]
             )
+            connection.executemany("INSERT INTO costs VALUES (?, ?, ?, ?)", costs)
             _insert(connection, table.column_names, rows)
     return len(rows)
 

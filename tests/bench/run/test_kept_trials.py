@@ -34,7 +34,12 @@ def trials() -> list[Trial]:
 @pytest.fixture
 def folder(tmp_path: Path, trials: list[Trial]) -> Path:
     outcome = Outcome(
-        "ok", "fine", extras='{"a": 1}', scores={"cosine_error": 0.1}, weights=[[0.3, 0.7]] * 2
+        "ok",
+        "fine",
+        extras='{"a": 1}',
+        scores={"cosine_error": 0.1},
+        weights=[[0.3, 0.7]] * 2,
+        trial_seconds=2.0,
     )
     with open_store(tmp_path / "run") as store:
         store.begin_run(SOURCE, trials)
@@ -53,6 +58,8 @@ def test_rows_and_their_run_come_back(script, tmp_path, folder, trials):
         rows = before.frame().query("estimator == 'kkt_residual'").reset_index(drop=True)
         back = after.frame()
         assert after.runs() == before.runs()
+        cost = before.costs()["two_player", "kkt_residual"]
+        assert after.costs() == {("two_player", "kkt_residual"): cost}
     exact = [name for name in rows if rows[name].dtype != float and name != "weights"]
     assert back[exact].equals(rows[exact])
     np.testing.assert_allclose(back["cosine_error"], 0.1, rtol=1e-7)
