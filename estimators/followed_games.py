@@ -18,6 +18,7 @@ from olne_bench.estimators.normal_chart import NormalChart
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.residual_density import Places
 from olne_bench.games.dynamics import Dynamics
+from olne_bench.games.elimination import Elimination
 from olne_bench.games.native import elimination
 from olne_bench.games.newton import pack
 from olne_bench.games.observation import View
@@ -68,7 +69,7 @@ class FollowedGames:
 
     def reach(self, points: np.ndarray, near: Places) -> Places:
         """As of ``residual_density.Density``; nothing is possible after the deadline."""
-        solver, (theta, start) = elimination(self.problem.game), self.split(points)
+        theta, start = self.split(points)
         old_theta, old_start = self.split(near.points)
         flat = len(points), -1
         before = np.hstack([old_start.reshape(flat), old_theta.reshape(flat)])
@@ -77,7 +78,7 @@ class FollowedGames:
         for root, response, change in zip(roots, near.responses, after - before, strict=True):
             root += response @ change.astype(np.float32)
         roots[:, 0, :width] = after[:, :width]  # exact, without rounding
-        residuals, _ = solver.newton(
+        residuals, _ = self._solver.newton(
             roots,
             theta.reshape(flat),
             tolerance=self._tolerance,
@@ -105,21 +106,25 @@ class FollowedGames:
         return time.monotonic() > self.deadline
 
     @property
+    def _solver(self) -> Elimination:
+        return elimination(self.problem.game)
+
+    @property
     def _tolerance(self) -> float:
         return _TOLERANCE * self.problem.sigma
 
     def _places(self, points: np.ndarray, roots: np.ndarray, possible: np.ndarray) -> Places:
         problem = self.problem
-        possible, responses = self._responses(points, roots, possible)
         samples, slopes = self._seen(roots[:, :, : _width(problem)])
         seen = np.isfinite(self.observation.y).ravel()
         errors = samples - self.observation.y / np.array(problem.noise_scale)
         errors = errors.reshape(len(points), -1)[:, seen] / problem.sigma
-        rows = self._rows(points, slopes, responses)[:, seen] / problem.sigma
         believed, slope = self._prior(points)
         errors = np.hstack([errors, believed])
-        rows = np.concatenate([rows, np.tile(slope, (len(points), 1, 1))], axis=1)
-        errors[~possible], rows[~possible] = 0.0, 0.0
+        rows, responses, possible = self._derivatives(
+            points, roots, possible, slopes / problem.sigma, slope
+        )
+        errors[~possible] = 0.0
         return Places(points, errors, rows, possible, roots, responses)
 
     def _prior(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -131,25 +136,50 @@ class FollowedGames:
         away = (points[:, size:] - self.start.mean.ravel()) / scale
         return np.hstack([points[:, :size], away]), np.diag(np.r_[np.ones(size), 1 / scale])
 
-    def _responses(
-        self, points: np.ndarray, roots: np.ndarray, possible: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Which roots (B, T, s) are regular, and their derivatives in (x_1, theta).
+    def _derivatives(
+        self,
+        points: np.ndarray,
+        roots: np.ndarray,
+        possible: np.ndarray,
+        seen: np.ndarray,
+        believed: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of the errors and of the roots, and which roots (B,) are regular.
 
-        The latter are (B,) arrays (T, s, C) of their own, which need not be copied where places
-        are. Single precision is enough for predictions and determinants.
+        Args:
+            points: (B, d).
+            roots: (B, T, s).
+            possible: (B,).
+            seen: (B, T, N, d, n) h_x over sigma.
+            believed: (P, d) derivative of the errors of the prior.
+
+        Returns:
+            (B,) arrays (O, d), (B,) arrays (T, s, C) in (x_1, theta), (B,). The second ones are in
+            single precision, which is enough for predictions.
         """
-        solver, theta = (
-            elimination(self.problem.game),
-            self.chart.theta(points[:, : self.chart.size]),
-        )
-        columns = _width(self.problem) + theta[0].size
-        found, nothing = np.empty(len(roots), dtype=object), np.zeros((*roots[0].shape, columns))
+        solver, theta = self._solver, self.chart.theta(points[:, : self.chart.size])
+        jacobian = self.chart.jacobian(points[:, : self.chart.size])
+        there = np.isfinite(self.observation.y).ravel()
+        width, columns = _width(self.problem), _width(self.problem) + theta[0].size
+        rows, responses = (np.empty(len(roots), dtype=object) for _ in range(2))
+        count, size = int(there.sum()), self.chart.size
+        no_row = np.zeros((count + len(believed), points.shape[1]))
+        no_response = np.zeros((*roots[0].shape, columns), dtype=np.float32)
         possible = possible.copy()
         for k in range(len(roots)):
             possible[k] = possible[k] and solver.linearise(roots[k], theta[k].ravel())
-            found[k] = solver.sensitivities().astype(np.float32) if possible[k] else nothing
-        return possible, found
+            if not possible[k]:
+                rows[k], responses[k] = no_row, no_response
+                continue
+            response = solver.sensitivities()
+            states = response[:, :width].reshape(*seen.shape[1:3], -1, columns)
+            changes = (seen[k] @ states).reshape(-1, columns)
+            changes = changes if count == len(changes) else changes[there]
+            rows[k] = row = np.empty_like(no_row)
+            np.matmul(changes[:, width:], jacobian[k], out=row[:count, :size])
+            row[:count, size:], row[count:] = changes[:, :width], believed
+            responses[k] = response.astype(np.float32)
+        return rows, responses, possible
 
     def _seen(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expected samples (B, T, N, d) of states (B, T, N*n), and h_x (B, T, N, d, n)."""
@@ -159,17 +189,6 @@ class FollowedGames:
         found = found.reshape(*states.shape[:2], -1, 1 + size, len(self.problem.noise_scale))
         found = found / np.array(self.problem.noise_scale)
         return found[..., 0, :], np.swapaxes(found[..., 1:, :], -1, -2)
-
-    def _rows(self, points: np.ndarray, slopes: np.ndarray, responses: np.ndarray) -> np.ndarray:
-        """Derivatives (B, T*N*d, size + N*n) of the expected samples."""
-        width, columns = _width(self.problem), responses[0].shape[-1]
-        states = np.stack([response[:, :width] for response in responses])
-        shape = *slopes.shape[:3], slopes.shape[-1], columns
-        changes = slopes.astype(np.float32) @ states.reshape(shape)
-        changes = changes.reshape(len(points), -1, columns).astype(float)
-        by_start, by_theta = np.split(changes, [width], axis=2)
-        jacobian = self.chart.jacobian(points[:, : self.chart.size])
-        return np.concatenate([by_theta @ jacobian, by_start], axis=2)
 
 
 @lru_cache(maxsize=16)

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from olne_bench.estimators.residual_density import Density, Places, joined
+from olne_bench.estimators.residual_density import Density, Places
 
 #: Steps of Newton's method, the largest error of (P1) at its end, and the longest step, in widths
 #: of the peak times the root of the number of dimensions.
@@ -88,9 +88,13 @@ class Peak:
         """Q' F (B, d)."""
         return places.errors @ self.directions
 
+    def slopes(self, places: Places) -> np.ndarray:
+        """Q' J (B, d, d)."""
+        return np.stack([self.directions.T @ row for row in places.rows])
+
     def log_density(self, places: Places) -> np.ndarray:
         """(P2) of places (B,)."""
-        signs, volumes = np.linalg.slogdet(self.directions.T @ places.rows)
+        signs, volumes = np.linalg.slogdet(self.slopes(places))
         values = volumes - np.sum(self.offsets(places) ** 2, axis=1) / 2
         return np.where(places.possible & (signs == self.sign), values, -np.inf)
 
@@ -108,16 +112,29 @@ class Fits:
     """Points of the mixture of all peaks.
 
     Attributes:
-        places: (M) those that solve (P1).
+        parts: places that solve (P1), those from one peak after the other; M in all.
         log_weights: (M,) log pi / q, normalised: their exponentials sum to one.
         asked: number of fits that were begun.
         tried: points at which F was asked for.
     """
 
-    places: Places
+    parts: Sequence[Places]
     log_weights: np.ndarray
     asked: int
     tried: int
+
+    @property
+    def points(self) -> np.ndarray:
+        """(M, d)."""
+        return np.concatenate([part.points for part in self.parts])
+
+    def place(self, number: int) -> Places:
+        """One of the M places."""
+        for part in self.parts:
+            if number < len(part):
+                return part.at(np.array([number]))
+            number -= len(part)
+        raise IndexError(number)
 
     @property
     def effective(self) -> float:
@@ -132,13 +149,13 @@ class Fits:
     @property
     def shares(self) -> np.ndarray:
         """(M,) weights that sum to one, cut at their mean times sqrt(M) (Ionides 2008)."""
-        log_weights = np.minimum(self.log_weights, -np.log(len(self.places)) / 2)
+        log_weights = np.minimum(self.log_weights, -np.log(len(self.log_weights)) / 2)
         return np.asarray(np.exp(log_weights - logsumexp(log_weights)))
 
     @property
     def split_r_hat(self) -> float:
         """The largest R-hat, over coordinates, of four parts of the points."""
-        points, shares = self.places.points, self.shares
+        points, shares = self.points, self.shares
         variance = shares @ (points - shares @ points) ** 2
         parts = [(points[k::4], shares[k::4]) for k in range(4)]
         if min(own.sum() for _, own in parts) == 0:
@@ -151,7 +168,7 @@ class Fits:
         """Indices (count,) of equal weight, in random order."""
         places = (rng.random() + np.arange(count)) / count
         chosen = np.searchsorted(np.cumsum(self.shares), places)
-        return rng.permutation(chosen.clip(max=len(self.places) - 1))
+        return rng.permutation(chosen.clip(max=len(self.log_weights) - 1))
 
 
 def effective_sample_size(log_weights: np.ndarray) -> float:
@@ -193,7 +210,7 @@ def perturbed_fits(
             return fits
         squares = np.exp(2 * fits.log_weights)
         drawn = rng.choice(len(squares), size=1, p=squares / squares.sum())
-        if not pool.add(Peak.at(fits.places.at(drawn)), more):
+        if not pool.add(Peak.at(fits.place(int(drawn[0]))), more):
             return pool.fits()
 
 
@@ -227,57 +244,67 @@ class _Pool:
 
     def fits(self) -> Fits:
         """All so far."""
-        places, counts = joined(self._places), np.array(self._counts)
+        counts = np.array(self._counts)
+        log_density = np.concatenate([own.log_density for own in self._places])
         known = np.array([np.concatenate(own) for own in self._known])
         reached = np.isfinite(known).any(axis=0)
-        log_weights = np.full(len(places), -np.inf)
+        log_weights = np.full(len(log_density), -np.inf)
         if reached.any():
             shares = counts[:, None] / counts.sum()
             mixture = logsumexp(known[:, reached], axis=0, b=shares)
-            log_weights[reached] = places.log_density[reached] - mixture
+            log_weights[reached] = log_density[reached] - mixture
             log_weights -= logsumexp(log_weights)
-        return Fits(places, log_weights, int(counts.sum()), self._tried)
+        return Fits(tuple(self._places), log_weights, int(counts.sum()), self._tried)
 
 
 def _solved(density: Density, peak: Peak, wanted: np.ndarray) -> tuple[Places, int]:
     """The places that solve (P1) for xi (B, d), and at how many points F was asked for."""
     places = peak.place.at(np.zeros(len(wanted), dtype=int))
-    left, tried = np.arange(len(wanted)), 0
+    slopes, left, tried = peak.slopes(places), np.arange(len(wanted)), 0
     for _ in range(_STEPS):
         away = places.errors[left] @ peak.directions - wanted[left]
         left = left[np.linalg.norm(away, axis=1) > _SOLVED]
         if not left.size:
             break
-        left, count = _improved(density, peak, places, left, wanted)
+        left, count = _improved(density, peak, places, slopes, left, wanted)
         tried += count
     errors = np.linalg.norm(peak.offsets(places) - wanted, axis=1)
     return places.at(errors <= _SOLVED), tried
 
 
 def _improved(
-    density: Density, peak: Peak, places: Places, left: np.ndarray, wanted: np.ndarray
+    density: Density,
+    peak: Peak,
+    places: Places,
+    slopes: np.ndarray,
+    left: np.ndarray,
+    wanted: np.ndarray,
 ) -> tuple[np.ndarray, int]:
     """One step of Newton's method from some places, in place: those that got better, its cost.
+
+    ``slopes`` are Q' J of the places, and change with them.
 
     A step is better if the next one, with the same derivative, would be shorter (Deuflhard's
     natural test). Errors themselves grow where a long step leaves a narrow, bent valley. Beyond a
     change of the determinant's sign, only points that do not count would be found.
     """
-    slopes = peak.directions.T @ places.rows[left]
+    before = slopes[left]
     away = places.errors[left] @ peak.directions - wanted[left]
-    steps = -np.linalg.solve(slopes, away[..., None])[..., 0]
+    steps = -np.linalg.solve(before, away[..., None])[..., 0]
     lengths, worse, tried = _lengths(peak, steps), np.arange(len(left)), 0
     steps /= np.maximum(1.0, lengths / (_LONGEST * np.sqrt(peak.size)))[:, None]
     for _ in range(_CUTS):
         own = left[worse]
-        before = places.at(own)
-        trial = density.reach(before.points + steps[worse], before)
+        start = places.at(own)
+        trial = density.reach(start.points + steps[worse], start)
         tried += len(own)
         after = (peak.offsets(trial) - wanted[own])[..., None]
-        after = np.linalg.solve(slopes[worse], after)[..., 0]
-        signs = np.linalg.slogdet(peak.directions.T @ trial.rows)[0]
+        after = np.linalg.solve(before[worse], after)[..., 0]
+        reached = peak.slopes(trial)
+        signs = np.linalg.slogdet(reached)[0]
         good = trial.possible & (signs == peak.sign) & (_lengths(peak, after) < lengths[worse])
         places.put(own[good], trial.at(good))
+        slopes[own[good]] = reached[good]
         worse = worse[~good]
         if not worse.size:
             break

@@ -199,7 +199,7 @@ def _estimate(
 ) -> Estimate:
     """Mean, covariance and samples."""
     problem, known = density.problem, density.problem.game.parameters
-    theta, starts = density.split(fits.places.points)
+    theta, starts = density.split(fits.points)
     weights, parameters = np.split(theta, [problem.game.num_weights], axis=2)
     unknown = known.values(parameters) if known.count else None
     shares = fits.shares

@@ -21,7 +21,7 @@ class Places:
     Attributes:
         points: (B, d).
         errors: F (B, O).
-        rows: its derivative (B, O, d).
+        rows: (B,) arrays (O, d), its derivatives, which are not copied where places are.
         possible: (B,) whether F has a value.
         roots: (B, ...) what further points are followed from; only the density reads it.
         responses: (B, ...) its derivative, or (B,) objects that hold one each.

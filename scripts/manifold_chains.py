@@ -190,7 +190,7 @@ def _followed(
     left = np.arange(len(places))
     for _ in range(_NEWTON):
         here = found.at(left)
-        slopes = anchor.directions.T @ here.rows
+        slopes = anchor.slopes(here)
         away = (anchor.offsets(here) - wanted[left])[..., None]
         trial = density.reach(here.points - np.linalg.solve(slopes, away)[..., 0], here)
         left, trial = left[trial.possible], trial.at(trial.possible)
@@ -212,7 +212,7 @@ class _Proposal:
 
     @classmethod
     def at(cls, places: Places, lengths: np.ndarray) -> "_Proposal":
-        rows = places.rows
+        rows = np.stack(list(places.rows))
         metric = np.swapaxes(rows, 1, 2) @ rows
         slope = np.einsum("bod,bo->bd", rows, places.errors)
         drift = np.linalg.solve(metric, slope[..., None])[..., 0]

@@ -67,8 +67,9 @@ class Known:
         derivative = np.stack(rows, axis=2)
         possible = np.isfinite(errors).all(axis=1) & np.isfinite(derivative).all(axis=(1, 2))
         errors[~possible], derivative[~possible] = 0.0, 0.0
-        nothing = np.zeros((len(points), 0))
-        return Places(points, errors, derivative, possible, nothing, nothing)
+        nothing, rows = np.zeros((len(points), 0)), np.empty(len(points), dtype=object)
+        rows[:] = list(derivative)
+        return Places(points, errors, rows, possible, nothing, nothing)
 
 
 class Densities:

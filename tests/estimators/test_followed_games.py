@@ -59,7 +59,7 @@ def test_a_prior_of_starts_is_a_factor_of_the_density(crossing) -> None:
     here, there = (density.place(known) for density in (flat, told))
     factor = norm.logpdf(known.root.states[0], mean, deviation) - norm.logpdf(0, 0, deviation)
     assert there.log_density[0] == pytest.approx(here.log_density[0] + factor.sum())
-    assert np.linalg.matrix_rank(there.rows[0, here.rows.shape[1] :]) == mean.size
+    assert np.linalg.matrix_rank(there.rows[0][len(here.rows[0]) :]) == mean.size
 
 
 @pytest.mark.parametrize("known_start", [False, True])

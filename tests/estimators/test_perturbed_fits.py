@@ -31,7 +31,7 @@ def test_of_a_gaussian_all_fits_count_alike(densities) -> None:
     assert found.effective == pytest.approx(2000, rel=1e-6)
     assert found.lost == 0
     assert found.split_r_hat < 1.01
-    points = found.places.points
+    points = found.points
     np.testing.assert_allclose(points.mean(axis=0), densities.gaussian_mean, atol=0.07)
     covariance = densities.gaussian_root @ densities.gaussian_root.T
     np.testing.assert_allclose(np.cov(points.T), covariance, atol=0.1)
@@ -40,7 +40,7 @@ def test_of_a_gaussian_all_fits_count_alike(densities) -> None:
 def test_weights_make_up_for_a_bend(densities) -> None:
     density = densities.bent()
     found = fitted(density, [peak(density, [0.3, 0.2])], first=3000, most=3000)
-    weights, points = found.shares, found.places.points
+    weights, points = found.shares, found.points
     assert weights.sum() == pytest.approx(1)
     assert found.effective > 1000
     assert weights @ points[:, 0] ** 2 == pytest.approx(1.0, abs=0.1)
@@ -60,7 +60,7 @@ def test_two_peaks_keep_their_probability(densities) -> None:
     density = densities.two_peaks()
     peaks = [peak(density, [3.9, 0.0]), peak(density, [-3.9, 0.0])]
     found = fitted(density, peaks, first=1000, most=1000)
-    left = found.places.points[:, 0] < 0
+    left = found.points[:, 0] < 0
     assert found.shares[left].sum() == pytest.approx(0.75, abs=0.04)
     counts = counts_of(peaks, 1000)
     assert sum(counts) == 1000
@@ -74,7 +74,7 @@ def test_further_fits_start_where_the_first_do_not_reach(densities) -> None:
     alone = fitted(density, [peak(density, [2.0, 0.0])], **settings, most=300)
     found = fitted(density, [peak(density, [2.0, 0.0])], **settings, most=3000, enough=1500)
     assert found.effective > 4 * alone.effective
-    around = np.arctan2(*found.places.points.T[::-1])
+    around = np.arctan2(*found.points.T[::-1])
     shares, _ = np.histogram(around, bins=4, range=(-np.pi, np.pi), weights=found.shares)
     np.testing.assert_allclose(shares, densities.ring_quarters, atol=0.04)
 
@@ -96,7 +96,7 @@ def test_hopeless_fits_end_early(densities) -> None:
 def test_points_without_density_are_lost(densities) -> None:
     density = densities.cut()
     found = fitted(density, [peak(density, [1.0, 0.0])])
-    assert (found.places.points[:, 0] > -1).all()
+    assert (found.points[:, 0] > -1).all()
     assert found.lost == pytest.approx(norm.cdf(-1), abs=0.06)
 
 
@@ -106,7 +106,7 @@ def test_only_fits_beyond_a_fold_are_lost(densities) -> None:
     largest = 1.04**2 / 2 / np.hypot(1.0, 0.2)  # of Q'F, where its derivative is zero
     assert found.lost == pytest.approx(norm.cdf(-largest), abs=0.03)
     assert np.isfinite(found.log_weights).all()
-    assert (found.places.points < 1.04).all()
+    assert (found.points < 1.04).all()
 
 
 def test_a_direction_that_changes_nothing_is_refused(densities) -> None:
@@ -124,11 +124,11 @@ def test_equal_weights_are_all_effective() -> None:
 def test_one_point_cannot_have_all_the_weight(densities) -> None:
     logs = np.append(np.zeros(99), 50.0)
     places = densities.gaussian().place(np.zeros(3)).at(np.zeros(100, dtype=int))
-    fits = Fits(places, logs - logsumexp(logs), 100, 100)
+    fits = Fits([places], logs - logsumexp(logs), 100, 100)
     counts = np.bincount(fits.resampled(1000, np.random.default_rng(0)), minlength=100)
     assert counts.sum() == 1000
     assert counts[99] >= 990  # the others have no weight to speak of
-    even = Fits(places, np.full(100, -np.log(100)), 100, 100)
+    even = Fits([places], np.full(100, -np.log(100)), 100, 100)
     counts = np.bincount(even.resampled(1000, np.random.default_rng(0)), minlength=100)
     assert counts.max() <= 11
 
@@ -138,6 +138,6 @@ def test_parts_that_disagree_have_a_large_r_hat(densities) -> None:
         np.random.default_rng(0).standard_normal((400, 3)),
         densities.gaussian().place(np.zeros(3)).at(np.zeros(400, dtype=int)),
     )
-    assert Fits(places, np.full(400, -np.log(400)), 400, 400).split_r_hat < 1.05
+    assert Fits([places], np.full(400, -np.log(400)), 400, 400).split_r_hat < 1.05
     heavy = np.append(np.zeros(399), 12.0)
-    assert Fits(places, heavy - logsumexp(heavy), 400, 400).split_r_hat > 1.2
+    assert Fits([places], heavy - logsumexp(heavy), 400, 400).split_r_hat > 1.2
