@@ -12,6 +12,8 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import parquet
 
+from olne_bench.bench.run.store_table import parquet_options
+
 LABELS = ["scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "count", "status"]
 NUMBERS = ["position_error", "held_out_error", "cosine_error", "parameter_error", "solve_seconds"]
 SHARES = ["covers_truth"]
@@ -29,7 +31,7 @@ def main() -> None:
     for name in set(NUMBERS) & set(kept):
         place = table.schema.get_field_index(name)
         table = table.set_column(place, name, table[name].cast(pa.float32()))
-    parquet.write_table(table, given.out, compression="zstd")
+    parquet.write_table(table, given.out, **parquet_options(table.schema))
 
 
 if __name__ == "__main__":

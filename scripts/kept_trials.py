@@ -30,7 +30,7 @@ from olne_bench.bench.run.store_layout import (
     create_costs,
     quoted,
 )
-from olne_bench.bench.run.store_table import parse_nested
+from olne_bench.bench.run.store_table import parquet_options, parse_nested
 
 #: Keys of trials: these keep double precision.
 EXACT = ("sigma",)
@@ -52,23 +52,8 @@ def keep(folder: Path, file: Path, estimators: list[str]) -> int:
     table = table.filter(pc.is_in(table["estimator"], pa.array(estimators)))
     notes = {_RUNS: json.dumps(runs[-1:]), _COSTS: json.dumps(costs)}
     schema = pa.schema([_single(column) for column in table.schema], notes)
-    parquet.write_table(
-        table.cast(schema),
-        file,
-        compression="zstd",
-        compression_level=19,
-        use_dictionary=[column.name for column in schema if not _values(column)],
-        use_byte_stream_split=[path for column in schema for path in _values(column)],
-    )
+    parquet.write_table(table.cast(schema), file, compression_level=19, **parquet_options(schema))
     return table.num_rows
-
-
-def _values(column: pa.Field) -> list[str]:
-    """Where a column has floating point numbers: their bytes are apart, which makes files small."""
-    kind, path = column.type, column.name
-    while pa.types.is_list(kind):
-        kind, path = kind.value_type, f"{path}.list.element"
-    return [path] if pa.types.is_floating(kind) else []
 
 
 def _single(column: pa.Field) -> pa.Field:

@@ -15,7 +15,7 @@ from olne_bench.bench.plan.versions import VERSION_COLUMNS
 from olne_bench.bench.report.escapes import csv_safe_arrow
 from olne_bench.bench.report.measures import worth_a_table
 from olne_bench.bench.report.statistics.attempts import weighed
-from olne_bench.bench.run.store_table import parse_nested, to_frame
+from olne_bench.bench.run.store_table import parquet_options, parse_nested, to_frame
 from olne_bench.files import whole_file
 
 #: Columns of a stored table that no report needs.
@@ -136,7 +136,9 @@ def write_trials(batches: Iterable[pa.RecordBatch], folder: Path) -> FileParts:
                 parsed = parse_nested(rows)
                 notes.add(rows)
                 written = written or csv.CSVWriter(text, rows.schema)
-                stored = stored or parquet.ParquetWriter(binary, parsed.schema, compression="zstd")
+                stored = stored or parquet.ParquetWriter(
+                    binary, parsed.schema, **parquet_options(parsed.schema)
+                )
                 written.write_table(csv_safe_arrow(rows))
                 stored.write_table(parsed)
         finally:

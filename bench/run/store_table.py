@@ -3,6 +3,7 @@
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -33,6 +34,27 @@ def as_batches(rows: sqlite3.Cursor, columns: Mapping[str, str]) -> Iterator[pa.
         parts = zip(*batch, strict=True)
         arrays = [pa.array(c, type=t) for c, t in zip(parts, schema.types, strict=True)]
         yield pa.record_batch(arrays, schema=schema)
+
+
+def parquet_options(schema: pa.Schema) -> dict[str, Any]:
+    """How Parquet files of tables are written: the bytes of numbers apart, which saves a quarter.
+
+    Args:
+        schema: the columns, which may hold nested lists.
+    """
+    return {
+        "compression": "zstd",
+        "use_dictionary": [column.name for column in schema if not _numbers_in(column)],
+        "use_byte_stream_split": [path for column in schema for path in _numbers_in(column)],
+    }
+
+
+def _numbers_in(column: pa.Field) -> list[str]:
+    """Parquet's path of the floating point numbers in a column, if it has any."""
+    kind, path = column.type, column.name
+    while pa.types.is_list(kind):
+        kind, path = kind.value_type, f"{path}.list.element"
+    return [path] if pa.types.is_floating(kind) else []
 
 
 def parse_nested(table: pa.Table) -> pa.Table:

@@ -31,7 +31,7 @@ from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import Stored
 from olne_bench.bench.run.store import Store, read_store
-from olne_bench.bench.run.store_table import parse_nested, to_frame
+from olne_bench.bench.run.store_table import parquet_options, parse_nested, to_frame
 from olne_bench.errors import UserError
 from olne_bench.plugins import ESTIMATOR, METRIC, is_built_in, is_file, source
 
@@ -153,7 +153,7 @@ def _copy_plugins(places: dict[str, str], target: Path) -> None:
 
 def _write_tables(rows: pa.Table, suites: Iterable[Suite], target: Path) -> None:
     parsed = parse_nested(rows)
-    parquet.write_table(parsed, target / ROWS, compression="zstd")
+    parquet.write_table(parsed, target / ROWS, **parquet_options(parsed.schema))
     study = study_of(suites)
     board = tabulate(weighed(to_frame(parsed)), study).leaderboard
     csv_safe(board).to_csv(target / LEADERBOARD, index=False)
