@@ -114,7 +114,7 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
     """Tables of some scenarios, as far as they do not depend on others."""
     # The weights of a million trials are slow to copy, and most tables do not need them.
     plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
-    seen = drivers(trials, study)
+    by_temperament = _driver_tables(trials, study)
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
     return {
         "leaderboard": summaries(known, study),
@@ -125,11 +125,16 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
         "identifiability_by_noise": identifiability_by_noise(plain, study),
         "bound_ratios": bound_ratios(trials, study),
         "calibration": calibration_table(trials),
-        "temperaments": temperament_table(seen),
-        "confusions": confusion_table(seen),
+        **by_temperament,
         "harness_errors": harness_errors(plain),
         "notes": pd.DataFrame({"note": unknown_truths(trials, study)}, dtype=object),
     }
+
+
+def _driver_tables(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
+    """Tables of drivers, of whom there are several in each trial: not kept for longer."""
+    found = drivers(trials, study)
+    return {"temperaments": temperament_table(found), "confusions": confusion_table(found)}
 
 
 def _by_error(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.DataFrame:

@@ -30,7 +30,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     if found.empty:
         raise NotDrawnError("no driver has a temperament")
     levels = _some(sorted(found["sigma"].unique()))
-    estimators = style.estimator_order(found["estimator"].tolist())
+    estimators = style.estimator_order(found["estimator"].unique().tolist())
     figure = Figure(
         figsize=(len(estimators) * _WIDTH + _MARGIN[0], len(levels) * _HEIGHT + _MARGIN[1])
     )

@@ -20,7 +20,7 @@ from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.statistics.intervals import share_interval
 from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study
 from olne_bench.envs.scenarios import check_options
-from olne_bench.envs.temperaments import checked_shares, recognised
+from olne_bench.envs.temperaments import TEMPERAMENTS, checked_shares, recognised
 from olne_bench.envs.true_weights import TEMPERED
 from olne_bench.plugins import SCENARIO, is_built_in
 
@@ -28,6 +28,9 @@ from olne_bench.plugins import SCENARIO, is_built_in
 NOBODY = "none"
 
 _CELL = ["scenario", "sensor", "sigma", "estimator"]
+_LABELS = ["scenario", "sensor", "estimator"]
+#: Millions of drivers fit into memory as long as their names are numbers, so these are categories.
+_NAMES = pd.CategoricalDtype(sorted([*TEMPERAMENTS, NOBODY]))
 _DRIVER = [*_CELL, "seed", "temperament", "recognised", "cosine_error"]
 
 
@@ -37,12 +40,13 @@ def drivers(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     Returns:
         Columns ``scenario, sensor, sigma, estimator, seed, temperament, recognised`` (a
         temperament, or ``NOBODY``) and ``cosine_error`` of the driver's weights, infinite for
-        failures.
+        failures. Names are categories.
     """
     labels = [label for label in trials["scenario"].unique() if is_tempered(label, study)]
     attempts = attempts_of(trials[trials["scenario"].isin(labels)])
+    attempts = attempts.astype(dict.fromkeys(_LABELS, "category"))
     parts = []
-    for label, of_label in attempts.groupby("scenario", sort=True):
+    for label, of_label in attempts.groupby("scenario", sort=True, observed=True):
         for seed, rows in of_label.groupby("seed", sort=True):
             with suppress(*UNKNOWN_HERE):  # the options are those of another version
                 parts.append(_drivers_of_draw(rows, study.draw(str(label), int(str(seed)))))
@@ -72,7 +76,7 @@ def temperament_table(found: pd.DataFrame) -> pd.DataFrame:
     rows = [
         dict(zip([*_CELL, "temperament"], key, strict=True)) | _summary(group)
         for part in (whole, found)
-        for key, group in part.groupby([*_CELL, "temperament"], dropna=False)
+        for key, group in part.groupby([*_CELL, "temperament"], dropna=False, observed=True)
     ]
     return pd.DataFrame(rows, columns=[*_CELL, "temperament", *_SUMMARY])
 
@@ -89,9 +93,10 @@ def confusion_table(found: pd.DataFrame) -> pd.DataFrame:
         the drivers of that temperament.
     """
     key = [*_CELL, "temperament"]
-    counts = found.groupby([*key, "recognised"]).size().rename("drivers").reset_index()
-    counts["share"] = counts["drivers"] / counts.groupby(key)["drivers"].transform("sum")
-    return counts
+    counts = found.groupby([*key, "recognised"], observed=True).size().rename("drivers")
+    table = counts.reset_index().astype(dict.fromkeys([*_LABELS, "temperament", "recognised"], str))
+    table["share"] = table["drivers"] / table.groupby(key)["drivers"].transform("sum")
+    return table
 
 
 _SUMMARY = (
@@ -108,7 +113,7 @@ _SUMMARY = (
 
 def _summary(group: pd.DataFrame) -> dict[str, float | int]:
     errors, once = group["cosine_error"].to_numpy(float), np.ones(len(group), int)
-    right = group["recognised"].eq(group["temperament"]).to_numpy(float)
+    right = (group["recognised"] == group["temperament"]).to_numpy(float)
     share = share_interval(right, group["seed"].to_numpy())
     quantiles = [quantile(errors, once, part) for part in (0.5, 0.25, 0.75)]
     failures = int(group["recognised"].eq(NOBODY).sum())
@@ -129,7 +134,9 @@ def _drivers_of_draw(rows: pd.DataFrame, draw: Draw) -> pd.DataFrame:
     places = np.repeat(np.arange(len(rows)), len(names))
     found = rows[[*_CELL, "seed"]].iloc[places].reset_index(drop=True)
     return found.assign(
-        temperament=list(names) * len(rows), recognised=seen.ravel(), cosine_error=errors.ravel()
+        temperament=pd.Categorical(list(names) * len(rows), dtype=_NAMES),
+        recognised=pd.Categorical(seen.ravel(), dtype=_NAMES),
+        cosine_error=errors.ravel(),
     )
 
 
