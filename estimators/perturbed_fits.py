@@ -260,7 +260,8 @@ class _Pool:
 def _solved(density: Density, peak: Peak, wanted: np.ndarray) -> tuple[Places, int]:
     """The places that solve (P1) for xi (B, d), and at how many points F was asked for."""
     places = peak.place.at(np.zeros(len(wanted), dtype=int))
-    slopes, left, tried = peak.slopes(places), np.arange(len(wanted)), 0
+    slopes = np.repeat(peak.slopes(peak.place), len(wanted), axis=0)
+    left, tried = np.arange(len(wanted)), 0
     for _ in range(_STEPS):
         away = places.errors[left] @ peak.directions - wanted[left]
         left = left[np.linalg.norm(away, axis=1) > _SOLVED]
