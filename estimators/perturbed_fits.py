@@ -90,7 +90,8 @@ class Peak:
 
     def slopes(self, places: Places) -> np.ndarray:
         """Q' J (B, d, d)."""
-        return np.stack([self.directions.T @ row for row in places.rows])
+        slopes = [self.directions.T @ row for row in places.rows]
+        return np.array(slopes).reshape(len(places), self.size, self.size)
 
     def log_density(self, places: Places) -> np.ndarray:
         """(P2) of places (B,)."""

@@ -4,7 +4,6 @@ F holds all errors over their standard deviations, those of the prior as well. W
 a known place nearby, as a game needs a known equilibrium.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Protocol
 
@@ -53,12 +52,6 @@ class Places:
 
     def _parts(self) -> list[np.ndarray]:
         return [getattr(self, field.name) for field in fields(self)]
-
-
-def joined(several: Sequence[Places]) -> Places:
-    """All places, one after the other."""
-    columns = zip(*(one._parts() for one in several), strict=True)
-    return Places(*(np.concatenate(parts) for parts in columns))
 
 
 class Density(Protocol):

@@ -28,13 +28,13 @@ and places that the first half of the chains has reached.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from tqdm import tqdm
 
 from olne_bench.estimators.perturbed_fits import Peak, counts_of
-from olne_bench.estimators.residual_density import Density, Places, joined
+from olne_bench.estimators.residual_density import Density, Places
 
 #: Of differential evolution: the length, over the root of twice the number of coordinates, which is
 #: best for a normal density; the share of steps of length 1; and the noise, as a share of the
@@ -118,7 +118,13 @@ def _starts(density: Density, peaks: list[Peak], count: int, rng: np.random.Gene
         trial = density.reach(places.points + offsets, places)
         places.put(trial.possible, trial.at(trial.possible))
         found.append(places)
-    return joined(found)
+    return _joined(found)
+
+
+def _joined(several: list[Places]) -> Places:
+    """All places, one after the other."""
+    names = [field.name for field in fields(Places)]
+    return Places(*(np.concatenate([getattr(one, name) for one in several]) for name in names))
 
 
 def _step(density: Density, places: Places, length: float, rng: np.random.Generator) -> float:

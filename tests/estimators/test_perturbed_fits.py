@@ -100,6 +100,14 @@ def test_points_without_density_are_lost(densities) -> None:
     assert found.lost == pytest.approx(norm.cdf(-1), abs=0.06)
 
 
+def test_a_place_from_which_nothing_is_reached_gives_no_points(densities) -> None:
+    density = densities.of(lambda points: np.where(np.abs(points[:, :1]) < 1e-3, points, np.nan))
+    found = fitted(density, [Peak.at(density.place([0.0, 0.0]))])
+    assert found.lost == 1
+    assert found.effective == 0
+    assert found.points.shape == (0, 2)
+
+
 def test_only_fits_beyond_a_fold_are_lost(densities) -> None:
     density = densities.folded()
     found = fitted(density, [peak(density, [0.2])], first=2000, most=2000)
