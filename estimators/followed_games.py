@@ -39,7 +39,7 @@ class StartPrior:
 
     Attributes:
         mean: (N, n).
-        deviation: (n,) standard deviation of each state of a player.
+        deviation: (N, n) standard deviations; infinite where nothing is known.
     """
 
     mean: np.ndarray
@@ -136,7 +136,7 @@ class FollowedGames:
         size = self.chart.size
         if self.start is None:
             return points[:, :size], np.eye(size, points.shape[1])
-        scale = np.tile(self.start.deviation, _shape(self.problem)[0])
+        scale = self.start.deviation.ravel()
         away = (points[:, size:] - self.start.mean.ravel()) / scale
         return np.hstack([points[:, :size], away]), np.diag(np.r_[np.ones(size), 1 / scale])
 

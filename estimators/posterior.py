@@ -1,9 +1,9 @@
 """Samples of the posterior: weights, unknowns and initial state, given all observations.
 
 The prior of a player's weights is a Dirichlet distribution with all parameters alpha, flat by
-default; that of standardised unknowns is normal within their ranges; that of x_1 is flat. With
-Gaussian noise, in coordinates z of weights and unknowns in which their prior is standard normal
-(``normal_chart``),
+default; that of standardised unknowns is normal within their ranges; that of x_1 is flat, and a
+wide normal one where the first sample misses a player (``unseen_starts``). With Gaussian noise, in
+coordinates z of weights and unknowns in which their prior is standard normal (``normal_chart``),
 
     (B1)  log pi(z, x_1) = -|y - h(x(theta(z), x_1))|^2 / (2 sigma^2) - |z|^2 / 2,
 
@@ -47,6 +47,7 @@ from olne_bench.estimators.normal_chart import NormalChart
 from olne_bench.estimators.perturbed_fits import Fits, Peak, perturbed_fits
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.residual_density import climbed
+from olne_bench.estimators.unseen_starts import unseen_starts
 from olne_bench.estimators.white_noise import assumed_sigma, white_problem, with_white_noise
 from olne_bench.games.newton import Root
 
@@ -148,7 +149,8 @@ class Posterior:
         game = problem.game
         size = game.num_players, game.num_weights, problem.weight_floor
         chart = NormalChart(*size, self.alpha, game.parameters)
-        return FollowedGames(problem, observation, chart, deadline)
+        start = unseen_starts(problem, observation)
+        return FollowedGames(problem, observation, chart, deadline, start)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""

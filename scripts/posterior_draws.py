@@ -80,7 +80,8 @@ def draws(name: str, seeds: range) -> Iterator[Draw]:
 def _scenario(name: str, seed: int) -> tuple[Scenario, StartPrior]:
     players = {"num_players": 3} if name in ("highway", "merge") else {}
     scenario = get_scenario(name, seed, weights=DIRICHLET, **players)
-    mean, deviation = np.asarray(scenario.initial_state), np.array(START_DEVIATIONS[name])
+    mean = np.asarray(scenario.initial_state)
+    deviation = np.broadcast_to(START_DEVIATIONS[name], mean.shape)
     errors = np.random.default_rng([seed, 1]).standard_normal(mean.shape)
     drawn = replace(scenario, initial_state=mean + deviation * errors)
     return drawn, StartPrior(mean, deviation)

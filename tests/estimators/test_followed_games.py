@@ -53,7 +53,8 @@ def test_the_density_is_that_of_the_posterior(crossing) -> None:
 
 def test_a_prior_of_starts_is_a_factor_of_the_density(crossing) -> None:
     problem, seen, known = crossing
-    mean, deviation = known.root.states[0] + 0.1, np.array([0.1, 0.2, 0.3, 0.4])
+    mean = known.root.states[0] + 0.1
+    deviation = np.linspace(0.1, 0.8, mean.size).reshape(mean.shape)
     flat = followed(problem, seen)
     told = replace(flat, start=StartPrior(mean, deviation))
     here, there = (density.place(known) for density in (flat, told))
@@ -69,7 +70,8 @@ def test_rows_are_the_derivatives_of_errors(view, known_start) -> None:
     problem, seen, known = noisy(view, scenario, scenario.told)
     density = followed(problem, seen)
     if known_start:
-        density = replace(density, start=StartPrior(known.root.states[0], np.full(4, 0.2)))
+        mean = known.root.states[0]
+        density = replace(density, start=StartPrior(mean, np.full(mean.shape, 0.2)))
     start = density.place(SolvedGame(known.root, known.weights, known.parameters))
     # goals at their means are not those of the known game: from there, Newton's method finds it
     place = density.reach(start.points, start)
