@@ -6,8 +6,8 @@ integral at all.
 
 In one step, the fastest player moves w on average. A player that is first seen k steps late is k
 w / 2 away from where its samples say that it began (standard deviation); its speed is off by half
-of the fastest player's, and its heading by half a radian. Of 238 players seen late on HighwayEnv's
-roads, the root mean square of the errors is 0.1 to 1.0 of these, the largest is 3.1 (``python
+of the fastest player's, and its heading by half a radian. Of 237 players seen late on HighwayEnv's
+roads, the root mean square of the errors is 0.05 to 1.0 of these, the largest is 3.1 (``python
 scripts/unseen_starts.py``).
 """
 
