@@ -111,6 +111,7 @@ define keep
 		$(if $(3),$(BIN)/python scripts/$(3),cp) $(OUT)/$(1)/trials.parquet results/$(1)/trials.parquet && \
 		cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/ && \
 		$(BIN)/python scripts/fewer_colours.py results/$(1) && \
+		find $(OUT)/$(1) -maxdepth 1 -name temperaments.csv -exec cp {} results/$(1)/ \; && \
 		find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \; ; \
 	fi
 endef

@@ -17,6 +17,7 @@ from paper_claims import claims_of
 from scipy.stats import binomtest
 
 from olne_bench.bench.report.figures.style import estimator_order
+from olne_bench.envs.temperaments import TEMPERAMENTS
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
@@ -53,6 +54,10 @@ _FORECASTS = (
 _PLAYERS = ("oracle", "map", "kkt_constrained")
 _RIVALS = ("uniform", "constant_velocity")
 _TESTED = {"collision": "Collisions [%]", "cost": "Cost [%]", "fde_3s": "Error in 3 s [m]"}
+#: Marks what is significant.
+_STAR = r"\*"
+#: Ends the labels of roads whose target speeds nobody tells.
+_UNKNOWN = ", unknown speeds"
 _PLACE = ("scenario", "sensor", "estimator")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -133,20 +138,20 @@ def exponents() -> str:
 
 
 def roads() -> str:
-    """Suite ``roads``, full sensor: ranks and median errors."""
-    board = _leaderboard("roads")
+    """Suite ``roads``, full sensor, known target speeds: ranks and median errors."""
+    board = _seen_whole("roads")
     rows = [
         [
             row["scenario"],
             row["estimator"],
-            "–" if math.isnan(row["position_error_rank"]) else f"{row['position_error_rank']:.0f}",
+            _rank(row["position_error_rank"]),
             _number(row["position_error_median"]),
             _number(row["held_out_error_median"]),
             _number(row["cosine_error_median"]),
             _share(row["covers_truth_share"]),
             *_failures_and_time(row),
         ]
-        for row in board[(board["sensor"] == "full") & (board["trials"] > 0)].to_dict("records")
+        for row in board[~board["scenario"].str.endswith(_UNKNOWN)].to_dict("records")
     ]
     heads = (
         "Road, Estimator, Rank, Position error [m], Held-out error [m], Cosine error, Covered, "
@@ -155,26 +160,75 @@ def roads() -> str:
     return _markdown(heads.split(", "), rows, left=2)
 
 
-def wins() -> str:
-    """Suite ``roads``: draws of all roads won by the first of two estimators."""
-    table = pd.read_csv(RESULTS / "roads" / "wins.csv")
-    whole = table[table["scenario"] == "all scenarios"]
-    errors = list(dict.fromkeys(whole["error"]))
-    cells = {
-        (row["estimator"], row["other"], row["error"]): (
-            f"{row['wins']:.0%} [{row['wins_low']:.0%}, {row['wins_high']:.0%}]",
-            "< 0.001" if row["p_holm"] < 0.001 else f"{row['p_holm']:.2g}",
-        )
-        for row in whole.to_dict("records")
-    }
-    draws = whole.groupby(["estimator", "other"])["draws"].first()
+def roads_unknown() -> str:
+    """Suite ``roads``, full sensor, unknown target speeds: ranks and median errors."""
+    board = _seen_whole("roads")
     rows = [
-        [first, other, str(number), *(c for error in errors for c in cells[first, other, error])]
-        for first, other, number in draws.reset_index().itertuples(index=False)
+        [
+            row["scenario"].removesuffix(_UNKNOWN),
+            row["estimator"],
+            _rank(row["position_error_rank"]),
+            _number(row["position_error_median"]),
+            _number(row["parameter_error_median"]),
+            _number(row["cosine_error_median"]),
+            *_failures_and_time(row),
+        ]
+        for row in board[board["scenario"].str.endswith(_UNKNOWN)].to_dict("records")
     ]
-    heads = [f"{error.replace('_', ' ').capitalize()}: wins" for error in errors]
-    shown = [cell for head in heads for cell in (head, "p (Holm)")]
-    return _markdown(["First", "Second", "Draws", *shown], rows, left=2)
+    heads = (
+        "Road, Estimator, Rank, Position error [m], Error of target speeds [m/s], Cosine error, "
+        "Failures, ms"
+    )
+    return _markdown(heads.split(", "), rows, left=2)
+
+
+def _seen_whole(name: str) -> pd.DataFrame:
+    board = _leaderboard(name)
+    return board[(board["sensor"] == "full") & (board["trials"] > 0)]
+
+
+def _rank(rank: float) -> str:
+    return "–" if math.isnan(rank) else f"{rank:.0f}"
+
+
+def wins() -> str:
+    """Suite ``roads``: shares of draws of all roads that a line's estimator wins from a column's.
+
+    By position error; a star where the difference is significant.
+    """
+    table = pd.read_csv(RESULTS / "roads" / "wins.csv")
+    whole = table[
+        (table["scenario"] == "all scenarios") & (table["error"] == "position_error")
+    ].to_dict("records")
+    shares = {(row["estimator"], row["other"]): (row["wins"], row["p_holm"]) for row in whole}
+    shares |= {(other, one): (1 - share, p) for (one, other), (share, p) in shares.items()}
+    names = estimator_order([name for pair in shares for name in pair])
+    rows = [[one, *(_won(shares.get((one, other))) for other in names)] for one in names]
+    return _markdown(["", *names], rows, left=1)
+
+
+def _won(found: tuple[float, float] | None) -> str:
+    if found is None:
+        return ""
+    share, p_holm = found
+    return f"{share:.0%}{_STAR if p_holm < 0.05 else ''}"
+
+
+def recognised() -> str:
+    """Suite ``roads``, full sensor: shares of drivers whose temperament is recognised."""
+    table = pd.read_csv(RESULTS / "roads" / "temperaments.csv")
+    table = table[(table["sensor"] == "full") & table["sigma"].isna()]
+    table["known"] = table["recognised"] * table["drivers"]
+    table["unknown"] = table["scenario"].str.endswith(_UNKNOWN)
+    counts = table.groupby(["estimator", "unknown", "temperament"])[["known", "drivers"]].sum()
+    shares = counts["known"] / counts["drivers"]
+    columns = [(unknown, name) for unknown in (False, True) for name in TEMPERAMENTS]
+    rows = [
+        [one, *(_share(shares.get((one, *column), math.nan)) for column in columns)]
+        for one in estimator_order(list(table["estimator"]))
+    ]
+    heads = [f"{name.capitalize()}{_UNKNOWN if unknown else ''}" for unknown, name in columns]
+    return _markdown(["Estimator", *heads], rows, left=1)
 
 
 def parameters() -> str:
@@ -443,7 +497,7 @@ TABLES: dict[str, Callable[[], str]] = {
     table.__name__: table
     for table in (
         *(paper, field, times, coverage, exponents, claims),
-        *(roads, wins, parameters, constrained),
+        *(roads, roads_unknown, wins, recognised, parameters, constrained),
         *(posterior, regions, levels, scores, gains, identified),
         *(learned, learned_errors, learned_online),
         *(online, online_tests, drives, stock_drives, drive_tests),
