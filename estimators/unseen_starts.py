@@ -27,7 +27,7 @@ def unseen_starts(problem: Problem, observation: Observation) -> StartPrior | No
 
     Args:
         problem: what is known; its noise is white.
-        observation: every player has a complete sample.
+        observation: a player without any complete sample counts as one in the first.
     """
     complete = np.isfinite(observation.y).all(axis=2)
     late = complete.argmax(axis=0)
