@@ -13,9 +13,10 @@ import argparse
 import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from olne_bench.bench.plan.draws import draws_source
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite
@@ -52,11 +53,10 @@ def main() -> None:
     parser.add_argument("--cores", type=int, nargs="+", default=[1, 16, 64])
     options = parser.parse_args()
     suite = load_suite(options.suite)
-    chosen = Selection(
-        scenarios=tuple(options.scenario), estimators=tuple(options.estimator), seeds=options.seeds
-    )
+    chosen = Selection(scenarios=tuple(options.scenario), estimators=tuple(options.estimator))
     part = select(suite, chosen)
-    trials = list(expand(part))
+    draws = draws_source(options.suite, suite)  # else each trial solves its draw
+    trials = [replace(trial, draws=draws) for trial in expand(part, options.seeds)]
     _measured(trials, 2)  # compiles
     print(f"{len(trials)} trials of {suite.name}, {os.cpu_count()} cores")
     print("workers  trials/s  of ideal [%]  seconds a trial  start [s]")
