@@ -18,7 +18,7 @@ Medians and quartiles [IQR] are over all trials; a failure counts as infinitely 
 published_failures: also those where the published search misses a root that another one finds."""
 _LEGEND_OF_RANKS = """
 rank: by {metric}; differences that are not significant are ties. There is none where so few
-trials are independent that none could be, or for an estimator run on a part of the trials.
+trials are independent that none could be, or for an estimator run on a small part of the trials.
 /limit: mean cosine error over its statistical limit (the Cramer-Rao bound) at little noise.
 ms: median time of one estimate; those that were stopped or broke off count as infinitely slow."""
 _FLOOR_LEGEND = """

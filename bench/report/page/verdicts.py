@@ -95,7 +95,7 @@ def _against(
     if first["unranked"]:
         return f"{name}: {size}"
     if other["unranked"] and name != FLOOR:
-        return f"{name}: {size}, on a part of the trials"
+        return f"{name}: {size}, on a small part of the trials"
     if name == FLOOR and theirs < error:
         return f"{name}: {size}"
     if (*place, first["estimator"], name) not in beaten:

@@ -31,6 +31,8 @@ SIGNIFICANCE = 0.05
 _LEAST_UNITS = 6
 #: An estimator with less than this share of the largest number of trials was run on a part of them.
 _WHOLE = 0.8
+#: It is ranked all the same if it has this share, and so many independent units with another one.
+_LARGE_PART, _ENOUGH_UNITS = 0.4, 20
 #: Differences below these are ties: an absolute one, for rounding, and one relative to the smaller
 #: error, for solvers that end at the same optimum.
 _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
@@ -176,8 +178,8 @@ def significant_wins(comparisons: pd.DataFrame, error: str) -> pd.DataFrame:
 def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd.Series:
     """Rank of each estimator: one more than the number of contenders significantly better.
 
-    Neither the floor nor an estimator that was run on a part of the trials is a contender. The
-    floor's own rank says where it would be.
+    The floor is no contender. Its own rank says where it would be. Nor is an estimator that was run
+    on a small part of the trials: it has no rank.
 
     Args:
         comparisons: from ``compare_estimators``.
@@ -187,22 +189,28 @@ def ranks(comparisons: pd.DataFrame, estimators: pd.DataFrame, error: str) -> pd
     Returns:
         Ranks with the index of ``estimators``; estimators without a significant difference share
         one. A rank is missing if there is no other estimator, if there are too few independent
-        units for any significant difference, and for estimators that were run on a part of the
-        trials only: these are compared on fewer trials than the others.
+        units for any significant difference, and for estimators that were run on less than 80 % of
+        the trials, unless these are 40 % and 20 independent units: fewer would hide their losses.
     """
     of_error = comparisons[comparisons["error"] == error]
     keys = pd.MultiIndex.from_frame(estimators[[*_GROUP, "estimator"]])
     most = estimators.groupby(_GROUP)["trials"].transform("max")
-    whole = estimators["trials"] >= _WHOLE * most
-    ranked = keys[whole & (estimators["estimator"] != FLOOR)]
+    share = estimators["trials"] / most
+    whole = (share >= _WHOLE) & keys.isin(_compared_on(of_error, _LEAST_UNITS))
+    ranked = whole | ((share >= _LARGE_PART) & keys.isin(_compared_on(of_error, _ENOUGH_UNITS)))
+    contenders = keys[ranked & (estimators["estimator"] != FLOOR)]
     told = significant_wins(of_error, error)
-    told = told[pd.MultiIndex.from_frame(told[[*_GROUP, "winner"]]).isin(ranked)]
+    told = told[pd.MultiIndex.from_frame(told[[*_GROUP, "winner"]]).isin(contenders)]
     beaten = told.groupby([*_GROUP, "loser"]).size()
     found = pd.Series(1 + beaten.reindex(keys, fill_value=0).to_numpy(int), estimators.index)
-    enough = of_error[of_error["units"] >= _LEAST_UNITS]
-    judged = pd.concat([enough, enough.assign(estimator=enough["other"])])
-    known = keys.isin(pd.MultiIndex.from_frame(judged[[*_GROUP, "estimator"]]))
-    return found.astype("Int64").where(known & whole)
+    return found.astype("Int64").where(ranked)
+
+
+def _compared_on(comparisons: pd.DataFrame, units: int) -> pd.MultiIndex:
+    """Scenario, sensor and estimator of those that some comparison has so many units of."""
+    enough = comparisons[comparisons["units"] >= units]
+    both = pd.concat([enough, enough.assign(estimator=enough["other"])])
+    return pd.MultiIndex.from_frame(both[[*_GROUP, "estimator"]])
 
 
 def leaders(table: pd.DataFrame, error: str) -> pd.Series:

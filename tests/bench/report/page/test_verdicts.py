@@ -85,4 +85,4 @@ def test_who_was_run_on_a_part_of_the_trials_is_not_first():
     assert (found.ranked, found.first) == (True, "a")
     assert found.remark == "b: 0.9 m, 1.8 times as much"
     other = line(rows[:2], [("part", "a")], trials={"part": 6})
-    assert other.remark == "part: 0.1 m, on a part of the trials"
+    assert other.remark == "part: 0.1 m, on a small part of the trials"

@@ -164,7 +164,7 @@ def test_one_estimator_alone_has_no_rank() -> None:
     assert ranks(comparisons, table, "cosine_error").isna().all()
 
 
-def test_who_was_run_on_a_part_of_the_trials_has_no_rank_and_takes_none() -> None:
+def test_who_was_run_on_a_small_part_of_the_trials_has_no_rank_and_takes_none() -> None:
     """It is compared on the shared trials; the others are ranked as if it did not exist."""
     errors = {"good": np.full((4, 20), 0.1), "bad": np.full((4, 20), 0.5)}
     part = {"part": np.full((4, 5), 0.01), "nearly": np.full((4, 17), 0.2)}
@@ -178,6 +178,23 @@ def test_who_was_run_on_a_part_of_the_trials_has_no_rank_and_takes_none() -> Non
     assert found.fillna(0).tolist() == [1, 3, 0, 2]
     leading = leaders(table.assign(e_rank=found, e_median=[0.1, 0.5, 0.01, 0.2]), "e")
     assert leading.tolist() == [True, False, False, False]
+
+
+@pytest.mark.parametrize(
+    ("levels", "seeds", "drawn", "ranked"),
+    [(4, 40, 20, True), (4, 40, 19, False), (4, 60, 23, False), (1, 20, 10, False)],
+)
+def test_a_large_part_of_the_trials_is_ranked(
+    levels: int, seeds: int, drawn: int, ranked: bool
+) -> None:
+    """At least 40 % of the trials, on at least 20 draws of a family."""
+    errors = {"best": (drawn, 0.1), "good": (seeds, 0.2), "bad": (seeds, 0.5)}
+    scenario = "random(num_players=3)"
+    trials = study({name: np.full((levels, n), e) for name, (n, e) in errors.items()}, scenario)
+    names = pd.DataFrame({"estimator": list(errors)}).assign(scenario=scenario, sensor="full")
+    table = names.assign(trials=[levels * n for n, _ in errors.values()])
+    found = ranks(compare(trials), table, "position_error")
+    assert found.fillna(0).tolist() == ([1, 2, 3] if ranked else [0, 1, 2])
 
 
 def test_the_floor_takes_nobodys_rank() -> None:
