@@ -31,6 +31,8 @@ from olne_bench.bench.report.figures.series import Series, contenders
 
 _ABSCISSA = "Noise level σ [m]"
 _COUNTS_HEIGHT = 0.14  # of the panel's height, for triangles with numbers
+#: Widths of panels [in]: of one among many, of one among two, and what one number needs.
+_NARROW, _WIDE, _PER_NUMBER = 3.4, 4.6, 0.088
 
 
 def draw_level_panels(
@@ -42,7 +44,8 @@ def draw_level_panels(
     sensors = list(dict.fromkeys(s.sensor for s in drawn or series))
     estimators = style.estimator_order([s.estimator for s in drawn])
     slots = Slots(series, estimators)
-    width = 4.6 if len(sensors) <= 2 else 3.4
+    needed = _PER_NUMBER * len(slots.levels) * (len(estimators) + 1)
+    width = _WIDE if len(sensors) <= 2 else min(max(_NARROW, needed), _WIDE)
     figure = Figure(figsize=(max(4.8, width * len(sensors)), 0.6 + 2.9 * len(metrics)))
     panels = figure.subplots(len(metrics), len(sensors), squeeze=False)
     for axes, sensor in zip(panels[0], sensors, strict=True):

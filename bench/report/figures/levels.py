@@ -16,7 +16,7 @@ from olne_bench.bench.report.statistics.intervals import share_interval
 CURVE_LEVELS, CURVE_TRIALS = 10, 120
 
 _FEWEST = 4  # trials of a level for quartiles
-_SPREAD, _STEP = 0.76, 0.18  # of the distance between two levels: for all slots, and at most each
+_SPREAD, _STEP = 0.9, 0.18  # of the distance between two levels: for all slots, and at most each
 _MANY = 40  # points of a level above which they are drawn fainter
 _COUNT_SIZE = 6.5  # [pt] of the number of failures
 _FAILED_HEIGHT, _BAR_HEIGHT = 0.955, 0.86  # of the panel's height
