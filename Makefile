@@ -111,7 +111,8 @@ define keep
 		$(if $(3),$(BIN)/python scripts/$(3),cp) $(OUT)/$(1)/trials.parquet results/$(1)/trials.parquet && \
 		cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/ && \
 		$(BIN)/python scripts/fewer_colours.py results/$(1) && \
-		find $(OUT)/$(1) -maxdepth 1 -name temperaments.csv -exec cp {} results/$(1)/ \; && \
+		{ [ ! -f $(OUT)/$(1)/temperaments.csv ] || \
+			gzip -9nc $(OUT)/$(1)/temperaments.csv >results/$(1)/temperaments.csv.gz; } && \
 		find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \; ; \
 	fi
 endef
@@ -138,7 +139,8 @@ results: setup
 	$(call keep,paper,*.png)
 	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png,fewer_columns.py)
 	if [ -d $(OUT)/roads ]; then \
-		$(BIN)/python scripts/kept_trials.py keep $(OUT)/roads results/roads/slow.parquet $(SLOW) ; \
+		$(BIN)/python scripts/kept_trials.py keep $(OUT)/roads results/roads/slow.parquet $(SLOW) && \
+		rm -f results/roads/figures/*", unknown speeds.png" ; \
 	fi
 	$(call keep,field,errors_*.png)
 	$(call keep,sensors,errors_*.png)

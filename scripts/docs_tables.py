@@ -90,16 +90,6 @@ def paper() -> str:
     return _markdown(heads.split(", "), rows, left=3)
 
 
-def field() -> str:
-    """Median position error [m] of each estimator in each scenario, with the full sensor."""
-    board = _leaderboard("field")
-    wide = board[board["sensor"] == "full"].pivot_table(
-        "position_error_median", "estimator", "scenario"
-    )
-    rows = [[name, *map(_number, values)] for name, *values in wide.itertuples()]
-    return _markdown(["Estimator", *wide.columns], rows, left=1)
-
-
 def times() -> str:
     """Median time [ms] of one estimate: the paper's scenarios, and the median of the roads."""
     board = _leaderboard("field")
@@ -160,6 +150,22 @@ def roads() -> str:
     return _markdown(heads.split(", "), rows, left=2)
 
 
+def roads_errors() -> str:
+    """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with ranks."""
+    board = _seen_whole("roads")
+    board = board[~board["scenario"].str.endswith(_UNKNOWN) & (board["scenario"] != "merging")]
+    shown = [
+        f"{_number(error)} ({_rank(rank)})"
+        for error, rank in zip(
+            board["position_error_median"], board["position_error_rank"], strict=True
+        )
+    ]
+    wide = board.assign(shown=shown).pivot_table("shown", "estimator", "scenario", aggfunc="first")
+    wide = wide.loc[estimator_order(list(wide.index))]
+    rows = [list(row) for row in wide.itertuples()]
+    return _markdown(["Estimator", *wide.columns], rows, left=1)
+
+
 def roads_unknown() -> str:
     """Suite ``roads``, full sensor, unknown target speeds: ranks and median errors."""
     board = _seen_whole("roads")
@@ -176,8 +182,8 @@ def roads_unknown() -> str:
         for row in board[board["scenario"].str.endswith(_UNKNOWN)].to_dict("records")
     ]
     heads = (
-        "Road, Estimator, Rank, Position error [m], Error of target speeds [m/s], Cosine error, "
-        "Failures, ms"
+        "Road, Estimator, Rank, Position error [m], Error of target speeds [deviations], "
+        "Cosine error, Failures, ms"
     )
     return _markdown(heads.split(", "), rows, left=2)
 
@@ -216,7 +222,7 @@ def _won(found: tuple[float, float] | None) -> str:
 
 def recognised() -> str:
     """Suite ``roads``, full sensor: shares of drivers whose temperament is recognised."""
-    table = pd.read_csv(RESULTS / "roads" / "temperaments.csv")
+    table = pd.read_csv(RESULTS / "roads" / "temperaments.csv.gz")
     table = table[(table["sensor"] == "full") & table["sigma"].isna()]
     table["known"] = table["recognised"] * table["drivers"]
     table["unknown"] = table["scenario"].str.endswith(_UNKNOWN)
@@ -496,8 +502,8 @@ def drive_tests() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     table.__name__: table
     for table in (
-        *(paper, field, times, coverage, exponents, claims),
-        *(roads, roads_unknown, wins, recognised, parameters, constrained),
+        *(paper, times, coverage, exponents, claims),
+        *(roads_errors, roads, roads_unknown, wins, recognised, parameters, constrained),
         *(posterior, regions, levels, scores, gains, identified),
         *(learned, learned_errors, learned_online),
         *(online, online_tests, drives, stock_drives, drive_tests),

@@ -184,7 +184,7 @@ def _cost(board: pd.DataFrame, name: str) -> Iterator[str]:
     ratio, fastest = float(ratios.median()), int((ratios == 1).sum())
     of = f"{fastest} of {len(own)} cells" if len(own) > 1 else "this cell"
     if math.isfinite(ratio) and ratio >= _SLOWER:
-        yield f"That is {ratio:.2g} times the time of the fastest contender."
+        yield f"That is {human(ratio)} times the time of the fastest contender."
     if fastest:
         yield f"It is the fastest contender in {of}."
 
