@@ -133,7 +133,7 @@ define keep_calibration
 endef
 
 # What takes most of the night of `make roads`; scripts/kept_trials.py makes a run folder of it.
-SLOW = $(addprefix --estimator ,particle posterior bilevel ukf maxent_residual)
+SLOW = $(addprefix --estimator ,particle posterior bilevel ukf)
 
 results: setup
 	$(call keep,paper,*.png)
