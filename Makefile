@@ -135,6 +135,7 @@ endef
 # What takes most of the night of `make roads`; scripts/kept_trials.py makes a run folder of it.
 SLOW = $(addprefix --estimator ,particle posterior bilevel ukf)
 
+# Pictures of unknown speeds are left out, for size.
 results: setup
 	$(call keep,paper,*.png)
 	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png,fewer_columns.py)

@@ -1,7 +1,7 @@
 """How a suite scales on Dask workers of this machine, and what it would take on more cores.
 
-    python scripts/dask_scaling.py --seeds 3 --workers 1 2 4
-    python scripts/dask_scaling.py --seeds 3 --workers 1 2 --costs runs/roads --cores 64
+    python scripts/dask_scaling.py --seeds 4 --scenario highway --estimator map --workers 1 2 4
+    python scripts/dask_scaling.py --seeds 4 --estimator map --costs runs/roads --cores 64
 
 The same trials run on each number of workers, after a run that is not measured and compiles their
 games. *Ideal* are as many times the trials of one worker as there are workers, and not more than
@@ -53,7 +53,9 @@ def main() -> None:
     parser.add_argument("--cores", type=int, nargs="+", default=[1, 16, 64])
     options = parser.parse_args()
     suite = load_suite(options.suite)
-    chosen = Selection(scenarios=tuple(options.scenario), estimators=tuple(options.estimator))
+    chosen = Selection(
+        scenarios=tuple(options.scenario), estimators=tuple(options.estimator), seeds=options.seeds
+    )
     part = select(suite, chosen)
     draws = draws_source(options.suite, suite)  # else each trial solves its draw
     trials = [replace(trial, draws=draws) for trial in expand(part, options.seeds)]

@@ -129,7 +129,6 @@ def exponents() -> str:
 
 def roads() -> str:
     """Suite ``roads``, full sensor, known target speeds: ranks and median errors."""
-    board = _seen_whole("roads")
     rows = [
         [
             row["scenario"],
@@ -141,7 +140,7 @@ def roads() -> str:
             _share(row["covers_truth_share"]),
             *_failures_and_time(row),
         ]
-        for row in board[~board["scenario"].str.endswith(_UNKNOWN)].to_dict("records")
+        for row in _roads_seen_whole(unknown=False).to_dict("records")
     ]
     heads = (
         "Road, Estimator, Rank, Position error [m], Held-out error [m], Cosine error, Covered, "
@@ -152,8 +151,8 @@ def roads() -> str:
 
 def roads_errors() -> str:
     """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with ranks."""
-    board = _seen_whole("roads")
-    board = board[~board["scenario"].str.endswith(_UNKNOWN) & (board["scenario"] != "merging")]
+    board = _roads_seen_whole(unknown=False)
+    board = board[board["scenario"] != "merging"]
     shown = [
         f"{_number(error)} ({_rank(rank)})"
         for error, rank in zip(
@@ -168,7 +167,6 @@ def roads_errors() -> str:
 
 def roads_unknown() -> str:
     """Suite ``roads``, full sensor, unknown target speeds: ranks and median errors."""
-    board = _seen_whole("roads")
     rows = [
         [
             row["scenario"].removesuffix(_UNKNOWN),
@@ -179,7 +177,7 @@ def roads_unknown() -> str:
             _number(row["cosine_error_median"]),
             *_failures_and_time(row),
         ]
-        for row in board[board["scenario"].str.endswith(_UNKNOWN)].to_dict("records")
+        for row in _roads_seen_whole(unknown=True).to_dict("records")
     ]
     heads = (
         "Road, Estimator, Rank, Position error [m], Error of target speeds [deviations], "
@@ -188,9 +186,11 @@ def roads_unknown() -> str:
     return _markdown(heads.split(", "), rows, left=2)
 
 
-def _seen_whole(name: str) -> pd.DataFrame:
-    board = _leaderboard(name)
-    return board[(board["sensor"] == "full") & (board["trials"] > 0)]
+def _roads_seen_whole(unknown: bool) -> pd.DataFrame:
+    """The roads' board of the full sensor: target speeds unknown or known."""
+    board = _leaderboard("roads")
+    part = board["scenario"].str.endswith(_UNKNOWN) == unknown
+    return board[part & (board["sensor"] == "full") & (board["trials"] > 0)]
 
 
 def _rank(rank: float) -> str:

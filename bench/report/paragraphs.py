@@ -88,7 +88,7 @@ def _ranks(board: pd.DataFrame, name: str, metric: MetricDeclaration | None) -> 
         return
     own = board[(board["estimator"] == name) & board[column].notna()]
     if own.empty:
-        yield f"It has no rank by {metric.label}: too few draws."
+        yield f"It has no rank by {metric.label}: too few draws, or a small part of the trials."
         return
     first = own[own[column] == 1]
     of = f"of {len(own)} cells of scenario and sensor" if len(own) > 1 else "of one cell"

@@ -111,7 +111,7 @@ def test_one_cell_without_ranks() -> None:
     alone = board(("merge", "a", None, 0.1, 0.04, None, 0), ("merge", "b", None, 0.1, INF, None, 0))
     found = paragraphs(alone, NONE, levels(("a", "merge", 1.0, 2, 0), ("b", "merge", 1.0, 2, 2)))
     assert said(found, "a") == [
-        "It has no rank by position error: too few draws.",
+        "It has no rank by position error: too few draws, or a small part of the trials.",
         "It fails in none of 2 trials.",
         "Its median time is 40 ms.",
         "It is the fastest contender in this cell.",
