@@ -9,12 +9,13 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick roads field sensors submissions learners rl gate perf docs test check results clean
+.PHONY: help setup bench bench-quick roads predictions field sensors submissions learners rl gate perf docs test check results clean
 
 help:
 	@echo "make bench        the paper's study and a part of roads, into $(OUT)/paper and $(OUT)/roads"
 	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
 	@echo "make roads        every estimator on HighwayEnv's roads, 50 draws each, into $(OUT)/roads: a night"
+	@echo "make predictions  two estimators on these roads beside HighwayEnv's own drivers, into $(OUT)/predictions"
 	@echo "make field        every estimator on every scenario, and several trajectories"
 	@echo "make sensors      the paper's scenarios through five sensors, and the statistical limit"
 	@echo "make submissions  check what was submitted, and write its page"
@@ -59,6 +60,12 @@ bench-quick: setup
 
 roads: setup
 	$(BIN)/olne-bench run roads --out $(OUT)/roads --jobs $(JOBS)
+
+# Samples come in one by one, and HighwayEnv's drivers are fitted to the first ten of 20.
+predictions: setup
+	$(BIN)/olne-bench online roads --out $(OUT)/predictions --jobs $(JOBS) --fit-stock 10 --no-figures \
+		$(addprefix --scenario ,highway merge two_way roundabout intersection) \
+		$(addprefix --estimator ,map kkt_constrained) --sensor full --sigma 0.2
 
 field: setup
 	$(BIN)/olne-bench run field --out $(OUT)/field --jobs $(JOBS)
@@ -132,16 +139,14 @@ define keep_calibration
 	fi
 endef
 
-# What takes most of the night of `make roads`; scripts/kept_trials.py makes a run folder of it.
-SLOW = $(addprefix --estimator ,particle posterior bilevel ukf)
-
 # Pictures of unknown speeds are left out, for size.
 results: setup
 	$(call keep,paper,*.png)
 	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png,fewer_columns.py)
-	if [ -d $(OUT)/roads ]; then \
-		$(BIN)/python scripts/kept_trials.py keep $(OUT)/roads results/roads/slow.parquet $(SLOW) && \
-		rm -f results/roads/figures/*", unknown speeds.png" ; \
+	rm -f results/roads/figures/*", unknown speeds.png"
+	if [ -d $(OUT)/predictions ]; then \
+		mkdir -p results/predictions && \
+		cp $(addprefix $(OUT)/predictions/,summary.csv over_time.csv comparisons.csv) results/predictions/ ; \
 	fi
 	$(call keep,field,errors_*.png)
 	$(call keep,sensors,errors_*.png)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from paper_claims import claims_of
 from scipy.stats import binomtest
@@ -50,6 +51,13 @@ _FORECASTS = (
     *("map", "kkt_constrained", "uniform", "true_weights"),
     *("constant_velocity", "stock", "stock_fitted"),
 )
+#: What predicts in the table of the roads, how far [s], and the time of half of the samples [s].
+_PREDICT = (
+    *("true_weights", "map", "kkt_constrained", "constant_velocity", "constant_controls"),
+    *("stock", "stock_fitted"),
+)
+_AHEAD = (1, 2, 3, 4)
+_HALF = 3.6
 #: Planners that know something, rivals, and columns in the table of tests of drives.
 _PLAYERS = ("oracle", "map", "kkt_constrained")
 _RIVALS = ("uniform", "constant_velocity")
@@ -235,6 +243,24 @@ def recognised() -> str:
     ]
     heads = [f"{name.capitalize()}{_UNKNOWN if unknown else ''}" for unknown, name in columns]
     return _markdown(["Estimator", *heads], rows, left=1)
+
+
+def predictions() -> str:
+    """Suite ``roads``, full sensor: errors of predictions after half of the samples, by road."""
+    table = pd.read_csv(RESULTS / "predictions" / "over_time.csv")
+    table = table[np.isclose(table["time"], _HALF)]
+    rows = []
+    for road, of in _lines(table, "scenario", "estimator").items():
+        for name in _PREDICT:
+            errors = [_number(of[name][f"fde_{ahead}s"]) for ahead in _AHEAD]
+            errors[_AHEAD.index(3)] = _with_interval(of[name], "fde_3s")
+            rows.append([road, name, *errors])
+    return _markdown(["Road", "Prediction by", *(f"{k} s" for k in _AHEAD)], rows, left=2)
+
+
+def prediction_tests() -> str:
+    """Suite ``roads``, full sensor: whether predictions are better than HighwayEnv's drivers."""
+    return _tests_online(RESULTS / "predictions")
 
 
 def parameters() -> str:
@@ -429,8 +455,12 @@ def online() -> str:
 
 def online_tests() -> str:
     """Errors over those of constant velocity and of fitted drivers, and the time to be sure."""
-    table = pd.read_csv(RESULTS / "online" / "comparisons.csv")
-    summary = _lines(pd.read_csv(RESULTS / "online" / "summary.csv"), "scenario", "estimator")
+    return _tests_online(RESULTS / "online")
+
+
+def _tests_online(folder: Path) -> str:
+    table = pd.read_csv(folder / "comparisons.csv")
+    summary = _lines(pd.read_csv(folder / "summary.csv"), "scenario", "estimator")
     table["pair"] = table["estimator"] + " / " + table["other"]
     rows = [
         [
@@ -506,7 +536,8 @@ TABLES: dict[str, Callable[[], str]] = {
         *(roads_errors, roads, roads_unknown, wins, recognised, parameters, constrained),
         *(posterior, regions, levels, scores, gains, identified),
         *(learned, learned_errors, learned_online),
-        *(online, online_tests, drives, stock_drives, drive_tests),
+        *(predictions, prediction_tests, online, online_tests),
+        *(drives, stock_drives, drive_tests),
     )
 }
 

@@ -1,7 +1,7 @@
 """Keep trials that took hours in one small file, and make a run folder of them again.
 
-    python scripts/kept_trials.py keep runs/roads results/roads/slow.parquet --estimator particle
-    python scripts/kept_trials.py restore results/roads/slow.parquet runs/roads
+    python scripts/kept_trials.py keep runs/roads slow.parquet --estimator particle
+    python scripts/kept_trials.py restore slow.parquet runs/roads
 
 Keeps all columns, numbers in single precision, the versions of the code, what trials have taken,
 and the provenance of the last run. ``olne-bench run`` goes on in the restored folder: it runs what

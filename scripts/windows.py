@@ -10,8 +10,6 @@ that was seen (median and largest over the windows, of means over players, for e
 steps), and the median processor time. ``start`` is the game from which ``bilevel`` begins, and
 filters that peek. Its error is that of its own states. ``uniform`` is the game at uniform weights
 from x_1 of the pre-solve, and ``constant_velocity`` drives straight on from its last state.
-``stock`` are HighwayEnv's own drivers (IDM and MOBIL) from the last state that was seen, and
-``stock_fitted`` those with parameters fitted to the window.
 """
 
 import os
@@ -31,8 +29,6 @@ import numpy as np
 
 from olne_bench.envs.recording import NoEquilibriumError, Recording, record
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.stock_drivers import StockDriver, drive_stock
-from olne_bench.envs.stock_fit import predict_by_fit
 from olne_bench.estimators.belief import LostError, first_game
 from olne_bench.estimators.bilevel import Bilevel
 from olne_bench.estimators.forward_model import warm_up_games
@@ -57,14 +53,12 @@ class Window:
     """The first samples of a motion.
 
     Attributes:
-        road: name of the road.
         problem: what is known.
         y: (T, N, d) observations, NaN after the samples that are seen.
         states: (T, N, n) true motion.
         samples: number of samples that are seen.
     """
 
-    road: str
     problem: Problem
     y: np.ndarray
     states: np.ndarray
@@ -115,7 +109,7 @@ def some_windows(
         y[samples:] = np.nan
         game = recording.scenario.game
         problem = Problem(game, VIEWS["full"], sigma, noise_scale=tuple(map(float, scale)))
-        yield Window(recording.scenario.name, problem, y, recording.states, samples)
+        yield Window(problem, y, recording.states, samples)
 
 
 def print_line(road: str, sigma: float, name: str, windows: list[Window], ahead: list[int]) -> None:
@@ -172,23 +166,6 @@ def by_constant_velocity(window: Window) -> np.ndarray:
     return np.concatenate([seen[:-1], ahead])
 
 
-def by_stock_drivers(window: Window) -> np.ndarray:
-    """HighwayEnv's drivers with its parameters, from the last state that was seen."""
-    seen = window.y[: window.samples]
-    drivers = [StockDriver(float(speed)) for speed in seen[-1, :, 3]]
-    steps = window.game.horizon - window.samples
-    ahead = drive_stock(window.road, window.game, seen[-1], drivers, steps)
-    return np.concatenate([seen[:-1], ahead])
-
-
-def by_fitted_drivers(window: Window) -> np.ndarray:
-    """HighwayEnv's drivers, fitted to the window."""
-    seen, steps = window.y[: window.samples], window.game.horizon - window.samples
-    deviations = window.problem.sigma * np.array(window.problem.noise_scale)
-    ahead = predict_by_fit(window.road, window.game, seen, deviations, steps)
-    return np.concatenate([seen[:-1], ahead])
-
-
 def fitted(window: Window) -> np.ndarray:
     """(S, N, n) the most likely motion at the samples, without a game (eqn. pre_solve)."""
     y = window.y[: window.samples]
@@ -205,8 +182,6 @@ METHODS: dict[str, Callable[[Window], np.ndarray | None]] = {
     "start": by_start,
     "uniform": by_uniform_weights,
     "constant_velocity": by_constant_velocity,
-    "stock": by_stock_drivers,
-    "stock_fitted": by_fitted_drivers,
 }
 USUAL = ("kkt_constrained", "map", "start", "uniform", "constant_velocity")
 
