@@ -440,10 +440,14 @@ def test_a_machine_on_which_nothing_starts_is_told(monkeypatch):
     assert not child.busy
 
 
-def test_a_start_has_a_limit_of_its_own(monkeypatch):
+def test_a_start_has_a_limit_of_its_own(monkeypatch, tmp_path):
     child = Child()
     assert child.call(add, 1.0, 2.0, kind=float, seconds=0.3) == 3.0  # which starting is no part of
     child.stop()
+    slow = tmp_path / "python"
+    slow.write_text("#!/bin/sh\nexec sleep 30\n")
+    slow.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(slow))
     monkeypatch.setattr("olne_bench.bench.process.child.START_LIMIT", 0.05)
     with pytest.raises(StartError, match=r"did not start within 0\.05 s"):
         child.call(add, 1.0, 2.0, kind=float, seconds=5)
