@@ -51,12 +51,11 @@ _FORECASTS = (
     *("map", "kkt_constrained", "uniform", "true_weights"),
     *("constant_velocity", "stock", "stock_fitted"),
 )
-#: What predicts in the table of the roads, how far [s], and the time of half of the samples [s].
+#: What predicts in the table of the roads, and the time of half of the samples [s].
 _PREDICT = (
     *("true_weights", "map", "kkt_constrained", "constant_velocity", "constant_controls"),
     *("stock", "stock_fitted"),
 )
-_AHEAD = (1, 2, 3, 4)
 _HALF = 3.6
 #: Planners that know something, rivals, and columns in the table of tests of drives.
 _PLAYERS = ("oracle", "map", "kkt_constrained")
@@ -252,10 +251,9 @@ def predictions() -> str:
     rows = []
     for road, of in _lines(table, "scenario", "estimator").items():
         for name in _PREDICT:
-            errors = [_number(of[name][f"fde_{ahead}s"]) for ahead in _AHEAD]
-            errors[_AHEAD.index(3)] = _with_interval(of[name], "fde_3s")
-            rows.append([road, name, *errors])
-    return _markdown(["Road", "Prediction by", *(f"{k} s" for k in _AHEAD)], rows, left=2)
+            one, two, four = (_number(of[name][f"fde_{ahead}s"]) for ahead in (1, 2, 4))
+            rows.append([road, name, one, two, _with_interval(of[name], "fde_3s"), four])
+    return _markdown(["Road", "Prediction by", "1 s", "2 s", "3 s", "4 s"], rows, left=2)
 
 
 def prediction_tests() -> str:
