@@ -19,6 +19,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
+from olne_bench.bench.process.arithmetic import same_arithmetic
 from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
 from olne_bench.bench.process.family import (
     adopts_orphans,
@@ -53,15 +54,6 @@ _SEND_SECONDS = 10.0
 #: milliseconds.
 _MEMORY_SECONDS = 0.3
 
-# Threads would compete with the other processes, and would sum in another order. That can change
-# where an interior-point method ends in a hopeless game, and so can the order of sets.
-_ENVIRONMENT = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "VECLIB_MAXIMUM_THREADS": "1",
-    "PYTHONHASHSEED": "0",
-}
 _KILLED_FROM_OUTSIDE = {-signal.SIGKILL, -signal.SIGTERM}
 
 
@@ -245,7 +237,7 @@ class Child:
         call = f"serve({theirs.fileno()}, {os.getpid()}, {options})"
         loop = "from olne_bench.bench.process.inside import serve"
         boot = f"import sys; sys.path[:] = {_search_path()!r}; {loop}; {call}"
-        environment = os.environ | _ENVIRONMENT
+        environment = os.environ | same_arithmetic()
         if self._restricted:
             self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
             environment["TMPDIR"] = self._folder.name
