@@ -144,6 +144,7 @@ results: setup
 	$(call keep,paper,*.png)
 	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png,fewer_columns.py)
 	rm -f results/roads/figures/*", unknown speeds.png"
+	if [ -d $(OUT)/roads ]; then cp $(OUT)/roads/comparisons.csv results/roads/ ; fi
 	if [ -d $(OUT)/predictions ]; then \
 		mkdir -p results/predictions && \
 		cp $(addprefix $(OUT)/predictions/,summary.csv over_time.csv comparisons.csv) results/predictions/ ; \

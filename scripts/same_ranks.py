@@ -4,13 +4,16 @@
     olne-bench run roads --salt again --out runs/again
     python scripts/same_ranks.py runs/roads runs/again
 
-A cell is a scenario and a sensor. Ranks agree up to ties where no estimator that ranks before
-another in one run ranks behind it in the other. Medians at a noise level differ where their 95 %
+A cell is a scenario and a sensor. Differences that are not significant are ties. So ranks agree
+up to ties where no two estimators that a run tells apart change places. Rank numbers are compared,
+too: they depend on which others are significantly better, and may change places among ties.
+Medians at a noise level differ where their 95 %
 intervals do not meet. Of equal medians, each is within the other's interval in some 79 % of cases,
 as both are of draws; that share is printed, too. Prints what does not agree.
 """
 
 import argparse
+from collections import defaultdict
 from itertools import combinations
 from pathlib import Path
 
@@ -19,6 +22,7 @@ import pandas as pd
 CELL = ["scenario", "sensor"]
 LEVEL = [*CELL, "sigma", "estimator"]
 ERRORS = ("position_error", "cosine_error")
+LEVEL_OF_TESTS = 0.05  # as in ranks
 NEGLIGIBLE = 1e-7  # errors below it are rounding
 
 
@@ -29,8 +33,14 @@ def main() -> None:
     folders = parser.parse_args().runs
     boards = [pd.read_csv(folder / "leaderboard.csv") for folder in folders]
     levels = [pd.read_csv(folder / "errors_by_noise.csv") for folder in folders]
+    tests = pd.concat(pd.read_csv(folder / "comparisons.csv") for folder in folders)
     for error in ERRORS:
-        _say(f"{error}: same ranks up to ties in", _ranks(boards, error))
+        changed = _changed_places(boards, error)
+        apart = _told_apart(tests[tests["error"] == error])
+        ties = {cell: not pairs & apart[cell] for cell, pairs in changed.items()}
+        numbers = {cell: not pairs for cell, pairs in changed.items()}
+        _say(f"{error}: same ranks up to ties in", pd.Series(ties))
+        _say(f"{error}: no rank numbers change places in", pd.Series(numbers))
         both = _both_levels(levels, error)
         within = _reaches(both, "median", "median").mean()
         print(f"{error}: each median within the other's interval in {within:.1%} of {len(both)}")
@@ -43,18 +53,26 @@ def _say(what: str, agrees: pd.Series) -> None:
         print(f"  not in {', '.join(map(str, place))}")
 
 
-def _ranks(boards: list[pd.DataFrame], error: str) -> pd.Series:
-    """Whether no two estimators change places, by cell."""
+def _changed_places(boards: list[pd.DataFrame], error: str) -> dict[tuple, set[frozenset]]:
+    """Pairs whose ranks are in one order in one run and in the other in the other, by cell."""
     both = boards[0].merge(boards[1], on=[*CELL, "estimator"], suffixes=("_1", "_2"))
-    ranks = both.set_index(CELL)[[f"{error}_rank_1", f"{error}_rank_2"]].dropna()
-    found = {
-        cell: all(
-            (one[0] - other[0]) * (one[1] - other[1]) >= 0
-            for one, other in combinations(own.to_numpy(), 2)
-        )
+    ranks = both.set_index([*CELL, "estimator"])[[f"{error}_rank_1", f"{error}_rank_2"]].dropna()
+    return {
+        cell: {
+            frozenset((one[0], other[0]))
+            for one, other in combinations(own.droplevel([0, 1]).to_records().tolist(), 2)
+            if (one[1] - other[1]) * (one[2] - other[2]) < 0
+        }
         for cell, own in ranks.groupby(CELL)
     }
-    return pd.Series(found, dtype=bool)
+
+
+def _told_apart(tests: pd.DataFrame) -> defaultdict[tuple, set[frozenset]]:
+    """Pairs whose difference is significant in a run, by cell."""
+    found = defaultdict(set)
+    for row in tests[tests["p_holm"] < LEVEL_OF_TESTS].itertuples():
+        found[row.scenario, row.sensor].add(frozenset((row.estimator, row.other)))
+    return found
 
 
 def _both_levels(levels: list[pd.DataFrame], error: str) -> pd.DataFrame:
