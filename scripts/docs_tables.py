@@ -18,6 +18,7 @@ from paper_claims import claims_of
 from scipy.stats import binomtest
 
 from olne_bench.bench.report.figures.style import estimator_order
+from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE
 from olne_bench.envs.temperaments import TEMPERAMENTS
 
 ROOT = Path(__file__).parents[1]
@@ -224,7 +225,7 @@ def _won(found: tuple[float, float] | None) -> str:
     if found is None:
         return ""
     share, p_holm = found
-    return f"{share:.0%}{_STAR if p_holm < 0.05 else ''}"
+    return f"{share:.0%}{_STAR if p_holm < SIGNIFICANCE else ''}"
 
 
 def recognised() -> str:

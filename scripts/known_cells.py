@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, bootstrap, wilcoxon
 
-from olne_bench.bench.report.statistics.estimator_comparison import holm
+from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE, holm
 from olne_bench.bench.run.store import read_store
 
 FOLDER = Path(__file__).parents[1] / "results" / "calibration"
@@ -29,7 +29,6 @@ CELL = ["scenario", "sensor", "sigma"]
 MLE = "kkt_constrained"
 RIVALS = (MLE, "map", "ridge", "uniform")
 SAMPLES = 2000
-SIGNIFICANCE = 0.05
 
 
 def main() -> None:

@@ -7,9 +7,9 @@
 A cell is a scenario and a sensor. Differences that are not significant are ties. So ranks agree
 up to ties where no two estimators that a run tells apart change places. Rank numbers are compared,
 too: they depend on which others are significantly better, and may change places among ties.
-Medians at a noise level differ where their 95 %
-intervals do not meet. Of equal medians, each is within the other's interval in some 79 % of cases,
-as both are of draws; that share is printed, too. Prints what does not agree.
+Medians at a noise level differ where their 95 % intervals do not meet. Of equal medians, each is
+within the other's interval in some 79 % of cases, as both are of draws; that share is printed, too.
+Prints what does not agree.
 """
 
 import argparse
@@ -19,10 +19,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from olne_bench.bench.report.statistics.estimator_comparison import significant_wins
+
 CELL = ["scenario", "sensor"]
 LEVEL = [*CELL, "sigma", "estimator"]
 ERRORS = ("position_error", "cosine_error")
-LEVEL_OF_TESTS = 0.05  # as in ranks
 NEGLIGIBLE = 1e-7  # errors below it are rounding
 
 
@@ -36,7 +37,7 @@ def main() -> None:
     tests = pd.concat(pd.read_csv(folder / "comparisons.csv") for folder in folders)
     for error in ERRORS:
         changed = _changed_places(boards, error)
-        apart = _told_apart(tests[tests["error"] == error])
+        apart = _told_apart(tests, error)
         ties = {cell: not pairs & apart[cell] for cell, pairs in changed.items()}
         numbers = {cell: not pairs for cell, pairs in changed.items()}
         _say(f"{error}: same ranks up to ties in", pd.Series(ties))
@@ -67,11 +68,11 @@ def _changed_places(boards: list[pd.DataFrame], error: str) -> dict[tuple, set[f
     }
 
 
-def _told_apart(tests: pd.DataFrame) -> defaultdict[tuple, set[frozenset]]:
+def _told_apart(tests: pd.DataFrame, error: str) -> defaultdict[tuple, set[frozenset]]:
     """Pairs whose difference is significant in a run, by cell."""
     found = defaultdict(set)
-    for row in tests[tests["p_holm"] < LEVEL_OF_TESTS].itertuples():
-        found[row.scenario, row.sensor].add(frozenset((row.estimator, row.other)))
+    for row in significant_wins(tests, error).itertuples():
+        found[row.scenario, row.sensor].add(frozenset((row.winner, row.loser)))
     return found
 
 
