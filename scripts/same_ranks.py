@@ -9,6 +9,7 @@ up to ties where no two estimators that a run tells apart change places. Rank nu
 too: they depend on which others are significantly better, and may change places among ties.
 Medians at a noise level differ where their 95 % intervals do not meet. Of equal medians, each is
 within the other's interval in some 79 % of cases, as both are of draws; that share is printed, too.
+Significant wins that the runs give to opposite estimators are printed, if there are any.
 Prints what does not agree.
 """
 
@@ -34,14 +35,19 @@ def main() -> None:
     folders = parser.parse_args().runs
     boards = [pd.read_csv(folder / "leaderboard.csv") for folder in folders]
     levels = [pd.read_csv(folder / "errors_by_noise.csv") for folder in folders]
-    tests = pd.concat(pd.read_csv(folder / "comparisons.csv") for folder in folders)
+    tests = [pd.read_csv(folder / "comparisons.csv") for folder in folders]
     for error in ERRORS:
         changed = _changed_places(boards, error)
-        apart = _told_apart(tests, error)
-        ties = {cell: not pairs & apart[cell] for cell, pairs in changed.items()}
+        wins = [_wins(run, error) for run in tests]
+        ties = {
+            cell: not pairs & {frozenset(pair) for won in wins for pair in won[cell]}
+            for cell, pairs in changed.items()
+        }
         numbers = {cell: not pairs for cell, pairs in changed.items()}
         _say(f"{error}: same ranks up to ties in", pd.Series(ties))
         _say(f"{error}: no rank numbers change places in", pd.Series(numbers))
+        agreed = {cell: not _reversed(wins[0][cell], wins[1][cell]) for cell in changed}
+        _say(f"{error}: no pair is significant one way and the other in", pd.Series(agreed))
         both = _both_levels(levels, error)
         within = _reaches(both, "median", "median").mean()
         print(f"{error}: each median within the other's interval in {within:.1%} of {len(both)}")
@@ -68,12 +74,17 @@ def _changed_places(boards: list[pd.DataFrame], error: str) -> dict[tuple, set[f
     }
 
 
-def _told_apart(tests: pd.DataFrame, error: str) -> defaultdict[tuple, set[frozenset]]:
-    """Pairs whose difference is significant in a run, by cell."""
+def _wins(tests: pd.DataFrame, error: str) -> defaultdict[tuple, set[tuple[str, str]]]:
+    """Significant wins of one run, as pairs of winner and loser, by cell."""
     found = defaultdict(set)
     for row in significant_wins(tests, error).itertuples():
-        found[row.scenario, row.sensor].add(frozenset((row.winner, row.loser)))
+        found[row.scenario, row.sensor].add((row.winner, row.loser))
     return found
+
+
+def _reversed(one: set[tuple[str, str]], other: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Wins of one run that the other run gives to the loser."""
+    return one & {(loser, winner) for winner, loser in other}
 
 
 def _both_levels(levels: list[pd.DataFrame], error: str) -> pd.DataFrame:
