@@ -76,9 +76,9 @@ def _changed_places(boards: list[pd.DataFrame], error: str) -> dict[tuple, set[f
 
 def _wins(tests: pd.DataFrame, error: str) -> defaultdict[tuple, set[tuple[str, str]]]:
     """Significant wins of one run, as pairs of winner and loser, by cell."""
-    found = defaultdict(set)
+    found: defaultdict[tuple, set[tuple[str, str]]] = defaultdict(set)
     for row in significant_wins(tests, error).itertuples():
-        found[row.scenario, row.sensor].add((row.winner, row.loser))
+        found[row.scenario, row.sensor].add((str(row.winner), str(row.loser)))
     return found
 
 
