@@ -129,6 +129,7 @@ BAD_FILES = {
     "long message": ("raise ValueError('x' * 10**7)", "ValueError: xxx"),
     "syntax": ("class A(\n", "SyntaxError: '(' was never closed ("),
     "nul": ("x = 0\0", "null bytes ("),
+    "place in Python's importer": ("import importlib\nimportlib.import_module('')", "plugin.py)"),
     "no class": ("x = 1", "must define one estimator or be named as"),
     "another kind": (tiny(SENSOR), "it has: none with a method 'estimate'"),
     "several": (tiny() + tiny(head="class Other:"), "it has: Tiny, Other"),

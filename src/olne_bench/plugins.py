@@ -313,13 +313,16 @@ def describe_foreign_error(error: BaseException, file: Path | None = None) -> st
 
     Args:
         error: what was raised.
-        file: file that was being imported, as some syntax errors do not name it.
+        file: file that was being imported, as errors that Python finds in its text do not always
+            name it: before Python 3.11.4, one of them was a ``ValueError``.
     """
     text, where = _text(error), ""
     trace = error.__traceback__
     while trace is not None:
         where = f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}"
         trace = trace.tb_next
+    if where.startswith("<frozen importlib"):
+        where = str(file or where)
     if isinstance(error, SyntaxError) and type(error).__module__ == "builtins":
         place = f"{error.filename}:{error.lineno}" if error.filename else ""
         text, where = str(error.msg), place or str(file or where)  # its text has the place too
