@@ -1,4 +1,6 @@
-"""What a fingerprint needs of a source file: the code without comments, and what it imports.
+"""What a fingerprint needs of a source file: a digest of its code, and what it imports.
+
+Comments, formatting and docstrings do not count. Digests are the same in all versions of Python.
 
 Reading all sources takes seconds, which every process of a run would spend again. So summaries are
 kept in a folder beside that of compiled libraries (``games.compiler``), with the same name and the
@@ -19,7 +21,7 @@ import msgspec
 from olne_bench.games.compiler import kept_folder, why_foreign
 
 #: Changes with what a summary holds.
-_FORMAT = 1
+_FORMAT = 2
 #: Largest number of kept summaries; the least recently written ones are removed.
 _MOST = 2000
 #: Worlds are named by strings such as "highway_v0" and imported at their first use.
@@ -39,7 +41,7 @@ class Summary(msgspec.Struct, frozen=True):
     """A source file.
 
     Attributes:
-        code: the code without comments and docstrings; None if it is not Python.
+        code: digest of the code without comments and docstrings; None if it is not Python.
         imports: its imports.
         worlds: names of worlds in its strings.
     """
@@ -85,7 +87,39 @@ def _made(source: bytes) -> Summary:
             imports.append(Import(node.module or "", names, node.level))
         elif isinstance(node, ast.Constant) and _names_world(node.value):
             worlds.append(str(node.value))
-    return Summary(ast.unparse(tree), tuple(imports), tuple(worlds))
+    return Summary(_digest(tree), tuple(imports), tuple(worlds))
+
+
+def _digest(tree: ast.AST) -> str:
+    """Digest of a syntax tree: of names of nodes and fields, and of values, in their order.
+
+    Not of ``ast.unparse`` or ``ast.dump``: versions of Python choose other quotes in f-strings, and
+    have other fields that are empty in most code. No recursion, as trees may be deep.
+    """
+    digest = hashlib.sha256()
+    pending: list[ast.AST | str] = [tree]
+    while pending:
+        one = pending.pop()
+        if isinstance(one, str):
+            digest.update(f"{one} ".encode())
+            continue
+        pending.append(")")
+        for name, value in reversed(list(ast.iter_fields(one))):
+            parts = _parts(one, value)
+            if parts:
+                pending += [part if isinstance(part, ast.AST) else ascii(part) for part in parts]
+                pending.append(f"{name}=")
+        pending.append(f"{type(one).__name__}(")
+    return digest.hexdigest()
+
+
+def _parts(owner: ast.AST, value: object) -> list[object]:
+    """What a field holds, last part first; no empty text in f-strings, which Python 3.12.1 adds."""
+    if not isinstance(value, list):
+        return [] if value is None else [value]
+    f_string = isinstance(owner, ast.JoinedStr)
+    empty = (f_string and isinstance(part, ast.Constant) and part.value == "" for part in value)
+    return [part for part, nothing in zip(value, empty, strict=True) if not nothing][::-1]
 
 
 def _names_world(value: object) -> bool:
