@@ -15,6 +15,7 @@ import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -113,13 +114,13 @@ def _digest(tree: ast.AST) -> str:
     return digest.hexdigest()
 
 
-def _parts(owner: ast.AST, value: object) -> list[object]:
+def _parts(owner: ast.AST, value: Any) -> list[Any]:
     """What a field holds, last part first; no empty text in f-strings, which Python 3.12.1 adds."""
-    if not isinstance(value, list):
-        return [] if value is None else [value]
-    f_string = isinstance(owner, ast.JoinedStr)
-    empty = (f_string and isinstance(part, ast.Constant) and part.value == "" for part in value)
-    return [part for part, nothing in zip(value, empty, strict=True) if not nothing][::-1]
+    if isinstance(owner, ast.JoinedStr):
+        value = [part for part in value if getattr(part, "value", None) != ""]
+    if isinstance(value, list):
+        return value[::-1]
+    return [] if value is None else [value]
 
 
 def _names_world(value: object) -> bool:
