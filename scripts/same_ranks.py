@@ -9,8 +9,7 @@ up to ties where no two estimators that a run tells apart change places. Rank nu
 too: they depend on which others are significantly better, and may change places among ties.
 Medians at a noise level differ where their 95 % intervals do not meet. Of equal medians, each is
 within the other's interval in some 79 % of cases, as both are of draws; that share is printed, too.
-A cell where one run's significant win is the other's significant loss is printed, too.
-Prints what does not agree.
+Prints shares and what does not agree, and where one run's significant win is the other's loss.
 """
 
 import argparse
