@@ -35,7 +35,7 @@ _METRICS = (declare(PositionError), declare(CosineError))
 #: Share of fresh errors that must be at most the median of the implausible ones.
 _ENOUGH = 0.25
 #: Draws of a family without an equilibrium are no attempts: this many rounds replace them.
-_ROUNDS = 5
+_ROUNDS = 20
 
 
 @dataclass(frozen=True)

@@ -92,9 +92,9 @@ def test_draws_that_are_no_attempts_are_replaced(trials, monkeypatch, tmp_path):
     asked = []
 
     def run_trials(chosen, **_options):
-        for number, trial in enumerate(chosen):
+        for trial in chosen:
             asked.append(trial)
-            status = "skipped" if number % 3 == 0 else "ok"
+            status = "skipped" if len(asked) % 3 == 1 else "ok"
             yield trial, Outcome(status, scores={"position_error": 1e-3, "cosine_error": 1e-4})
 
     monkeypatch.setattr(fresh_draws, "run_trials", run_trials)
