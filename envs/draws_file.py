@@ -31,7 +31,6 @@ from olne_bench.games.olne import RESIDUAL_TOLERANCE
 
 #: Version of the format and of the rules by which draws are drawn and certified.
 VERSION = 1
-SUFFIX = ".draws"
 _DIGEST = 32  # bytes of SHA-256
 _KEY = 16  # bytes
 _DIGITS = 9  # of weights and states in keys

@@ -4,6 +4,9 @@ from pathlib import Path
 
 from olne_bench.games.compiler import kept_folder
 
+#: Suffix of files of solved draws.
+DRAWS_SUFFIX = ".draws"
+
 
 def draws_folder() -> Path | None:
     """The folder, whether or not it exists; None if nothing can be kept."""

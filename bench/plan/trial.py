@@ -16,7 +16,7 @@ from olne_bench.bench.plan.entries import (
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import Versions, versions
-from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in
+from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in, is_file
 
 #: Columns of a row that are known before a trial is run, and their SQL types.
 LABEL_COLUMNS = {
@@ -83,6 +83,12 @@ class Trial:
     def home_plugins(self) -> tuple[str, ...]:
         """References of the scenario and of sensor layers that are plugins."""
         return foreign_worlds(self.scenario, self.sensor)
+
+    @property
+    def guest_plugins(self) -> tuple[str, ...]:
+        """References of the estimator and of metrics that are plugin files."""
+        named = (self.estimator.name, *(metric.name for metric in self.metrics))
+        return tuple(name for name in named if is_file(name))
 
     def versions_here(self) -> Versions:
         """The versions of the code that this process would run it with."""

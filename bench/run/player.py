@@ -1,6 +1,7 @@
 """The code inside a player process: one estimator with a problem and observations, nothing else."""
 
 import pickle
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,12 @@ class Answered(msgspec.Struct):
 
     estimate: RawEstimate | None
     malformed: str = ""
+
+
+class Libraries(msgspec.Struct):
+    """Names of the modules that a plugin imports, but for its own."""
+
+    names: list[str]
 
 
 @dataclass
@@ -69,6 +76,19 @@ def prepare(
             estimator.warm_up(given)
     _seat = _Seat(estimator, given)
     return Prepared(None)
+
+
+def libraries(reference: str, parameters: dict[str, Any]) -> Libraries:
+    """The modules that an estimator's plugin imports, in their order.
+
+    Args:
+        reference: name or file of the estimator.
+        parameters: parameters of the estimator.
+    """
+    before = set(sys.modules)
+    with plugins.at_home(plugins.make(plugins.ESTIMATOR, reference, parameters)):
+        own = set(sys.modules) - before
+    return Libraries([name for name in list(sys.modules) if name in own])
 
 
 def estimate(observations: tuple[Observation, ...], seed: int, budget: float) -> Answered:

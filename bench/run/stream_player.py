@@ -1,6 +1,7 @@
 """The code inside a player process that follows a motion: one estimator and the samples so far."""
 
 import pickle
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,19 +25,27 @@ _seat: _Seat | None = None
 
 
 def begin(
-    reference: str, parameters: dict[str, Any], problem: bytes, lag: int | None, seed: int
+    reference: str,
+    parameters: dict[str, Any],
+    homes: Sequence[str],
+    problem: bytes,
+    lag: int | None,
+    seed: int,
 ) -> Prepared:
     """Construct the estimator, let it prepare for a problem, and begin a stream.
 
     Args:
         reference: name or file of the estimator.
         parameters: parameters of the estimator.
+        homes: files of other plugins whose classes the problem contains.
         problem: the problem, pickled by the referee.
         lag: number of latest samples that count; None for all.
         seed: seed of the estimator's random numbers.
     """
     global _seat
     _seat = None
+    for home in homes:
+        plugins.import_file(home)
     given: Problem = pickle.loads(problem)
     estimator: Any = plugins.make(plugins.ESTIMATOR, reference, parameters)
     with plugins.at_home(estimator):

@@ -38,6 +38,7 @@ __all__ = [
     "at_home",
     "describe",
     "describe_foreign_error",
+    "file_of",
     "find_class",
     "is_built_in",
     "is_file",
@@ -154,6 +155,16 @@ def absolute(reference: str) -> str:
         return reference
     path, class_name = parts
     return f"{_resolved(path)}:{class_name}" if class_name else str(_resolved(path))
+
+
+def file_of(reference: str) -> Path | None:
+    """The file that a reference names, an absolute path; None for the name of a known plugin.
+
+    Raises:
+        PluginError: on an impossible path.
+    """
+    parts = _split(reference)
+    return None if parts is None else _resolved(parts[0])
 
 
 def source(kind: Kind, reference: str) -> tuple[str, Path]:
