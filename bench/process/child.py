@@ -17,7 +17,7 @@ from typing import Any
 
 from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
 from olne_bench.bench.process.family import has_descendants, held_memory
-from olne_bench.bench.process.fork_server import Forked, ForkServer, ServerGoneError
+from olne_bench.bench.process.fork_server import Forked, ForkServer, ServerGoneError, StartError
 from olne_bench.bench.process.messages import (
     Message,
     Raised,
@@ -83,10 +83,6 @@ class DiedError(ChildError):
 
 class RaisedError(Exception):
     """The work raised an exception; the process lives on."""
-
-
-class StartError(UserError):
-    """Processes do not start on this machine, so no work can be done."""
 
 
 class Child:

@@ -102,7 +102,11 @@ def serve(descriptor: int) -> None:
     with suppress(OSError):
         start, _ = receive(control, None)
         readable, listable = (map(Path, start[kind]) for kind in ("readable", "listable"))
-        restrict(list(readable), list(listable), Path(start["folder"]))
+        try:
+            restrict(list(readable), list(listable), Path(start["folder"]))
+        except OSError as error:
+            send(control, {"refused": str(error)})
+            return
         _import(start["modules"])
         backend()  # it asks the compiler, which takes longer than a fork
         send(control, {"threads": _threads()})

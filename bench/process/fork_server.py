@@ -20,6 +20,7 @@ from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.family import has_ended, kill_family
 from olne_bench.bench.process.fork_loop import Order, as_request
 from olne_bench.bench.process.reachable import Reach
+from olne_bench.errors import UserError
 from olne_bench.games.compiler import reader_environment
 
 #: How long a server may take for an answer once it has started [s].
@@ -34,6 +35,10 @@ _FAMILIES = (
     *("LC_", "PYTHON", "OLNE_BENCH_", "OMP_", "OPENBLAS_", "MKL_", "VECLIB_", "NPY_", "NUMEXPR_"),
     *("NUMBA_", "JAX_", "XLA_", "TORCH_", "CUDA_", "MPL"),
 )
+
+
+class StartError(UserError):
+    """Processes do not start on this machine, so no work can be done."""
 
 
 class ServerGoneError(Exception):
@@ -144,6 +149,7 @@ class ForkServer:
                 start_new_session=True,  # it gets no Ctrl-C from the terminal
             )
         self._control = ours
+        self._forks: list[Forked] = []
         self.exit_code = 0
         self._ask(
             "threads",
@@ -170,7 +176,9 @@ class ForkServer:
         order = Order(str(folder), memory, has_children)
         with theirs:
             self._ask("pid", as_request(order), (theirs.fileno(), log.fileno()))
-        return Forked(self, Channel(ours), folder, log)
+        forked = Forked(self, Channel(ours), folder, log)
+        self._forks.append(forked)
+        return forked
 
     def load(self, names: Sequence[str]) -> None:
         """Import libraries, so that forks need not.
@@ -188,17 +196,22 @@ class ForkServer:
 
         Raises:
             ServerGoneError: if there is none within ``seconds``.
+            StartError: if the server cannot be restricted.
         """
         while self._waiting:
             expected, ended = self._waiting.popleft()
             try:
                 found, _ = fork_loop.receive(self._control, seconds)
+                if "refused" in found:
+                    self._abandon()
+                    raise StartError(f"foreign code cannot be restricted: {found['refused']}")
                 value = int(found[expected])
             except (OSError, ValueError, KeyError) as error:
                 self._waiting.appendleft((expected, ended))
                 self._abandon()
                 raise ServerGoneError("the fork server is gone") from error
             if ended is not None:
+                self._forks.remove(ended)
                 self._keep(ended.clear())
             if expected == kind:
                 return value
@@ -234,9 +247,9 @@ class ForkServer:
         kill_family(self._process.pid)
         self.exit_code = self._process.wait()
         self._control.close()
-        for _, ended in self._waiting:
-            if ended is not None:
-                self._keep(ended.clear())
+        for forked in self._forks:
+            self._keep(forked.clear())
+        self._forks.clear()
         self._waiting.clear()
         self._home.cleanup()
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from olne_bench import plugins
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, read_estimate
-from olne_bench.bench.run.player import Answered, Prepared
+from olne_bench.bench.run.player import Answered, Prepared, changes, describe_problem
 from olne_bench.bench.text import clip
 from olne_bench.estimators.protocol import Problem
 from olne_bench.estimators.stream import Stream, as_stream_estimator, warm_up_stream
@@ -17,7 +17,10 @@ from olne_bench.estimators.stream import Stream, as_stream_estimator, warm_up_st
 
 @dataclass
 class _Seat:
+    reference: str
     estimator: Any
+    problem: Problem
+    given: dict[str, str]
     stream: Stream
 
 
@@ -47,6 +50,7 @@ def begin(
     for home in homes:
         plugins.import_file(home)
     given: Problem = pickle.loads(problem)
+    described = describe_problem(reference, given)
     estimator: Any = plugins.make(plugins.ESTIMATOR, reference, parameters)
     with plugins.at_home(estimator):
         reason = estimator.supports(given) if hasattr(estimator, "supports") else None
@@ -55,7 +59,7 @@ def begin(
         warm_up_stream(estimator, given, lag)
         rng = np.random.default_rng(seed)
         stream = as_stream_estimator(estimator).start(given, rng=rng, lag=lag)
-    _seat = _Seat(estimator, stream)
+    _seat = _Seat(reference, estimator, given, described, stream)
     return Prepared(None)
 
 
@@ -70,6 +74,8 @@ def update(sample: np.ndarray, budget: float) -> Answered:
     sample.setflags(write=False)  # writing into its input raises an exception
     with plugins.at_home(_seat.estimator):
         result = _seat.stream.update(sample, budget=budget)
+        if changed := changes(_seat.reference, _seat.problem, _seat.given):
+            return Answered(None, changed)
         try:
             return Answered(read_estimate(result))
         except InvalidEstimateError as error:
