@@ -113,6 +113,8 @@ class _Plugin(Protocol):
     def parameters(self) -> dict[str, Any]: ...
     @property
     def plugin(self) -> str: ...
+    @property
+    def time_limit(self) -> float: ...
 
 
 def player_child(
@@ -136,7 +138,8 @@ def player_child(
     )
     with suppress(ChildError, RaisedError, UserError):  # its first trial will show it
         asked = (task.reference, task.parameters)
-        found: Libraries = child.call(libraries, *asked, kind=Libraries, seconds=LOAD_LIMIT)
+        seconds = min(LOAD_LIMIT, task.time_limit)
+        found: Libraries = child.call(libraries, *asked, kind=Libraries, seconds=seconds)
         child.load(found.names)
     child.end()
     return child
