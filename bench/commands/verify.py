@@ -24,7 +24,7 @@ _SHOWN = 5
     "--sample",
     type=click.IntRange(1, 10**6),
     help="Number of rows of each plugin, and of all built-in estimators, to run again. "
-    "Default: as many as find 5 % forged ones with 95 %, and the most suspicious.",
+    "Default: as many as find 5 % forged ones with 97 %, and the most suspicious.",
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the choice of trials, to repeat it.")
 @click.option("--strict", is_flag=True, help="Refuse rows of other versions of code or libraries.")
@@ -95,6 +95,7 @@ def _lines(folder: Path, verdict: Verdict, seed: int) -> list[str]:
     lines += _some("DIFFERS", again.differing)
     if again.differing and verdict.because:
         lines.append("  to see whether versions are the reason, run again with those that are here")
+    lines += _some("IMPLAUSIBLE", verdict.implausible)
     lines += [_fresh_line(one) for one in verdict.fresh]
     lines += _some("NOT JUDGED", verdict.unjudged)
     lines += [_drawn_line(one) for one in verdict.drawn]

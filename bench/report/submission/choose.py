@@ -1,8 +1,9 @@
 """Choose the rows of a submission that are run again.
 
-Each plugin's rows are a group, and those of all built-in estimators another one. From each group
-so many rows are drawn that forgers who changed ``SHARE`` of it are found with probability
-``POWER``, whichever rows they chose. Those that look most like forgeries are added.
+Each plugin's rows are a group, and those of all built-in estimators another one; in both, trials
+that were skipped are a group of their own, as they enter no table. From each group so many rows
+are drawn that forgers who changed ``SHARE`` of it are found with probability ``POWER``, whichever
+rows they chose. Those that look most like forgeries are added.
 """
 
 import math
@@ -17,7 +18,7 @@ from olne_bench.bench.report.statistics.attempts import FLOOR, errors_of
 from olne_bench.bench.report.submission.rows import Key, Rows
 
 #: Forgers who changed this share of a group are found with this probability.
-SHARE, POWER = 0.05, 0.95
+SHARE, POWER = 0.05, 0.97
 #: Number of rows of a group that are added to the draw, those first that look most forged.
 MOST_SUSPICIOUS = 12
 
@@ -53,9 +54,11 @@ def choose(
         rng: draws.
     """
     suspicion = suspicions(rows.table, {t.plugin for t in planned.values()} - {""}, metric)
-    groups: dict[str, list[Key]] = {}
+    skipped = rows.table["status"].eq("skipped").to_numpy()
+    groups: dict[tuple[str, bool], list[Key]] = {}
     for key, trial in planned.items():
-        groups.setdefault(trial.plugin, []).append(key)
+        group = (trial.plugin, bool(skipped[rows.places[key]]))
+        groups.setdefault(group, []).append(key)
     chosen: set[Key] = set()
     for keys in groups.values():
         number = min(needed(len(keys)) if sample is None else sample, len(keys))
@@ -73,7 +76,7 @@ def suspicions(
 
     A row of a plugin is suspicious if its error is small beside others of its cell (scenario,
     sensor, noise level): its own, or those of the best rival, or beside the statistical limit. A
-    rival's row is suspicious if its error is large. Each is a decimal logarithm.
+    rival's row is suspicious if its error is large, or if it failed. Each is a decimal logarithm.
 
     Args:
         table: rows.
@@ -83,9 +86,12 @@ def suspicions(
     if metric is None:
         return np.zeros(len(table))
     own = table["estimator"].isin([*plugins]).to_numpy()
-    log = pd.Series(_log(errors_of(table, metric)), index=table.index)
+    errors = errors_of(table, metric)
+    log = pd.Series(_log(errors), index=table.index)
     cells = [table[name] for name in _CELL]
     usual = log.groupby([*cells, table["estimator"]]).transform("median")
+    # Failures are common: they are not more suspicious than an error ten times as large.
+    log = log.where(np.isfinite(errors), usual + 1)
     rival = usual.mask(own | table["estimator"].eq(FLOOR))
     best = rival.groupby(cells).transform("min").fillna(usual)
     small = np.maximum(usual - log, best - log)

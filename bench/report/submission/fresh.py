@@ -215,13 +215,13 @@ def _median(values: np.ndarray) -> float:
 
 
 def _scores(both: pd.DataFrame, cell: list[str]) -> pd.DataFrame:
-    """One row per unit: its mean rank and mean log error within cells, and whether it is fresh."""
+    """One row per unit: mean rank and least log error within cells, and whether it is fresh."""
     groups = both.groupby(cell)["error"]
     ranks = groups.transform(lambda errors: rankdata(errors) / len(errors))
     logs = groups.transform(lambda errors: _log_ratio(errors.to_numpy(float)))
     table = both.assign(rank=ranks, log=logs)
     unit = ["stratum", "salt_id", "seed", "fresh"]
-    return table.groupby(unit, as_index=False)[["rank", "log"]].mean()
+    return table.groupby(unit, as_index=False).agg({"rank": "mean", "log": "min"})
 
 
 def _log_ratio(errors: np.ndarray) -> np.ndarray:

@@ -39,6 +39,7 @@ from olne_bench.bench.report.submission.fresh import (
     fresh_trials,
     has_truth,
 )
+from olne_bench.bench.report.submission.implausible import LEAST, confirmed, implausible_rows
 from olne_bench.bench.report.submission.manifest import PLUGINS, Submission, read_submission
 from olne_bench.bench.report.submission.rows import (
     Key,
@@ -60,6 +61,7 @@ class Verdict:
         rows: number of its rows.
         repeated: rows that were run again.
         because: which versions differ from those of the rows; empty if none does.
+        implausible: one line for each plugin with rows that are too good for their noise.
         fresh: errors of its plugins with fresh salts.
         drawn: errors of its plugins on drawn truths, where it has fixed ones.
         fixed: scenarios whose truths are fixed, where plugins do not rank.
@@ -69,6 +71,7 @@ class Verdict:
     rows: int
     repeated: Repeated
     because: str = ""
+    implausible: list[str] = field(default_factory=list)
     fresh: list[FreshErrors] = field(default_factory=list)
     drawn: list[DrawnErrors] = field(default_factory=list)
     fixed: tuple[str, ...] = ()
@@ -78,7 +81,7 @@ class Verdict:
     def accepted(self) -> bool:
         """Whether something was compared and no check failed."""
         honest = all(one.accepted for one in self.fresh) and all(d.accepted for d in self.drawn)
-        refused = self.repeated.differing or self.unjudged or not honest
+        refused = self.repeated.differing or self.implausible or self.unjudged or not honest
         return self.repeated.same > 0 and not refused
 
 
@@ -191,6 +194,7 @@ def _run(case: _Case, limits: Limits, because: str) -> Verdict:
     level = LEVEL / max(len(plugins), 1)
     for plugin in plugins:
         own = [trial for trial in trials if trial.plugin == plugin]
+        verdict.implausible.extend(_implausible(case, own, machine))
         verdict.fresh.append(_fresh(case, own, level, machine, rng, verdict.unjudged))
     plans = drawn_plans(trials, rng)
     outcomes = outcomes_of((t for plan in plans for t in plan.trials), machine)
@@ -198,6 +202,21 @@ def _run(case: _Case, limits: Limits, because: str) -> Verdict:
     for plan in plans:
         verdict.drawn.append(drawn_errors(plan, outcomes, errors, case.metric.name))
     return verdict
+
+
+def _implausible(case: _Case, own: Sequence[Trial], machine: Machine) -> list[str]:
+    """A line on a plugin's rows that are too good for their noise, if it has such."""
+    found = implausible_rows(own, case.rows, case.metric)
+    if found is None:
+        return []
+    fresh = found.fresh()
+    if confirmed(fresh, outcomes_of((t for t, _ in fresh), machine), case.metric.name):
+        return []
+    return [
+        f"{len(found.trials)} of {len(own)} rows of {found.estimator} have less than {LEAST:g} "
+        f"times the usual error, such as {described(found.trials[0].labels)}; of {len(fresh)} "
+        "fresh trials there, none has"
+    ]
 
 
 def _fresh(
