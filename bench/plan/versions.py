@@ -96,8 +96,13 @@ def versions(
         scenario=_version(SCENARIO, scenario.name),
         sensor=_digest(_version(SENSOR, layer.name) for layer in sensor.layers),
         scoring=_scoring(named),
-        environment=_digest(f"{name} {value}" for name, value in environment().items()),
+        environment=environment_version(environment()),
     )
+
+
+def environment_version(libraries: Mapping[str, str]) -> str:
+    """``Versions.environment`` of these versions of libraries, as ``environment`` lists them."""
+    return _digest(f"{name} {value}" for name, value in libraries.items())
 
 
 def with_following(code: Versions) -> Versions:

@@ -10,6 +10,7 @@ import numpy as np
 
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.scenarios.two_player import TwoPlayer
+from olne_bench.envs.true_weights import PUBLISHED
 from olne_bench.games.features import FinalGoal
 from olne_bench.games.game import Player
 from olne_bench.games.unknowns import Unknown
@@ -23,6 +24,7 @@ class UnknownGoals:
     """Two players who cross, towards goals that are drawn; each seed draws others."""
 
     name: ClassVar[str] = "unknown_goals"
+    weights: ClassVar[str] = PUBLISHED  # of all seeds
 
     def draw(self, seed: int = 0) -> Scenario:
         """The member of a seed."""
