@@ -9,10 +9,13 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.measures import in_leaderboard, primary
 from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.harness_errors import in_words
+from olne_bench.bench.report.statistics.standing import said_of_standing
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.report.tables import RunTables
 from olne_bench.bench.text import one_line
 
+#: Counts that are shown even if all are 0.
+_ALWAYS = ("trials", "failures", "published_failures")
 _LEGEND = """
 Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
 published_failures: also those where the published search misses a root that another one finds."""
@@ -31,8 +34,8 @@ def format_leaderboard(table: pd.DataFrame, study: Study = USUAL) -> str:
     shown = pd.DataFrame(
         {name: table[name].map(one_line) for name in ("scenario", "sensor", "estimator")}
     )
-    for name in ("trials", "failures", "published_failures", "harness_errors"):
-        if name != "harness_errors" or (table[name] > 0).any():
+    for name in ("trials", "failures", "published_failures", "harness_errors", "implausible"):
+        if name in _ALWAYS or (name in table and (table[name] > 0).any()):
             shown[name] = table[name]
     for metric in metrics:
         head = f"{metric.label} [IQR]" if metric.compared else metric.label
@@ -49,7 +52,7 @@ def format_leaderboard(table: pd.DataFrame, study: Study = USUAL) -> str:
 
 
 def format_notes(tables: RunTables, notes: list[str]) -> str:
-    """Errors of the harness, and what could not be drawn; empty if there is neither.
+    """Who does not rank, errors of the harness, what could not be drawn; empty without them.
 
     Args:
         tables: tables of the run.
@@ -57,6 +60,7 @@ def format_notes(tables: RunTables, notes: list[str]) -> str:
     """
     wrong = in_words(tables.harness_errors)
     parts = [
+        ("Not ranked, or too good:", said_of_standing(tables.leaderboard)),
         ("The harness itself failed; these trials do not count as attempts:", wrong),
         ("Not shown, and why:", notes),
     ]

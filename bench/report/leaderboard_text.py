@@ -11,6 +11,7 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.escapes import markdown_text
 from olne_bench.bench.report.measures import in_leaderboard, primary
 from olne_bench.bench.report.statistics.estimator_comparison import leaders
+from olne_bench.bench.report.statistics.standing import said_of_standing
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.text import one_line
 
@@ -33,11 +34,15 @@ class _Markup:
 
 
 def markdown(table: pd.DataFrame, study: Study = USUAL) -> str:
-    """The leaderboard as a Markdown table; the leaders of a scenario and sensor are bold."""
+    """The leaderboard as a Markdown table; the leaders of a scenario and sensor are bold.
+
+    Sentences on who does not rank, if there are any, follow it.
+    """
     shown = _shown(table, study, _Markup(_plain, "**{}**".format, markdown_text))
     rule = ["---" if k < 3 else "---:" for k in range(len(shown.columns))]
     lines = [list(shown.columns), rule, *shown.to_numpy().tolist()]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    said = "".join(f"\n{markdown_text(line)}\n" for line in said_of_standing(table))
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines) + said
 
 
 def latex(table: pd.DataFrame, study: Study = USUAL) -> str:
@@ -69,14 +74,11 @@ def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
     counts = table[["failures", "published_failures", "trials"]].itertuples(index=False)
     failures = [f"{a} ({b}) of {n}" for a, b, n in counts]
     columns["Failures (published)"] = pd.Series(failures, table.index)
-    if _has_harness_errors(table):
-        columns["Harness errors"] = table["harness_errors"].astype("string")
+    for head, name in (("Harness errors", "harness_errors"), ("Implausible", "implausible")):
+        if name in table and (table[name] > 0).any():
+            columns[head] = table[name].astype("string")
     columns[text("Time [ms]")] = (1e3 * table["solve_seconds_median"]).map(number)
     return pd.DataFrame(columns)
-
-
-def _has_harness_errors(table: pd.DataFrame) -> bool:
-    return bool((table["harness_errors"] > 0).any())
 
 
 def _cells(table: pd.DataFrame, metric: MetricDeclaration, markup: _Markup) -> list[str]:

@@ -16,6 +16,7 @@ from olne_bench.bench.report.measures import in_leaderboard, primary
 from olne_bench.bench.report.page.numbers import human
 from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE
+from olne_bench.bench.report.statistics.standing import ranks_at
 from olne_bench.bench.report.statistics.wins import ALL
 from olne_bench.bench.report.study import USUAL, Study
 
@@ -86,9 +87,15 @@ def _ranks(board: pd.DataFrame, name: str, metric: MetricDeclaration | None) -> 
     column = f"{metric.name}_rank" if metric else ""
     if metric is None or column not in board:
         return
-    own = board[(board["estimator"] == name) & board[column].notna()]
+    whole = board[board["estimator"] == name]
+    own = whole[whole[column].notna()]
+    others = whole[~ranks_at(whole)]
+    if len(others):
+        places = [f"{scenario}, {sensor} ({why})" for scenario, sensor, why in _reasons(others)]
+        yield f"It does not rank in {_count(places)}: {_listed(places)}."
     if own.empty:
-        yield f"It has no rank by {metric.label}: too few draws, or a small part of the trials."
+        if len(others) < len(whole):
+            yield f"It has no rank by {metric.label}: too few draws, or a small part of the trials."
         return
     first = own[own[column] == 1]
     of = f"of {len(own)} cells of scenario and sensor" if len(own) > 1 else "of one cell"
@@ -191,6 +198,10 @@ def _cost(board: pd.DataFrame, name: str) -> Iterator[str]:
 
 def _cells(rows: pd.DataFrame) -> list[tuple[str, str]]:
     return list(rows[_CELL].itertuples(index=False, name=None))
+
+
+def _reasons(rows: pd.DataFrame) -> list[tuple[str, str, str]]:
+    return list(rows[[*_CELL, "standing"]].itertuples(index=False, name=None))
 
 
 def _listed(parts: Sequence[str]) -> str:

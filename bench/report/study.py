@@ -11,6 +11,8 @@ from olne_bench.bench.judge.referee import layers_of
 from olne_bench.bench.judge.truth import Draw, noise_seed, true_recording
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.truths import has_drawn_truths, is_foreign
+from olne_bench.bench.report.confirmations import Confirmation
 from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.errors import UserError
 from olne_bench.games.sensor import SensorModel
@@ -29,6 +31,7 @@ class Study:
         sensors: entries by label.
         salt: salt that seeded draws and noise.
         estimators: entries by label.
+        confirmations: what fresh draws said of implausible rows.
     """
 
     metrics: tuple[MetricDeclaration, ...] = BUILT_IN
@@ -36,6 +39,7 @@ class Study:
     sensors: Mapping[str, SensorEntry] = field(default_factory=dict)
     salt: str = ""
     estimators: Mapping[str, EstimatorEntry] = field(default_factory=dict)
+    confirmations: tuple[Confirmation, ...] = ()
 
     def scenario(self, label: str) -> ScenarioEntry:
         """The scenario with a label; its plugin may not exist any more.
@@ -49,6 +53,21 @@ class Study:
         """Whether each seed of the scenario with this label has its own draw."""
         known = self.scenarios.get(label)
         return known is None or known.family  # the careful choice
+
+    def has_drawn_truths(self, label: str) -> bool:
+        """Whether each seed draws the true weights of the scenario with this label."""
+        known = self.scenarios.get(label)
+        return known is not None and has_drawn_truths(known)
+
+    def is_published(self, label: str) -> bool:
+        """Whether the true weights of the scenario with this label are known to be constants."""
+        known = self.scenarios.get(label)
+        return known is not None and not has_drawn_truths(known)
+
+    def is_foreign(self, label: str) -> bool:
+        """Whether the estimator with this label is known, and is a plugin."""
+        known = self.estimators.get(label)
+        return known is not None and is_foreign(known)
 
     def draw(self, label: str, seed: int) -> Draw:
         """The draw of the trials with a scenario's label and a seed.

@@ -26,6 +26,12 @@ from olne_bench.bench.report.statistics.recognition import (
     drivers,
     temperament_table,
 )
+from olne_bench.bench.report.statistics.standing import (
+    if_told,
+    ranking,
+    standings,
+    with_standing,
+)
 from olne_bench.bench.report.statistics.wins import win_counts, win_table
 from olne_bench.bench.report.study import USUAL, Study
 
@@ -92,7 +98,7 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     comparisons = adjusted(_by_error(whole["comparisons"], metrics))
     wins = win_table(_by_error(whole["wins"], metrics))
     shown = [*metrics, *[IDENTIFIABLE] * (f"{IDENTIFIABLE.name}_median" in whole["leaderboard"])]
-    board = ranked_rows(whole["leaderboard"], shown, comparisons)
+    board = if_told(ranked_rows(whole["leaderboard"], shown, comparisons))
     return RunTables(
         leaderboard=board,
         errors_by_noise=whole["errors_by_noise"],
@@ -116,11 +122,13 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
     plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
     by_temperament = _driver_tables(trials, study)
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
+    standing = standings(trials, study)
+    contenders = ranking(plain, standing)
     return {
-        "leaderboard": summaries(known, study),
+        "leaderboard": with_standing(summaries(known, study), standing),
         "errors_by_noise": errors_by_noise(plain, study),
-        "comparisons": comparison_rows(plain, study),
-        "wins": win_counts(plain, study),
+        "comparisons": comparison_rows(contenders, study),
+        "wins": win_counts(contenders, study),
         "identifiability": identifiability_table(trials, study),
         "identifiability_by_noise": identifiability_by_noise(plain, study),
         "bound_ratios": bound_ratios(trials, study),

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures import draw_figures, draw_wins
 from olne_bench.bench.report.leaderboard_text import latex, markdown
@@ -63,7 +64,7 @@ def write_report(
             raise UserError(f"the run in {folder} has no finished trial yet")
         _refuse_unknown(store, playable)
         suites = [read_suite_json(run.suite) for run in runs]
-        study = study_of(suites)
+        study = replace(study_of(suites), confirmations=confirmations_of(folder, store))
         with _writing_to(folder):
             trials = write_trials(store.batches(), folder)
     draws = draws_of(suites[-1].name, suites[-1]) if suites else None

@@ -125,6 +125,12 @@ class Store:
         rows = self._connection.execute("SELECT provenance FROM runs ORDER BY id")
         return [read_provenance(text) for (text,) in rows]
 
+    def current_code(self) -> dict[tuple[str, ...], tuple[str, Versions]]:
+        """Parameters and versions of current rows, by scenario, sensor and estimator."""
+        names, width = quoted((*NAMED, *CURRENT)), len(NAMED)
+        rows = self._connection.execute(f"SELECT {names} FROM current")
+        return {row[:width]: (row[width], Versions(*row[width + 1 :])) for row in rows}
+
     def table(self) -> "pa.Table":
         """Current rows, in an order that does not depend on when they were written.
 

@@ -22,6 +22,7 @@ from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE, leaders
 from olne_bench.bench.report.statistics.harness_errors import in_words
 from olne_bench.bench.report.statistics.identifiability import REFERENCE_SIGMA
+from olne_bench.bench.report.statistics.standing import said_of_standing
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.report.tables import RunTables
 from olne_bench.bench.run.provenance import Provenance
@@ -123,6 +124,8 @@ def render_page(
         fields=FIELDS,
         trial_count=int(table["trials"].sum()),
         harness_errors=in_words(tables.harness_errors),
+        standings=said_of_standing(table),
+        implausible="implausible" in table and bool(table["implausible"].any()),
         notes=list(dict.fromkeys([*notes, *charts.notes])),
         runs=list(runs),
         **_CONSTANTS,

@@ -12,6 +12,7 @@ from olne_bench.bench.report.measures import in_leaderboard, primary
 from olne_bench.bench.report.page.numbers import human
 from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.estimator_comparison import significant_wins
+from olne_bench.bench.report.statistics.standing import ranks_at
 from olne_bench.bench.report.study import USUAL, Study
 
 
@@ -25,7 +26,8 @@ class Line:
             least median of the primary metric. Empty if half of its attempts fail.
         error: that median, with its unit.
         remark: how it compares with the next estimator.
-        ranked: whether there are enough trials for a rank; if not, no estimator is first.
+        ranked: whether an estimator has a rank; if not, none is first.
+        barred: whether that is because of who it is, not of too few trials.
     """
 
     sensor: str
@@ -33,6 +35,7 @@ class Line:
     error: str
     remark: str
     ranked: bool = True
+    barred: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,14 +76,17 @@ def _line(rows: pd.DataFrame, beaten: set[tuple[Any, ...]], metric: MetricDeclar
         metric: the primary metric.
     """
     median, rank = f"{metric.name}_median", f"{metric.name}_rank"
-    rows = rows.assign(floor=rows["estimator"] == FLOOR, unranked=rows[rank].isna())
-    order = ["floor", "unranked", rank, median]
+    rows = rows.assign(
+        floor=rows["estimator"] == FLOOR, unranked=rows[rank].isna(), barred=~ranks_at(rows)
+    )
+    order = ["floor", "unranked", "barred", rank, median]
     first, *others = rows.sort_values(order).to_dict("records")
     error, sensor, ranked = first[median], str(first["sensor"]), not first["unranked"]
+    barred = bool(first["barred"])
     if not math.isfinite(error):
-        return Line(sensor, "", "", "", ranked)
+        return Line(sensor, "", "", "", ranked, barred)
     remark = _against(first, others[0], beaten, metric) if others else ""
-    return Line(sensor, first["estimator"], _with_unit(error, metric), remark, ranked)
+    return Line(sensor, first["estimator"], _with_unit(error, metric), remark, ranked, barred)
 
 
 def _against(
@@ -92,6 +98,8 @@ def _against(
     name, theirs = other["estimator"], other[f"{metric.name}_median"]
     error, place = first[f"{metric.name}_median"], (first["scenario"], first["sensor"])
     size = "half of its attempts fail" if math.isinf(theirs) else _with_unit(theirs, metric)
+    if other["barred"]:
+        return f"{name}: {size}, without a rank ({other['standing']})"
     if first["unranked"]:
         return f"{name}: {size}"
     if other["unranked"] and name != FLOOR:

@@ -1,0 +1,214 @@
+"""Rows whose error is far below what their observation allows: who made them knew the truth.
+
+Given the data, the truth lies around any estimate as its posterior says, or farther away. Near the
+truth the posterior is normal, with the precision of the data's Fisher information and the prior's.
+So the squared distance of estimate and truth in that precision is at least as large as chi-squared,
+with as many degrees of freedom as there are free weights, whatever an honest estimator does: it may
+shrink, know the prior, or use several trajectories. It is judged twice: row by row, and for all
+rows of one scenario, sensor and noise level together, as a little noise on a known truth makes no
+single row improbable. This takes the true game of a draw, so estimators of this package, whose code
+is known, and scenarios and sensors that are plugins are judged by the columns of a row alone.
+
+Without noise and on published weights, an exact estimate is no wonder, and nothing is judged.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.special import chdtr
+
+from olne_bench.bench.judge.truth import sensitivities_of, true_recording
+from olne_bench.bench.plan.trial import foreign_worlds
+from olne_bench.bench.report.statistics.identifiability import weights_of
+from olne_bench.bench.report.study import UNKNOWN_HERE, Study
+from olne_bench.games.game import Game
+from olne_bench.games.information import in_theta
+from olne_bench.games.simplex import simplex_tangent, theta_tangent
+
+#: Chance that a row, or a cell, of an efficient estimator is marked.
+LEVEL = 1e-6
+#: Draws of a family whose truths are looked at, from the first on. An estimator cannot tell which.
+MOST_DRAWS = 10
+
+#: The posterior may be this much more precise than its approximation, in terms of variance. In
+#: honest cells the mean squared distance is 0.66 of what is expected, or more
+#: (scripts/plausibility.py).
+_SAFETY = 2.0
+#: By columns, all of an error may come from one direction: its chance to be r times smaller than
+#: expected is that of a single normal number. Of expected errors these count at most: a cosine
+#: error, whose prior is seldom narrower, and a position error over sigma, the least that efficient
+#: estimators have on roads.
+_MOST_COSINE, _MOST_POSITION = 0.01, 0.05
+#: Chance of a position error so small, and of a cosine error, which need not be seen in the motion.
+_POSITION_LEVEL, _COSINE_LEVEL = LEVEL, 1e-4
+_COSINE_ROUNDING = 4e-16
+_CELL = ["scenario", "sensor"]
+_LEVEL_KEY = ["estimator", "sigma"]
+
+
+@dataclass(frozen=True)
+class _Truth:
+    """True weights (N, K) of a draw, and what the data of its trials can tell at sigma = 1.
+
+    Attributes:
+        game: the game that estimators are told.
+        weights: true weights.
+        information: (F, F) Fisher information on the tangent of theta, x_1 being unknown.
+    """
+
+    game: Game
+    weights: np.ndarray
+    information: np.ndarray
+
+
+def implausible(trials: pd.DataFrame, study: Study) -> np.ndarray:
+    """Which rows are implausible, (rows,) bool.
+
+    Args:
+        trials: rows as in ``trials.parquet``, of any scenarios.
+        study: study of the run, which knows scenarios and estimators by their labels.
+    """
+    marked = np.zeros(len(trials), bool)
+    names = trials["scenario"].unique()
+    drawn = trials["scenario"].map({name: study.has_drawn_truths(name) for name in names})
+    judged = (trials["sigma"] > 0) & drawn.astype(bool)
+    judged &= trials["status"].isin(["ok", "failed_forward"])
+    places = np.flatnonzero(judged.to_numpy(bool))
+    rows = trials.iloc[places]
+    marked[places] = _exact(rows)
+    if "weights" not in trials:
+        return marked
+    foreign = rows["estimator"].map({e: study.is_foreign(e) for e in rows["estimator"].unique()})
+    told = foreign.astype(bool).to_numpy() & rows["weights"].notna().to_numpy()
+    places, rows = places[told], rows[told]
+    for (scenario, sensor), numbers in places_of(rows, _CELL).items():
+        found = _too_near(rows.iloc[numbers], str(scenario), str(sensor), study)
+        marked[places[numbers]] |= found
+    return marked
+
+
+def places_of(rows: pd.DataFrame, key: list[str]) -> dict[tuple[Any, ...], np.ndarray]:
+    """Positions of the rows that have the same values of some columns, by these values, sorted."""
+    groups = rows[key].reset_index(drop=True).groupby(key, sort=True)
+    return {values: own.index.to_numpy() for values, own in groups}
+
+
+def _exact(rows: pd.DataFrame) -> np.ndarray:
+    """Which rows have weights and a motion that are known exactly, as their columns say."""
+    if not {"position_error", "cosine_error"} <= {*rows.columns}:
+        return np.zeros(len(rows), bool)
+    limit = np.full(len(rows), _MOST_COSINE)
+    if "cosine_limit" in rows:
+        limit = np.fmin(limit, rows["cosine_limit"].to_numpy(float, na_value=np.nan))
+    cosine = rows["cosine_error"].to_numpy(float, na_value=np.nan)
+    position = rows["position_error"].to_numpy(float, na_value=np.nan)
+    known = cosine <= np.maximum(limit * _quantile(_COSINE_LEVEL), _COSINE_ROUNDING)
+    least = _MOST_POSITION * rows["sigma"].to_numpy(float) * np.sqrt(_quantile(_POSITION_LEVEL))
+    return np.asarray(known & (position < least))
+
+
+def _quantile(level: float) -> float:
+    """Quantile of chi-squared with one degree of freedom, at a small level."""
+    return float(np.pi / 2 * level**2)
+
+
+def _too_near(rows: pd.DataFrame, scenario: str, sensor: str, study: Study) -> np.ndarray:
+    """Which rows of a scenario and sensor are nearer to the truth than their data allow."""
+    found = np.zeros(len(rows), bool)
+    squares, free = squared_distances(rows, scenario, sensor, study)
+    judged = free > 0
+    found[judged] = chdtr(free[judged], _SAFETY * squares[judged]) < LEVEL
+    for numbers in places_of(rows, _LEVEL_KEY).values():
+        if (whole := free[numbers].sum()) > 0:
+            found[numbers] |= chdtr(whole, _SAFETY * squares[numbers].sum()) < LEVEL
+    return found
+
+
+def squared_distances(
+    rows: pd.DataFrame, scenario: str, sensor: str, study: Study
+) -> tuple[np.ndarray, np.ndarray]:
+    """Squared distances (rows,) of estimate and truth in the posterior's precision.
+
+    Args:
+        rows: rows with weights and noise, of one scenario and sensor.
+        scenario: label of the scenario.
+        sensor: label of the sensor.
+        study: study of the run.
+
+    Returns:
+        The distances, and the numbers (rows,) of free weights, which is what is expected of the
+        distances at least. Both are 0 for draws that are not looked at (``MOST_DRAWS``).
+    """
+    squares, free = np.zeros(len(rows)), np.zeros(len(rows))
+    known = _truths(np.unique(rows["seed"].to_numpy(int))[:MOST_DRAWS], scenario, sensor, study)
+    if not known:
+        return squares, free
+    prior = _prior_precision(truth.weights for truth in known.values())
+    for (seed, sigma), numbers in places_of(rows, ["seed", "sigma"]).items():
+        if seed in known:
+            own = rows.iloc[numbers]
+            squares[numbers], free[numbers] = _distances(own, known[seed], float(sigma), prior)
+    return squares, free
+
+
+def _truths(seeds: Iterable[int], scenario: str, sensor: str, study: Study) -> Mapping[int, _Truth]:
+    """The truths of draws by seed, as far as they can be played here without foreign code."""
+    if sensor not in study.sensors or foreign_worlds(
+        study.scenario(scenario), study.sensors[sensor]
+    ):
+        return {}
+    found = {}
+    for seed in seeds:
+        try:
+            draw = study.draw(scenario, int(seed))
+            told = true_recording(draw).scenario
+            seen = sensitivities_of(draw, study.sensor_model(sensor, draw))
+        except UNKNOWN_HERE:
+            continue
+        found[int(seed)] = _Truth(told.told, told.weights, _information(told.told, seen))
+    return found
+
+
+def _information(game: Game, sensitivities: Iterable[np.ndarray]) -> np.ndarray:
+    """Information (F, F) of trajectories on the tangent of theta, each start being unknown."""
+    tangent = theta_tangent(game)
+    whole = np.zeros((tangent.shape[1],) * 2)
+    for rows in sensitivities:
+        by_theta, by_start = rows[:, : len(tangent)] @ tangent, rows[:, len(tangent) :]
+        directions, _ = np.linalg.qr(by_start)
+        left = by_theta - directions @ (directions.T @ by_theta)
+        whole += left.T @ left
+    return whole
+
+
+def _prior_precision(weights: Iterable[np.ndarray]) -> float:
+    """Precision of one direction of the simplex before any data.
+
+    It is that of the truths themselves, and at least that of a uniform distribution.
+    """
+    rows = np.concatenate(list(weights))
+    count = rows.shape[1]
+    spread = ((rows - rows.mean(axis=0)) ** 2).sum()
+    uniform = count * (count + 1.0)
+    freedom = max(len(rows) - 1, 1) * max(count - 1, 1)
+    return max(uniform, freedom / spread) if spread > 0 else np.inf
+
+
+def _distances(
+    rows: pd.DataFrame, truth: _Truth, sigma: float, prior: float
+) -> tuple[np.ndarray, int]:
+    """Squared distances (rows,) from the truth in the posterior's precision, and free weights."""
+    game, (players, count) = truth.game, truth.weights.shape
+    if count < 2 or not np.isfinite(prior):
+        return np.zeros(len(rows)), 0
+    of_unknowns = in_theta(game, np.ones((players, game.parameters.count), bool))
+    weights = ~(theta_tangent(game)[of_unknowns] != 0).any(axis=0)
+    precision = truth.information / sigma**2 + np.diag(np.where(weights, prior, 1.0))
+    covariance = np.linalg.inv(precision)[np.ix_(weights, weights)]
+    errors = (weights_of(rows, truth.weights.shape) - truth.weights).reshape(len(rows), -1)
+    tangential = errors @ simplex_tangent(players, count)
+    scaled = np.linalg.solve(np.linalg.cholesky(covariance), tangential.T)
+    return (scaled**2).sum(axis=0), int(weights.sum())

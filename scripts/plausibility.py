@@ -1,0 +1,102 @@
+"""How near to the truth honest rows are: none may be marked as implausible.
+
+    python scripts/plausibility.py runs/roads                                     # a run's folder
+    python scripts/plausibility.py results/roads/trials.parquet --suite roads     # a table
+    python scripts/plausibility.py runs/roads --times 0.2     # of a truth with some noise
+
+All estimators are judged as if they were plugins. Prints how many rows with noise are judged and
+marked, and, for a run, the least mean of squared distances over those expected: of one row, and of
+a cell of scenario, sensor, noise level and estimator. ``--times`` moves every estimate of a run
+towards the truth: its error becomes this part of what it was.
+"""
+
+import argparse
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.bench.judge.truth import true_recording
+from olne_bench.bench.plan.draws import draws_of
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.report.statistics.identifiability import weights_of
+from olne_bench.bench.report.statistics.plausibility import (
+    implausible,
+    places_of,
+    squared_distances,
+)
+from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.run.store import read_store
+from olne_bench.envs.kept_draws import travelling
+
+LEVEL = ["scenario", "sensor", "estimator", "sigma"]
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("rows", type=Path, help="folder of a run, or a table of trials")
+    parser.add_argument("--suite", help="suite of the table")
+    parser.add_argument("--times", type=float, default=1.0, help="factor on errors of weights")
+    given = parser.parse_args()
+    if given.suite:
+        trials, suites = pd.read_parquet(given.rows), [load_suite(given.suite)]
+    else:
+        with read_store(given.rows) as store:
+            trials, suites = store.frame(), [read_suite_json(run.suite) for run in store.runs()]
+    study = _as_plugins(suites)
+    draws = draws_of(suites[-1].name, suites[-1])
+    with travelling(draws) if draws else nullcontext():
+        drawn = trials["scenario"].map(study.has_drawn_truths)
+        judged = trials[
+            drawn & (trials["sigma"] > 0) & trials["status"].isin(["ok", "failed_forward"])
+        ]
+        if given.times != 1.0:
+            judged = _moved(judged, study, given.times)
+        marked = implausible(judged, study)
+        print(f"{marked.sum()} of {len(judged)} rows are marked, of {len(trials)} in all")
+        if "weights" in judged and len(judged):
+            _say_distances(judged.assign(marked=marked), study)
+
+
+def _as_plugins(suites: list[Suite]) -> Study:
+    study = study_of(suites)
+    return replace(
+        study,
+        estimators={
+            label: entry.model_copy(update={"name": f"/{label}.py"})
+            for label, entry in study.estimators.items()
+        },
+    )
+
+
+def _moved(rows: pd.DataFrame, study: Study, factor: float) -> pd.DataFrame:
+    parts = []
+    for (scenario, seed), numbers in places_of(rows, ["scenario", "seed"]).items():
+        own = rows.iloc[numbers]
+        truth = true_recording(study.draw(scenario, int(seed))).scenario.weights
+        weights = truth + factor * (weights_of(own, truth.shape) - truth)
+        parts.append(own.assign(weights=pd.Series(weights.tolist(), own.index)))
+    return pd.concat(parts)
+
+
+def _say_distances(rows: pd.DataFrame, study: Study) -> None:
+    parts = []
+    for (scenario, sensor), own in rows.groupby(["scenario", "sensor"]):
+        squares, free = squared_distances(own, str(scenario), str(sensor), study)
+        parts.append(own[[*LEVEL, "marked"]].assign(squares=squares, free=free))
+    told = pd.concat(parts)
+    told = told[told["free"] > 0]
+    print(f"{len(told)} of them are looked at with their truth")
+    cells = told.groupby(LEVEL).agg({"squares": "sum", "free": "sum", "marked": "mean"})
+    ratio = cells["squares"] / cells["free"]
+    print(f"least of one row: {np.min(told['squares'] / told['free']):.3g}")
+    print(f"least of {len(cells)} cells: {ratio.min():.3g} in {ratio.idxmin()}")
+    print(f"{(cells['marked'] == 1).sum()} of {len(cells)} cells are marked as a whole")
+
+
+if __name__ == "__main__":
+    main()
