@@ -180,8 +180,8 @@ def named_by_data(kind: Kind, name: str, place: str, option: str) -> str:
         return name
     known = ", ".join(sorted(_built_in(kind)))
     raise PluginError(
-        f"{place} names the {kind.name} {name!r}, and a file can only name a built-in one: {known}; "
-        f"to use another, name it with {option}"
+        f"{place} names the {kind.name} {name!r}, and a file can only name a built-in one: "
+        f"{known}; to use another, name it with {option}"
     )
 
 
@@ -325,7 +325,10 @@ def describe(
 def import_file(reference: str) -> None:
     """Import a plugin's file, so that objects of its classes can be unpickled.
 
-    Raises whatever the file raises, and as ``find_class`` does. Other plugins are imported by pickle itself.
+    Other plugins are imported by pickle itself. Raises whatever the file raises.
+
+    Raises:
+        PluginError: outside of ``loading`` for it.
     """
     _refuse_unnamed(reference)
     place = _split(reference)
@@ -385,7 +388,7 @@ def _refuse_unnamed(reference: str) -> None:
     loadable = _loadable.get()
     if loadable is not None and isinstance(reference, str) and _home(reference) not in loadable:
         raise PluginError(
-            f"plugin {reference!r} is not loaded: code runs only if the command line names it (--plugin)"
+            f"plugin {reference!r} is not loaded: only what the command line names is (--plugin)"
         )
 
 
