@@ -8,7 +8,9 @@ from importlib.resources import files
 
 import click
 
+from olne_bench import plugins
 from olne_bench.bench.commands import COMMANDS
+from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
 
 
@@ -52,7 +54,8 @@ def cli() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line. Bad input prints one line to standard error and exits with code 2."""
     try:
-        cli.main(args=arguments, prog_name="olne-bench", standalone_mode=False)
+        with plugins.loading():  # a command that imports a plugin itself names it
+            cli.main(args=arguments, prog_name="olne-bench", standalone_mode=False)
     except UserError as error:
         _fail(str(error))
     except click.exceptions.NoArgsIsHelpError as error:
@@ -79,5 +82,5 @@ def _alternatives(error: click.ClickException) -> str:
 
 
 def _fail(message: str) -> None:
-    click.echo(f"olne-bench: error: {' '.join(message.split())}", err=True)
+    click.echo(f"olne-bench: error: {one_line(message)}", err=True)
     sys.exit(2)

@@ -20,6 +20,7 @@ from olne_bench.bench.plan.drive import LEAST_WINDOW, OWN_PLANNERS, DriveTask, E
 from olne_bench.bench.plan.salt import check_salt
 from olne_bench.bench.plan.versions import code_of_drive
 from olne_bench.bench.report.driving import comparison_table, drive_table
+from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures.driving import draw_driving
 from olne_bench.bench.run.cluster import check_cluster
 from olne_bench.bench.run.drive_file import DriveFile, is_done, row_of
@@ -235,8 +236,13 @@ def _codes(file: DriveFile, tasks: list[DriveTask]) -> dict[str, str]:
 
 
 def _code(label: str) -> str:
-    """Code of a planner by its label; empty if it is not known here."""
+    """Code of a planner by its label; empty if it is not known here.
+
+    A label is from the study's file, so it names no file that is to be read.
+    """
     try:
+        if plugins.is_file(label):
+            return ""
         return code_of_drive(_planner(label)[1])
     except UserError:
         return ""
@@ -251,7 +257,7 @@ def _write_tables(rows: pd.DataFrame, out: Path, figures: bool) -> None:
         raise UserError(f"{out}: no drive was driven; {EPISODES} says why")
     for name, whole in ((SUMMARY, table), (TESTS, comparison_table(rows))):
         with whole_file(out / name) as path:
-            whole.to_csv(path, index=False)
+            csv_safe(whole).to_csv(path, index=False)
     shown = table[["traffic", "road", "planner", *_SHOWN]]
     click.echo(
         "regret of the mean cost of a step (standing costs 1); medians in m, m/s^3, ms; shares"

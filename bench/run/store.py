@@ -30,6 +30,7 @@ from olne_bench.bench.run.store_layout import (
 )
 from olne_bench.bench.run.store_merge import merge_stores
 from olne_bench.bench.run.time_left import Cost
+from olne_bench.bench.text import one_line
 
 if TYPE_CHECKING:
     # Importing them takes longer than all else that a run does before its first trial.
@@ -215,7 +216,8 @@ def _flat(versions: Versions) -> tuple[str, ...]:
 
 
 def _shortened(message: str) -> str:
-    data = message.encode("utf-8", "replace")
+    line = one_line(message)
+    data = line.encode()
     if len(data) <= MESSAGE_SIZE:
-        return message
+        return line
     return data[: MESSAGE_SIZE - 3].decode("utf-8", "ignore") + "..."
