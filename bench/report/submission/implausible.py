@@ -67,7 +67,7 @@ def implausible_rows(
         if trial.sigma > 0 and np.isfinite(errors[k]):
             place = (trial.scenario.label, trial.sensor.label, trial.sigma)
             cells.setdefault(place, []).append(k)
-    found = {}
+    found: dict[int, float] = {}
     for cell in cells.values():
         # The upper one of two: one of them may be known by heart.
         usual = float(np.quantile(errors[cell], 0.5, method="higher"))

@@ -22,11 +22,11 @@ from olne_bench.bench.run.store_table import NUMBERS, schema_of
 from olne_bench.errors import UserError
 
 #: Largest number of rows of a submission.
-MOST_ROWS = 100_000
+MOST_ROWS = 50_000
 #: Largest size of all rows in memory [bytes].
-MOST_ROW_BYTES = 60_000_000
+MOST_ROW_BYTES = 40_000_000
 #: Memory that reading them may take [bytes].
-_MEMORY = 160_000_000
+_MEMORY = 180_000_000
 #: Time that it may take [s].
 _SECONDS = 60.0
 _MOST_COLUMNS = 200
