@@ -15,7 +15,6 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.truth import true_recording
@@ -24,9 +23,9 @@ from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.statistics.plausibility import (
+    distances_of,
     implausible,
     places_of,
-    squared_distances,
 )
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.run.store import read_store
@@ -86,16 +85,26 @@ def _moved(rows: pd.DataFrame, study: Study, factor: float) -> pd.DataFrame:
 def _say_distances(rows: pd.DataFrame, study: Study) -> None:
     parts = []
     for (scenario, sensor), own in rows.groupby(["scenario", "sensor"]):
-        squares, free = squared_distances(own, str(scenario), str(sensor), study)
-        parts.append(own[[*LEVEL, "marked"]].assign(squares=squares, free=free))
-    told = pd.concat(parts)
-    told = told[told["free"] > 0]
-    print(f"{len(told)} of them are looked at with their truth")
-    cells = told.groupby(LEVEL).agg({"squares": "sum", "free": "sum", "marked": "mean"})
-    ratio = cells["squares"] / cells["free"]
-    print(f"least of one row: {np.min(told['squares'] / told['free']):.3g}")
-    print(f"least of {len(cells)} cells: {ratio.min():.3g} in {ratio.idxmin()}")
-    print(f"{(cells['marked'] == 1).sum()} of {len(cells)} cells are marked as a whole")
+        found = distances_of(own, str(scenario), str(sensor), study)
+        told = [k for k, one in enumerate(found) if one is not None]
+        numbers = [
+            (one.whitened, len(one.scales), one.plain, one.scales.sum()) for one in found if one
+        ]
+        table = pd.DataFrame(numbers, columns=["whitened", "free", "plain", "expected"])
+        parts.append(
+            pd.concat([own.iloc[told][[*LEVEL, "marked"]].reset_index(drop=True), table], axis=1)
+        )
+    whole = pd.concat(parts)
+    print(f"{len(whole)} of them are looked at with their truth")
+    cells = whole.groupby(LEVEL).agg("sum")
+    for name, over in (("whitened", "free"), ("plain", "expected")):
+        ratio = cells[name] / cells[over]
+        print(
+            f"{name}: least of one row {(whole[name] / whole[over]).min():.3g}, least of "
+            f"{len(cells)} cells {ratio.min():.3g} in {ratio.idxmin()}"
+        )
+    number = (cells["marked"] == whole.groupby(LEVEL).size()).sum()
+    print(f"{number} of {len(cells)} cells are marked as a whole")
 
 
 if __name__ == "__main__":

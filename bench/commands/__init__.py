@@ -4,6 +4,7 @@
 COMMANDS = {
     "check": "check",
     "compare": "compare",
+    "confirm": "confirm",
     "draws": "draws",
     "drive": "drive",
     "estimate": "estimate",

@@ -1,21 +1,26 @@
 """``olne-bench compare``: what got better or worse from one run to another."""
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
 import pandas as pd
 
 from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.measures import FAILURES
 from olne_bench.bench.report.statistics.run_comparison import compare_runs
+from olne_bench.bench.report.statistics.standing import plausible, said_of_standing, standings
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import read_store
+from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file, whole_file
 
@@ -49,9 +54,13 @@ def compare(
     old, new = first.trials, second.trials
     study = _common(first.study, second.study)
     names = _names(estimators, old, new, before, after)
-    table = compare_runs(old, new, names, study)
+    table = compare_runs(*_comparable(first, second, names), names, study)
+    reasons = _reasons(first, second, names)
     if table.empty:
-        raise UserError(f"{before} and {after} have no trial with noise in common")
+        raise UserError(
+            f"{before} and {after} have no trial with noise in common"
+            + (f" that can be compared; {reasons[0]}" if reasons else "")
+        )
     if out is not None:
         try:
             csv_safe(table).to_csv(out, index=False)
@@ -60,7 +69,8 @@ def compare(
     if page is not None:
         _write_page(page, first, second, names, table, study)
     click.echo(_format(table))
-    for note in _other_noise(first, second) + _notes(old, new, names, before, after):
+    notes = [*reasons, *_other_noise(first, second), *_notes(old, new, names, before, after)]
+    for note in notes:
         click.echo(f"note: {note}", err=True)
     counts = table["verdict"].value_counts()
     click.echo(", ".join(f"{counts.get(v, 0)} {v}" for v in ("better", "same", "worse")))
@@ -75,14 +85,42 @@ class _Run:
     trials: pd.DataFrame
     study: Study
     sources: list[Provenance]
+    standing: pd.DataFrame
 
 
 def _read(folder: Path) -> _Run:
     with read_store(folder) as store:
         trials, runs = store.frame(), store.runs()
+        confirmed = confirmations_of(folder, store)
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    return _Run(folder, trials, study_of(read_suite_json(run.suite) for run in runs), runs)
+    suites = [read_suite_json(run.suite) for run in runs]
+    study = replace(study_of(suites), confirmations=confirmed)
+    with travelling(draws_of(suites[-1].name, suites[-1]) if suites else None):
+        standing = standings(trials, study)
+    return _Run(folder, trials, study, runs, standing)
+
+
+def _comparable(
+    first: _Run, second: _Run, names: Mapping[str, str]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The trials of both runs that tell what is better.
+
+    Implausible ones tell nothing, nor do published weights of a plugin and an estimator of ours.
+    """
+    old, new = (plausible(run.trials, run.standing) for run in (first, second))
+    mixed = [a for a, b in names.items() if first.study.is_foreign(a) != second.study.is_foreign(b)]
+    known = {label: first.study.is_published(label) for label in old["scenario"].unique()}
+    return old[~(old["estimator"].isin(mixed) & old["scenario"].map(known).astype(bool))], new
+
+
+def _reasons(first: _Run, second: _Run, names: Mapping[str, str]) -> list[str]:
+    """Why some of the estimators do not rank, each once."""
+    tables = [
+        run.standing[run.standing["estimator"].isin(labels)]
+        for run, labels in ((first, list(names)), (second, list(names.values())))
+    ]
+    return list(dict.fromkeys(line for table in tables for line in said_of_standing(table)))
 
 
 def _write_page(
@@ -93,8 +131,14 @@ def _write_page(
     changes: pd.DataFrame,
     study: Study,
 ) -> None:
-    from olne_bench.bench.report.page.two_runs import two_runs_page  # drawing is slow to import
+    # Drawing is slow to import.
+    from olne_bench.bench.report.page.two_runs import after_name, two_runs_page
 
+    renamed = [
+        replace(one, estimator=after_name(one.estimator, names))
+        for one in second.study.confirmations
+    ]
+    study = replace(study, confirmations=(*first.study.confirmations, *renamed))
     html = two_runs_page(
         (str(first.folder), first.trials, first.sources),
         (str(second.folder), second.trials, second.sources),

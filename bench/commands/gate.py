@@ -3,21 +3,26 @@
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.gate import LimitOutcome, check_limits, missing_trials, task_of
 from olne_bench.bench.report.statistics.attempts import weighed
+from olne_bench.bench.report.statistics.standing import said_of_standing
 from olne_bench.bench.report.study import study_of
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import read_store
+from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 
 
@@ -33,17 +38,22 @@ def gate(folder: Path, suite: str | None) -> None:
     """
     with read_store(folder) as store:
         trials, runs = store.frame(), store.runs()
+        confirmed = confirmations_of(folder, store)
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
     last = last_suite(runs, folder)
     source = last if suite is None else load_suite(suite, describe=describe_all)
     _refuse_no_limits(source)
     study = study_of(read_suite_json(run.suite) for run in runs)
-    outcomes = check_limits(tabulate(weighed(trials), study).leaderboard, source.gate, study)
+    with travelling(draws_of(last.name, last)):
+        board = tabulate(weighed(trials), replace(study, confirmations=confirmed)).leaderboard
+    outcomes = check_limits(board, source.gate, study)
     # The run has to be finished whatever the limits are.
     unfinished = missing_trials(trials, [task_of(run) for run in runs])
     for outcome in outcomes:
         click.echo(_line(outcome))
+    for line in said_of_standing(board):
+        click.echo(f"note: {line}", err=True)
     for line in unfinished:
         click.echo(f"FAILS  {line}")
     failed = sum(not outcome.passed for outcome in outcomes)

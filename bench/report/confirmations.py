@@ -33,9 +33,11 @@ class Confirmation:
         sigmas: noise levels that have implausible rows.
         rows: number of these rows.
         trials: number of fresh attempts.
-        error: median position error [m] of the rows.
-        fresh_error: that of the fresh attempts; None for infinity.
-        as_small: number of fresh attempts whose error over sigma is at most the median of the rows.
+        metric: the error that fewer fresh attempts confirm, ``position_error`` or ``cosine_error``.
+        error: its median over the rows.
+        fresh_error: its median over the fresh attempts; None for infinity.
+        as_small: number of fresh attempts whose error is at most the median of the rows with their
+            noise level.
         confirmed: whether these are enough.
     """
 
@@ -47,6 +49,7 @@ class Confirmation:
     sigmas: tuple[float, ...]
     rows: int
     trials: int
+    metric: str
     error: float
     fresh_error: float | None
     as_small: int
@@ -62,7 +65,8 @@ class Confirmation:
         """The outcome in a few words."""
         fresh = "∞" if self.fresh_error is None else f"{self.fresh_error:.2g}"
         said = "confirmed" if self.confirmed else "not confirmed"
-        return f"{said}: {fresh} m on fresh draws, {self.error:.2g} m here"
+        name, unit = ("", " m") if self.metric == "position_error" else ("cosine error ", "")
+        return f"{said}: {name}{fresh}{unit} on fresh draws, {self.error:.2g}{unit} here"
 
 
 def read_confirmations(folder: Path) -> list[Confirmation]:

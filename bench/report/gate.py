@@ -14,6 +14,7 @@ from olne_bench.bench.plan.limits import GateLimits
 from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.report.measures import IDENTIFIABLE
+from olne_bench.bench.report.statistics.standing import ranks_at
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.errors import UserError
@@ -50,7 +51,8 @@ class LimitOutcome:
         estimator: label of the estimator.
         scenario: label of the scenario.
         sensor: label of the sensor.
-        limit: name of the limit, as in ``GateLimits``.
+        limit: name of the limit, as in ``GateLimits``; or ``implausible``, of which no gate allows
+            any row that fresh draws have not confirmed.
         value: value in the run; NaN if it is unknown.
         bound: largest value allowed.
     """
@@ -142,15 +144,17 @@ def _outcomes(table: pd.DataFrame, estimator: str, limits: GateLimits) -> Iterat
     tried = rows[rows["trials"] > 0]
     if tried.empty:
         raise UserError(f"[gate.{estimator}]: the run has no trial that its limits are about")
-    for row in tried.to_dict("records"):
+    barred = ~ranks_at(tried) & (tried["implausible"] > 0) if "implausible" in tried else None
+    for k, row in enumerate(tried.to_dict("records")):
+        place = estimator, row["scenario"], row["sensor"]
+        if barred is not None and barred.iloc[k]:
+            yield LimitOutcome(*place, "implausible", float(row["implausible"]), 0.0)
         for limit, bound in limits.bounds.items():
             if limit == "time_ratio":
                 value = row["solve_seconds_median"] / _time(table, row, limits.time_reference)
             else:
                 value = row.get(limit if limit in _COUNTS else f"{limit}_median", math.nan)
-            yield LimitOutcome(
-                estimator, row["scenario"], row["sensor"], limit, float(value), bound
-            )
+            yield LimitOutcome(*place, limit, float(value), bound)
 
 
 def _time(table: pd.DataFrame, row: dict, reference: str) -> float:

@@ -50,11 +50,20 @@ def standings(trials: pd.DataFrame, study: Study) -> pd.DataFrame:
 
 def ranking(trials: pd.DataFrame, standing: pd.DataFrame) -> pd.DataFrame:
     """The rows of estimators that rank in their scenario and sensor; no copy if these are all."""
-    others = standing[~ranks_at(standing)]
+    return _without(trials, standing[~ranks_at(standing)])
+
+
+def plausible(trials: pd.DataFrame, standing: pd.DataFrame) -> pd.DataFrame:
+    """The rows where nothing is implausible, or fresh draws have confirmed it."""
+    return _without(trials, standing[~ranks_at(standing) & (standing["implausible"] > 0)])
+
+
+def _without(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
     if others.empty:
         return trials
-    unranked = pd.MultiIndex.from_frame(others[KEY])
-    return trials[~pd.MultiIndex.from_frame(trials[KEY]).isin(unranked)]
+    return trials[
+        ~pd.MultiIndex.from_frame(trials[KEY]).isin(pd.MultiIndex.from_frame(others[KEY]))
+    ]
 
 
 def ranks_at(table: pd.DataFrame) -> pd.Series:

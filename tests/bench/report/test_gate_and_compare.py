@@ -333,7 +333,7 @@ def test_what_both_runs_have_is_compared_with_the_first_ones_salt():
 
 def test_other_noise_is_told_by_the_salts_ids():
     runs = [
-        compare._Run(Path(name), pd.DataFrame(), Study(salt=salt), [])
+        compare._Run(Path(name), pd.DataFrame(), Study(salt=salt), [], pd.DataFrame())
         for name, salt in (("one", "salt"), ("two", "salt"), ("three", "pepper"))
     ]
     assert compare._other_noise(runs[0], runs[1]) == []
