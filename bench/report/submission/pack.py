@@ -4,7 +4,6 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 from pyarrow import parquet
@@ -33,6 +32,7 @@ from olne_bench.bench.run.resume import Stored
 from olne_bench.bench.run.store import Store, read_store
 from olne_bench.bench.run.store_table import parquet_options, parse_nested, to_frame
 from olne_bench.errors import UserError
+from olne_bench.files import whole_folder
 from olne_bench.plugins import ESTIMATOR, METRIC, is_built_in, is_file, source
 
 
@@ -51,7 +51,7 @@ def pack(folder: Path, name: str, out: Path) -> int:
         UserError: if the run is not complete or has rows of other code, or if a plugin is not an
             estimator or not a file.
     """
-    if out.exists():
+    if out.exists() or out.is_symlink():
         raise UserError(f"{out} exists already; remove it, or give another --name or --out")
     with read_store(folder) as store:
         runs = store.runs()
@@ -60,14 +60,11 @@ def pack(folder: Path, name: str, out: Path) -> int:
         suites = [read_suite_json(run.suite) for run in runs]
         places = _plugin_places(suites)
         rows = _whole(store, runs, folder)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=out.parent, prefix=".submission-") as made:
-        unfinished = Path(made) / "submission"
+    with whole_folder(out) as unfinished:
         _copy_plugins(places, unfinished)
         _write_tables(rows, suites, unfinished)
         packed = [_without_paths(run, places) for run in runs]
         _write_manifest(name, packed, unfinished)
-        unfinished.rename(out)
     return rows.num_rows
 
 
@@ -142,7 +139,6 @@ def _refuse_installed(entry: EstimatorEntry) -> None:
 
 
 def _copy_plugins(places: dict[str, str], target: Path) -> None:
-    target.mkdir()
     for reference, place in places.items():
         first, *others = files_of(ESTIMATOR, reference)
         for file in (first, *others):
