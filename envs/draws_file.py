@@ -169,7 +169,7 @@ def write_draws(path: Path, draws: Draws) -> None:
     """Write a file of draws, completely or not at all.
 
     Raises:
-        OSError: if it cannot be written.
+        UserError: if it cannot be written.
     """
     keys = sorted(draws.motions)
     motions = [draws.motions[key] for key in keys]

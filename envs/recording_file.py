@@ -92,7 +92,7 @@ def write_recording(path: Path, file: RecordingFile) -> None:
     """Write a recording file, completely or not at all.
 
     Raises:
-        OSError: if the file cannot be written.
+        UserError: if the file cannot be written.
     """
     table = pa.Table.from_pandas(_frame(file), preserve_index=False)
     metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}

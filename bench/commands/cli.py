@@ -1,6 +1,7 @@
 """The command line ``olne-bench`` (also ``python -m olne_bench``)."""
 
 import ast
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -63,6 +64,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(2)
     except click.ClickException as error:
         _fail(error.format_message().rstrip(".") + _alternatives(error))
+    except BrokenPipeError:  # nobody reads what is said
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename is not None else ""
+        _fail(f"{place}{error.strerror or error}")
     except (KeyboardInterrupt, click.Abort):
         click.echo("\ninterrupted; run the same command again to continue", err=True)
         sys.exit(130)

@@ -55,8 +55,8 @@ def draws(
             refused[solved.scenario] += 1
             tqdm.write(f"{solved.scenario}, seed {solved.seed}: {solved.refused}")
         if number % _WRITE_EVERY == 0:
-            _write(path, known)
-    _write(path, known)
+            write_draws(path, known)
+    write_draws(path, known)
     for label, number in Counter(entry.label for entry, _ in todo).items():
         click.echo(f"{label}: {number - refused[label]} of {number} draws")
     size = path.stat().st_size / 1e6
@@ -108,10 +108,3 @@ def _solved(
             for future in as_completed(futures):
                 yield future.result()
                 bar.update()
-
-
-def _write(path: Path, found: Draws) -> None:
-    try:
-        write_draws(path, found)
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror or error}") from error

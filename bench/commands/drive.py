@@ -30,8 +30,8 @@ from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, WEIGHTS
 from olne_bench.envs.drive.first_cars import TRAFFIC, NoDriveError
 from olne_bench.envs.drive.pictures import picture
 from olne_bench.envs.video import SUFFIXES, check_format, write_video
-from olne_bench.errors import UserError
-from olne_bench.files import check_new_file, whole_file
+from olne_bench.errors import UserError, bad_input
+from olne_bench.files import check_folder, check_new_file, whole_file
 
 #: Files of a study.
 SETTINGS, EPISODES, SUMMARY, TESTS = "drive.json", "episodes.csv", "summary.csv", "tests.csv"
@@ -186,12 +186,13 @@ def _begun(out: Path, asked: dict[str, Any]) -> DriveFile:
     names = ("window", "deadline", "time_limit", "weights", "sigma", "salt")
     settings = {name: asked[name] for name in names}
     kept = out / SETTINGS
-    if not out.exists():
-        out.mkdir(parents=True)
-        kept.write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=1))
-    elif not kept.is_file():
-        raise UserError(f"--out {out} exists and holds no study of drives; name another folder")
-    former = msgspec.json.decode(kept.read_bytes())
+    check_folder(out, (SETTINGS,))
+    if not kept.exists():
+        out.mkdir(parents=True, exist_ok=True)
+        with whole_file(kept) as path:
+            path.write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=1))
+    with bad_input(f"{kept} does not hold the settings of a study of drives", OSError):
+        former = msgspec.json.decode(kept.read_bytes(), type=dict)
     for name, value in settings.items():
         if former.get(name) != value:
             option = name.replace("_", "-")

@@ -224,11 +224,8 @@ def _shown_end(value: float) -> str:
 
 
 def _write(table: pd.DataFrame, out: Path) -> None:
-    try:
-        with whole_file(out) as path:
-            csv_safe(table).to_csv(path, index=False)
-    except OSError as error:
-        raise UserError(f"--out {out}: cannot be written: {error.strerror or error}") from error
+    with whole_file(out) as path:
+        csv_safe(table).to_csv(path, index=False)
 
 
 def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View, np.ndarray]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from olne_bench import plugins
-from olne_bench.bench.commands.options import PATH, PLUGIN
+from olne_bench.bench.commands.options import PATH, PLUGIN, plain_number, whole_number
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
@@ -63,7 +63,7 @@ def report(
 def _place(text: str) -> Place:
     sigma, _, seed = text.partition(":")
     try:
-        return float(sigma), int(seed)
+        return plain_number(sigma), whole_number(seed)
     except ValueError:
         raise UserError(f"--play {text!r}: expected SIGMA:SEED, such as 0.05:3") from None
 

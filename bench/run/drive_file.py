@@ -84,7 +84,7 @@ class DriveFile:
     def add(self, row: Row) -> None:
         """Write a row."""
         with self._path.open("a", encoding="utf-8", newline="") as file:
-            written = row | {"message": csv_text(one_line(str(row["message"])))}
+            written = row | {"message": csv_text(one_line(row.get("message", "")))}
             csv.DictWriter(file, COLUMNS).writerow(written)
 
 

@@ -21,6 +21,7 @@ from olne_bench.bench.run.store_layout import (
     create,
 )
 from olne_bench.errors import UserError
+from olne_bench.files import check_folder
 
 _HEADER = 100  # bytes; sqlite.org/fileformat.html
 
@@ -36,12 +37,11 @@ def writing(folder: Path, name: str = FILE_NAME) -> Iterator[sqlite3.Connection]
         name: name of the file.
 
     Raises:
-        UserError: if the folder cannot be written, another run uses it, its file is damaged or not
-            a store, or it holds a study of the other kind.
+        UserError: if the folder cannot be written or has files of others, another run uses it, its
+            file is damaged or not a store, or it holds a study of the other kind.
     """
     try:
-        if folder.exists() and not folder.is_dir():
-            raise UserError(f"cannot write to {folder}: it is a file, a folder is needed")
+        check_folder(folder, (FILE_NAME, MOTIONS_NAME), (".lock", "workers.log"))
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / ".lock")
         lock.acquire(timeout=0)

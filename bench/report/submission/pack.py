@@ -4,7 +4,6 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 from pyarrow import parquet
@@ -31,6 +30,7 @@ from olne_bench.bench.run.resume import Stored
 from olne_bench.bench.run.store import Store, read_store
 from olne_bench.bench.run.store_table import parquet_options, parse_nested, to_frame
 from olne_bench.errors import UserError
+from olne_bench.files import whole_folder
 from olne_bench.plugins import ESTIMATOR, is_built_in, is_file, source
 
 
@@ -49,7 +49,7 @@ def pack(folder: Path, name: str, out: Path) -> int:
         UserError: if the run is not complete or has rows of other code, or if a plugin is not an
             estimator or not a file.
     """
-    if out.exists():
+    if out.exists() or out.is_symlink():
         raise UserError(f"{out} exists already; remove it, or give another --name or --out")
     with read_store(folder) as store:
         runs = store.runs()
@@ -60,14 +60,11 @@ def pack(folder: Path, name: str, out: Path) -> int:
         rows = _whole(store, runs, folder)
     if rows.num_rows > MOST_ROWS:
         raise UserError(f"{folder} has {rows.num_rows} rows, at most {MOST_ROWS} are allowed")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=out.parent, prefix=".submission-") as made:
-        unfinished = Path(made) / "submission"
+    with whole_folder(out) as unfinished:
         _copy_plugins(places, unfinished)
         _write_tables(rows, suites, unfinished)
         packed = [_without_paths(run, places) for run in runs]
         _write_manifest(name, packed, unfinished)
-        unfinished.rename(out)
     return rows.num_rows
 
 
@@ -133,7 +130,6 @@ def _refuse_installed(entry: EstimatorEntry) -> None:
 
 
 def _copy_plugins(places: dict[str, str], target: Path) -> None:
-    target.mkdir()
     for reference, place in places.items():
         first, *others = files_of(ESTIMATOR, reference)
         for file in (first, *others):
