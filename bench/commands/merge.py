@@ -65,6 +65,7 @@ def _same_kind(first: Path, second: Path) -> str:
 
 def _runs(folder: Path, name: str) -> list[Provenance]:
     with read_store(folder, name) as store:
+        store.check()  # before anything is written
         return store.runs()
 
 
