@@ -2,13 +2,28 @@
 
 import traceback
 
+from olne_bench.visible import visible
+
 #: Longest message that is kept [characters].
 LONGEST = 1000
+#: Spreadsheets read a cell that starts with one of these as a formula.
+FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # the last four are the same, of full width
 
 
 def one_line(text: str) -> str:
-    """The text on one line, without characters that UTF-8 cannot encode."""
-    return " ".join(text.split()).encode("utf-8", "replace").decode()
+    """The text on one line, with escapes for characters that are not seen."""
+    return visible(" ".join(text.split()))
+
+
+def plain(text: str) -> str:
+    """The text with its lines, and with escapes for other characters that are not seen."""
+    return "\n".join(visible(line) for line in text.split("\n"))
+
+
+def csv_text(text: str) -> str:
+    """A text cell that no spreadsheet reads as a formula, and no reader as two rows."""
+    seen = visible(text)
+    return f"'{seen}" if seen.startswith(FORMULA) else seen
 
 
 def clip(text: str) -> str:

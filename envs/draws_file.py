@@ -12,28 +12,29 @@ found by the weights and the initial state, rounded so that machines may differ 
 import hashlib
 import io
 import json
+import math
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import ZipFile
 
 import numpy as np
 
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 from olne_bench.files import whole_file
 from olne_bench.games.dynamics import rollout
 from olne_bench.games.equilibrium import Certificate, Equilibrium, Gains
 from olne_bench.games.game import Game
-from olne_bench.games.newton import newton_root
+from olne_bench.games.newton import Root, newton_root
 from olne_bench.games.olne import RESIDUAL_TOLERANCE
 
 #: Version of the format and of the rules by which draws are drawn and certified.
 VERSION = 1
-SUFFIX = ".draws"
 _DIGEST = 32  # bytes of SHA-256
 _KEY = 16  # bytes
+_MOST_BYTES = 2**28  # of an array: 100 times all those of the largest suite that is shipped
 _DIGITS = 9  # of weights and states in keys
 #: Largest change of a control on the way back to the root, relative to one and its size.
 _CLOSE = 1e-4
@@ -121,11 +122,8 @@ class Draws:
         kept = self.motions.get(key_of(game, weights, initial_state))
         if kept is None:
             return None
-        controls = kept.controls.astype(float)
-        states = rollout(game.dynamics, initial_state, controls, game.dt)
-        root = newton_root(game, states, controls, np.zeros_like(states[1:]), weights)
-        change = np.abs(root.controls - controls) / (1 + np.abs(controls))
-        if not (root.residual < RESIDUAL_TOLERANCE and change.max() < _CLOSE):
+        root = _root(kept.controls.astype(float), game, weights, initial_state)
+        if root is None:
             raise OtherDrawsError(
                 f"draws file {self.place}: a motion in it is no equilibrium of its game, which "
                 "other code has drawn; write it again with 'olne-bench draws'"
@@ -144,6 +142,21 @@ class Draws:
         self.refused |= other.refused
 
 
+def _root(
+    controls: np.ndarray, game: Game, weights: np.ndarray, initial_state: np.ndarray
+) -> Root | None:
+    """The root of a game that has nearly these controls; None if there is none."""
+    if controls.shape != game.control_shape:
+        return None
+    try:
+        states = rollout(game.dynamics, initial_state, controls, game.dt)
+        root = newton_root(game, states, controls, np.zeros_like(states[1:]), weights)
+    except (ValueError, ArithmeticError):  # controls without any bounds
+        return None
+    change = np.abs(root.controls - controls) / (1 + np.abs(controls))
+    return root if root.residual < RESIDUAL_TOLERANCE and change.max() < _CLOSE else None
+
+
 def key_of(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> bytes:
     """The key of a game's draw."""
     numbers = np.concatenate([np.ravel(weights), np.ravel(initial_state)]).astype("<f8")
@@ -156,7 +169,7 @@ def write_draws(path: Path, draws: Draws) -> None:
     """Write a file of draws, completely or not at all.
 
     Raises:
-        OSError: if it cannot be written.
+        UserError: if it cannot be written.
     """
     keys = sorted(draws.motions)
     motions = [draws.motions[key] for key in keys]
@@ -205,31 +218,83 @@ def read_draws(path: Path) -> Draws:
 
 @lru_cache(maxsize=2)
 def _parsed(content: bytes, place: str, digest: str) -> Draws:
-    with suppress(ValueError, KeyError), np.load(io.BytesIO(content[_DIGEST:])) as arrays:
-        header = json.loads(arrays["header"].tobytes())
-        if header.pop("version") == VERSION:
+    try:
+        with bad_input(f"draws file {place} is damaged", TypeError, NotImplementedError):
+            with ZipFile(io.BytesIO(content[_DIGEST:])) as archive:
+                header = json.loads(_array(archive, "header", "|u1", 1).tobytes())
+                if type(header) is not dict or header.pop("version", None) != VERSION:
+                    raise UserError(
+                        f"draws file {place} is of another version than {VERSION}, which this "
+                        "olne-bench reads"
+                    )
+                arrays = _arrays(archive)
             tolerance = float(header.pop("tolerance"))
-            refused = _keys(arrays["refused"])
-            motions = dict(zip(_keys(arrays["keys"]), _motions(arrays, tolerance), strict=True))
+            if not (0 <= tolerance < 1 and all(type(text) is str for text in header.values())):
+                raise ValueError("its header is not that of draws")
+            refused, keys = _keys(arrays["refused"]), _keys(arrays["keys"])
+            motions = dict(zip(keys, _motions(arrays, tolerance), strict=True))
             return Draws(place, header, motions, set(refused), digest)
-    raise OtherDrawsError(
-        f"draws file {place} is of another version than {VERSION}, which this olne-bench reads; "
-        "write it again with 'olne-bench draws'"
-    )
+    except UserError as error:
+        raise OtherDrawsError(f"{error}; write it again with 'olne-bench draws'") from error
+
+
+def _arrays(archive: ZipFile) -> dict[str, np.ndarray]:
+    """The arrays of an archive, if they are what they should be.
+
+    Raises:
+        ValueError: as ``_array``.
+    """
+    known: dict[str, tuple[str, int]] = {name: (kind, 1) for name, kind in _TYPES.items()}
+    known |= {"keys": ("|u1", 1), "refused": ("|u1", 1), "shapes": ("<u2", 2)}
+    return {name: _array(archive, name, *expected) for name, expected in known.items()}
+
+
+def _array(archive: ZipFile, name: str, kind: str, axes: int) -> np.ndarray:
+    """An array of an archive; no memory is taken before its shape is checked.
+
+    Raises:
+        ValueError: if it is not of this type, has other axes or too many bytes, or is not finite.
+    """
+    if (size := archive.getinfo(f"{name}.npy").file_size) > _MOST_BYTES:
+        raise ValueError(
+            f"its array {name} would have {size} bytes, at most {_MOST_BYTES} are read"
+        )
+    with archive.open(f"{name}.npy") as file:
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise ValueError(f"its array {name} is of another format")
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        if dtype.str != kind or len(shape) != axes:
+            raise ValueError(f"its array {name} has the type {dtype} and the shape {shape}")
+        data = file.read()
+    if len(data) != math.prod(shape) * dtype.itemsize:
+        raise ValueError(f"its array {name} has {len(data)} bytes for the shape {shape}")
+    array = np.frombuffer(data, dtype).reshape(shape)
+    if not np.isfinite(array).all():
+        raise ValueError(f"its array {name} is not finite")
+    return array
 
 
 def _keys(data: np.ndarray) -> list[bytes]:
     text = data.tobytes()
-    return [text[k : k + _KEY] for k in range(0, len(text), _KEY)]
+    keys = [text[k : k + _KEY] for k in range(0, len(text), _KEY)]
+    if len(set(keys)) != len(keys) or len(text) % _KEY:
+        raise ValueError("its keys are cut off, or repeat")
+    return keys
 
 
 def _motions(arrays: Mapping[str, np.ndarray], tolerance: float) -> list[Motion]:
     shapes = arrays["shapes"].astype(int)
+    if shapes.shape[1] != 3 or (shapes < 1).any():
+        raise ValueError("its motions have impossible shapes")
+    sizes = dict.fromkeys(_TYPES, shapes[:, 1].sum()) | {"controls": shapes.prod(axis=1).sum()}
+    for name, size in sizes.items():
+        if len(arrays[name]) != size:
+            raise ValueError(f"its array {name} has {len(arrays[name])} numbers, expected {size}")
+    if not len(shapes):
+        return []
     players = np.cumsum(shapes[:, 1])[:-1]
     controls = np.split(arrays["controls"], np.cumsum(shapes.prod(axis=1))[:-1])
     evidence = [np.split(arrays[name], players) for name in list(_TYPES)[1:]]
-    if not len(shapes):
-        return []
     shaped = [flat.reshape(shape) for flat, shape in zip(controls, shapes, strict=True)]
     columns = (shaped, *evidence, [tolerance] * len(shapes))
     return [Motion(*values) for values in zip(*columns, strict=True)]

@@ -36,6 +36,7 @@ import numpy as np
 
 from olne_bench.envs.draws_file import Draws
 from olne_bench.envs.draws_folder import draws_folder
+from olne_bench.errors import MALFORMED
 from olne_bench.games.compiler import backend, why_foreign
 from olne_bench.games.game import Game
 from olne_bench.games.olne import Certificate, Equilibrium, Gains
@@ -125,7 +126,7 @@ def file_of(game: Game, weights: bytes, initial_state: bytes) -> Path | None:
 
 def read(path: Path) -> Equilibrium | None:
     """Read a kept equilibrium; None if the file is missing or cannot be trusted."""
-    with suppress(OSError, ValueError, KeyError):
+    with suppress(OSError, TypeError, *MALFORMED):
         if why_foreign(path) or why_foreign(path.parent):
             return None
         content = path.read_bytes()

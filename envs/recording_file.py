@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
+from olne_bench.checks import first_problem
 from olne_bench.envs.recording import Recording
 from olne_bench.envs.recording_metadata import (
     CertificateEntry,
@@ -25,14 +26,18 @@ from olne_bench.envs.recording_metadata import (
     Metadata,
     library_versions,
 )
+from olne_bench.envs.tracks.checks import STEP_TOLERANCE, check_name
 from olne_bench.envs.tracks.of_scenario import road_file
+from olne_bench.errors import UserError, bad_input
 from olne_bench.files import whole_file
 from olne_bench.games.olne import Gains
 
 METADATA_KEY = b"olne_bench"
+#: Rows that are read into memory.
+MOST_ROWS = 10**7
 
 
-class RecordingFileError(ValueError):
+class RecordingFileError(UserError, ValueError):
     """A file that is not a recording."""
 
 
@@ -87,7 +92,7 @@ def write_recording(path: Path, file: RecordingFile) -> None:
     """Write a recording file, completely or not at all.
 
     Raises:
-        OSError: if the file cannot be written.
+        UserError: if the file cannot be written.
     """
     table = pa.Table.from_pandas(_frame(file), preserve_index=False)
     metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}
@@ -106,6 +111,9 @@ def read_recording(path: Path | str) -> RecordingFile:
     if not path.is_file():
         raise RecordingFileError(f"no recording {str(path)!r}")
     try:
+        rows = pq.read_metadata(path).num_rows
+        if rows > MOST_ROWS:
+            raise RecordingFileError(f"{path} has {rows} rows, at most {MOST_ROWS} are read")
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
         raise RecordingFileError(f"{path} is not a Parquet file: {error}") from error
@@ -115,21 +123,56 @@ def read_recording(path: Path | str) -> RecordingFile:
             f"{path} is not a recording; 'olne-bench record' and 'olne-bench import' write them"
         )
     try:
+        with bad_input(f"{path} is a damaged recording", TypeError, pa.ArrowException):
+            return _recording(table, entry)
+    except UserError as error:
+        raise RecordingFileError(str(error)) from error
+
+
+def _recording(table: pa.Table, entry: bytes) -> RecordingFile:
+    """The recording in a table and its metadata.
+
+    Raises:
+        ValueError: if rows are missing, or numbers are impossible.
+    """
+    try:
         metadata = Metadata.model_validate(json.loads(entry))
-        frame = table.to_pandas()
-        episodes = [
-            _arrays(frame[frame["episode"] == index], metadata, len(known.players))
-            for index, known in enumerate(metadata.episodes)
-        ]
-    except (ValidationError, KeyError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise RecordingFileError(f"{path} is a damaged recording: {reason}") from error
+    except ValidationError as error:
+        raise ValueError(first_problem(error)) from error
+    for known in metadata.episodes:
+        for player in known.players:
+            check_name("its metadata", player)
+    names = [*metadata.state_names, *metadata.control_names]
+    frame = _numbers(table, ["episode", "time", "player", *names])
+    episodes = [
+        _arrays(frame[frame["episode"] == index], metadata, len(known.players))
+        for index, known in enumerate(metadata.episodes)
+    ]
     return RecordingFile(
         metadata,
         times=tuple(times for times, _, _ in episodes),
         states=tuple(states for _, states, _ in episodes),
         controls=tuple(controls for _, _, controls in episodes),
     )
+
+
+def _numbers(table: pa.Table, names: list[str]) -> pd.DataFrame:
+    """Columns of a table, which hold finite numbers, NaN where unknown.
+
+    Raises:
+        ValueError: on a column that is missing, is there twice, or holds something else.
+    """
+    frame = pd.DataFrame()
+    for name in names:
+        if name in frame or table.column_names.count(name) != 1:
+            raise ValueError(f"it has no column {name!r}, or several")
+        column = table.column(name)
+        if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+            raise ValueError(f"its column {name!r} holds {column.type}, expected numbers")
+        frame[name] = column.to_numpy()
+        if np.isinf(frame[name]).any():
+            raise ValueError(f"its column {name!r} has infinite numbers")
+    return frame
 
 
 def _entry(recording: Recording, seed: int) -> EpisodeEntry:
@@ -181,10 +224,13 @@ def _arrays(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (T,), states (T, N, n) and controls (T-1, N, m) of one episode's rows."""
     rows = rows.sort_values(["time", "player"])
-    times = rows["time"].to_numpy().reshape(-1, num_players)
+    times = rows["time"].to_numpy(dtype=float).reshape(-1, num_players)
     if len(times) == 0 or (rows["player"].to_numpy() != _players(times)).any():
         raise ValueError("an episode lacks rows")
-    states = rows[metadata.state_names].to_numpy().reshape(*times.shape, -1)
+    off = np.abs(np.diff(times, axis=0) / metadata.dt - 1)
+    if (times != times[:, :1]).any() or not (off < STEP_TOLERANCE).all():
+        raise ValueError(f"its times are not {metadata.dt:g} s apart, as its metadata say")
+    states = rows[metadata.state_names].to_numpy(dtype=float).reshape(*times.shape, -1)
     width = len(metadata.control_names)
     controls = rows[metadata.control_names].to_numpy(dtype=float).reshape(*times.shape, width)
     return times[:, 0], states, controls[:-1]

@@ -3,7 +3,7 @@
 from importlib.metadata import version
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from olne_bench.envs.tracks.road_file import RoadFile
 
@@ -11,7 +11,7 @@ _PACKAGES = ("olne-bench", "numpy", "casadi", "pettingzoo", "highway-env", "pyar
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class GainsEntry(_Strict):
@@ -53,7 +53,7 @@ class EpisodeEntry(_Strict):
         road: lanes and the players' targets, as far as known.
     """
 
-    players: list[str]
+    players: list[str] = Field(min_length=1)
     seed: int | None = None
     weights: list[list[float]] | None = None
     certificate: CertificateEntry | None = None
@@ -81,7 +81,7 @@ class Metadata(_Strict):
     weight_names: list[str] | None = None
     state_names: list[str]
     control_names: list[str] = []
-    dt: float
+    dt: float = Field(gt=0)
     versions: dict[str, str]
     episodes: list[EpisodeEntry]
 

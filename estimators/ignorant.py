@@ -18,7 +18,7 @@ import numpy as np
 
 from olne_bench.estimators.protocol import COVARIANCE, Estimate, Observation, Problem
 from olne_bench.games.unknowns import Parameters
-from olne_bench.plugins import ESTIMATOR, make
+from olne_bench.plugins import ESTIMATOR, is_built_in, make, names
 
 
 @dataclass(frozen=True)
@@ -29,13 +29,19 @@ class Ignorant:
         of: name of the estimator, with its default parameters.
 
     Raises:
-        PluginError: on an unknown name.
+        ValueError: if there is no such built-in estimator: what a parameter names is not shut in as
+            a plugin is.
     """
 
     name: ClassVar[str] = "ignorant"
     of: str = "kkt_constrained"
 
     def __post_init__(self) -> None:
+        if not is_built_in(ESTIMATOR, self.of):
+            known = [name for name in names(ESTIMATOR) if is_built_in(ESTIMATOR, name)]
+            raise ValueError(
+                f"of must be a built-in estimator, got {self.of!r}; known are: {', '.join(known)}"
+            )
         _ = self._estimator
 
     @cached_property

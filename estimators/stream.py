@@ -13,7 +13,7 @@ there the game is as long as ever, and there are samples without end.
 """
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -203,24 +203,42 @@ class Past:
     def __init__(self) -> None:
         self._states: np.ndarray | None = None
 
-    def with_states_of(self, estimate: Estimate, past: int) -> Estimate:
+    def with_states_of(self, estimate: Any, past: int) -> Any:
         """The estimate of a window, with states from the beginning of the motion.
 
         Without states of all steps before the window, it has none.
 
         Args:
-            estimate: of the window.
+            estimate: of the window: an ``Estimate``, or any object that has some of its attributes.
             past: number of steps before the window.
         """
-        states = estimate.states
-        if states is None:
-            return estimate
+        states = _motion(getattr(estimate, "states", None))
+        if states is None or not hasattr(estimate, "weights"):
+            return estimate  # if something is wrong with it, the referee says so
         if past:
             before = None if self._states is None else self._states[:past]
-            states = None if before is None else np.concatenate([before, states])
-        if estimate.converged or self._states is None:
+            fits = before is not None and before.shape[1:] == states.shape[1:]
+            states = np.concatenate([before, states]) if fits else None
+        if getattr(estimate, "converged", True) or self._states is None:
             self._states = states
-        return replace(estimate, states=states)
+        return replace(as_estimate(estimate), states=states) if past else estimate
+
+
+def _motion(states: Any) -> np.ndarray | None:
+    """States (T, N, n) as an array; None if they are none."""
+    try:
+        array = np.asarray(states, dtype=float)
+    except (ValueError, TypeError):
+        return None
+    return array if array.ndim == 3 else None
+
+
+def as_estimate(result: Any) -> Estimate:
+    """An ``Estimate`` with the attributes that an object has; the others have their defaults."""
+    if isinstance(result, Estimate):
+        return result
+    names = [field.name for field in fields(Estimate) if hasattr(result, field.name)]
+    return Estimate(**{name: getattr(result, name) for name in names})
 
 
 def checked_lag(lag: int | None) -> int | None:

@@ -57,7 +57,7 @@ _LONGEST_COMPILATION = 300.0  # [s]
 _SCRATCH = "compiling-"
 _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as abandoned
 _ANNOUNCED = "OLNE_BENCH_FALLBACK_ANNOUNCED"
-#: Environment variable with a folder of libraries that a process may read but not write.
+#: Environment variable with folders of libraries that a process may read but not write.
 _SHARED = "OLNE_BENCH_SHARED_CACHE"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
@@ -174,15 +174,25 @@ def _name(key: str, library: Path) -> str:
     return f"{key[:32]}-{content[:32]}.so"
 
 
+def shared_folders() -> list[Path]:
+    """Folders of libraries that this process's children may load: its own, and those it shares."""
+    return [_folder(), *_shared_with_me()]
+
+
 def reader_environment(own: Path) -> dict[str, str]:
     """Environment for a process that may load our libraries and keeps new ones in ``own``."""
-    return {_SHARED: str(_folder()), "OLNE_BENCH_CACHE": str(own)}
+    shared = os.pathsep.join(map(str, shared_folders()))
+    return {_SHARED: shared, "OLNE_BENCH_CACHE": str(own)}
+
+
+def _shared_with_me() -> list[Path]:
+    return [Path(one) for one in os.environ.get(_SHARED, "").split(os.pathsep) if one]
 
 
 def _shared(key: str) -> Path | None:
-    """A library from the shared folder, which is read-only; files that do not fit are ignored."""
-    folder = os.environ.get(_SHARED)
-    for path in sorted(Path(folder).glob(f"{key[:32]}-*.so")) if folder else []:
+    """A library from a shared folder, which is read-only; files that do not fit are ignored."""
+    name = f"{key[:32]}-*.so"
+    for path in (one for folder in _shared_with_me() for one in sorted(folder.glob(name))):
         with suppress(OSError):
             if not why_foreign(path) and path.name == _name(key, path):
                 return path

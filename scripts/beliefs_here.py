@@ -29,7 +29,7 @@ class Here:
         """As of ``judge.online.StreamPlayer``."""
         self.began = True
         problem = pickle.dumps(task.problem)
-        return begin(task.reference, task.parameters, problem, task.lag, task.seed).declined
+        return begin(task.reference, task.parameters, (), problem, task.lag, task.seed).declined
 
     def update(self, sample: np.ndarray) -> Answer:
         """As of ``judge.online.StreamPlayer``. It takes no time: no estimate is late."""

@@ -28,6 +28,7 @@ from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.store import open_store
+from olne_bench.bench.run.store_check import Checksums, as_stored, checksum
 from olne_bench.bench.run.store_layout import COLUMNS, FILE_NAME, add_metric_columns, quoted
 
 SEEDS = 1000  # more than the study has
@@ -82,13 +83,18 @@ def _fill(folder: Path, suite: Suite, table: Path, count: int, copies: int) -> N
     with open_store(folder) as store:
         store.begin_run(source, [])
     known = pd.read_parquet(table)
-    metrics = [entry.column for entry in suite.metrics if entry.column in known]
-    columns = [*(column for column in COLUMNS if column in known), *metrics]
-    names, places = quoted(columns), ", ".join("?" for _ in columns)
+    metrics = sorted(entry.column for entry in suite.metrics if entry.column in known)
+    columns = COLUMNS | dict.fromkeys(metrics, "REAL")
+    names, places = quoted((*columns, "checksum")), ", ".join("?" * (len(columns) + 1))
+    sums = Checksums(metrics)
     with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
+        connection.create_function("checksum", -1, checksum)
         add_metric_columns(connection, metrics)
+        rows = _rows(known.reindex(columns=list(columns)), count, labels)
+        stored = (tuple(map(as_stored, row, columns.values())) for row in rows)
         connection.executemany(
-            f"INSERT INTO trials ({names}) VALUES ({places})", _rows(known[columns], count, labels)
+            f"INSERT INTO trials ({names}) VALUES ({places})",
+            ((*row, sums.of(row)) for row in stored),
         )
 
 

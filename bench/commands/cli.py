@@ -1,6 +1,7 @@
 """The command line ``olne-bench`` (also ``python -m olne_bench``)."""
 
 import ast
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -8,7 +9,9 @@ from importlib.resources import files
 
 import click
 
+from olne_bench import plugins
 from olne_bench.bench.commands import COMMANDS
+from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
 
 
@@ -52,7 +55,8 @@ def cli() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line. Bad input prints one line to standard error and exits with code 2."""
     try:
-        cli.main(args=arguments, prog_name="olne-bench", standalone_mode=False)
+        with plugins.loading():  # a command that imports a plugin itself names it
+            cli.main(args=arguments, prog_name="olne-bench", standalone_mode=False)
     except UserError as error:
         _fail(str(error))
     except click.exceptions.NoArgsIsHelpError as error:
@@ -60,6 +64,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(2)
     except click.ClickException as error:
         _fail(error.format_message().rstrip(".") + _alternatives(error))
+    except BrokenPipeError:  # nobody reads what is said
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename is not None else ""
+        _fail(f"{place}{error.strerror or error}")
     except (KeyboardInterrupt, click.Abort):
         click.echo("\ninterrupted; run the same command again to continue", err=True)
         sys.exit(130)
@@ -79,5 +89,5 @@ def _alternatives(error: click.ClickException) -> str:
 
 
 def _fail(message: str) -> None:
-    click.echo(f"olne-bench: error: {' '.join(message.split())}", err=True)
+    click.echo(f"olne-bench: error: {one_line(message)}", err=True)
     sys.exit(2)

@@ -35,7 +35,7 @@ from olne_bench.files import check_new_file, whole_file
     metavar="NAME[=OTHER]",
     help="Compare only this estimator, which is called OTHER in AFTER (repeatable).",
 )
-@click.option("--out", type=PATH, help="Also write the table to this CSV file.")
+@click.option("--out", type=PATH, help="New CSV file for the table.")
 @click.option("--page", type=PATH, help="New .html file for a page that shows both runs.")
 def compare(
     before: Path, after: Path, estimators: tuple[str, ...], out: Path | None, page: Path | None
@@ -48,6 +48,8 @@ def compare(
     Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if
     something did, 2 on bad input.
     """
+    if out is not None:
+        check_new_file("--out", out, (".csv",))
     if page is not None:
         check_new_file("--page", page, (".html",))
     first, second = (_read(folder) for folder in (before, after))
@@ -62,10 +64,8 @@ def compare(
             + (f" that can be compared; {reasons[0]}" if reasons else "")
         )
     if out is not None:
-        try:
-            csv_safe(table).to_csv(out, index=False)
-        except OSError as error:
-            raise UserError(f"cannot write to {out}: {error.strerror or error}") from error
+        with whole_file(out) as path:
+            csv_safe(table).to_csv(path, index=False)
     if page is not None:
         _write_page(page, first, second, names, table, study)
     click.echo(_format(table))

@@ -139,7 +139,8 @@ def run_check(check: Check) -> Outcome:
 
 
 def _in_process(checks: list[Check], memory: int | None) -> Iterator[tuple[str, Outcome]]:
-    child = Child(log=Path(os.devnull), memory=memory, restricted=True)
+    files = [check.reference for check in checks]
+    child = Child(log=Path(os.devnull), memory=memory, restricted=True, plugins=files)
     try:
         for check in checks:
             outcome = _outcome(child, check)

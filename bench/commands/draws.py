@@ -17,7 +17,8 @@ from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.run.describing import describe_all
-from olne_bench.envs.draws_file import SUFFIX, Draws, read_draws, write_draws
+from olne_bench.envs.draws_file import Draws, read_draws, write_draws
+from olne_bench.envs.draws_folder import DRAWS_SUFFIX
 from olne_bench.errors import UserError
 from olne_bench.plugins import SCENARIO, is_built_in
 
@@ -41,8 +42,10 @@ def draws(
     """
     whole = load_suite(suite, describe=partial(describe_all, hidden=out))
     path = out or draws_path(suite)
-    if path.suffix != SUFFIX or not path.parent.is_dir():
-        raise UserError(f"--out {path}: a file in an existing folder, which ends with {SUFFIX}")
+    if path.suffix != DRAWS_SUFFIX or not path.parent.is_dir():
+        raise UserError(
+            f"--out {path}: a file in an existing folder, which ends with {DRAWS_SUFFIX}"
+        )
     known = _known(path, whole)
     todo = _todo(whole, scenario, seeds)
     refused: Counter[str] = Counter()
@@ -52,8 +55,8 @@ def draws(
             refused[solved.scenario] += 1
             tqdm.write(f"{solved.scenario}, seed {solved.seed}: {solved.refused}")
         if number % _WRITE_EVERY == 0:
-            _write(path, known)
-    _write(path, known)
+            write_draws(path, known)
+    write_draws(path, known)
     for label, number in Counter(entry.label for entry, _ in todo).items():
         click.echo(f"{label}: {number - refused[label]} of {number} draws")
     size = path.stat().st_size / 1e6
@@ -105,10 +108,3 @@ def _solved(
             for future in as_completed(futures):
                 yield future.result()
                 bar.update()
-
-
-def _write(path: Path, found: Draws) -> None:
-    try:
-        write_draws(path, found)
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror or error}") from error

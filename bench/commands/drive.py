@@ -20,6 +20,7 @@ from olne_bench.bench.plan.drive import LEAST_WINDOW, OWN_PLANNERS, DriveTask, E
 from olne_bench.bench.plan.salt import check_salt
 from olne_bench.bench.plan.versions import code_of_drive
 from olne_bench.bench.report.driving import comparison_table, drive_table
+from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures.driving import draw_driving
 from olne_bench.bench.run.cluster import check_cluster
 from olne_bench.bench.run.drive_file import DriveFile, is_done, row_of
@@ -29,8 +30,8 @@ from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, WEIGHTS
 from olne_bench.envs.drive.first_cars import TRAFFIC, NoDriveError
 from olne_bench.envs.drive.pictures import picture
 from olne_bench.envs.video import SUFFIXES, check_format, write_video
-from olne_bench.errors import UserError
-from olne_bench.files import check_new_file, whole_file
+from olne_bench.errors import UserError, bad_input
+from olne_bench.files import check_folder, check_new_file, whole_file
 
 #: Files of a study.
 SETTINGS, EPISODES, SUMMARY, TESTS = "drive.json", "episodes.csv", "summary.csv", "tests.csv"
@@ -185,12 +186,13 @@ def _begun(out: Path, asked: dict[str, Any]) -> DriveFile:
     names = ("window", "deadline", "time_limit", "weights", "sigma", "salt")
     settings = {name: asked[name] for name in names}
     kept = out / SETTINGS
-    if not out.exists():
-        out.mkdir(parents=True)
-        kept.write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=1))
-    elif not kept.is_file():
-        raise UserError(f"--out {out} exists and holds no study of drives; name another folder")
-    former = msgspec.json.decode(kept.read_bytes())
+    check_folder(out, (SETTINGS,))
+    if not kept.exists():
+        out.mkdir(parents=True, exist_ok=True)
+        with whole_file(kept) as path:
+            path.write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=1))
+    with bad_input(f"{kept} does not hold the settings of a study of drives", OSError):
+        former = msgspec.json.decode(kept.read_bytes(), type=dict)
     for name, value in settings.items():
         if former.get(name) != value:
             option = name.replace("_", "-")
@@ -235,8 +237,13 @@ def _codes(file: DriveFile, tasks: list[DriveTask]) -> dict[str, str]:
 
 
 def _code(label: str) -> str:
-    """Code of a planner by its label; empty if it is not known here."""
+    """Code of a planner by its label; empty if it is not known here.
+
+    A label is from the study's file, so it names no file that is to be read.
+    """
     try:
+        if plugins.is_file(label):
+            return ""
         return code_of_drive(_planner(label)[1])
     except UserError:
         return ""
@@ -251,7 +258,7 @@ def _write_tables(rows: pd.DataFrame, out: Path, figures: bool) -> None:
         raise UserError(f"{out}: no drive was driven; {EPISODES} says why")
     for name, whole in ((SUMMARY, table), (TESTS, comparison_table(rows))):
         with whole_file(out / name) as path:
-            whole.to_csv(path, index=False)
+            csv_safe(whole).to_csv(path, index=False)
     shown = table[["traffic", "road", "planner", *_SHOWN]]
     click.echo(
         "regret of the mean cost of a step (standing costs 1); medians in m, m/s^3, ms; shares"

@@ -14,16 +14,20 @@ from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimat
 from olne_bench.bench.judge.observe import sensor_model
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
+from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
+from olne_bench.envs.recording_file import RecordingFile
+from olne_bench.envs.tracks.checks import FEWEST_STEPS, check_positions, check_steps, check_units
 from olne_bench.envs.tracks.explained import explain
+from olne_bench.envs.tracks.table import STATE_NAMES
 from olne_bench.envs.tracks.targets import DATA, Assumption
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.files import check_new_file, whole_file
 from olne_bench.games.game import Game
 from olne_bench.games.observation import ComponentView, FullView, View
-from olne_bench.plugins import ESTIMATOR, is_built_in
+from olne_bench.plugins import ESTIMATOR, SCENARIO, is_built_in, loading, named_by_data
 
 #: Least noise level of positions [m]: smaller deviations are rounding.
 LEAST_NOISE = 1e-6
@@ -83,11 +87,11 @@ def estimate(
         check_new_file("--out", out, (".csv",))
     known = read_episode(recording, episode)
     states, players = known.states[episode], known.metadata.episodes[episode].players
+    _check_motion(recording, known, episode)
     _check_length(recording, len(states), known.metadata.dt)
-    name = scenario or known.metadata.scenario
-    if name is None:
-        raise UserError(f"{recording} names no scenario; give one with --scenario")
-    explained = explain(name, seed, known, episode, noise)
+    name = scenario or _named(recording, known.metadata.scenario)
+    with loading(name):
+        explained = explain(name, seed, known, episode, noise)
     game = explained.scenario.game
     view, y = _observation(game, known.metadata.state_names, states)
     level = noise or max(LEAST_NOISE, float(np.nan_to_num(explained.noise)))
@@ -103,6 +107,35 @@ def estimate(
     _say_result(table, players, fit, TOLD if noise else "from the roughness of the tracks")
     if out is not None:
         _write(table, out)
+
+
+def _named(path: Path, scenario: str | None) -> str:
+    """The scenario that a recording names; it never names code to be run."""
+    if scenario is None:
+        raise UserError(f"{path} names no scenario; give one with --scenario")
+    return named_by_data(SCENARIO, scenario, str(path), "--scenario")
+
+
+def _check_motion(path: Path, known: RecordingFile, episode: int) -> None:
+    """Refuse an episode that is no motion of cars in metres and seconds."""
+    names, states = known.metadata.state_names, known.states[episode]
+    players = known.metadata.episodes[episode].players
+    if names[:2] != ["px", "py"]:
+        raise UserError(f"{path} has the states {', '.join(names)}; expected px and py first")
+    check_steps(path, known.times[episode])
+    seen = np.isfinite(states[..., :2]).all(axis=-1).sum(axis=0)
+    for player, count in zip(players, seen, strict=True):
+        if count < FEWEST_STEPS:
+            raise UserError(
+                f"{path}: player {player!r} has a position at {count} times, expected at least "
+                f"{FEWEST_STEPS}"
+            )
+    motion = np.full((*states.shape[:2], len(STATE_NAMES)), np.nan)
+    for k, name in enumerate(STATE_NAMES.values()):
+        if name in names:
+            motion[..., k] = states[..., names.index(name)]
+    check_positions(path, motion, players)
+    check_units(path, motion, known.metadata.dt, players)
 
 
 def _check_length(path: Path, steps: int, dt: float) -> None:
@@ -191,11 +224,8 @@ def _shown_end(value: float) -> str:
 
 
 def _write(table: pd.DataFrame, out: Path) -> None:
-    try:
-        with whole_file(out) as path:
-            table.to_csv(path, index=False)
-    except OSError as error:
-        raise UserError(f"--out {out}: cannot be written: {error.strerror or error}") from error
+    with whole_file(out) as path:
+        csv_safe(table).to_csv(path, index=False)
 
 
 def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View, np.ndarray]:

@@ -3,7 +3,7 @@
 import pickle
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -17,12 +17,15 @@ from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, read_estim
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.stream import as_stream_estimator, warm_up_stream
 from olne_bench.games.observation import VIEWS
 
 #: Largest cosine error that still counts as a recovery from noise-free data.
 RECOVERY = 1e-3
 
 _SIGMA = 0.01
+#: Samples of a motion that goes on, and how many of them count.
+_SAMPLES, _LAG = 8, 6
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,29 @@ def _supports(estimator: Any, budget: float) -> None:
     _supported(estimator)
 
 
+def _streams(estimator: Any, budget: float) -> None:
+    """It follows a motion that goes on, one sample after the other, as 'olne-bench online' runs it.
+
+    No further sample is shown once the budget is spent.
+    """
+    case = _supported(estimator)[0]
+    game = replace(case.problem.game, horizon=_SAMPLES)
+    problem = replace(case.problem, game=game)
+    if _declines(estimator, problem):
+        return
+    for lag in (None, _LAG):
+        warm_up_stream(estimator, problem, lag)
+        rng = np.random.default_rng(0)
+        stream = as_stream_estimator(estimator).start(problem, rng=rng, lag=lag)
+        began = time.monotonic()
+        for sample in case.observation.y[:_SAMPLES]:
+            result = stream.update(sample.copy(), budget=budget)
+            if getattr(result, "converged", True):
+                _valid(result, problem)
+            if time.monotonic() - began > budget:
+                break
+
+
 def _recovery(estimator: Any, budget: float) -> None:
     """It finds the true weights of two players without noise."""
     cases = [_case("random", view, 0.0, 2, seed) for view in VIEWS for seed in (0, 1)]
@@ -139,6 +165,7 @@ CHECKS: dict[str, Callable[[Any, float], None]] = {
     "deadline is kept": _deadline,
     "missing samples": _missing,
     "supports() is honest": _supports,
+    "follows a motion": _streams,
     "recovers a noise-free toy": _recovery,
 }
 

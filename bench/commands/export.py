@@ -8,7 +8,6 @@ from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.commands.recordings import read_episode
 from olne_bench.envs.tracks.export import Episode, renamed, write_commonroad, write_csv
 from olne_bench.envs.tracks.road_file import write_road_file
-from olne_bench.errors import UserError
 from olne_bench.files import check_new_file
 
 SUFFIXES = (".csv", ".xml")
@@ -31,16 +30,13 @@ def export(recording: Path, episode: int, out: Path) -> None:
     check_new_file("--out", beside, (".toml",))
     written = Episode.of(read_episode(recording, episode), episode)
     road = written.road
-    try:
-        if out.suffix.lower() == ".csv":
-            write_csv(out, written)
-        else:
-            numbers = write_commonroad(out, written)
-            road = renamed(road, numbers) if road else None
-        if road is not None:
-            write_road_file(beside, road)
-    except OSError as error:
-        raise UserError(f"--out {out}: cannot be written: {error.strerror or error}") from error
+    if out.suffix.lower() == ".csv":
+        write_csv(out, written)
+    else:
+        numbers = write_commonroad(out, written)
+        road = renamed(road, numbers) if road else None
+    if road is not None:
+        write_road_file(beside, road)
     steps, count, _ = written.states.shape
     click.echo(f"{out}: {count} players, {steps} steps of {written.dt:.6g} s")
     click.echo(f"{beside}: lanes and targets" if road else "no lanes or targets are known")

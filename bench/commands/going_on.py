@@ -179,6 +179,7 @@ def go_on(
     draws = draws_source(options.suite, suite)
     if draws is not None:
         click.echo(f"solved draws are read from {draws_path(options.suite)}", err=True)
+    store.check()  # before trials are run beside damaged rows
     stored, total = Stored(store.records()), number_of_trials(part, seeds)
 
     def todo() -> Iterator[Trial]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from olne_bench.bench.commands.options import PATH, FiniteRange
+from olne_bench.bench.commands.options import PATH, FiniteRange, plain_number
 from olne_bench.envs.recording_file import write_recording
 from olne_bench.envs.track_formats import format_names
 from olne_bench.envs.tracks.frames import Frame
@@ -28,7 +28,7 @@ class NumberPair(click.ParamType):
             click.BadParameter: on anything else.
         """
         try:
-            first, second = (float(text) for text in str(value).split(","))
+            first, second = map(plain_number, str(value).split(","))
         except ValueError:
             self.fail(f"{value!r} is not a pair of numbers A,B.", param, ctx)
         if not np.isfinite([first, second]).all():

@@ -12,6 +12,7 @@ from olne_bench.bench.run.resume import check_same_suite, last_suite
 from olne_bench.bench.run.store import open_store, read_store, store_name
 from olne_bench.bench.run.store_layout import MOTIONS_NAME
 from olne_bench.errors import UserError
+from olne_bench.files import check_folder, whole_folder
 
 
 @click.command()
@@ -35,13 +36,16 @@ def merge(first: Path, second: Path, out: Path | None) -> None:
     last_suite(former, first)  # refuses a folder without a run
     check_same_suite(last_suite(latest, second), former, first, f"leave {second} on its own")
     if out is None:
-        _add(first, [second], name)
+        _say(first, _added(first, [second], name))
         return
+    check_folder(out, (name,))
     if (out / name).exists():
         raise UserError(f"--out {out} holds a run already; name a new folder")
-    _add(out, [first, second], name)
-    if name == MOTIONS_NAME:
-        shutil.copyfile(first / SETTINGS, out / SETTINGS)
+    with whole_folder(out) as unfinished:
+        said = _added(unfinished, [first, second], name)
+        if name == MOTIONS_NAME:
+            shutil.copyfile(first / SETTINGS, unfinished / SETTINGS)
+    _say(out, said)
 
 
 def _same_kind(first: Path, second: Path) -> str:
@@ -61,13 +65,22 @@ def _same_kind(first: Path, second: Path) -> str:
 
 def _runs(folder: Path, name: str) -> list[Provenance]:
     with read_store(folder, name) as store:
+        store.check()  # before anything is written
         return store.runs()
 
 
-def _add(target: Path, sources: list[Path], name: str) -> None:
+def _added(target: Path, sources: list[Path], name: str) -> list[str]:
+    """Add rows to a run; a text on what came from each source."""
+    said = []
     with open_store(target, name) as store:
         for source in sources:
             with open_store(source, name):  # no other process writes to it meanwhile
                 new, known = store.merge(source / name)
             kept = f", {known} were there before" if known else ""
-            click.echo(f"{target}: {new} rows of {source} added{kept}")
+            said.append(f"{new} rows of {source} added{kept}")
+    return said
+
+
+def _say(target: Path, said: list[str]) -> None:
+    for line in said:
+        click.echo(f"{target}: {line}")

@@ -13,6 +13,7 @@ from olne_bench.bench.commands.going_on import StudyOptions, go_on, leave, study
 from olne_bench.bench.commands.online_rules import keep_rules
 from olne_bench.bench.commands.options import FiniteRange
 from olne_bench.bench.judge.online import ERROR_COLUMNS
+from olne_bench.bench.plan.draws import draws_source
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.motion import (
@@ -88,6 +89,7 @@ def online(suite: str, **options: Any) -> None:
     check_salt(chosen.salt)
     text = suite_text(suite)
     own = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
+    draws_source(suite, own)  # refused before anything is written
     part = select(own, chosen.selection)
     check_online(part, rules.lag)
     check_priors(part, chosen.out)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -68,6 +69,28 @@ class PluginReference(click.ParamType):
         if problem:
             self.fail(problem, param, ctx)
         return str(value)
+
+
+def whole_number(text: str) -> int:
+    """The number that a text of digits 0 to 9 stands for, of at most 18 of them.
+
+    Raises:
+        ValueError: on signs, spaces, underscores and digits of other scripts.
+    """
+    if not re.fullmatch("[0-9]{1,18}", text):
+        raise ValueError(f"{text!r} is not a whole number")
+    return int(text)
+
+
+def plain_number(text: str) -> float:
+    """The number that a text stands for, such as -0.5 or 1e-3.
+
+    Raises:
+        ValueError: on anything else, such as nan, underscores and digits of other scripts.
+    """
+    if not re.fullmatch(r" *[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})? *", text):
+        raise ValueError(f"{text!r} is not a number")
+    return float(text)
 
 
 def path_problem(text: str) -> str:

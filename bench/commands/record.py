@@ -7,6 +7,7 @@ import click
 import numpy as np
 from tqdm import tqdm
 
+from olne_bench import plugins
 from olne_bench.bench.commands.options import PATH, name_and_value
 from olne_bench.envs.recording import NoEquilibriumError, Recording, film
 from olne_bench.envs.recording import record as play
@@ -51,6 +52,18 @@ def record(
         check_new_file("--video", video, SUFFIXES)
         check_format(video)
     chosen = dict(name_and_value("--option", text) for text in options)
+    with plugins.loading(scenario):
+        _record(scenario, seeds, chosen, out, video)
+
+
+def _record(
+    scenario: str, seeds: int, chosen: dict[str, Any], out: Path, video: Path | None
+) -> None:
+    """Play draws, write those that have an equilibrium, and say what became of each.
+
+    Raises:
+        UserError: on a scenario that cannot be drawn, or if none has an equilibrium.
+    """
     numbers = range(seeds if _is_family(scenario, chosen) else 1)
     if len(numbers) < seeds:
         click.echo(f"{scenario} is the same for every seed: one episode is recorded", err=True)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from olne_bench.envs.recording_file import RecordingFile, RecordingFileError, read_recording
+from olne_bench.envs.recording_file import RecordingFile, read_recording
 from olne_bench.errors import UserError
 
 
@@ -12,10 +12,7 @@ def read_episode(path: Path, episode: int) -> RecordingFile:
     Raises:
         UserError: on a file that is not a recording, or an episode that it does not have.
     """
-    try:
-        known = read_recording(path)
-    except RecordingFileError as error:
-        raise UserError(str(error)) from error
+    known = read_recording(path)
     if episode >= len(known.states):
         raise UserError(
             f"--episode {episode}: {path} has the episodes 0 to {len(known.states) - 1}"

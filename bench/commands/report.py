@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.commands.options import PATH
-from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench import plugins
+from olne_bench.bench.commands.options import PATH, PLUGIN, plain_number, whole_number
+from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS, read_formats
-from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
 
 #: A report that takes longer [s] hangs.
@@ -36,35 +36,64 @@ Place = tuple[float, int]
     metavar="SIGMA:SEED",
     help="Noise level and seed of further trials that the page can play (repeatable).",
 )
-def report(folder: Path, figures: bool, formats: str, playable: tuple[str, ...]) -> None:
-    """Write the tables, page and figures of the run in FOLDER again."""
+@click.option(
+    "--plugin",
+    "loaded",
+    type=PLUGIN,
+    multiple=True,
+    metavar="FILE.py[:CLASS]",
+    help="A scenario or sensor of the run that may be loaded, to play it again (repeatable).",
+)
+def report(
+    folder: Path,
+    figures: bool,
+    formats: str,
+    playable: tuple[str, ...],
+    loaded: tuple[str, ...],
+) -> None:
+    """Write the tables, page and figures of the run in FOLDER again.
+
+    A scenario or sensor that is a plugin is played again only if --plugin names it: a run folder
+    may come from others.
+    """
     places = tuple(_place(text) for text in playable)
-    show_report(folder, read_formats(formats) if figures else (), places)
+    show_report(folder, read_formats(formats) if figures else (), places, loaded)
 
 
 def _place(text: str) -> Place:
     sigma, _, seed = text.partition(":")
     try:
-        return float(sigma), int(seed)
+        return plain_number(sigma), whole_number(seed)
     except ValueError:
         raise UserError(f"--play {text!r}: expected SIGMA:SEED, such as 0.05:3") from None
 
 
-def show_report(folder: Path, formats: Sequence[str], playable: Sequence[Place] = ()) -> None:
+def show_report(
+    folder: Path,
+    formats: Sequence[str],
+    playable: Sequence[Place] = (),
+    loaded: Sequence[str] = (),
+) -> None:
     """Write a run's report, with figures in these formats, and print its leaderboard.
 
-    A report plays the scenarios again. If a scenario or sensor is a plugin, another process makes
-    the report, because this one imports no plugin.
+    A report plays the scenarios again. Those that are plugins are played only if they are among
+    the loaded ones, in another process, because this one imports no plugin.
+
+    Args:
+        folder: a run folder.
+        formats: formats of the figures; none are drawn if there are none.
+        playable: noise levels and seeds of trials that the page can play.
+        loaded: references of the plugins that may be loaded.
 
     Raises:
         UserError: where there is no run to report on, or that process dies.
     """
-    if not _has_foreign_worlds(folder):
-        click.echo(_report_text(folder, tuple(formats), tuple(playable)))
+    given = (folder, tuple(formats), tuple(playable), tuple(map(plugins.absolute, loaded)))
+    if not loaded:
+        click.echo(_report_text(*given))
         return
     child = Child()
     try:
-        given = (folder, tuple(formats), tuple(playable))
         text = child.call(_report_text, *given, kind=str, seconds=_LONGEST)
     except (ChildError, RaisedError) as error:
         raise UserError(
@@ -75,18 +104,20 @@ def show_report(folder: Path, formats: Sequence[str], playable: Sequence[Place] 
     click.echo(text)
 
 
-def _has_foreign_worlds(folder: Path) -> bool:
-    with read_store(folder) as store:
-        suites = [read_suite_json(run.suite) for run in store.runs()]
-    pairs = [pair for suite in suites for pair in product(suite.scenarios, suite.sensors)]
-    return any(foreign_worlds(scenario, sensor) for scenario, sensor in pairs)
+def worlds_of(suite: Suite) -> list[str]:
+    """References of the scenarios and sensors of a suite that are plugins."""
+    pairs = product(suite.scenarios, suite.sensors)
+    return [name for scenario, sensor in pairs for name in foreign_worlds(scenario, sensor)]
 
 
-def _report_text(folder: Path, formats: tuple[str, ...], playable: tuple[Place, ...]) -> str:
+def _report_text(
+    folder: Path, formats: tuple[str, ...], playable: tuple[Place, ...], loaded: tuple[str, ...]
+) -> str:
     from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
     from olne_bench.bench.report.write import write_report
 
-    report = write_report(folder, formats, playable)
+    with plugins.loading(*loaded):
+        report = write_report(folder, formats, playable)
     said = format_notes(report.tables, report.notes)
     files = "index.html, leaderboard.csv, trials.csv, trials.parquet and other tables"
     parts = [

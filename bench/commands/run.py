@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from olne_bench.bench.commands.going_on import StudyOptions, go_on, leave, study_options
-from olne_bench.bench.commands.report import show_report
+from olne_bench.bench.commands.report import show_report, worlds_of
 from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.draws import draws_source
 from olne_bench.bench.plan.load import load_suite, suite_text
@@ -66,7 +66,7 @@ def run(suite: str, **options: Any) -> None:
         interrupted = go_on(whole, text, chosen, store)
     leave(interrupted)
     if chosen.report:
-        show_report(chosen.out, drawn)
+        show_report(chosen.out, drawn, loaded=worlds_of(whole))
     else:
         click.echo(
             f"{chosen.out}: to write its tables and page, run 'olne-bench report {chosen.out}'"

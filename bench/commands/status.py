@@ -10,10 +10,10 @@ import pandas as pd
 
 from olne_bench.bench.commands.online_rules import read_rules
 from olne_bench.bench.commands.options import PATH
-from olne_bench.bench.plan.motion import OnlineRules, motions
+from olne_bench.bench.plan.motion import OnlineRules, alike_motions
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
-from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.plan.trial import alike
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import STATES, Stored, last_suite
 from olne_bench.bench.run.store import read_store, store_name
@@ -57,8 +57,10 @@ def _table(
     for scenario, estimator in suite.pairs():
         part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
         try:
-            trials = expand(part) if rules is None else motions(part, rules)
-            found = Counter(stored.state(trial) for trial in trials)
+            groups = alike(part) if rules is None else alike_motions(part, rules)
+            found = Counter[str]()
+            for trial, seeds in groups:
+                found += stored.states(trial, seeds)
         except PluginError as error:
             notes.append(f"{estimator.label} on {scenario.label}: not known here: {error}")
             continue

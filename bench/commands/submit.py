@@ -1,16 +1,14 @@
 """``olne-bench submit``: pack a run for a pull request."""
 
-import re
 from pathlib import Path
 
 import click
 
 from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.report.submission.manifest import check_name
 from olne_bench.bench.report.submission.pack import pack
-from olne_bench.errors import UserError
 
 _PLACE = Path("results/submissions")
-_NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,59}")
 
 
 @click.command()
@@ -25,11 +23,7 @@ def submit(folder: Path, name: str | None, out: Path | None) -> None:
     have been run with the present code. 'olne-bench verify' checks the folder.
     """
     chosen = name or folder.resolve().name
-    if not _NAME.fullmatch(chosen):
-        raise UserError(
-            f"--name {chosen!r}: a name has 1 to 60 of a-z, 0-9, '_', '-' and '.', and starts with "
-            "a letter or digit"
-        )
+    check_name(chosen, "--name")
     target = out or _PLACE / chosen
     rows = pack(folder, chosen, target)
     click.echo(f"{target}: {rows} rows packed; check them with: olne-bench verify {target}")

@@ -71,6 +71,7 @@ class StreamTask:
         seed: seed of the estimator's random numbers.
         time_limit: time [s] for set-up, and again for each update.
         budget: time [s] that an update is told to keep to; None for a share of the time limit.
+        homes: files of plugins whose classes the problem contains.
     """
 
     reference: str
@@ -81,6 +82,7 @@ class StreamTask:
     seed: int
     time_limit: float
     budget: float | None = None
+    homes: tuple[str, ...] = ()
 
 
 class StreamPlayer(Protocol):
@@ -177,6 +179,7 @@ def _task(motion: Motion, case: Case) -> StreamTask:
         lag=motion.rules.lag,
         seed=stream(motion.salt, "online", *motion.key),
         time_limit=motion.time_limit,
+        homes=motion.home_plugins,
     )
 
 

@@ -14,7 +14,7 @@ from olne_bench.errors import UserError
 #: More trials would not be finished, nor fit into any report.
 MOST_TRIALS = 10**8
 _COLUMN = re.compile("[a-z][a-z0-9_]{0,59}")
-_TAKEN = {*LABEL_COLUMNS, *OUTCOME_COLUMNS, *VERSION_COLUMNS, *FIXED, "run", "rowid"}
+_TAKEN = {*LABEL_COLUMNS, *OUTCOME_COLUMNS, *VERSION_COLUMNS, *FIXED, "run", "checksum", "rowid"}
 
 
 def check_suite(suite: Suite) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.envs.draws_file import SUFFIX, Draws, OtherDrawsError, read_draws
-from olne_bench.envs.draws_folder import shipped_draws
+from olne_bench.envs.draws_file import Draws, OtherDrawsError, read_draws
+from olne_bench.envs.draws_folder import DRAWS_SUFFIX, shipped_draws
 
 
 @dataclass(frozen=True)
@@ -22,12 +22,19 @@ class DrawsSource:
     place: str
     digest: str
 
+    @property
+    def path(self) -> Path:
+        """Where the file is on this machine."""
+        if self.place.endswith(DRAWS_SUFFIX):
+            return Path(self.place)
+        return draws_path(self.place)
+
 
 def draws_path(reference: str) -> Path:
     """The place of a suite's draws: beside its TOML file, or in this package."""
     if reference.endswith(".toml"):
-        return Path(reference).with_suffix(SUFFIX)
-    return shipped_draws() / f"{reference}{SUFFIX}"
+        return Path(reference).with_suffix(DRAWS_SUFFIX)
+    return shipped_draws() / f"{reference}{DRAWS_SUFFIX}"
 
 
 def about(suite: Suite) -> dict[str, str]:
@@ -74,8 +81,7 @@ def opened(source: DrawsSource | None) -> Draws | None:
     """
     if source is None:
         return None
-    is_path = source.place.endswith(SUFFIX)
-    draws = read_draws(Path(source.place) if is_path else draws_path(source.place))
+    draws = read_draws(source.path)
     if draws.digest != source.digest:
         raise OtherDrawsError(
             f"draws file {draws.place} has the hash {draws.digest[:12]} in the worker and "

@@ -71,6 +71,11 @@ class DriveTask:
         return ()
 
     @property
+    def guest_plugins(self) -> tuple[str, ...]:
+        """The estimator, if it is a plugin."""
+        return (self.reference,) if self.plugin else ()
+
+    @property
     def time_limit(self) -> float:
         """Of the rules."""
         return self.rules.time_limit

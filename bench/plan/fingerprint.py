@@ -1,20 +1,24 @@
 """Fingerprints of source code, which ignore comments, formatting and docstrings.
 
 A fingerprint covers modules and what they import from given packages, at any depth. It also covers
-files beside a module that share its name, such as data or C code. It does not cover what code finds
-in other ways, such as ``importlib``, nor names under which Gymnasium finds environments.
+files beside a module, such as data or C code, that share its name or that it names in a string. It
+does not cover what code finds in other ways, such as ``importlib``, nor names under which Gymnasium
+finds environments, nor the module that starts processes.
 """
 
+import glob
 import hashlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
 from olne_bench.bench.plan.source_summary import Summary, summarised
 
-#: Modules that no result depends on, though packages import them.
-_OF_NO_RESULT = {"olne_bench.envs.gym_ids"}
-_COMPILED = {".pyc", ".pyo", ".so", ".pyd"}
+#: Modules that no result depends on, though others import them: one that gives names to worlds, and
+#: one that starts processes, which says where code runs and not what it computes.
+_OF_NO_RESULT = {"olne_bench.envs.gym_ids", "olne_bench.bench.process.child"}
+_NO_DATA = {".py", ".pyc", ".pyo", ".so", ".pyd"}
 LENGTH = 12
 
 
@@ -38,13 +42,15 @@ def modules_used(
 ) -> dict[str, Path]:
     """Names and files of modules and of all that they import, as ``fingerprint`` counts them."""
     found: dict[str, Path] = {}
-    pending = list(modules.items())
+    pending, seen = list(modules.items()), set(_OF_NO_RESULT)
     while pending:
         name, path = pending.pop()
         if name in found or name in _OF_NO_RESULT:
             continue
         found[name] = path
-        for imported in _imports(path, name):
+        imports = _imports(path, name) - seen
+        seen |= imports
+        for imported in imports:
             folder = _folder(imported, roots, own)
             located = folder and _locate(folder, imported)
             if located:
@@ -53,11 +59,24 @@ def modules_used(
 
 
 def data_beside(path: Path) -> list[Path]:
-    """Files beside a module that share its name, such as its data; they count as part of it."""
-    if path.name == "__init__.py":
+    """Files beside a module, or below, that count as part of it, such as its data.
+
+    They share its name, or it names them in a string, where a ``*`` stands for any characters.
+    """
+    patterns = set(_summary(path).files)
+    if path.name != "__init__.py":
+        patterns.add(f"{glob.escape(path.stem)}.*")
+    found = {file for pattern in patterns for file in _matching(path.parent, pattern)}
+    return sorted(found - {path})
+
+
+def _matching(folder: Path, pattern: str) -> list[Path]:
+    if "**" in pattern:  # as in Markdown; whole trees are no part of a module
         return []
-    beside = sorted(path.parent.glob(f"{path.stem}.*"))
-    return [f for f in beside if f != path and f.is_file() and f.suffix not in _COMPILED]
+    # Modules count where they are imported.
+    with suppress(OSError, ValueError):  # a string that can be no name of a file
+        return [f for f in folder.glob(pattern) if f.suffix not in _NO_DATA and f.is_file()]
+    return []
 
 
 def _folder(name: str, roots: Mapping[str, Path], own: Path | None) -> Path | None:
@@ -113,5 +132,6 @@ def _content(path: Path) -> str:
     code = _summary(path).code
     digest = hashlib.sha256(path.read_bytes() if code is None else code.encode())
     for sibling in data_beside(path):
-        digest.update(f"{sibling.name}\n".encode() + sibling.read_bytes())
+        name = sibling.relative_to(path.parent).as_posix()
+        digest.update(f"{name}\n".encode() + sibling.read_bytes())
     return digest.hexdigest()

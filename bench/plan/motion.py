@@ -5,11 +5,11 @@ compares estimators with is run like an estimator, under a name of its own.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 from olne_bench.bench.plan.entries import EstimatorEntry
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.plan.trial import Trial, in_order_of_plugins
+from olne_bench.bench.plan.trial import Trial, alike, in_order_of_plugins
 from olne_bench.bench.plan.versions import Versions, with_following
 
 #: Driving straight on, going on with the present controls, a policy that was cloned from players of
@@ -72,7 +72,17 @@ def motions(suite: Suite, rules: OnlineRules, seeds: int | None = None) -> Itera
         seeds: number of draws to use, from the first on. Default: all.
     """
     for trial in in_order_of_plugins(suite, seeds):
-        given = {field.name: getattr(trial, field.name) for field in fields(Trial)}
-        label = trial.estimator.label
-        motion = Motion(**given, rules=rules, reference=label if label in REFERENCES else "")
-        yield replace(motion, versions=with_following(motion.versions))
+        yield _motion(trial, rules)
+
+
+def alike_motions(suite: Suite, rules: OnlineRules) -> Iterator[tuple[Motion, range]]:
+    """Motions that differ in nothing but the seed, as ``alike`` has trials."""
+    for trial, seeds in alike(suite):
+        yield _motion(trial, rules), seeds
+
+
+def _motion(trial: Trial, rules: OnlineRules) -> Motion:
+    given = {field.name: getattr(trial, field.name) for field in fields(Trial)}
+    label = trial.estimator.label
+    given["versions"] = with_following(trial.versions)
+    return Motion(**given, rules=rules, reference=label if label in REFERENCES else "")

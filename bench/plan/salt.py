@@ -6,6 +6,7 @@ its name, so that its rows can be repeated. A fresh salt is unknown before its r
 
 import hashlib
 import secrets
+from functools import lru_cache
 
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.values import LABEL_LENGTH, shown
@@ -15,6 +16,7 @@ from olne_bench.errors import UserError
 FRESH = "fresh"
 
 
+@lru_cache(maxsize=64)
 def salt_id(salt: str) -> str:
     """A hash of a salt for rows: it distinguishes salts and does not reveal them."""
     return hashlib.sha256(salt.encode()).hexdigest()[:8]

@@ -1,4 +1,4 @@
-"""What a fingerprint needs of a source file: a digest of its code, and what it imports.
+"""What a fingerprint needs of a source file: a digest of its code, what it imports, and its files.
 
 Comments, formatting and docstrings do not count. Digests are the same in all versions of Python.
 
@@ -22,11 +22,13 @@ import msgspec
 from olne_bench.games.compiler import kept_folder, why_foreign
 
 #: Changes with what a summary holds.
-_FORMAT = 2
+_FORMAT = 3
 #: Largest number of kept summaries; the least recently written ones are removed.
 _MOST = 2000
 #: Worlds are named by strings such as "highway_v0" and imported at their first use.
 _WORLD = re.compile(r"[a-z]\w*_v\d+")
+#: A file's name or path, or a pattern of some.
+_FILE = re.compile(r"[\w*][\w*.-]*(/[\w*][\w*.-]*)*\.\w+")
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -45,11 +47,13 @@ class Summary(msgspec.Struct, frozen=True):
         code: digest of the code without comments and docstrings; None if it is not Python.
         imports: its imports.
         worlds: names of worlds in its strings.
+        files: what may be names of files in its strings, or patterns of names.
     """
 
     code: str | None
     imports: tuple[Import, ...] = ()
     worlds: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
 
 def summarised(source: bytes) -> Summary:
@@ -79,16 +83,17 @@ def _made(source: bytes) -> Summary:
     for node in ast.walk(tree):
         if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             node.body = node.body[1:] or [ast.Pass()]
-    imports, worlds = [], []
+    imports, texts = [], set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             imports += [Import(alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             names = tuple(alias.name for alias in node.names)
             imports.append(Import(node.module or "", names, node.level))
-        elif isinstance(node, ast.Constant) and _names_world(node.value):
-            worlds.append(str(node.value))
-    return Summary(_digest(tree), tuple(imports), tuple(worlds))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            texts.add(node.value)
+    worlds, files = (tuple(sorted(filter(kind.fullmatch, texts))) for kind in (_WORLD, _FILE))
+    return Summary(_digest(tree), tuple(imports), worlds, files)
 
 
 def _digest(tree: ast.AST) -> str:
@@ -121,10 +126,6 @@ def _parts(owner: ast.AST, value: Any) -> list[Any]:
     if isinstance(value, list):
         return value[::-1]
     return [] if value is None else [value]
-
-
-def _names_world(value: object) -> bool:
-    return isinstance(value, str) and _WORLD.fullmatch(value) is not None
 
 
 def _read(path: Path) -> Summary | None:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -15,8 +15,8 @@ from olne_bench.bench.plan.entries import (
 )
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.plan.versions import Versions, versions
-from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in
+from olne_bench.bench.plan.versions import VERSION_COLUMNS, Versions, versions
+from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in, is_file
 
 #: Columns of a row that are known before a trial is run, and their SQL types.
 LABEL_COLUMNS = {
@@ -30,6 +30,9 @@ LABEL_COLUMNS = {
     "parameters": "TEXT",
     "count": "INTEGER",
 }
+#: Columns of ``Trial.cell``, and of ``Trial.code``.
+CELL_COLUMNS = ("scenario", "sensor", "sigma", "salt_id", "estimator")
+CODE_COLUMNS = ("parameters", *VERSION_COLUMNS)
 #: Columns that identify a trial.
 KEY_COLUMNS = ("scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "parameters")
 
@@ -84,6 +87,12 @@ class Trial:
         """References of the scenario and of sensor layers that are plugins."""
         return foreign_worlds(self.scenario, self.sensor)
 
+    @property
+    def guest_plugins(self) -> tuple[str, ...]:
+        """References of the estimator and of metrics that are plugin files."""
+        named = (self.estimator.name, *(metric.name for metric in self.metrics))
+        return tuple(name for name in named if is_file(name))
+
     def versions_here(self) -> Versions:
         """The versions of the code that this process would run it with."""
         return versions(self.scenario, self.sensor, self.estimator, self.metrics)
@@ -91,6 +100,26 @@ class Trial:
     def code_difference(self) -> str | None:
         """How this process's code differs from the code it was made for; None if it does not."""
         return explain_difference(self)
+
+    @property
+    def cell(self) -> tuple[str, str, float, str, str]:
+        """What it has in common with trials of other seeds, other code and other parameters."""
+        return (
+            self.scenario.label,
+            self.sensor.label,
+            self.sigma,
+            salt_id(self.salt),
+            self.estimator.label,
+        )
+
+    @property
+    def code(self) -> tuple[str, ...]:
+        """Parameters and versions: what a row is stale by, if they are others."""
+        return (self._parameters, *vars(self.versions).values())
+
+    @property
+    def _parameters(self) -> str:
+        return json.dumps(self.estimator.parameters, sort_keys=True)
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -109,7 +138,7 @@ class Trial:
             "seed": self.seed,
             "salt_id": salt_id(self.salt),
             "estimator": self.estimator.label,
-            "parameters": json.dumps(self.estimator.parameters, sort_keys=True),
+            "parameters": self._parameters,
             "count": self.count,
         }
 
@@ -154,10 +183,18 @@ def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
     """
     numbers = range(min(seeds or suite.seeds, suite.seeds))
     for scenario in suite.scenarios:
-        cells = list(_cells(suite, scenario))
+        places = list(_places(suite, scenario))
         for part in (range(k, k + 1) for k in numbers) if scenario.family else (numbers,):
-            for cell in cells:
-                yield from _trials(suite, scenario, cell, part)
+            for place in places:
+                yield from _trials(suite, scenario, place, part)
+
+
+def alike(suite: Suite) -> Iterator[tuple[Trial, range]]:
+    """Trials of a suite that differ in nothing but the seed: the first one, and the seeds."""
+    seeds = range(suite.seeds)
+    for scenario in suite.scenarios:
+        for place in _places(suite, scenario):
+            yield from _levels(suite, scenario, place, seeds)
 
 
 def in_order_of_plugins(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
@@ -174,7 +211,7 @@ def _plugin(estimator: EstimatorEntry) -> str:
     return "" if is_built_in(ESTIMATOR, estimator.name) else estimator.label
 
 
-class _Cell(NamedTuple):
+class _Place(NamedTuple):
     """What trials of the same scenario, sensor and estimator share."""
 
     sensor: SensorEntry
@@ -182,32 +219,42 @@ class _Cell(NamedTuple):
     versions: Versions
 
 
-def _cells(suite: Suite, scenario: ScenarioEntry) -> Iterator[_Cell]:
+def _places(suite: Suite, scenario: ScenarioEntry) -> Iterator[_Place]:
     estimators = [estimator for entry, estimator in suite.pairs() if entry == scenario]
     for sensor, estimator in product(suite.sensors, estimators):
         code = versions(scenario, sensor, estimator, suite.metrics)
-        yield _Cell(sensor, estimator, code)
+        yield _Place(sensor, estimator, code)
 
 
-def _trials(suite: Suite, scenario: ScenarioEntry, cell: _Cell, seeds: range) -> Iterator[Trial]:
+def _trials(suite: Suite, scenario: ScenarioEntry, place: _Place, seeds: range) -> Iterator[Trial]:
+    for first, own in _levels(suite, scenario, place, seeds):
+        yield from (first if seed == first.seed else replace(first, seed=seed) for seed in own)
+
+
+def _levels(
+    suite: Suite, scenario: ScenarioEntry, place: _Place, seeds: range
+) -> Iterator[tuple[Trial, range]]:
+    """The first trial at each noise level, and the seeds of all."""
     # A trial does not depend on the selection of noise that it is run in.
     bare = scenario.model_copy(update={"sigmas": (), "seeds": None})
-    most = suite.seeds_of(scenario, cell.estimator)
+    most = suite.seeds_of(scenario, place.estimator)
     own = range(seeds.start, min(seeds.stop, most))
+    if not own:
+        return
     for sigma in suite.sigmas_of(scenario):
-        alike = not scenario.family and sigma == 0
-        for seed in own[:1] if alike else own:
-            yield Trial(
-                suite=suite.name,
-                scenario=bare,
-                sensor=cell.sensor,
-                sigma=sigma,
-                seed=seed,
-                estimator=cell.estimator,
-                metrics=suite.metrics,
-                count=most if alike else 1,
-                time_limit=suite.time_limit,
-                root_iterations=suite.root_iterations,
-                salt=suite.salt,
-                versions=cell.versions,
-            )
+        same = not scenario.family and sigma == 0
+        first = Trial(
+            suite=suite.name,
+            scenario=bare,
+            sensor=place.sensor,
+            sigma=sigma,
+            seed=own.start,
+            estimator=place.estimator,
+            metrics=suite.metrics,
+            count=most if same else 1,
+            time_limit=suite.time_limit,
+            root_iterations=suite.root_iterations,
+            salt=suite.salt,
+            versions=place.versions,
+        )
+        yield first, own[:1] if same else own

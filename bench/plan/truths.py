@@ -4,7 +4,7 @@ Published weights are constants that anyone can look up, and return for any obse
 """
 
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry
-from olne_bench.envs.true_weights import PUBLISHED
+from olne_bench.envs.true_weights import DIRICHLET, MODERATE, PUBLISHED
 from olne_bench.errors import UserError
 from olne_bench.plugins import ESTIMATOR, SCENARIO, is_built_in, make
 
@@ -23,6 +23,25 @@ def has_drawn_truths(scenario: ScenarioEntry) -> bool:
     except UserError:  # stored by another version, which had other options
         return False
     return getattr(plugin, "weights", None) != PUBLISHED
+
+
+def drawn_twin(scenario: ScenarioEntry) -> ScenarioEntry | None:
+    """A built-in scenario of fixed truths with weights that each seed draws; None if it has none.
+
+    All else is as it was: players, roads and trajectories.
+    """
+    if not is_built_in(SCENARIO, scenario.name):
+        return None
+    for kind in (DIRICHLET, MODERATE):
+        options = scenario.options | {"weights": kind}
+        try:
+            plugin = make(SCENARIO, scenario.name, options)
+        except UserError:  # it does not draw weights of this kind
+            continue
+        if getattr(plugin, "weights", None) == kind:
+            label = f"{scenario.label}, drawn weights"
+            return scenario.model_copy(update={"options": options, "label": label, "family": True})
+    return None
 
 
 def is_foreign(estimator: EstimatorEntry) -> bool:

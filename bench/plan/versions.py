@@ -11,48 +11,34 @@ from pathlib import Path
 import olne_bench
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.fingerprint import LENGTH, data_beside, fingerprint, modules_used
+from olne_bench.bench.process.arithmetic import arithmetic
 from olne_bench.games.native import backend
 from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
-_GAMES, _ENVS, _ESTIMATORS, _BENCH = (
-    {f"olne_bench.{name}": _PACKAGES} for name in ("games", "envs", "estimators", "bench")
-)
-_COMMON = {
-    ESTIMATOR: _GAMES | _ESTIMATORS,
-    SCENARIO: _ENVS | _GAMES,
-    SENSOR: _ENVS | _GAMES,
-    METRIC: _GAMES | _BENCH,
-}
+#: All modules of this package count. Imports point one way, so an estimator's version covers no
+#: scenario, and no version covers a report or a command.
+_OURS = {"olne_bench": _PACKAGES}
 #: Modules that play a scenario, and modules that let a sensor see it.
-_AT_WORK = {SCENARIO: ("recording",), SENSOR: ("wrappers",)}
-_SCORING = (
-    "judge.estimate_check",
-    "judge.metrics.formulas",
-    "judge.metrics.judged",
-    "judge.metrics.scoring",
-    "judge.nearby_starts",
-    "judge.observe",
-    "judge.raw_estimate",
-    "judge.referee",
-    "judge.streams",
-    "judge.truth",
-    "run.player",
-    "text",
+_AT_WORK = {SCENARIO: ("envs.recording",), SENSOR: ("envs.wrappers",)}
+#: What makes the row of a trial, of a motion and of a drive, with all that it imports.
+_TRIALS = tuple(
+    f"bench.{name}"
+    for name in ("judge.referee", "run.player", "run.player_process", "run.metric_process")
 )
-#: What hands out samples one by one, and scores predictions.
-_FOLLOWING = ("judge.online", "judge.predictions", "run.stream_player")
-#: What lets an ego drive, beside what it imports from games, environments and estimators.
-_DRIVING = (
-    "judge.beliefs",
-    "judge.driving",
-    "judge.estimate_check",
-    "judge.raw_estimate",
-    "judge.streams",
-    "run.stream_player",
+_MOTIONS = tuple(
+    f"bench.{name}"
+    for name in ("judge.online", "run.online", "run.stream_player", "run.stream_process")
+)
+_DRIVES = tuple(
+    f"bench.{name}"
+    for name in ("judge.driving", "run.driving", "run.stream_player", "run.stream_process")
 )
 #: Another version of one of these may round differently, or draw other numbers.
-_LIBRARIES = ("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env")
+_LIBRARIES = (
+    *("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env"),
+    *("filterpy", "scoringrules"),
+)
 
 
 @dataclass(frozen=True)
@@ -65,7 +51,7 @@ class Versions:
         scenario: the scenario and the code that plays it.
         sensor: the sensor's layers.
         scoring: the code that turns an estimate into a row, metrics and their parameters included.
-        environment: versions of libraries, and the backend that solves games.
+        environment: versions of libraries, the backend that solves games, and the arithmetic.
     """
 
     estimator: str = ""
@@ -96,13 +82,18 @@ def versions(
         scenario=_version(SCENARIO, scenario.name),
         sensor=_digest(_version(SENSOR, layer.name) for layer in sensor.layers),
         scoring=_scoring(named),
-        environment=_digest(f"{name} {value}" for name, value in environment().items()),
+        environment=environment_version(environment()),
     )
+
+
+def environment_version(libraries: Mapping[str, str]) -> str:
+    """``Versions.environment`` of these versions of libraries, as ``environment`` lists them."""
+    return _digest(f"{name} {value}" for name, value in libraries.items())
 
 
 def with_following(code: Versions) -> Versions:
     """Versions of a trial for a motion, whose row depends on more of our code."""
-    return replace(code, scoring=_digest([code.scoring, _following()]))
+    return replace(code, scoring=_digest([code.scoring, _ours(_MOTIONS)]))
 
 
 def code_of_drive(reference: str) -> str:
@@ -115,9 +106,7 @@ def code_of_drive(reference: str) -> str:
         UserError: if its code is not found.
     """
     estimator = _version(ESTIMATOR, reference) if reference else ""
-    modules = _modules("olne_bench.bench", _DRIVING)
-    own = fingerprint(modules, _GAMES | _ENVS | _ESTIMATORS, own=None)
-    return _digest([estimator, own, *(f"{name} {value}" for name, value in environment().items())])
+    return _digest([estimator, _ours(_DRIVES), environment_version(environment())])
 
 
 def files_of(kind: Kind, reference: str) -> list[Path]:
@@ -131,16 +120,16 @@ def files_of(kind: Kind, reference: str) -> list[Path]:
         UserError: where there is no such file.
     """
     path = source(kind, reference)[1]
-    found = modules_used({path.stem: path}, _COMMON[kind], own=path.parent).values()
+    found = modules_used({path.stem: path}, _OURS, own=path.parent).values()
     own = [path, *sorted(f for f in found if f != path and f.is_relative_to(path.parent))]
     return [f for module in own for f in (module, *data_beside(module))]
 
 
 @lru_cache(maxsize=1)
 def environment() -> Mapping[str, str]:
-    """Versions of libraries and the backend, as ``Versions.environment`` covers them."""
+    """What ``Versions.environment`` covers: whatever rounds, or draws numbers, beside our code."""
     found = {name: _library(name) for name in _LIBRARIES}
-    return found | {"backend": backend()}
+    return found | {"backend": backend(), "arithmetic": arithmetic()}
 
 
 def _library(name: str) -> str:
@@ -153,26 +142,25 @@ def _library(name: str) -> str:
 @lru_cache(maxsize=256)
 def _version(kind: Kind, reference: str) -> str:
     module, path = source(kind, reference)
-    around = _modules("olne_bench.envs", _AT_WORK.get(kind, ()))
+    around = _modules(_AT_WORK.get(kind, ()))
     if is_file(reference):
-        return fingerprint({path.stem: path} | around, _COMMON[kind], own=path.parent)
+        return fingerprint({path.stem: path} | around, _OURS, own=path.parent)
     top = module.partition(".")[0]
     depth = module.count(".") + (path.name == "__init__.py")
     # This package has its roots above; another package counts as a whole.
     folder = {} if top == "olne_bench" else {top: path.parents[depth]}
-    return fingerprint({module: path} | around, folder | _COMMON[kind], own=None)
+    return fingerprint({module: path} | around, folder | _OURS, own=None)
 
 
 @lru_cache(maxsize=64)
 def _scoring(metrics: tuple[tuple[str, str], ...]) -> str:
-    own = fingerprint(_modules("olne_bench.bench", _SCORING), _GAMES, own=None)
-    return _digest([own, *(f"{_version(METRIC, name)} {given}" for name, given in metrics)])
+    of_each = (f"{_version(METRIC, name)} {given}" for name, given in metrics)
+    return _digest([_ours(_TRIALS), *of_each])
 
 
-@lru_cache(maxsize=1)
-def _following() -> str:
-    modules = _modules("olne_bench.bench", _FOLLOWING)
-    return fingerprint(modules, _GAMES | _ENVS | _ESTIMATORS, own=None)
+@lru_cache(maxsize=4)
+def _ours(names: tuple[str, ...]) -> str:
+    return fingerprint(_modules(names), _OURS, own=None)
 
 
 def _digest(texts: Iterable[str]) -> str:
@@ -182,7 +170,7 @@ def _digest(texts: Iterable[str]) -> str:
     return digest.hexdigest()[:LENGTH]
 
 
-def _modules(package: str, names: tuple[str, ...]) -> dict[str, Path]:
-    """Names and files of modules of a package of ours."""
-    full = [f"{package}.{name}" for name in names]
+def _modules(names: tuple[str, ...]) -> dict[str, Path]:
+    """Full names and files of modules of this package."""
+    full = [f"olne_bench.{name}" for name in names]
     return {name: _PACKAGES.joinpath(*name.split(".")).with_suffix(".py") for name in full}

@@ -17,6 +17,10 @@ class Work(Protocol):
         """References of plugins that run in the referee's own process."""
 
     @property
+    def guest_plugins(self) -> tuple[str, ...]:
+        """References of plugin files that run in processes which the referee starts."""
+
+    @property
     def time_limit(self) -> float:
         """Wall-clock time [s] that a stage of foreign code may take."""
 

@@ -5,28 +5,19 @@ monotonic clock, answers that execute nothing, an exit with code 0 that is notic
 that die with their process. Each child has its own socket and session, so children share nothing.
 """
 
-import os
 import pickle
 import secrets
 import signal
-import socket
-import subprocess
-import sys
-import tempfile
 import time
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from olne_bench.bench.process.arithmetic import same_arithmetic
 from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
-from olne_bench.bench.process.family import (
-    adopts_orphans,
-    has_descendants,
-    held_memory,
-    kill_family,
-)
+from olne_bench.bench.process.family import has_descendants, held_memory
+from olne_bench.bench.process.fork_server import Forked, ForkServer, ServerGoneError, StartError
 from olne_bench.bench.process.messages import (
     Message,
     Raised,
@@ -35,10 +26,10 @@ from olne_bench.bench.process.messages import (
     decode_message,
     decode_value,
 )
+from olne_bench.bench.process.reachable import reachable
+from olne_bench.bench.process.started import Started
 from olne_bench.bench.text import clip
-from olne_bench.envs.draws_folder import draws_folder, shipped_draws
 from olne_bench.errors import UserError
-from olne_bench.games.compiler import reader_environment
 
 #: How often work is tried if something else may have killed its process.
 ATTEMPTS = 3
@@ -94,10 +85,6 @@ class RaisedError(Exception):
     """The work raised an exception; the process lives on."""
 
 
-class StartError(UserError):
-    """Processes do not start on this machine, so no work can be done."""
-
-
 class Child:
     """One process, started with its first work and again after it has died.
 
@@ -113,7 +100,10 @@ class Child:
         log: Path | None = None,
         memory: int | None = None,
         restricted: bool = False,
+        plugins: Sequence[str] = (),
         hidden: Path | None = None,
+        readable: Sequence[Path] = (),
+        modules: Sequence[str] = (),
         may_announce: bool = False,
         has_children: bool = False,
     ) -> None:
@@ -122,9 +112,12 @@ class Child:
         Args:
             log: file for what the process prints. Default: this process's standard error.
             memory: limit [bytes] of the process with its descendants, None for no limit.
-            restricted: whether it runs foreign code; it then runs in a sandbox
-                (``process.sandbox``) and in an empty folder.
+            restricted: whether it runs foreign code; it is then the fork of a fork server, in a
+                sandbox (``process.sandbox``) and in an empty folder.
+            plugins: references of the plugins that a restricted process runs.
             hidden: folder that a restricted process cannot read.
+            readable: further files that it can read.
+            modules: modules of this package that its fork server imports.
             may_announce: whether it may divide its work into stages with their own time limits.
             has_children: whether it is a parent of ``Child`` itself: then processes may be left
                 when its work is done, and only its own memory is limited here.
@@ -133,10 +126,10 @@ class Child:
         self.served = 0
         self._log, self._memory = log, memory
         self._restricted, self._hidden, self._may_announce = restricted, hidden, may_announce
+        self._plugins, self._readable, self._modules = plugins, readable, modules
         self._has_children = has_children
-        self._process: subprocess.Popen[bytes] | None = None
-        self._channel: Channel | None = None
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._process: Started | Forked | None = None
+        self._server: ForkServer | None = None
         self._ready = False
         self._token = 0
         self.stage = ""
@@ -145,8 +138,8 @@ class Child:
     @property
     def channel(self) -> Channel:
         """The connection; it is readable when ``poll`` may find something."""
-        assert self._channel is not None
-        return self._channel
+        assert self._process is not None
+        return self._process.channel
 
     def submit(self, function: Callable[..., Any], *arguments: Any, seconds: float) -> None:
         """Give an idle process its next work.
@@ -158,9 +151,9 @@ class Child:
         """
         assert not self.busy
         if self._process is not None and not self.channel.is_quiet():
-            self.stop()  # it has sent something without being asked
+            self.end()  # it has sent something without being asked
         if self._process is None:
-            self._start()
+            self._process = self._started()
         self.busy = True
         self._token = secrets.randbits(62)
         self._limit, self.stage = seconds, ""
@@ -196,10 +189,14 @@ class Child:
                     return self._take(message, kind)
         except ClosedError as error:
             raise self._death(str(error)) from error
-        except (GarbageError, ValueError) as error:
+        except ServerGoneError as error:
+            served = self.served
             self.stop()
+            raise DiedError("the process was killed", outside=True, served=served) from error
+        except (GarbageError, ValueError) as error:
+            self.end()
             raise MisspokeError(clip(str(error))) from error
-        if self._process.poll() is not None:
+        if self._process.ended():
             raise self._death("")
         self._look_after()
         return None
@@ -215,52 +212,54 @@ class Child:
         self.submit(function, *arguments, seconds=seconds)
         return self.wait(kind)
 
-    def stop(self) -> None:
-        """Kill the process and all its descendants."""
+    def load(self, libraries: Sequence[str]) -> None:
+        """Have a restricted process's fork server import libraries, so that forks need not.
+
+        Args:
+            libraries: names of modules. Those that cannot be imported are left out, and all of
+                them where the server would not survive it.
+        """
+        self.end()
+        if self._server is not None and libraries:
+            try:
+                self._server.load(libraries)
+            except ServerGoneError:
+                self._server = None
+
+    def end(self) -> None:
+        """Kill the process and all its descendants; a fork server stays ready for the next."""
         if self._process is not None:
-            kill_family(self._process.pid)
-            self._process.wait()
-            self.channel.close()
-        if self._folder is not None:
-            self._folder.cleanup()
-        self._process = self._channel = self._folder = None
+            self._process.stop()
+        self._process = None
         self.busy = self._ready = False
         self.served = 0
 
-    def _start(self) -> None:
-        ours, theirs = socket.socketpair()
-        # An estimator must not see the draws that the user has played either.
-        folders = (self._hidden, draws_folder(), shipped_draws())
-        hidden = [str(folder.resolve()) for folder in folders if folder is not None]
-        options = f"memory={self._memory}, hidden={hidden!r}, restricted={self._restricted}"
-        options += f", guarded={adopts_orphans()}"
-        call = f"serve({theirs.fileno()}, {os.getpid()}, {options})"
-        loop = "from olne_bench.bench.process.inside import serve"
-        boot = f"import sys; sys.path[:] = {_search_path()!r}; {loop}; {call}"
-        environment = os.environ | same_arithmetic()
-        if self._restricted:
-            self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-            environment["TMPDIR"] = self._folder.name
-            environment |= reader_environment(Path(self._folder.name) / "cache")
-        with theirs, ExitStack() as stack:
-            output = stack.enter_context(self._log.open("ab")) if self._log else None
-            self._process = subprocess.Popen(
-                [sys.executable, "-u", "-c", boot],
-                stdin=subprocess.DEVNULL,
-                stdout=output or sys.__stderr__,
-                stderr=output or sys.__stderr__,
-                cwd=self._folder.name if self._folder else None,
-                env=environment,
-                pass_fds=[theirs.fileno()],
-                start_new_session=True,  # it gets no Ctrl-C from the terminal
-            )
-        self._channel = Channel(ours)
-        self._ready = False
-        self.served = 0
+    def renew(self) -> None:
+        """End a restricted process. Its fork server has the next one ready before it is needed."""
+        self.end()
+        if self._server is not None:
+            self._process = self._started()
+
+    def stop(self) -> None:
+        """Kill the process and all its descendants, its fork server included."""
+        self.end()
+        if self._server is not None:
+            self._server.stop()
+        self._server = None
+
+    def _started(self) -> Started | Forked:
+        self._ready, self.served = False, 0
+        if not self._restricted:
+            return Started(self._log, self._memory)
+        if self._server is None or self._server.ended():
+            reach = reachable(self._plugins, self._hidden)
+            reach = replace(reach, readable=(*reach.readable, *self._readable))
+            self._server = ForkServer(reach, self._modules, self._log)
+        return self._server.fork(memory=self._memory, has_children=self._has_children)
 
     def _take(self, message: Message, kind: Any) -> Any:
         if isinstance(message, Ready | Stage) or message.token != self._token:
-            self.stop()
+            self.end()
             raise MisspokeError("sent an unexpected message")
         self.busy = False
         self.served += 1
@@ -273,7 +272,7 @@ class Child:
         try:
             value = decode_value(message.value, kind)
         except ValueError as error:
-            self.stop()
+            self.end()
             raise MisspokeError(clip(str(error))) from error
         self._retire(left or message.retire)
         if left:
@@ -282,14 +281,14 @@ class Child:
 
     def _retire(self, unfit: bool) -> None:
         if unfit:
-            self.stop()
+            self.end()
 
     def _look_after(self) -> None:
         """End the work if it takes too much time or memory."""
         now = time.monotonic()
         if now > self._deadline:
             started, stage = self._ready, f" of {self.stage}" if self.stage else ""
-            self.stop()
+            self.end() if started else self.stop()
             if not started:
                 raise StartError(f"a process did not start within {START_LIMIT:g} s")
             raise TimedOutError(f"killed after {self._limit:g} s{stage}")
@@ -298,28 +297,21 @@ class Child:
             assert self._process is not None
             held = held_memory(self._process.pid, descendants=not self._has_children)
             if held > self._memory:
-                self.stop()
+                self.end()
                 raise OutOfMemoryError(_too_much(self._memory, f"{held / 2**30:.3g} GiB are held"))
 
     def _death(self, last_words: str) -> DiedError:
         assert self._process is not None
-        try:
-            code = self._process.wait(timeout=_DEATH_SECONDS)
-            cause = _cause(code)
-        except subprocess.TimeoutExpired:
-            code, cause = 0, last_words
         started, served = self._ready, self.served
-        self.stop()
+        code = self._process.exit_code(_DEATH_SECONDS)
+        cause = last_words if code is None else _cause(code)
+        self.end()
         if not started:
+            self.stop()
             cause = f"a process {cause} before it had started"
             return DiedError(cause, outside=True, served=served)
         outside = code in _KILLED_FROM_OUTSIDE
         return DiedError(f"the process {cause}", outside=outside, served=served)
-
-
-def _search_path() -> list[str]:
-    """``sys.path`` for a process in another folder."""
-    return [str(Path(entry).resolve()) if entry in ("", ".") else entry for entry in sys.path]
 
 
 def _raise(message: Raised, memory: int | None) -> Any:

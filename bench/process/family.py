@@ -53,6 +53,16 @@ def has_descendants(pid: int) -> bool:
     return any(_children(pid))
 
 
+def has_ended(pid: int) -> bool:
+    """Whether a process has ended, whether or not its parent has waited for it."""
+    try:
+        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+    except psutil.Error:
+        return False
+
+
 def kill_family(pid: int) -> None:
     """Kill the descendants of a process, and then the process itself.
 
@@ -76,7 +86,8 @@ def kill_descendants(pid: int, keep: frozenset[int] = frozenset()) -> None:
     while quiet < _QUIET_LOOKS and time.monotonic() < deadline:
         alive = [one for one in _below(pid, keep) if _kill(one)]
         quiet = 0 if alive else quiet + 1
-        psutil.wait_procs(alive, timeout=0.05)
+        if alive:
+            psutil.wait_procs(alive, timeout=0.05)
 
 
 def held_memory(pid: int, *, descendants: bool = True) -> int:
@@ -111,12 +122,11 @@ def _files_in_memory(pid: int) -> dict[tuple[int, int], int]:
 
 
 def _below(pid: int, keep: frozenset[int]) -> Iterator[psutil.Process]:
-    with suppress(psutil.Error):
-        for child in psutil.Process(pid).children():
-            if child.pid not in keep:
-                with suppress(psutil.Error):
-                    yield from child.children(recursive=True)
-                yield child
+    for child in list(_children(pid)):
+        if child not in keep:
+            yield from _below(child, frozenset())
+            with suppress(psutil.Error):
+                yield psutil.Process(child)
 
 
 def _kill(process: psutil.Process) -> bool:
@@ -133,7 +143,8 @@ def _children(pid: int) -> Iterator[int]:
     tasks = Path(f"/proc/{pid}/task")
     try:
         for task in tasks.iterdir():
-            yield from map(int, (task / "children").read_text().split())
+            with suppress(FileNotFoundError, ProcessLookupError):  # the thread has just ended
+                yield from map(int, (task / "children").read_text().split())
     except OSError:
         with suppress(psutil.Error):
             yield from (child.pid for child in psutil.Process(pid).children())

@@ -22,9 +22,8 @@ from typing import Any
 from msgspec import Raw
 
 from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
-from olne_bench.bench.process.family import adopt_orphans, end_with_parent, kill_descendants
+from olne_bench.bench.process.family import adopt_orphans, kill_descendants
 from olne_bench.bench.process.messages import Raised, Ready, Result, Stage, encode
-from olne_bench.bench.process.sandbox import restrict
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.errors import UserError
 
@@ -48,35 +47,30 @@ def announce(stage: str, seconds: float) -> None:
         _say(Stage(stage, seconds))
 
 
-def serve(
-    descriptor: int,
-    parent: int,
-    *,
-    memory: int | None,
-    hidden: list[str],
-    restricted: bool,
-    guarded: bool,
-) -> None:
-    """Serve a parent until it closes the connection.
+def serve(descriptor: int, parent: int, memory: int | None) -> None:
+    """Serve a parent until it closes the connection, in a new process of trusted code.
 
     Args:
         descriptor: descriptor of the connection to the parent.
         parent: the parent's process id.
         memory: limit [bytes] of this process's data, None for no limit.
-        hidden: folders that a restricted process cannot read.
-        restricted: whether to give up all rights that the work does not need (``sandbox``); the
-            current folder stays writable.
-        guarded: whether the parent adopts the orphans of this process, so that this process may
-            be killed with the parent.
     """
-    global _say
     adopt_orphans()
-    if restricted and guarded:
-        end_with_parent(parent)
     threading.Thread(target=_end_without_parent, args=(parent,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
     if memory is not None:
-        _limit_memory(memory, files=restricted)
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    serve_forked(descriptor, memory)
+
+
+def serve_forked(descriptor: int, memory: int | None) -> None:
+    """Serve a parent until it closes the connection, in a process that is set up already.
+
+    Args:
+        descriptor: descriptor of the connection to the parent.
+        memory: limit [bytes] of this process's data, None for no limit.
+    """
+    global _say
     # A log that cannot be written to is not a failure.
     sys.stdout = sys.stderr = io.TextIOWrapper(_BestEffort(1, "w"), write_through=True)
     own = os.getpid()
@@ -88,17 +82,9 @@ def serve(
         channel.send(encode(message), _SEND_SECONDS)
 
     _say = say
-    if restricted:
-        restrict([Path(folder) for folder in hidden], Path.cwd())
     with contextlib.suppress(ClosedError, GarbageError):
         _work(channel, say, memory)
     kill_descendants(own)
-
-
-def _limit_memory(memory: int, *, files: bool) -> None:
-    resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-    if files:  # they may be in memory
-        resource.setrlimit(resource.RLIMIT_FSIZE, (memory, memory))
 
 
 def _work(channel: Channel, say: Callable[[Any], None], memory: int | None) -> None:

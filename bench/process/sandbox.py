@@ -1,16 +1,21 @@
-"""A sandbox for foreign code: Linux's Landlock, which a process imposes on itself permanently.
+"""A sandbox for foreign code, which a process imposes on itself and its descendants for good.
 
-Restricted code has no superuser privileges. It can read any file except those below hidden folders,
-and write below one folder. It cannot open TCP connections, send signals to processes outside the
-sandbox or look into them. Kernels before 5.13 and other systems have no Landlock. Older kernels
-support a part of this (``restrictions`` says which); see docs/isolation.md.
+Restrictions bind the calling thread and what it starts. So a process restricts itself before it
+has a second thread, and before it imports foreign code. Four mechanisms of Linux take part:
+capabilities are given up, new privileges are refused, Landlock allows files by a list, and a filter
+refuses system calls that lead to other processes (``system_calls``). Kernels before 5.13 and other
+systems lack Landlock, and older kernels support a part of it: ``restrictions`` says what this
+machine prevents. docs/isolation.md says what stays open.
 """
 
 import ctypes
 import os
 import sys
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+
+from olne_bench.bench.process.system_calls import filter_system_calls, filters_system_calls
 
 # linux/landlock.h and asm-generic/unistd.h
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
@@ -21,12 +26,13 @@ _FILE_RIGHTS = _EXECUTE | _WRITE_FILE | _READ_FILE | 1 << 14 | 1 << 15  # trunca
 _ALL_RIGHTS = {1: 2**13 - 1, 2: 2**14 - 1, 3: 2**15 - 1, 4: 2**15 - 1, 5: 2**16 - 1}
 _NET_RIGHTS = 3  # bind and connect TCP
 _SCOPES = 3  # abstract sockets and signals
-_NO_NEW_PRIVS = 38  # linux/prctl.h
+_CAPABILITY_BOUND_DROP, _NO_NEW_PRIVS = 24, 38  # linux/prctl.h
 _CAPABILITY_VERSION = 0x20080522  # linux/capability.h
+_CAPABILITIES = 64
 _FIRST_WITH_NET, _FIRST_WITH_SCOPES = 4, 6
 
-#: Devices that ordinary programs write to.
-_DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/tty", "/dev/shm")
+#: Devices that ordinary programs read and write. None of them keeps what is written.
+_DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom")
 
 
 class _Ruleset(ctypes.Structure):
@@ -38,6 +44,10 @@ class _PathBeneath(ctypes.Structure):
     _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
 
 
+class _CapabilityHeader(ctypes.Structure):
+    _fields_ = (("version", ctypes.c_uint32), ("pid", ctypes.c_int))
+
+
 def landlock_version() -> int:
     """Version of Landlock's interface; 0 if there is none."""
     if sys.platform != "linux":
@@ -46,36 +56,49 @@ def landlock_version() -> int:
 
 
 def restrictions() -> tuple[str, ...]:
-    """What ``restrict`` denies foreign code on this machine."""
-    version = landlock_version()
-    found = ["the run folder", "writing outside of its folder"] if version else []
-    found += ["TCP connections"] if version >= _FIRST_WITH_NET else []
-    found += ["signals to other processes"] if version >= _FIRST_WITH_SCOPES else []
+    """What a sandbox denies foreign code on this machine."""
+    version, filtered = landlock_version(), filters_system_calls()
+    found = []
+    if version:
+        found += ["the run folder", "all files but a list", "writing outside of its folder"]
+    if version >= _FIRST_WITH_NET or filtered:
+        found += ["TCP connections"]
+    if filtered:
+        found += ["all other connections", "shared memory and queues", "files' owners and times"]
+    if version >= _FIRST_WITH_SCOPES:
+        found += ["signals to other processes"]
     return tuple(found)
 
 
-class _CapabilityHeader(ctypes.Structure):
-    _fields_ = (("version", ctypes.c_uint32), ("pid", ctypes.c_int))
-
-
-def drop_capabilities() -> None:
-    """Give up the privileges of a superuser, such as reading other processes."""
-    if sys.platform == "linux":
-        header = _CapabilityHeader(_CAPABILITY_VERSION, 0)
-        _libc().capset(ctypes.byref(header), (ctypes.c_uint32 * 6)())
-
-
-def restrict(hidden: Sequence[Path], writable: Path) -> None:
-    """Restrict this process and its descendants as far as the kernel can.
+def restrict(readable: Sequence[Path], listable: Sequence[Path], writable: Path) -> None:
+    """Restrict this thread, and all that it starts, as far as the kernel can.
 
     Args:
-        hidden: folders whose files cannot be read, even if they are created later.
+        readable: files, and folders with all below them, that can be read and run.
+        listable: folders of which the names of all files below can be seen.
         writable: the only folder that can be written to.
+
+    Raises:
+        OSError: if the kernel could restrict it, and refuses.
     """
-    drop_capabilities()
+    if sys.platform != "linux":
+        return
+    _drop_capabilities()
+    _libc().prctl(_NO_NEW_PRIVS, 1, 0, 0, 0)
+    rules = rules_for(readable, listable, writable)
+    if rules is not None:
+        enforce(rules)
+    filter_system_calls()
+
+
+def rules_for(readable: Sequence[Path], listable: Sequence[Path], writable: Path) -> int | None:
+    """Descriptor of a set of rules for ``enforce``, as of ``restrict``; None without Landlock.
+
+    A process that is restricted already is restricted further: what remains is what both allow.
+    """
     version = landlock_version()
     if not version:
-        return
+        return None
     rights = _ALL_RIGHTS[min(version, max(_ALL_RIGHTS))]
     ruleset = _Ruleset(
         rights,
@@ -83,43 +106,42 @@ def restrict(hidden: Sequence[Path], writable: Path) -> None:
         _SCOPES if version >= _FIRST_WITH_SCOPES else 0,
     )
     size = 8 if version < _FIRST_WITH_NET else 16 if version < _FIRST_WITH_SCOPES else 24
-    libc = _libc()
-    descriptor = libc.syscall(_CREATE_RULESET, ctypes.byref(ruleset), size, 0)
-    if descriptor < 0:
-        return
-    try:
-        _allow(descriptor, Path("/"), _READ_DIR)
-        for place in _around(hidden):
-            _allow(descriptor, place, _EXECUTE | _READ_FILE | _READ_DIR)
-        for place in (writable, *map(Path, _DEVICES)):
-            _allow(descriptor, place, rights)
-        libc.prctl(_NO_NEW_PRIVS, 1, 0, 0, 0)
-        libc.syscall(_RESTRICT_SELF, descriptor, 0)
-    finally:
-        os.close(descriptor)
+    rules = int(_libc().syscall(_CREATE_RULESET, ctypes.byref(ruleset), size, 0))
+    if rules < 0:
+        raise OSError("this kernel has Landlock, and refuses to make a set of rules")
+    for place in readable:
+        allow_reading(rules, place)
+    for place in listable:
+        _allow(rules, place, _READ_DIR)
+    for device in _DEVICES:
+        _allow(rules, Path(device), _READ_FILE | _WRITE_FILE)
+    _allow(rules, writable, rights)
+    return rules
 
 
-def _around(hidden: Sequence[Path]) -> list[Path]:
-    """Files and folders that together are everything but the hidden folders."""
-    return _outside(Path("/"), [folder.resolve() for folder in hidden])
+def allow_reading(rules: int, place: Path) -> None:
+    """Let a set of rules allow to read and run a file, or all below a folder."""
+    _allow(rules, place, _EXECUTE | _READ_FILE | _READ_DIR)
 
 
-def _outside(place: Path, hidden: list[Path]) -> list[Path]:
-    """The parts of a place outside the hidden folders, which are below it or the place itself."""
-    if not hidden:
-        return [place]
-    if place in hidden:
-        return []
-    try:
-        # A link is not followed: it may lead into a hidden folder.
-        entries = [entry for entry in place.iterdir() if not entry.is_symlink()]
-    except OSError:  # it does not exist yet, or cannot be listed
-        return []
-    return [
-        found
-        for entry in entries
-        for found in _outside(entry, [h for h in hidden if h == entry or entry in h.parents])
-    ]
+def enforce(rules: int) -> None:
+    """Restrict this thread, and all that it starts, to a set of rules, and close that.
+
+    Raises:
+        OSError: if the kernel refuses.
+    """
+    refused = _libc().syscall(_RESTRICT_SELF, rules, 0)
+    os.close(rules)
+    if refused:
+        raise OSError("this kernel has Landlock, and refuses to restrict a process")
+
+
+def _drop_capabilities() -> None:
+    """Give up the privileges of a superuser, such as reading other processes, for good."""
+    for capability in range(_CAPABILITIES):  # those that do not exist are refused
+        _libc().prctl(_CAPABILITY_BOUND_DROP, capability, 0, 0, 0)
+    header = _CapabilityHeader(_CAPABILITY_VERSION, 0)
+    _libc().capset(ctypes.byref(header), (ctypes.c_uint32 * 6)())
 
 
 def _allow(ruleset: int, place: Path, rights: int) -> None:
@@ -135,5 +157,6 @@ def _allow(ruleset: int, place: Path, rights: int) -> None:
         os.close(descriptor)
 
 
+@cache
 def _libc() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)

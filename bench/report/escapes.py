@@ -1,14 +1,17 @@
 """Escape names and messages of foreign origin for tables of all kinds."""
 
+import re
+
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from olne_bench.bench.text import one_line
+from olne_bench.bench.text import FORMULA, csv_text, one_line
+from olne_bench.visible import visible
 
-#: Spreadsheets read a cell that starts with one of these as a formula.
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
-_FORMULA_PATTERN = r"^[=+\-@\t\r]"
+_FORMULA_PATTERN = f"^[{re.escape(''.join(FORMULA))}]"
+#: What ``visible`` escapes.
+_UNSEEN_PATTERN = r"[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]"
 #: Characters that have a meaning in Markdown, or in HTML within it.
 _MARKDOWN = "\\`*_[]<>|#&~"
 
@@ -16,12 +19,6 @@ _MARKDOWN = "\\`*_[]<>|#&~"
 def markdown_text(text: str) -> str:
     """A name as text in a cell of a Markdown table."""
     return "".join(f"\\{c}" if c in _MARKDOWN else c for c in one_line(text))
-
-
-def csv_text(text: str) -> str:
-    """A text cell that no spreadsheet reads as a formula, and no reader as two rows."""
-    safe = f"'{text}" if text.startswith(_FORMULA) else text
-    return safe.replace("\r", " ")
 
 
 def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
@@ -40,9 +37,11 @@ def csv_safe_arrow(table: pa.Table) -> pa.Table:
     for place, field in enumerate(table.schema):
         if pa.types.is_string(field.type) or pa.types.is_large_string(field.type):
             column = table.column(place)
+            if pc.any(pc.match_substring_regex(column, _UNSEEN_PATTERN)).as_py():
+                shown = [None if text is None else visible(text) for text in column.to_pylist()]
+                column = pa.chunked_array([shown], field.type)
             quote, nothing = pa.scalar("'", field.type), pa.scalar("", field.type)
             escaped = pc.binary_join_element_wise(quote, column, nothing)
             risky = pc.match_substring_regex(column, _FORMULA_PATTERN)
-            safe = pc.replace_substring(pc.if_else(risky, escaped, column), "\r", " ")
-            table = table.set_column(place, field, safe)
+            table = table.set_column(place, field, pc.if_else(risky, escaped, column))
     return table

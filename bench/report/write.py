@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from olne_bench.bench.plan.draws import draws_of
+from olne_bench.bench.plan.load import suite_names
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.escapes import csv_safe
@@ -67,7 +68,8 @@ def write_report(
         study = replace(study_of(suites), confirmations=confirmations_of(folder, store))
         with _writing_to(folder):
             trials = write_trials(store.batches(), folder)
-    draws = draws_of(suites[-1].name, suites[-1]) if suites else None
+    shipped = suites and suites[-1].name in suite_names()
+    draws = draws_of(suites[-1].name, suites[-1]) if shipped else None
     with _writing_to(folder), travelling(draws):
         return _written(folder, trials, runs, study, formats, playable)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from olne_bench.bench.plan.motion import OnlineRules
+from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures.online import draw_online
 from olne_bench.bench.report.online import comparison_table, over_time_table, summary_table
 from olne_bench.bench.report.page.online import OnlineTables, online_page
@@ -39,7 +40,7 @@ def write_online(
         *((name, table, _DIGITS) for name, table in tables.by_name().items()),
     ]:
         with whole_file(folder / f"{name}.csv") as path:
-            table.to_csv(path, index=False, float_format=numbers)
+            csv_safe(table).to_csv(path, index=False, float_format=numbers)
     with whole_file(folder / "index.html") as path:
         path.write_text(online_page(tables, runs, rules), encoding="utf-8")
     if figures:

@@ -1,6 +1,6 @@
 """Ask a child process about a foreign scenario, which may take the process down."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,19 +11,26 @@ from olne_bench.errors import UserError
 T = TypeVar("T")
 
 
-def asked(function: Callable[..., T], *about: Any, kind: type[T], hidden: Path | None) -> T | None:
+def asked(
+    function: Callable[..., T],
+    *about: Any,
+    kind: type[T],
+    plugins: Sequence[str],
+    hidden: Path | None,
+) -> T | None:
     """The answer of a function; None if the scenario's draw fails, which its trials will show.
 
     Args:
         function: called in the child process.
         about: its arguments.
         kind: type of the answer.
+        plugins: references of the plugins that the child process runs.
         hidden: folder that foreign code cannot read.
 
     Raises:
         StartError: if no process can be started.
     """
-    child = Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden)
+    child = Child(restricted=True, memory=LOAD_MEMORY, plugins=plugins, hidden=hidden)
     try:
         found: T = child.call(function, *about, kind=kind, seconds=LOAD_LIMIT)
     except StartError:

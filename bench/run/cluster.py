@@ -8,7 +8,9 @@ machine. Only the driver, which runs here, writes the store.
 import importlib.util
 import itertools
 import logging
+import re
 import signal
+import socket
 import threading
 import time
 from collections import deque
@@ -46,6 +48,10 @@ _CONNECT_SECONDS = 20.0
 _GREETING_SECONDS = 60.0
 #: How often starting a local cluster is tried.
 _STARTS = 4
+#: Most workers of a local cluster.
+_MOST_WORKERS = 1024
+#: Address of a scheduler; in brackets that of version 6 of the internet protocol.
+_ADDRESS = r"(tcp|tls|ws|wss)://(?P<host>[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>[0-9]{1,5})"
 #: How long Dask may take to close while a user waits [s].
 _STOP_SECONDS = 1.5
 
@@ -87,19 +93,38 @@ def run_on_dask(
 
 
 def check_cluster(cluster: str) -> None:
-    """Refuse an invalid cluster address before any work is done.
+    """Refuse a cluster that cannot be, before any work is done and anything is written.
 
     Raises:
-        UserError: on an address of another form, or if Dask is not installed.
+        UserError: on an address of another form, if Dask is not installed, or if nobody listens at
+            the address.
     """
     kind, _, rest = cluster.partition(":")
-    if kind == "local":
-        if not (rest.isdecimal() and int(rest) > 0):
-            raise UserError(f"--dask {cluster!r}: expected a number of workers, such as local:2")
-    elif kind not in ("tcp", "tls", "ws", "wss") or not rest.startswith("//"):
+    workers = int(rest) if re.fullmatch("[0-9]{1,4}", rest) else 0
+    if kind == "local" and not 1 <= workers <= _MOST_WORKERS:
+        raise UserError(
+            f"--dask {cluster!r}: expected 1 to {_MOST_WORKERS} workers, such as local:2"
+        )
+    found = re.fullmatch(_ADDRESS, cluster)
+    if kind != "local" and not (found and 0 < int(found["port"]) < 2**16):
         raise UserError(f"--dask {cluster!r}: expected tcp://host:8786 or local:2")
     if importlib.util.find_spec("distributed") is None:
         raise UserError("--dask needs the package 'distributed': pip install 'olne-bench[dask]'")
+    if found:
+        _check_listening(cluster, found["host"].strip("[]"), int(found["port"]))
+
+
+def _check_listening(cluster: str, host: str, port: int) -> None:
+    """Refuse an address at which nobody listens, or begins to within ``_CONNECT_SECONDS``."""
+    deadline = time.monotonic() + _CONNECT_SECONDS
+    while True:
+        try:
+            socket.create_connection((host, port), timeout=_CONNECT_SECONDS).close()
+            return
+        except (OSError, UnicodeError) as error:
+            if isinstance(error, socket.gaierror | UnicodeError) or time.monotonic() > deadline:
+                raise UserError(f"--dask {cluster}: cannot connect ({error})") from error
+        time.sleep(TICK)
 
 
 def run_chunk(

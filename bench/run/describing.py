@@ -57,7 +57,9 @@ def _describe(
     if kind is not None and plugins.is_built_in(kind, reference):
         return plugins.describe(kind, reference, parameters)
     home = plugins.absolute(reference).rpartition(".py:")[0] or reference
-    child = children.setdefault(home, Child(restricted=True, memory=LOAD_MEMORY, hidden=hidden))
+    child = children.setdefault(
+        home, Child(restricted=True, memory=LOAD_MEMORY, plugins=[reference], hidden=hidden)
+    )
     try:
         return _ask(child, kind, plugins.absolute(reference), dict(parameters))
     except StartError:

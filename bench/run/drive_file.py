@@ -17,6 +17,7 @@ from olne_bench.bench.judge.driving import ERROR_COLUMNS, DriveRow
 from olne_bench.bench.plan.drive import DriveTask
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.salt import salt_id
+from olne_bench.bench.text import csv_text, one_line
 
 Row = dict[str, Any]
 
@@ -83,7 +84,8 @@ class DriveFile:
     def add(self, row: Row) -> None:
         """Write a row."""
         with self._path.open("a", encoding="utf-8", newline="") as file:
-            csv.DictWriter(file, COLUMNS).writerow(row)
+            written = row | {"message": csv_text(one_line(row.get("message", "")))}
+            csv.DictWriter(file, COLUMNS).writerow(written)
 
 
 def is_done(task: DriveTask, done: set[tuple[str, ...]]) -> bool:

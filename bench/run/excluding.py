@@ -38,7 +38,8 @@ def check_priors(suite: Suite, hidden: Path | None = None) -> None:
         if plugins.is_built_in(plugins.SCENARIO, scenario.name):
             why = excluded(scenario, estimator).why
         else:
-            found = asked(excluded, scenario, estimator, kind=Excluded, hidden=hidden)
+            about, names = (scenario, estimator), (scenario.name, estimator.name)
+            found = asked(excluded, *about, kind=Excluded, plugins=names, hidden=hidden)
             why = found.why if found else ""
         if why:
             raise UserError(

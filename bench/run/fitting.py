@@ -36,10 +36,11 @@ def check_fit(suite: Suite, hidden: Path | None = None) -> None:
         UserError: with a message that names the first such pair.
     """
     for scenario, sensor in product(suite.scenarios, suite.sensors):
-        if not foreign_worlds(scenario, sensor):
+        foreign = foreign_worlds(scenario, sensor)
+        if not foreign:
             problem = _problem(sensor, None)
         else:
-            found = asked(fit, scenario, sensor, kind=Fit, hidden=hidden)
+            found = asked(fit, scenario, sensor, kind=Fit, plugins=foreign, hidden=hidden)
             problem = found.problem if found else ""
         if problem:
             raise UserError(

@@ -48,7 +48,12 @@ class MetricProcess:
         known = metric.model_dump_json()
         child = self._children.get(known)
         if child is None:
-            child = Child(memory=self._memory, restricted=True, hidden=self._hidden)
+            child = Child(
+                memory=self._memory,
+                restricted=True,
+                plugins=[metric.name, *homes],
+                hidden=self._hidden,
+            )
             self._children[known] = child
         # The metric's process gets the held-out predictions, not the code that computes them.
         plain = replace(case, held_out=partial(_known, case.held_out()))

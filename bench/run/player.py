@@ -1,8 +1,9 @@
 """The code inside a player process: one estimator with a problem and observations, nothing else."""
 
 import pickle
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import msgspec
@@ -27,10 +28,18 @@ class Answered(msgspec.Struct):
     malformed: str = ""
 
 
+class Libraries(msgspec.Struct):
+    """Names of the modules that a plugin imports, but for its own."""
+
+    names: list[str]
+
+
 @dataclass
 class _Seat:
+    reference: str
     estimator: Any
     problem: Problem
+    given: dict[str, str]
 
 
 _seat: _Seat | None = None
@@ -56,6 +65,7 @@ def prepare(
     for home in homes:
         plugins.import_file(home)
     given: Problem = pickle.loads(problem)
+    described = describe_problem(reference, given)
     estimator: Any = plugins.make(plugins.ESTIMATOR, reference, parameters)
     with plugins.at_home(estimator):
         reason = estimator.supports(given) if hasattr(estimator, "supports") else None
@@ -67,8 +77,21 @@ def prepare(
             return Prepared(clip(str(reason)))
         if hasattr(estimator, "warm_up"):
             estimator.warm_up(given)
-    _seat = _Seat(estimator, given)
+    _seat = _Seat(reference, estimator, given, described)
     return Prepared(None)
+
+
+def libraries(reference: str, parameters: dict[str, Any]) -> Libraries:
+    """The modules that an estimator's plugin imports, in their order.
+
+    Args:
+        reference: name or file of the estimator.
+        parameters: parameters of the estimator.
+    """
+    before = set(sys.modules)
+    with plugins.at_home(plugins.make(plugins.ESTIMATOR, reference, parameters)):
+        own = set(sys.modules) - before
+    return Libraries([name for name in list(sys.modules) if name in own])
 
 
 def estimate(observations: tuple[Observation, ...], seed: int, budget: float) -> Answered:
@@ -91,7 +114,26 @@ def estimate(observations: tuple[Observation, ...], seed: int, budget: float) ->
             rng=np.random.default_rng(seed),
             budget=budget,
         )
+        if changed := changes(_seat.reference, _seat.problem, _seat.given):
+            return Answered(None, changed)
         try:
             return Answered(read_estimate(result))
         except InvalidEstimateError as error:
             return Answered(None, clip(str(error)))
+
+
+def describe_problem(reference: str, problem: Problem) -> dict[str, str]:
+    """What a problem says, field by field; nothing for a built-in estimator, which changes none."""
+    if plugins.is_built_in(plugins.ESTIMATOR, reference):
+        return {}
+    whole = {f"problem.{f.name}": getattr(problem, f.name) for f in fields(problem)}
+    game = whole.pop("problem.game")
+    whole |= {f"problem.game.{f.name}": getattr(game, f.name) for f in fields(game)}
+    return {place: repr(value) for place, value in whole.items()}
+
+
+def changes(reference: str, problem: Problem, given: dict[str, str]) -> str:
+    """What an estimator has changed in a problem, of which ``given`` is the description."""
+    now = describe_problem(reference, problem)
+    changed = [place for place, text in now.items() if text != given[place]]
+    return f"it changes the problem: {', '.join(changed)}" if changed else ""

@@ -2,9 +2,10 @@
 
 import pickle
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, Protocol
 
 from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.process.child import (
@@ -18,11 +19,13 @@ from olne_bench.bench.process.child import (
     StartError,
     TimedOutError,
 )
-from olne_bench.bench.run.player import Answered, Prepared, estimate, prepare
+from olne_bench.bench.run.describing import LOAD_LIMIT
+from olne_bench.bench.run.player import Answered, Libraries, Prepared, estimate, libraries, prepare
 from olne_bench.errors import UserError
 
 #: Share of the time limit that an estimate may spend, so that it can say that its time has ended.
 _BUDGET = 0.8
+_PLAYER_MODULES = ("olne_bench.bench.run.player", "olne_bench.bench.run.stream_player")
 
 
 class PlayerProcess:
@@ -39,7 +42,7 @@ class PlayerProcess:
             hidden: folder that foreign code cannot read.
         """
         self._memory, self._hidden = memory, hidden
-        self._plugin: str | None = None
+        self._place: tuple[object, ...] | None = None
         self._child = Child()
 
     def estimate(self, task: PlayerTask) -> Answer:
@@ -48,11 +51,12 @@ class PlayerProcess:
         Raises:
             PlayerFault: if there is neither an estimate nor a reason why it declines.
         """
-        if task.plugin != self._plugin:
+        place = (task.plugin, task.reference, task.homes) if task.plugin else ()
+        if place != self._place:
             self.stop()
-            foreign = task.plugin != ""
-            self._child = Child(memory=self._memory, restricted=foreign, hidden=self._hidden)
-            self._plugin = task.plugin
+            homes = (task.reference, *task.homes)
+            self._child = player_child(task, homes, self._memory, self._hidden)
+            self._place = place
         for attempt in range(1, ATTEMPTS + 1):
             used = self._child.served > 0
             try:
@@ -61,6 +65,9 @@ class PlayerProcess:
                 # A previous trial may have damaged the process.
                 if not (error.outside or used) or attempt == ATTEMPTS:
                     raise PlayerFault("crash", str(error)) from error
+            finally:
+                if task.plugin:
+                    self._child.renew()  # foreign code carries nothing from a trial to the next
         raise AssertionError
 
     def stop(self) -> None:
@@ -95,6 +102,47 @@ class PlayerProcess:
         if answered.estimate is None:
             raise PlayerFault("invalid", answered.malformed, seconds)
         return Answer(estimate=answered.estimate, seconds=seconds)
+
+
+class _Plugin(Protocol):
+    """The part of a task that says which estimator it is for."""
+
+    @property
+    def reference(self) -> str: ...
+    @property
+    def parameters(self) -> dict[str, Any]: ...
+    @property
+    def plugin(self) -> str: ...
+    @property
+    def time_limit(self) -> float: ...
+
+
+def player_child(
+    task: _Plugin, homes: Sequence[str], memory: int | None, hidden: Path | None
+) -> Child:
+    """A process for the estimator of a task.
+
+    A plugin's has a fork server that knows its libraries, so that a fork imports the plugin alone.
+    They are asked for once, of a fork that has seen no trial.
+
+    Args:
+        task: what it is for.
+        homes: references of the plugins whose code it runs.
+        memory: memory limit [bytes] of the process, None for no limit.
+        hidden: folder that foreign code cannot read.
+    """
+    if not task.plugin:
+        return Child(memory=memory)
+    child = Child(
+        memory=memory, restricted=True, plugins=homes, hidden=hidden, modules=_PLAYER_MODULES
+    )
+    with suppress(ChildError, RaisedError, UserError):  # its first trial will show it
+        asked = (task.reference, task.parameters)
+        seconds = min(LOAD_LIMIT, task.time_limit)
+        found: Libraries = child.call(libraries, *asked, kind=Libraries, seconds=seconds)
+        child.load(found.names)
+    child.end()
+    return child
 
 
 @contextmanager

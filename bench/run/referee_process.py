@@ -87,22 +87,29 @@ class RefereeProcess(Generic[W]):
         self.trial = None
 
     def _send(self, trial: W) -> None:
-        if trial.home_plugins != self._home:
+        home = self._home_of(trial)
+        if home != self._home:
             self._child.stop()
-            self._child = self._for(trial)
-        self.trial, self._home = trial, trial.home_plugins
+            self._child = self._for(trial, home)
+        self.trial, self._home = trial, home
         arguments = (trial, self._memory, self._hidden)
         self._child.submit(run_trial, *arguments, seconds=own_seconds(trial))
 
-    def _for(self, trial: Work) -> Child:
+    def _home_of(self, trial: Work) -> tuple[str, ...]:
+        """References of all plugins that run in a trial's sandbox; empty if it needs none."""
+        return (*trial.home_plugins, *trial.guest_plugins) if trial.home_plugins else ()
+
+    def _for(self, trial: Work, home: tuple[str, ...]) -> Child:
         """A process for a trial; foreign scenarios and sensors run in a sandbox, as players do."""
-        if not trial.home_plugins:
+        if not home:
             return Child(log=self._log, may_announce=True)
         return Child(
             log=self._log,
             memory=self._memory,
             restricted=True,
+            plugins=home,
             hidden=self._hidden,
+            readable=[trial.draws.path] if trial.draws else [],
             may_announce=True,
             has_children=True,
         )

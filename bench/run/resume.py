@@ -1,14 +1,15 @@
 """Which trials of a suite are done already, and whether a run may continue another one."""
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from functools import cached_property
+from typing import Any
 
 from olne_bench.bench.plan.outcome import FAILURES
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
-from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial
+from olne_bench.bench.plan.trial import CELL_COLUMNS, Trial
 from olne_bench.bench.run.provenance import Provenance
-from olne_bench.bench.run.store import Record
+from olne_bench.bench.run.store import Records
 from olne_bench.errors import UserError
 
 #: Values of ``--retry``: all failures of estimators, one kind of them, or errors of the harness.
@@ -18,35 +19,50 @@ RETRIES = ("failed", *FAILURES, "harness_error")
 #: the harness; only rows of other code or parameters; no row.
 STATES = ("done", "failed", "harness_error", "stale", "missing")
 
-_PLACE = [k for k, name in enumerate(KEY_COLUMNS) if name != "parameters"]
-
 
 class Stored:
     """The stored status of trials."""
 
-    def __init__(self, records: Iterable[Record]) -> None:
-        self._statuses = {(record.key, record.versions): record.status for record in records}
+    def __init__(self, records: Records) -> None:
+        self._cells: dict[tuple[Any, ...], dict[tuple[Any, ...], dict[int, str]]] = {}
+        width = len(CELL_COLUMNS)
+        for group, statuses in records.items():
+            self._cells.setdefault(group[:width], {})[group[width:]] = statuses
 
     def status(self, trial: Trial) -> str | None:
         """The status of a trial with the present code; None if it has no row."""
-        return self._statuses.get((trial.key, trial.versions)) if self._statuses else None
+        return self._cells.get(trial.cell, {}).get(trial.code, {}).get(trial.seed)
 
     def state(self, trial: Trial) -> str:
         """The state of a trial, one of ``STATES``."""
-        status = self.status(trial)
-        if status is None:
-            return "stale" if _place(trial.key) in self._places else "missing"
-        if status == "harness_error":
-            return status
-        return "failed" if status in FAILURES else "done"
+        (found,) = self.states(trial, (trial.seed,))
+        return found
 
-    @cached_property
-    def _places(self) -> set[tuple[str, ...]]:
-        return {_place(key) for key, _ in self._statuses}
+    def states(self, trial: Trial, seeds: Iterable[int]) -> Counter[str]:
+        """How many trials that differ in nothing but the seed are in each of ``STATES``.
+
+        Args:
+            trial: one of them.
+            seeds: their seeds.
+        """
+        by_code = self._cells.get(trial.cell, {})
+        own = by_code.get(trial.code, {})
+        statuses = Counter(map(own.get, seeds))
+        found = Counter[str]()
+        for status, number in statuses.items():
+            if status is not None:
+                found[_state(status)] += number
+        if statuses[None]:
+            former = set[int]().union(*by_code.values())
+            found["stale"] = sum(seed in former for seed in seeds if seed not in own)
+            found["missing"] = statuses[None] - found["stale"]
+        return +found
 
 
-def _place(key: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(key[k] for k in _PLACE)
+def _state(status: str) -> str:
+    if status == "harness_error":
+        return status
+    return "failed" if status in FAILURES else "done"
 
 
 def pending(

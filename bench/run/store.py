@@ -1,19 +1,31 @@
 """The store of a run: finished trials, one committed row each, and their provenance."""
 
 import sqlite3
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import cache
 from json import dumps
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from olne_bench.bench.plan.outcome import NESTED, Outcome
-from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial
+from olne_bench.bench.plan.outcome import NESTED, STATUSES, Outcome
+from olne_bench.bench.plan.trial import (
+    CELL_COLUMNS,
+    CODE_COLUMNS,
+    KEY_COLUMNS,
+    Trial,
+)
 from olne_bench.bench.plan.versions import VERSION_COLUMNS, Versions
 from olne_bench.bench.run.provenance import Provenance, provenance_json, read_provenance
+from olne_bench.bench.run.store_check import (
+    FILLED,
+    Checksums,
+    as_stored,
+    checksum,
+    damage,
+    is_undecodable,
+)
 from olne_bench.bench.run.store_file import reading, writing
 from olne_bench.bench.run.store_layout import (
     COLUMNS,
@@ -24,12 +36,12 @@ from olne_bench.bench.run.store_layout import (
     add_cost,
     add_metric_columns,
     costs,
-    create_costs,
     metric_columns,
     quoted,
 )
 from olne_bench.bench.run.store_merge import merge_stores
 from olne_bench.bench.run.time_left import Cost
+from olne_bench.bench.text import one_line
 
 if TYPE_CHECKING:
     # Importing them takes longer than all else that a run does before its first trial.
@@ -38,14 +50,15 @@ if TYPE_CHECKING:
 
 #: Longest message in a row [bytes].
 MESSAGE_SIZE = 1024
+#: Number of rows that are read at a time.
+_BATCH = 50_000
 
 
-class Record(NamedTuple):
-    """The stored status of one trial with one version of the code."""
-
-    key: tuple[str, ...]
-    versions: Versions
-    status: str
+#: The status of trials by seed, for each ``(*Trial.cell, *Trial.code)``.
+Records = dict[tuple[Any, ...], dict[int, str]]
+_STATUS = [*COLUMNS].index("status")
+_filled = itemgetter(*(k for k, name in enumerate(COLUMNS) if name in FILLED))
+_STATUSES = {status: status for status in STATUSES}  # a million equal texts would fill the memory
 
 
 class Store:
@@ -54,7 +67,11 @@ class Store:
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
         self._run = 0
-        self._metrics = metric_columns(connection)
+        self._learn_metrics()
+
+    def _learn_metrics(self) -> None:
+        self._metrics = metric_columns(self._connection)
+        self._sums = Checksums(self._metrics)
 
     def begin_run(self, source: Provenance, trials: Iterable[Trial]) -> None:
         """Note the provenance of the rows that follow, and the current versions.
@@ -70,16 +87,17 @@ class Store:
             place = tuple(labels[name] for name in NAMED)
             current[place] = (labels["parameters"], *_flat(trial.versions))
             self._make_columns(trial)
-        create_costs(self._connection)
-        places = ", ".join("?" for _ in (*NAMED, *CURRENT))
+        rows = sorted((*place, *code) for place, code in current.items())
+        places = ", ".join("?" for _ in (*NAMED, *CURRENT, "checksum"))
         with self._connection:
             cursor = self._connection.execute(
-                "INSERT INTO runs (provenance) VALUES (?)", [provenance_json(source)]
+                "INSERT INTO runs (provenance, checksum) VALUES (?1, checksum(?1))",
+                [provenance_json(source)],
             )
             self._run = cursor.lastrowid or 0
             self._connection.executemany(
                 f"INSERT OR REPLACE INTO current VALUES ({places})",
-                sorted((*place, *code) for place, code in current.items()),
+                [(*row, checksum(*row)) for row in rows],
             )
 
     def add(self, trial: Trial, outcome: Outcome) -> None:
@@ -88,13 +106,17 @@ class Store:
         row = asdict(outcome)
         scores, seconds = row.pop("scores"), row.pop("trial_seconds")
         row |= {name: scores.get(name) for name in self._metrics}
-        row |= trial.labels | {"message": _shortened(outcome.message), "run": self._run}
+        row |= trial.labels | {"message": _shortened(outcome.message)}
         row |= zip(VERSION_COLUMNS, _flat(trial.versions), strict=True)
         row |= {name: dumps(row[name]) for name in NESTED if row[name] is not None}
-        places = ", ".join(f":{name}" for name in row)
+        columns = self._columns
+        values = tuple(as_stored(row[name], kind) for name, kind in columns.items())
+        names = quoted((*columns, "run", "checksum"))
+        places = ", ".join("?" * (len(columns) + 2))
         with self._connection:
             self._connection.execute(
-                f"INSERT OR REPLACE INTO trials ({quoted(row)}) VALUES ({places})", row
+                f"INSERT OR REPLACE INTO trials ({names}) VALUES ({places})",
+                (*values, self._run, self._sums.of(values)),
             )
             if seconds is not None:
                 add_cost(self._connection, row["scenario"], row["estimator"], seconds)
@@ -104,16 +126,61 @@ class Store:
         if missing:
             with self._connection:
                 add_metric_columns(self._connection, missing)
-            self._metrics = metric_columns(self._connection)
+            self._learn_metrics()
 
-    def records(self) -> Iterator[Record]:
-        """All stored trials, including those of former versions of the code."""
-        names = quoted((*KEY_COLUMNS, *VERSION_COLUMNS, "status"))
-        width = len(KEY_COLUMNS)
-        version = cache(Versions)  # a million equal objects would fill the memory, as would texts
-        for row in self._connection.execute(f"SELECT {names} FROM trials"):
-            key = tuple(sys.intern(str(value)) for value in row[:width])
-            yield Record(key, version(*row[width:-1]), sys.intern(row[-1]))
+    def records(self) -> Records:
+        """The status of all stored trials, including those of former versions of the code.
+
+        Raises:
+            UserError: on a row without a seed or with an unknown status; names it.
+        """
+        names = quoted((*CELL_COLUMNS, *CODE_COLUMNS, "seed", "status"))
+        found: Records = {}
+        with self._intact_rows():
+            # A tight loop, as there may be millions.
+            for row in self._connection.execute(f"SELECT {names} FROM trials NOT INDEXED"):
+                group = found.get(row[:-2])
+                if group is None:
+                    group = found[row[:-2]] = {}
+                group[row[-2]] = _STATUSES.get(row[-1], "")
+        for group in found.values():
+            if "" in group.values() or set(map(type, group)) != {int}:
+                raise damage(self._connection)
+        return found
+
+    def check(self) -> None:
+        """Compare all rows with their checksums.
+
+        Raises:
+            UserError: on the first row that is damaged; names it.
+        """
+        for _ in self._checked("SELECT {columns} FROM trials t NOT INDEXED"):
+            pass
+
+    def _checked(self, query: str) -> Iterator[list[tuple[Any, ...]]]:
+        """Rows of a query for all columns, then the checksum, some at a time."""
+        names = quoted((*self._columns, "checksum"), "t.")
+        with self._intact_rows():
+            cursor = self._connection.execute(query.format(columns=names))
+            while batch := cursor.fetchmany(_BATCH):
+                if not all(self._is_whole(row) for row in batch):
+                    raise damage(self._connection)
+                yield batch
+
+    def _is_whole(self, row: tuple[Any, ...]) -> bool:
+        return (
+            self._sums.of(row) == row[-1] and row[_STATUS] in _STATUSES and None not in _filled(row)
+        )
+
+    @contextmanager
+    def _intact_rows(self) -> Iterator[None]:
+        """Where a text is not UTF-8, say which."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            if is_undecodable(error):
+                raise damage(self._connection) from error
+            raise
 
     def costs(self) -> dict[tuple[str, str], Cost]:
         """What trials have taken so far, by scenario and estimator."""
@@ -147,18 +214,25 @@ class Store:
         return COLUMNS | dict.fromkeys(self._metrics, "REAL")
 
     def batches(self) -> "Iterator[pa.RecordBatch]":
-        """``table()`` some rows at a time, so that a large store need not fit in memory."""
-        from olne_bench.bench.run.store_table import as_batches
+        """``table()`` some rows at a time, so that a large store need not fit in memory.
 
-        columns = self._columns
+        Raises:
+            UserError: on a damaged row; names it.
+        """
+        from olne_bench.bench.run.store_table import BAD_VALUES, as_batch
+
         same = " AND ".join(f"t.{name} = c.{name}" for name in NAMED)
         current = " AND ".join(f"t.{name} = c.{name}" for name in CURRENT)
         order = quoted(KEY_COLUMNS, "t.")
-        cursor = self._connection.execute(
-            f"SELECT {quoted(columns, 't.')} FROM trials t LEFT JOIN current c ON {same} "
+        for rows in self._checked(
+            f"SELECT {{columns}} FROM trials t LEFT JOIN current c ON {same} "
             f"WHERE c.scenario IS NULL OR ({current}) ORDER BY {order}"
-        )
-        yield from as_batches(cursor, columns)
+        ):
+            try:
+                batch = as_batch(rows, self._columns)
+            except BAD_VALUES as error:
+                raise damage(self._connection) from error
+            yield batch
 
     def frame(self) -> "pd.DataFrame":
         """``table()`` as a pandas table, with weights and unknowns as nested lists."""
@@ -173,7 +247,7 @@ class Store:
             UserError: if the two have run different code, or parameters, under the same name.
         """
         counts = merge_stores(self._connection, other)
-        self._metrics = metric_columns(self._connection)
+        self._learn_metrics()
         return counts
 
 
@@ -211,11 +285,12 @@ def store_name(folder: Path) -> str:
 
 
 def _flat(versions: Versions) -> tuple[str, ...]:
-    return tuple(asdict(versions).values())
+    return tuple(vars(versions).values())
 
 
 def _shortened(message: str) -> str:
-    data = message.encode("utf-8", "replace")
+    line = one_line(message)
+    data = line.encode()
     if len(data) <= MESSAGE_SIZE:
-        return message
+        return line
     return data[: MESSAGE_SIZE - 3].decode("utf-8", "ignore") + "..."

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from olne_bench.bench.run.store_check import checksum, is_undecodable, refuse_damaged, said
 from olne_bench.bench.run.store_layout import (
     APPLICATION_ID,
     FILE_NAME,
@@ -21,6 +22,7 @@ from olne_bench.bench.run.store_layout import (
     create,
 )
 from olne_bench.errors import UserError
+from olne_bench.files import check_folder
 
 _HEADER = 100  # bytes; sqlite.org/fileformat.html
 
@@ -36,12 +38,11 @@ def writing(folder: Path, name: str = FILE_NAME) -> Iterator[sqlite3.Connection]
         name: name of the file.
 
     Raises:
-        UserError: if the folder cannot be written, another run uses it, its file is damaged or not
-            a store, or it holds a study of the other kind.
+        UserError: if the folder cannot be written or has files of others, another run uses it, its
+            file is damaged or not a store, or it holds a study of the other kind.
     """
     try:
-        if folder.exists() and not folder.is_dir():
-            raise UserError(f"cannot write to {folder}: it is a file, a folder is needed")
+        check_folder(folder, (FILE_NAME, MOTIONS_NAME), (".lock", "workers.log"))
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / ".lock")
         lock.acquire(timeout=0)
@@ -107,24 +108,35 @@ def _connected(
         _refuse_truncated(path)
         connection = connect(path)
     except (sqlite3.Error, OSError) as error:
-        raise UserError(f"cannot open {path}: {error}") from error
+        raise UserError(f"cannot open {path}: {said(error)}") from error
     try:
-        if connect is _writer:
-            _prepare(connection, path)
-        _refuse_foreign(connection, path)
-        _refuse_damaged(connection)
+        _begin(connection, path, connect is _writer)
         yield connection
     except sqlite3.OperationalError as error:
-        raise UserError(f"cannot use {path}: {error}; nothing stored is lost") from error
+        if is_undecodable(error):
+            raise _damaged(path, error) from error
+        raise UserError(f"cannot use {path}: {said(error)}; nothing stored is lost") from error
     except sqlite3.DatabaseError as error:
         raise _damaged(path, error) from error
     finally:
         connection.close()
 
 
+def _begin(connection: sqlite3.Connection, path: Path, writes: bool) -> None:
+    """Refuse what is no store, or is damaged, before anything is read or added."""
+    connection.create_function("checksum", -1, checksum)
+    try:
+        if writes:
+            _prepare(connection, path)
+        _refuse_foreign(connection, path)
+        refuse_damaged(connection)
+    except UnicodeDecodeError as error:  # of what SQLite says
+        raise _damaged(path, "a name in it is no text in UTF-8") from error
+
+
 def _damaged(path: Path, cause: object) -> UserError:
     return UserError(
-        f"{path} is not a store of this benchmark, or is damaged ({cause}); "
+        f"{path} is not a store of this benchmark, or is damaged ({said(cause)}); "
         "it was left as it is: move it away or use another folder"
     )
 
@@ -145,13 +157,6 @@ def _refuse_truncated(path: Path) -> None:
     whole = pages * (65536 if size == 1 else size)
     if path.stat().st_size != whole:
         raise _damaged(path, f"it has {path.stat().st_size} bytes instead of {whole}")
-
-
-def _refuse_damaged(connection: sqlite3.Connection) -> None:
-    """Refuse a damaged file before anything is read or added."""
-    (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-    if result != "ok":
-        raise sqlite3.DatabaseError(" ".join(result.split()))
 
 
 def _refuse_foreign(connection: sqlite3.Connection, path: Path) -> None:

@@ -1,7 +1,8 @@
 """Layout of a store: one SQLite file per run folder, one row per trial.
 
 Rows of former versions of the code stay; ``current`` holds the version that was last run under a
-name. Each metric has a column, which is added by the first run that has it.
+name. Each metric has a column, which is added by the first run that has it. Each row of each table
+has a checksum (``store_check``).
 """
 
 import sqlite3
@@ -16,7 +17,7 @@ FILE_NAME = "trials.sqlite"
 MOTIONS_NAME = "motions.sqlite"
 #: Mark the file as a store, and its layout.
 APPLICATION_ID = 0x4F4C4E45  # "OLNE"
-VERSION = 6
+VERSION = 7
 
 #: Columns of every store, and their types.
 COLUMNS = LABEL_COLUMNS | OUTCOME_COLUMNS | VERSION_COLUMNS
@@ -25,27 +26,39 @@ NAMED = ("scenario", "sensor", "estimator")
 CURRENT = ("parameters", *VERSION_COLUMNS)
 
 
-#: Sums over finished trials, for estimates of the time left; older stores have none.
-_COSTS = (
-    "CREATE TABLE IF NOT EXISTS costs (scenario TEXT, estimator TEXT, trials INTEGER, "
-    "seconds REAL, PRIMARY KEY (scenario, estimator)) WITHOUT ROWID"
-)
+_CHECKSUM = {"checksum": "INTEGER"}
+#: All tables with their columns; in ``trials``, those of metrics follow, whose names ``metrics``
+#: has. ``costs`` has sums over finished trials, for estimates of the time left.
+TABLES = {
+    "trials": COLUMNS | {"run": "INTEGER"} | _CHECKSUM,
+    "runs": {"id": "INTEGER", "provenance": "TEXT"} | _CHECKSUM,
+    "current": dict.fromkeys((*NAMED, *CURRENT), "TEXT") | _CHECKSUM,
+    "metrics": {"name": "TEXT"} | _CHECKSUM,
+    "costs": {"scenario": "TEXT", "estimator": "TEXT", "trials": "INTEGER", "seconds": "REAL"}
+    | _CHECKSUM,
+}
+_KEYS = {
+    "trials": (*KEY_COLUMNS, *VERSION_COLUMNS),
+    "runs": ("id",),
+    "current": NAMED,
+    "metrics": ("name",),
+    "costs": ("scenario", "estimator"),
+}
+_WITHOUT_ROWID = ("current", "metrics", "costs")
 _ADD_COST = (
-    "INSERT INTO costs VALUES (?, ?, 1, ?) ON CONFLICT DO UPDATE SET trials = trials + 1, "
-    "seconds = seconds + excluded.seconds"
+    "INSERT INTO costs VALUES (?1, ?2, 1, ?3, checksum(?1, ?2, 1, ?3)) ON CONFLICT DO UPDATE SET "
+    "trials = trials + 1, seconds = seconds + excluded.seconds, "
+    "checksum = checksum(scenario, estimator, trials + 1, seconds + excluded.seconds)"
 )
 
 
 def create(connection: sqlite3.Connection) -> None:
     """Create the tables of an empty store."""
-    columns = ", ".join(f'"{name}" {kind}' for name, kind in COLUMNS.items())
-    key = quoted((*KEY_COLUMNS, *VERSION_COLUMNS))
-    connection.execute(f"CREATE TABLE trials ({columns}, run INTEGER, PRIMARY KEY ({key}))")
-    connection.execute("CREATE TABLE runs (id INTEGER PRIMARY KEY, provenance TEXT)")
-    connection.execute(
-        f"CREATE TABLE current ({quoted((*NAMED, *CURRENT))}, PRIMARY KEY ({quoted(NAMED)})) "
-        "WITHOUT ROWID"
-    )
+    for table, columns in TABLES.items():
+        named = ", ".join(f'"{name}" {kind}' for name, kind in columns.items())
+        kind = "WITHOUT ROWID" if table in _WITHOUT_ROWID else ""
+        key = quoted(_KEYS[table])
+        connection.execute(f"CREATE TABLE {table} ({named}, PRIMARY KEY ({key})) {kind}")
     connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     connection.execute(f"PRAGMA user_version = {VERSION}")
 
@@ -53,29 +66,24 @@ def create(connection: sqlite3.Connection) -> None:
 def metric_columns(connection: sqlite3.Connection, schema: str = "main") -> list[str]:
     """Names of the metrics that a store has columns for, sorted."""
     found = connection.execute(f"PRAGMA {schema}.table_info(trials)")
-    return sorted({row[1] for row in found} - {*COLUMNS, "run"})
+    return sorted({row[1] for row in found} - {*TABLES["trials"]})
 
 
 def add_metric_columns(connection: sqlite3.Connection, names: Iterable[str]) -> None:
     """Add columns for metrics that have none; older rows have no value in them."""
     for name in sorted(set(names) - set(metric_columns(connection))):
         connection.execute(f'ALTER TABLE trials ADD COLUMN "{name}" REAL')
-
-
-def create_costs(connection: sqlite3.Connection) -> None:
-    """Create the table of costs, unless it is there."""
-    connection.execute(_COSTS)
+        connection.execute("INSERT INTO metrics VALUES (?1, checksum(?1))", [name])
 
 
 def add_cost(connection: sqlite3.Connection, scenario: str, estimator: str, seconds: float) -> None:
     """Add the time of one trial [s]."""
-    connection.execute(_ADD_COST, [scenario, estimator, seconds])
+    connection.execute(_ADD_COST, [scenario, estimator, float(seconds)])
 
 
 def costs(connection: sqlite3.Connection) -> list[tuple[str, str, int, float]]:
     """Scenario, estimator, number of trials and their seconds in all."""
-    found = connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'costs'").fetchone()
-    return connection.execute("SELECT * FROM costs").fetchall() if found else []
+    return connection.execute("SELECT scenario, estimator, trials, seconds FROM costs").fetchall()
 
 
 def quoted(columns: Iterable[str], prefix: str = "") -> str:

@@ -82,15 +82,15 @@ def _merge(connection: sqlite3.Connection) -> tuple[int, int]:
     add_metric_columns(connection, metrics)
     (offset,) = execute("SELECT coalesce(max(id), 0) FROM main.runs").fetchone()
     execute(
-        "INSERT INTO main.runs (id, provenance) "
-        "SELECT id + ?, provenance FROM other.runs ORDER BY id",
+        "INSERT INTO main.runs (id, provenance, checksum) "
+        "SELECT id + ?, provenance, checksum FROM other.runs ORDER BY id",
         [offset],
     )
     execute("INSERT OR IGNORE INTO main.current SELECT * FROM other.current")
     names = quoted((*COLUMNS, *metrics))
     new = execute(
-        f"INSERT OR IGNORE INTO main.trials ({names}, run) "
-        f"SELECT {names}, run + ? FROM other.trials",
+        f"INSERT OR IGNORE INTO main.trials ({names}, checksum, run) "
+        f"SELECT {names}, checksum, run + ? FROM other.trials",
         [offset],
     ).rowcount
     (rows,) = execute("SELECT count(*) FROM other.trials").fetchone()

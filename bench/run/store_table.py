@@ -1,8 +1,7 @@
 """Rows of a store as Arrow and pandas tables."""
 
 import json
-import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -13,8 +12,10 @@ from olne_bench.errors import UserError
 
 NUMBERS = pa.list_(pa.list_(pa.float64()))
 
+#: What ``as_batch`` raises on a value of another type.
+BAD_VALUES = (TypeError, OverflowError, pa.ArrowException)
+
 _TYPES = {"TEXT": pa.string(), "REAL": pa.float64(), "INTEGER": pa.int64()}
-_BATCH = 50_000
 
 
 def schema_of(columns: Mapping[str, str]) -> pa.Schema:
@@ -22,18 +23,21 @@ def schema_of(columns: Mapping[str, str]) -> pa.Schema:
     return pa.schema([(name, _TYPES[kind]) for name, kind in columns.items()])
 
 
-def as_batches(rows: sqlite3.Cursor, columns: Mapping[str, str]) -> Iterator[pa.RecordBatch]:
-    """The rows of a query, some at a time.
+def as_batch(rows: Iterable[Sequence[Any]], columns: Mapping[str, str]) -> pa.RecordBatch:
+    """Rows as a part of a table.
 
     Args:
-        rows: cursor of the query.
-        columns: names and SQL types of the columns, in the order of the query.
+        rows: at least one.
+        columns: names and SQL types of the columns, in the order of the rows' first values.
+
+    Raises:
+        BAD_VALUES: on a value of another type.
     """
     schema = schema_of(columns)
-    while batch := rows.fetchmany(_BATCH):
-        parts = zip(*batch, strict=True)
-        arrays = [pa.array(c, type=t) for c, t in zip(parts, schema.types, strict=True)]
-        yield pa.record_batch(arrays, schema=schema)
+    parts = zip(*rows, strict=True)
+    return pa.record_batch(
+        [pa.array(c, type=t) for c, t in zip(parts, schema.types, strict=False)], schema=schema
+    )
 
 
 def parquet_options(schema: pa.Schema) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from olne_bench.bench.judge.online import StreamTask
 from olne_bench.bench.judge.referee import Answer, PlayerFault
 from olne_bench.bench.process.child import Child, DiedError
 from olne_bench.bench.run.player import Answered, Prepared
-from olne_bench.bench.run.player_process import faults_of
+from olne_bench.bench.run.player_process import faults_of, player_child
 from olne_bench.bench.run.stream_player import begin, update
 
 #: Share of the time limit that an update may spend, so that it can say that its time has ended.
@@ -34,17 +34,20 @@ class StreamProcess:
             hidden: folder that foreign code cannot read.
         """
         self._memory, self._hidden = memory, hidden
-        self._plugin: str | None = None
+        self._place: tuple[object, ...] | None = None
         self._child = Child()
         self._limit = self._budget = 0.0
 
     def start(self, task: StreamTask) -> str | None:
         """As of ``judge.online.StreamPlayer``."""
-        if task.plugin != self._plugin:
+        place = (task.plugin, task.reference, task.homes) if task.plugin else ()
+        if place != self._place:
             self.stop()
-            foreign = task.plugin != ""
-            self._child = Child(memory=self._memory, restricted=foreign, hidden=self._hidden)
-            self._plugin = task.plugin
+            homes = (task.reference, *task.homes)
+            self._child = player_child(task, homes, self._memory, self._hidden)
+            self._place = place
+        if task.plugin:
+            self._child.end()  # foreign code carries nothing from a motion to the next
         self._limit = task.time_limit
         self._budget = _BUDGET * task.time_limit if task.budget is None else task.budget
         prepared: Prepared = self._asked(
@@ -52,6 +55,7 @@ class StreamProcess:
             begin,
             task.reference,
             task.parameters,
+            task.homes,
             pickle.dumps(task.problem),
             task.lag,
             task.seed,

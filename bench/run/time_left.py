@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 #: Executor of a run on this machine, as ``Provenance.executor`` names it.
-_LOCAL = re.compile(r"(\d+) local processes")
+_LOCAL = re.compile("([0-9]{1,4}) local processes")
 
 
 class Cost(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.envs.tracks.table import COLUMNS, Tracks
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 
 DESCRIPTION = "SUMO: XML of --fcd-output; lanes from its network by --road FILE.net.xml"
 LENGTH = 5.0  # [m], SUMO's default length of a passenger car
@@ -23,11 +23,8 @@ def read(path: Path, part: str | None) -> Tracks:
         raise UserError(f"--part {part!r}: files of this format have no parts")
     if not path.is_file():
         raise UserError(f"no tracks file {str(path)!r}")
-    try:
+    with bad_input(f"{path} is not floating car data of SUMO", OSError):
         rows = pd.DataFrame(_vehicles(path), columns=["time", "player", "x", "y", "angle", "speed"])
-    except (ElementTree.ParseError, KeyError, ValueError) as error:
-        reason = f"no attribute {error}" if isinstance(error, KeyError) else str(error)
-        raise UserError(f"{path} is not floating car data of SUMO: {reason}") from error
     heading = np.deg2rad(90 - rows["angle"])
     table = rows.assign(
         heading=heading,

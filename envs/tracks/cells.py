@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.envs.tracks.table import STATE_NAMES
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 
 REQUIRED = ("time", "player", "x", "y")
 OPTIONAL = ("heading", "speed")
@@ -38,7 +38,9 @@ def read_cells(path: Path) -> pd.DataFrame:
     """The cells as text, indexed by line number, without blank lines."""
     if not path.is_file():
         raise UserError(f"no tracks file {str(path)!r}")
-    try:
+    if not path.stat().st_size:
+        raise UserError(f"{path} is empty; expected the columns {', '.join(REQUIRED)}")
+    with bad_input(f"{path} is not a CSV file", OSError):
         cells = pd.read_csv(
             path,
             dtype=str,
@@ -48,10 +50,6 @@ def read_cells(path: Path) -> pd.DataFrame:
             skip_blank_lines=False,
             encoding="utf-8-sig",
         )
-    except pd.errors.EmptyDataError as error:
-        raise UserError(f"{path} is empty; expected the columns {', '.join(REQUIRED)}") from error
-    except (pd.errors.ParserError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} is not a CSV file: {error}") from error
     names = cells.iloc[0].fillna("").str.strip()
     if names.duplicated().any():
         raise UserError(f"{path}: column {names[names.duplicated()].iloc[0]!r} appears twice")

@@ -5,17 +5,52 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from olne_bench.envs.tracks.road import FARTHEST
 from olne_bench.errors import UserError
+from olne_bench.visible import visible
 
 FEWEST_STEPS = 3
 FASTEST = 100.0  # [m/s]; above it, something is not in metres and seconds
 LONGEST_STEP = 10.0  # [s]; above it, times are not in seconds
+SHORTEST_STEP = 1e-4  # [s]; below it, times are not in seconds
+MOST_STEPS = 100_000  # of a recording: hours of video
+LATEST = 1e13  # [s]; times beyond it cannot be told apart
+LONGEST_NAME = 200  # characters of a player's name
 LARGEST_HEADING = 8 * np.pi  # [rad], four full turns; above it, headings are in degrees
 STEP_TOLERANCE = 0.05  # as a share of a step, for times that were rounded when written
 UNIT_FACTOR = 2.0  # largest ratio of speeds to displacements; miles per hour differ by 2.2
 UNIT_WINDOW = 1.0  # [s] for displacements; noise would dominate shorter ones
 DRIVING = 1.0  # [m/s] above which headings must agree with the direction of motion
 STANDSTILL = 0.05  # [m/s] below which speeds and displacements are not compared
+
+
+def check_table(path: Path, table: pd.DataFrame) -> None:
+    """Refuse rows without a time, infinite numbers, and names that cannot be shown."""
+    times = table["time"].to_numpy(dtype=float)
+    wrong = ~(np.abs(times) < LATEST)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise UserError(
+            f"{path}, row {row + 1}: its time is {times[row]:g}, expected a number of seconds"
+        )
+    for name in ("x", "y", "heading", "speed"):
+        endless = np.isinf(table[name].to_numpy(dtype=float))
+        if endless.any():
+            raise UserError(
+                f"{path}, row {int(endless.argmax()) + 1}: {name} is infinite; a value that is "
+                "not known is left empty"
+            )
+    for player in table["player"].unique():
+        check_name(str(path), player)
+
+
+def check_name(place: str, player: str) -> None:
+    """Refuse a player's name that is empty, long, or has characters that are not seen."""
+    if not player.strip() or len(player) > LONGEST_NAME or visible(player) != player:
+        raise UserError(
+            f"{place}: a player is called {player[:LONGEST_NAME]!r}; expected a name of 1 to "
+            f"{LONGEST_NAME} characters that can be seen"
+        )
 
 
 def check_times(path: Path, table: pd.DataFrame) -> None:
@@ -32,6 +67,10 @@ def check_steps(path: Path, times: np.ndarray) -> None:
         raise UserError(f"{path} has {len(times)} times, expected at least {FEWEST_STEPS}")
     steps = np.diff(times)
     usual = float(np.median(steps))
+    if usual < SHORTEST_STEP:
+        raise UserError(
+            f"{path}: time steps of {usual:g}, below {SHORTEST_STEP:g} s; expected time in seconds"
+        )
     if usual > LONGEST_STEP:
         raise UserError(
             f"{path}: time steps of {usual:g}, above {LONGEST_STEP:g} s; expected time in seconds"
@@ -45,9 +84,24 @@ def check_steps(path: Path, times: np.ndarray) -> None:
         )
 
 
+def check_number_of_steps(path: Path, seconds: float, step: float) -> None:
+    """Refuse more steps than a recording can have, before there are arrays of so many."""
+    if not seconds / step < MOST_STEPS:
+        raise UserError(
+            f"{path} spans {seconds:g} s, {seconds / step:.3g} steps of {step:g} s; expected at "
+            f"most {MOST_STEPS}: choose a shorter --window or a longer --resample"
+        )
+
+
 def check_positions(path: Path, states: np.ndarray, players: list[str]) -> None:
-    """Refuse players without any position in states (T, N, 4)."""
+    """Refuse players without any position in states (T, N, 4), or who are not on the earth."""
     for i, player in enumerate(players):
+        farthest = np.nanmax(np.abs(states[:, i, :2]), initial=0.0)
+        if farthest > FARTHEST:
+            raise UserError(
+                f"{path}: player {player!r} is at a position of {farthest:g}, beyond "
+                f"{FARTHEST:g} m; expected metres"
+            )
         if not np.isfinite(states[:, i, :2]).all(axis=-1).any():
             raise UserError(f"{path}: player {player!r} has no position at any time")
 

@@ -62,7 +62,7 @@ def write_csv(path: Path, episode: Episode) -> None:
     """Write a file that ``import --format csv`` reads; numbers keep all digits.
 
     Raises:
-        OSError: if the file cannot be written.
+        UserError: if the file cannot be written.
     """
     steps, count, _ = episode.states.shape
     columns = {
@@ -83,8 +83,7 @@ def write_commonroad(path: Path, episode: Episode) -> dict[str, str]:
         The obstacles' numbers, by name of the player.
 
     Raises:
-        UserError: if commonroad-io is not installed.
-        OSError: if the file cannot be written.
+        UserError: if commonroad-io is not installed, or the file cannot be written.
     """
     commonroad_io()
     from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile

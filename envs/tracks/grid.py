@@ -6,7 +6,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.tracks.checks import FEWEST_STEPS, STEP_TOLERANCE, check_steps, check_times
+from olne_bench.envs.tracks.checks import (
+    FEWEST_STEPS,
+    STEP_TOLERANCE,
+    check_number_of_steps,
+    check_steps,
+    check_times,
+)
 from olne_bench.envs.tracks.table import STATE_NAMES, listed
 from olne_bench.errors import UserError
 
@@ -124,8 +130,11 @@ def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
         known = _merged(known)
         check_steps(path, known)
         usual = float(np.median(np.diff(known)))
+        check_number_of_steps(path, known[-1] - known[0], usual)
         count = round((known[-1] - known[0]) / usual)
         return np.linspace(known[0], known[-1], count + 1)
+    if len(known):
+        check_number_of_steps(path, known[-1] - known[0], step)
     count = int(np.floor((known[-1] - known[0]) / step + _ROUNDING)) if len(known) else 0
     if count + 1 < FEWEST_STEPS:
         raise UserError(

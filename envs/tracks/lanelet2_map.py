@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from olne_bench.envs.tracks.curve_fit import curves_through
 from olne_bench.envs.tracks.road import Road, RoadLane
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 from olne_bench.games.lanes import Lane
 
 FOR_CARS = ("road", "highway")  # subtypes; a lanelet without one is a road
@@ -33,17 +33,14 @@ def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road
     """
     if not path.is_file():
         raise UserError(f"no road file {str(path)!r}")
-    try:
+    with bad_input(f"{path} is not a lanelet2 map", OSError):
         root = ElementTree.parse(path).getroot()
         if root.tag != "osm":
             raise ValueError(f"its root is <{root.tag}>, not <osm>")
         borders = _borders(root, origin)
         lanes = {name: _curves_and_width(name, *pair) for name, pair in borders.items()}
-    except (ElementTree.ParseError, KeyError, ValueError) as error:
-        reason = f"no attribute {error}" if isinstance(error, KeyError) else str(error)
-        raise UserError(f"{path} is not a lanelet2 map: {reason}") from error
-    following = _following(borders)
-    return Road({name: RoadLane(*lane, following[name]) for name, lane in lanes.items()})
+        following = _following(borders)
+        return Road({name: RoadLane(*lane, following[name]) for name, lane in lanes.items()})
 
 
 def _borders(root: ElementTree.Element, origin: tuple[float, float] | None) -> dict[str, _Borders]:

@@ -8,7 +8,7 @@ import numpy as np
 from olne_bench.envs.recording_file import RecordingFile
 from olne_bench.envs.recording_metadata import EpisodeEntry, Metadata, library_versions
 from olne_bench.envs.track_formats import get_format
-from olne_bench.envs.tracks.checks import check_positions, check_units
+from olne_bench.envs.tracks.checks import check_positions, check_table, check_units
 from olne_bench.envs.tracks.frames import Frame
 from olne_bench.envs.tracks.grid import Excerpt, Grid, on_grid
 from olne_bench.envs.tracks.lanelet2_map import read_lanelets
@@ -16,7 +16,7 @@ from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import RoadFile, lane_entries, read_road_file
 from olne_bench.envs.tracks.sumo_net import read_net
 from olne_bench.envs.tracks.table import STATE_NAMES, Tracks, listed
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 
 ROAD_SUFFIXES = (".toml", ".xml", ".osm")
 
@@ -57,7 +57,9 @@ def read_tracks(
     Raises:
         UserError: with a message that names file, place, value and what is expected.
     """
-    tracks = get_format(format_name).read(path, part)
+    with bad_input(f"{path} cannot be read as {format_name}", OSError, TypeError):
+        tracks = get_format(format_name).read(path, part)
+    check_table(path, tracks.table)
     table = (frame or Frame()).apply(tracks.table)
     grid = on_grid(path, table, excerpt or Excerpt())
     check_positions(path, grid.states, grid.players)

@@ -9,6 +9,11 @@ import numpy as np
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
 DEFAULT_WIDTH = 4.0  # [m]
+FARTHEST = 1e9  # [m] from the origin; larger numbers are no metres
+#: Bounds of a lane, far beyond real ones, so that its points can be computed.
+_WIDEST, _SHORTEST, _LONGEST = 1e3, 1e-6, 1e5  # [m]
+_MOST_TURN = 100.0  # [rad]
+_UNIT = 1e-3  # tolerance of a direction's length
 _ARC_STEP = np.deg2rad(2)  # [rad], largest angle between neighbouring points on an arc
 _SAGITTA = 0.01  # [m], largest distance between an arc and the chord of neighbouring points
 _SINE_STEP = 1.0  # [m] along the axis
@@ -27,6 +32,17 @@ class RoadLane:
     curves: tuple[Lane, ...]
     width: float = DEFAULT_WIDTH
     following: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse lanes whose points cannot be computed.
+
+        Raises:
+            ValueError: with a message that names the number.
+        """
+        if not 0 < self.width <= _WIDEST:
+            raise ValueError(f"a lane's width is {self.width:g} m, expected 0 to {_WIDEST:g}")
+        for curve in self.curves:
+            _check_curve(curve)
 
     @cached_property
     def line(self) -> np.ndarray:
@@ -113,6 +129,30 @@ def curve_points(curve: Lane) -> np.ndarray:
         circle = np.column_stack([np.cos(phase), np.sin(phase)])
         return np.asarray(curve.centre) + curve.radius * circle
     raise TypeError(f"no points for a {type(curve).__name__}")
+
+
+def _check_curve(curve: Lane) -> None:
+    if not _SHORTEST <= curve.length <= _LONGEST:
+        raise ValueError(
+            f"a lane's curve has a length of {curve.length:g} m, expected {_SHORTEST:g} to "
+            f"{_LONGEST:g}"
+        )
+    values: tuple[float, ...] = ()
+    if isinstance(curve, StraightLane | SineLane):
+        axis = curve if isinstance(curve, StraightLane) else curve.axis
+        values = axis.start
+        if not abs(np.hypot(*axis.direction) - 1) < _UNIT:
+            x, y = axis.direction
+            raise ValueError(f"a lane's direction ({x:g}, {y:g}) is not of length one")
+    if isinstance(curve, SineLane):
+        values += curve.amplitude, curve.pulsation, curve.phase
+    if isinstance(curve, ArcLane):
+        values = *curve.centre, curve.start_phase, curve.end_phase
+        turn = abs(curve.end_phase - curve.start_phase)
+        if turn > _MOST_TURN:
+            raise ValueError(f"an arc turns by {turn:g} rad, at most {_MOST_TURN:g} are expected")
+    if not np.abs(values).max() < FARTHEST:
+        raise ValueError(f"a lane's curve has numbers beyond {FARTHEST:g}")
 
 
 def _on_axis(axis: StraightLane, along: np.ndarray) -> np.ndarray:

@@ -24,10 +24,11 @@ from typing import Annotated, Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from olne_bench.checks import first_problem
 from olne_bench.envs.tracks.curve_fit import curves_through
 from olne_bench.envs.tracks.road import DEFAULT_WIDTH, Road, RoadLane
 from olne_bench.envs.tracks.table import listed
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 from olne_bench.files import whole_file
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
@@ -97,8 +98,7 @@ class LaneEntry(_Strict):
     def _is_one_of_both(self) -> "LaneEntry":
         if bool(self.points) == bool(self.curves):
             raise ValueError("a lane has either points or curves")
-        if self.points:
-            curves_through(self.points)
+        self.lane()
         return self
 
     def lane(self) -> RoadLane:
@@ -177,17 +177,12 @@ def read_road_file(path: Path) -> RoadFile:
     """
     if not path.is_file():
         raise UserError(f"no road file {str(path)!r}")
-    try:
+    with bad_input(f"{path} is not a TOML file", OSError):
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} is not a TOML file: {error}") from error
     try:
         return RoadFile.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        message = first["msg"].removeprefix("Value error, ")
-        raise UserError(f"{path}: {place + ': ' if place else ''}{message}") from error
+        raise UserError(f"{path}: {first_problem(error)}") from error
 
 
 def write_road_file(path: Path, content: RoadFile) -> None:

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 from olne_bench.envs.tracks.curve_fit import curves_through
 from olne_bench.envs.tracks.road import Road, RoadLane
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 
 WIDTH = 3.2  # [m], SUMO's default width of a lane
 
@@ -18,7 +18,7 @@ def read_net(path: Path) -> Road:
     """
     if not path.is_file():
         raise UserError(f"no road file {str(path)!r}")
-    try:
+    with bad_input(f"{path} is not a SUMO network", OSError):
         net = ElementTree.parse(path).getroot()
         if net.tag != "net":
             raise UserError(f"{path} is not a SUMO network: its root is <{net.tag}>, not <net>")
@@ -34,8 +34,6 @@ def read_net(path: Path) -> Road:
             for lane in edge.iter("lane")
             if _is_for_cars(lane)
         }
-    except (ElementTree.ParseError, KeyError, ValueError) as error:
-        raise UserError(f"{path} is not a SUMO network: {error}") from error
     return Road(lanes)
 
 

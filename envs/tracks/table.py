@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.envs.tracks.road import Road
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 
 #: Columns of every table of tracks: s, name, m, m, rad, m/s.
 COLUMNS = ("time", "player", "x", "y", "heading", "speed")
@@ -45,10 +45,8 @@ def read_columns(
     """
     if not path.is_file():
         raise UserError(f"no tracks file {str(path)!r}")
-    try:
-        frame = pd.read_csv(path, **settings)  # type: ignore[call-overload]
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} is not a CSV file: {' '.join(str(error).split())}") from error
+    with bad_input(f"{path} is not a CSV file", OSError):
+        frame = pd.read_csv(path, low_memory=False, **settings)  # type: ignore[call-overload]
     there = {str(name).strip().lower(): name for name in frame.columns}
     absent = [name for name in needed if name.lower() not in there]
     if absent:
@@ -142,6 +140,8 @@ def direction(vx: pd.Series, vy: pd.Series) -> np.ndarray:
 
 
 def _text(value: object) -> str:
+    if value is None or value != value:
+        return ""
     if isinstance(value, float) and value.is_integer():
         return str(int(value))
     return str(value).strip()

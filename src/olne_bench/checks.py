@@ -1,7 +1,10 @@
 """Checks of numbers in the input of suites and callers."""
 
 from numbers import Integral, Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 _MOST = 10**6
 
@@ -40,6 +43,14 @@ def check_whole(name: str, value: Any) -> None:
 def is_whole(value: Any) -> bool:
     """Whether a value is an integer of Python or NumPy; booleans are not."""
     return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def first_problem(error: "ValidationError") -> str:
+    """The place and the text of the first problem that pydantic found, on one line."""
+    problem = error.errors()[0]
+    place = ".".join(str(part) for part in problem["loc"])
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{place + ': ' if place else ''}{message}"
 
 
 def as_text(value: Any) -> str:

@@ -3,8 +3,12 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from olne_bench.errors import UserError
+
+#: Files that programs leave in a folder where they have looked.
+_LEFT = (".DS_Store", ".directory", "Thumbs.db", "desktop.ini")
 
 
 def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
@@ -15,10 +19,36 @@ def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
     """
     if path.suffix.lower() not in suffixes:
         raise UserError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
-    if path.exists():
-        raise UserError(f"{option} {path} exists already; remove it or name another file")
-    if not path.parent.is_dir():
-        raise UserError(f"{option} {path}: there is no folder {str(path.parent)!r}")
+    with _told(f"{option} {path} cannot be written"):
+        if path.exists() or path.is_symlink():
+            raise UserError(f"{option} {path} exists already; remove it or name another file")
+        if not path.parent.is_dir():
+            raise UserError(f"{option} {path}: there is no folder {str(path.parent)!r}")
+
+
+def check_folder(folder: Path, marks: tuple[str, ...], left: tuple[str, ...] = ()) -> None:
+    """Refuse a folder to write to that holds files of others, before anything is written.
+
+    Args:
+        folder: a folder that does not exist, is empty, or is one of ours.
+        marks: names of files that only our folders of this kind have.
+        left: names of files of ours that are there before those.
+
+    Raises:
+        UserError: on a file, and on a folder that is not empty and has none of the marks.
+    """
+    with _told(f"cannot write to {folder}"):
+        if not folder.exists():
+            return
+        if not folder.is_dir():
+            raise UserError(f"cannot write to {folder}: it is a file, a folder is needed")
+        names = sorted(entry.name for entry in folder.iterdir())
+    others = [name for name in names if name not in (*_LEFT, *left)]
+    if others and not set(names) & set(marks):
+        raise UserError(
+            f"{folder} is not empty and has no {' or '.join(marks)}, so its files are not those of "
+            f"a study ({others[0]!r} is one of {len(others)}); name a new folder or an empty one"
+        )
 
 
 @contextmanager
@@ -26,10 +56,40 @@ def whole_file(path: Path) -> Iterator[Path]:
     """A temporary path to write to; when it is complete, it replaces the file at ``path``.
 
     An interrupt or a full disk leaves the former file unchanged.
+
+    Raises:
+        UserError: if it cannot be written.
     """
     unfinished = path.with_name(f".{path.name}.unfinished")
+    with _told(f"{path} cannot be written"):
+        try:
+            yield unfinished
+            unfinished.replace(path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A temporary folder to write to; when it is complete, it comes to stand at ``folder``.
+
+    There must be nothing, or an empty folder.
+
+    Raises:
+        UserError: if it cannot be written.
+    """
+    with _told(f"{folder} cannot be written"):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder.parent, prefix=".unfinished-") as made:
+            unfinished = Path(made) / folder.name
+            unfinished.mkdir()
+            yield unfinished
+            unfinished.replace(folder)
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
     try:
-        yield unfinished
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+        yield
+    except OSError as error:
+        raise UserError(f"{what}: {error.strerror or error}") from error

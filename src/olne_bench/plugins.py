@@ -12,7 +12,9 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from importlib import import_module
@@ -38,12 +40,15 @@ __all__ = [
     "at_home",
     "describe",
     "describe_foreign_error",
+    "file_of",
     "find_class",
     "is_built_in",
     "is_file",
     "kind_of",
     "label",
+    "loading",
     "make",
+    "named_by_data",
     "names",
     "parameter_names",
     "source",
@@ -55,6 +60,21 @@ _LONGEST_DESCRIPTION = 300
 _PACKAGE = Path(__file__).parent
 
 T = TypeVar("T")
+
+_loadable: ContextVar[frozenset[str] | None] = ContextVar("loadable", default=None)
+
+
+@contextmanager
+def loading(*references: str) -> Iterator[None]:
+    """Within this context, the plugins that are imported are built-in ones and these, no others.
+
+    So a name that a file of data holds never runs code that its user has not named.
+    """
+    token = _loadable.set(frozenset(_home(reference) for reference in references))
+    try:
+        yield
+    finally:
+        _loadable.reset(token)
 
 
 @dataclass(frozen=True)
@@ -143,6 +163,29 @@ def is_built_in(kind: Kind, reference: str) -> bool:
     return not is_file(reference) and reference in _built_in(kind)
 
 
+def named_by_data(kind: Kind, name: str, place: str, option: str) -> str:
+    """A name that a data file gives, if it is that of a built-in plugin.
+
+    Data choose no code: other plugins run only if the command line names them.
+
+    Args:
+        kind: kind of the plugin.
+        name: what the file says.
+        place: the file, for messages.
+        option: the option that names other plugins, for messages.
+
+    Raises:
+        PluginError: on any other name.
+    """
+    if is_built_in(kind, name):
+        return name
+    known = ", ".join(sorted(_built_in(kind)))
+    raise PluginError(
+        f"{place} names the {kind.name} {name!r}, and a file can only name a built-in one: "
+        f"{known}; to use another, name it with {option}"
+    )
+
+
 def absolute(reference: str) -> str:
     """The reference in a form that can be used from any folder.
 
@@ -154,6 +197,16 @@ def absolute(reference: str) -> str:
         return reference
     path, class_name = parts
     return f"{_resolved(path)}:{class_name}" if class_name else str(_resolved(path))
+
+
+def file_of(reference: str) -> Path | None:
+    """The file that a reference names, an absolute path; None for the name of a known plugin.
+
+    Raises:
+        PluginError: on an impossible path.
+    """
+    parts = _split(reference)
+    return None if parts is None else _resolved(parts[0])
 
 
 def source(kind: Kind, reference: str) -> tuple[str, Path]:
@@ -185,6 +238,8 @@ def find_class(kind: Kind, reference: str) -> type[Any]:
     """
     if not isinstance(reference, str):
         raise _unknown(kind, reference)
+    if not is_built_in(kind, reference):
+        _refuse_unnamed(reference)
     parts = _split(reference)
     if parts is not None:
         return _class_from_file(kind, _file(kind.name, parts[0]), parts[1])
@@ -230,6 +285,7 @@ def kind_of(reference: str) -> Kind:
     parts = _split(reference)
     if parts is None:
         raise PluginError(f"{reference!r} is not a plugin file: expected path.py or path.py:Class")
+    _refuse_unnamed(reference)
     path, class_name = _file("plugin", parts[0]), parts[1]
     module = _load(path)
     found = [
@@ -280,8 +336,12 @@ def describe(
 def import_file(reference: str) -> None:
     """Import a plugin's file, so that objects of its classes can be unpickled.
 
-    Raises whatever the file raises. Other plugins are imported by pickle itself.
+    Other plugins are imported by pickle itself. Raises whatever the file raises.
+
+    Raises:
+        PluginError: outside of ``loading`` for it.
     """
+    _refuse_unnamed(reference)
     place = _split(reference)
     if place is not None:
         load_file(_resolved(place[0]))
@@ -327,6 +387,20 @@ def describe_foreign_error(error: BaseException, file: Path | None = None) -> st
         place = f"{error.filename}:{error.lineno}" if error.filename else ""
         text, where = str(error.msg), place or str(file or where)  # its text has the place too
     return f"{_type_name(error)}: {text[:600]} ({where})"
+
+
+def _home(reference: str) -> str:
+    """The absolute path of a reference's file; the reference itself if it is a name."""
+    parts = _split(reference)
+    return reference if parts is None else str(_resolved(parts[0]))
+
+
+def _refuse_unnamed(reference: str) -> None:
+    loadable = _loadable.get()
+    if loadable is not None and isinstance(reference, str) and _home(reference) not in loadable:
+        raise PluginError(
+            f"plugin {reference!r} is not loaded: only what the command line names is (--plugin)"
+        )
 
 
 def _split(reference: str) -> tuple[str, str] | None:

@@ -161,3 +161,9 @@ def judged() -> Iterator[Callable[[Trial], Outcome]]:
 @pytest.fixture
 def study(tmp_path: Path) -> Study:
     return Study(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def lasting_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """For tests that share a run and change copies of it."""
+    return Study(tmp_path_factory.mktemp("study"))

@@ -1,11 +1,17 @@
 """Text of foreign origin."""
 
-from olne_bench.bench.text import LONGEST, clip, describe_error, one_line
+from olne_bench.bench.text import LONGEST, clip, describe_error, one_line, plain
 
 
 def test_text_comes_to_stand_on_one_line_that_can_be_written() -> None:
     assert one_line(" a\n\tb  c ") == "a b c"
-    assert one_line("\udc80") == "?"
+    assert one_line("\udc80") == r"\udc80"
+
+
+def test_what_terminals_obey_is_shown_instead() -> None:
+    assert one_line("a\x1b[31mb\0c\u202ed\x9b") == r"a\x1b[31mb\x00c\u202ed\x9b"
+    assert clip("\x07") == r"\x07" and one_line(one_line("\0")) == one_line("\0")
+    assert plain("é\xa0漢\n\x1b\n") == "é\xa0漢\n\\x1b\n"
 
 
 def test_long_text_is_clipped() -> None:

@@ -1,9 +1,13 @@
 """A file of solved draws: what is read is what was written, or nothing."""
 
 import hashlib
+import io
 import json
+import pickle
+import warnings
 from dataclasses import replace
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -118,10 +122,87 @@ def test_another_version_is_refused(file, monkeypatch) -> None:
     monkeypatch.undo()
     with pytest.raises(OtherDrawsError, match="is of another version than 1, which this"):
         read_draws(file)
-    content = json.dumps({"no": "arrays"}).encode()
+
+
+def rewritten(file: Path, **arrays: np.ndarray | None) -> None:
+    """Replace arrays of a file of draws, or remove them; its hash is right."""
+    buffer = io.BytesIO()
+    with np.load(io.BytesIO(file.read_bytes()[32:])) as known:
+        kept = {name: array for name, array in (dict(known) | arrays).items() if array is not None}
+    np.savez_compressed(buffer, **kept)
+    signed(file, buffer.getvalue())
+
+
+def signed(file: Path, content: bytes) -> None:
     file.write_bytes(hashlib.sha256(content).digest() + content)
-    with pytest.raises(OtherDrawsError, match="is of another version than 1"):
+
+
+def text(value: object) -> np.ndarray:
+    return np.frombuffer(json.dumps(value).encode(), np.uint8)
+
+
+HEADER = {"version": 1, "tolerance": 1e-6, "suite": "a", "salt_id": "b"}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "reason"),
+    [
+        ({"controls": None}, "There is no item named 'controls.npy'"),
+        ({"controls": np.zeros(3, "<f4")}, "controls has 3 numbers"),
+        ({"controls": np.zeros(3, "<f8")}, "controls has the type float64"),
+        ({"controls": np.zeros((3, 1), "<f4")}, "and the shape (3, 1)"),
+        ({"costs": np.array([np.nan, 1.0])}, "costs is not finite"),
+        ({"shapes": np.zeros((1, 3), "<u2")}, "impossible shapes"),
+        ({"shapes": np.full((1, 3), 65535, "<u2")}, "numbers, expected"),
+        ({"keys": np.zeros(5, np.uint8)}, "keys are cut off"),
+        ({"refused": np.zeros(32, np.uint8)}, "or repeat"),
+        ({"keys": np.array([{}])}, "keys has the type object"),
+        ({"header": np.zeros(3, np.uint8)}, "is damaged"),
+        ({"header": text(["a"])}, "of another version"),
+        ({"header": text({"version": 1})}, "it has no 'tolerance'"),
+        ({"header": text(HEADER | {"tolerance": float("nan")})}, "its header is not that of draws"),
+        ({"header": text(HEADER | {"suite": 3})}, "its header is not that of draws"),
+        ({"header": np.frombuffer(b"[" * 10**5, np.uint8)}, "is damaged"),
+    ],
+)
+def test_what_is_signed_and_no_draws_is_refused(file, arrays, reason) -> None:
+    rewritten(file, **arrays)
+    with pytest.raises(OtherDrawsError) as caught:
         read_draws(file)
+    assert reason in str(caught.value) and str(file) in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"no archive", b"PK\x03\x04", pickle.dumps([1]), b"\x93NUMPY"])
+def test_what_is_signed_and_no_archive_is_refused(file, content) -> None:
+    signed(file, content)
+    with pytest.raises(OtherDrawsError, match="is damaged: File is not a zip file"):
+        read_draws(file)
+
+
+def test_no_memory_is_taken_for_what_an_array_only_claims(file, monkeypatch) -> None:
+    claimed = b"{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999,), }".ljust(118)
+    header = b"\x93NUMPY\x01\x00\x76\x00" + claimed
+    buffer = io.BytesIO(file.read_bytes()[32:])
+    with ZipFile(buffer, "a") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a name that is there twice: the last one counts
+        archive.writestr("controls.npy", header)
+    signed(file, buffer.getvalue())
+    with pytest.raises(OtherDrawsError, match="controls has 0 bytes for the shape"):
+        read_draws(file)
+    monkeypatch.setattr(draws_file, "_MOST_BYTES", 10)
+    signed(file, buffer.getvalue() + b" ")
+    with pytest.raises(OtherDrawsError, match="at most 10 are read"):
+        read_draws(file)
+
+
+def test_a_motion_of_another_shape_is_refused(file, scenarios) -> None:
+    one, draws = scenarios[0], read_draws(file)
+    key = key_of(one.game, one.weights, one.initial_state)
+    kept = draws.motions[key]
+    for controls in (kept.controls[1:], np.full_like(kept.controls, 1e38)):
+        draws.motions[key] = kept._replace(controls=controls)
+        with pytest.raises(OtherDrawsError, match="a motion in it is no equilibrium of its game"):
+            draws.equilibrium(one.game, one.weights, one.initial_state)
 
 
 def test_a_missing_file_is_named(tmp_path) -> None:

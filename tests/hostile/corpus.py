@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from textwrap import dedent, indent
 
-SLEEPER = "4321.25"  # an argument of ``sleep`` that tells processes of this corpus
+SLEEPER = "4321.25"  # an argument that tells processes of this corpus
 
 HEADER = """
 import asyncio, atexit, builtins, contextlib, ctypes, datetime, gc, importlib, io, locale, mmap
@@ -15,6 +15,8 @@ import numpy as np
 
 def good(**more):
     return SimpleNamespace(**({"weights": np.ones((2, 4))} | more))
+
+SLEEP = [sys.executable, "-c", "import time; time.sleep(4321.25)", "4321.25"]
 
 def own_socket():
     for number in range(3, 100):
@@ -545,13 +547,13 @@ PROCESSES = [
         "LeavesAProcess",
         "invalid",
         "left processes running",
-        "subprocess.Popen(['sleep', '4321.25'])",
+        "subprocess.Popen(SLEEP)",
     ),
     Hostile(
         "LeavesASession",
         "invalid",
         "left processes running",
-        "subprocess.Popen(['setsid', 'sleep', '4321.25'])",
+        "subprocess.Popen(SLEEP, start_new_session=True)",
     ),
     Hostile(
         "ForksTwice",
@@ -570,7 +572,7 @@ PROCESSES = [
         "Nohup",
         "invalid",
         "left processes running",
-        "subprocess.run(['sh', '-c', 'nohup sleep 4321.25 >/dev/null 2>&1 &'])",
+        "subprocess.run([sys.executable, '-c', f'import subprocess; subprocess.Popen({SLEEP!r})'])",
     ),
     Hostile(
         "LeavesADaemonThread",
@@ -584,6 +586,7 @@ PROCESSES = [
     Hostile("TimeBomb", "ok", "", "threading.Timer(0.5, os._exit, [5]).start()"),
     Hostile("RegistersAtExit", "ok", "", "atexit.register(time.sleep, 4321.25)"),
     Hostile("ForkComesBackTwice", "invalid", "", "os.fork()"),
+    Hostile("RunsAProgram", "crash", "PermissionError", "subprocess.run(['sh', '-c', 'true'])"),
     Hostile("LeavesItsGroup", "crash", "PermissionError", "os.setsid()"),
     Hostile(
         "IsNoReaper",
@@ -591,7 +594,8 @@ PROCESSES = [
         "",
         """
         ctypes.CDLL(None).prctl(36, 0, 0, 0, 0)
-        subprocess.run(["sh", "-c", "setsid sleep 4321.25 >/dev/null 2>&1 &"])
+        apart = f"import subprocess; subprocess.Popen({SLEEP!r}, start_new_session=True)"
+        subprocess.run([sys.executable, "-c", apart])
         time.sleep(0.3)
         """,
     ),

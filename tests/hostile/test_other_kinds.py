@@ -52,7 +52,7 @@ CASES = {
     ),
     "DrawLeavesAProcess": (
         SCENARIO,
-        "subprocess.Popen(['setsid', 'sleep', '4321.25'])",
+        "subprocess.Popen(SLEEP, start_new_session=True)",
         "ok",
         "",
     ),

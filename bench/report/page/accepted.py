@@ -11,7 +11,7 @@ from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.page.cards import FIELDS, card_of, measured_cost
 from olne_bench.bench.report.page.template import script, template
-from olne_bench.bench.report.submission.manifest import LEADERBOARD, Submission
+from olne_bench.bench.report.submission.manifest import LEADERBOARD, PLUGINS, Submission
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.plugins import ESTIMATOR, is_built_in
 
@@ -89,7 +89,7 @@ def _board(submission: Submission) -> pd.DataFrame:
 
 def _cards(submission: Submission, board: pd.DataFrame) -> list[tuple[Any, Any]]:
     """Cards of the estimators that a submission brings, and their measured cost."""
-    (*_, suite) = submission.suites(submission.folder)
+    (*_, suite) = submission.suites(submission.folder / PLUGINS)
     return [
         (
             replace(card_of(entry), label=_named(entry.label, submission)),

@@ -4,36 +4,34 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 from pyarrow import parquet
 
 from olne_bench.bench.plan.entries import EstimatorEntry
 from olne_bench.bench.plan.suite import Suite, read_suite_json
-from olne_bench.bench.plan.trial import KEY_COLUMNS, expand, foreign_worlds
+from olne_bench.bench.plan.trial import KEY_COLUMNS, expand
 from olne_bench.bench.plan.versions import files_of
-from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.gate import task_of
-from olne_bench.bench.report.leaderboard_text import markdown
-from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.study import study_of
+from olne_bench.bench.report.submission.boards import board_files
+from olne_bench.bench.report.submission.files import MOST_BYTES, MOST_FILES, digest
 from olne_bench.bench.report.submission.manifest import (
-    LEADERBOARD,
     MANIFEST,
-    MOST_BYTES,
     PLUGINS,
     ROWS,
-    digest,
+    check_labels,
     manifest_text,
+    refuse_foreign_worlds,
 )
-from olne_bench.bench.report.tables import tabulate
+from olne_bench.bench.report.submission.parquet_rows import MOST_ROWS
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import Stored
 from olne_bench.bench.run.store import Store, read_store
 from olne_bench.bench.run.store_table import parquet_options, parse_nested, to_frame
 from olne_bench.errors import UserError
-from olne_bench.plugins import ESTIMATOR, METRIC, is_built_in, is_file, source
+from olne_bench.files import whole_folder
+from olne_bench.plugins import ESTIMATOR, is_built_in, is_file, source
 
 
 def pack(folder: Path, name: str, out: Path) -> int:
@@ -51,7 +49,7 @@ def pack(folder: Path, name: str, out: Path) -> int:
         UserError: if the run is not complete or has rows of other code, or if a plugin is not an
             estimator or not a file.
     """
-    if out.exists():
+    if out.exists() or out.is_symlink():
         raise UserError(f"{out} exists already; remove it, or give another --name or --out")
     with read_store(folder) as store:
         runs = store.runs()
@@ -60,14 +58,13 @@ def pack(folder: Path, name: str, out: Path) -> int:
         suites = [read_suite_json(run.suite) for run in runs]
         places = _plugin_places(suites)
         rows = _whole(store, runs, folder)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=out.parent, prefix=".submission-") as made:
-        unfinished = Path(made) / "submission"
+    if rows.num_rows > MOST_ROWS:
+        raise UserError(f"{folder} has {rows.num_rows} rows, at most {MOST_ROWS} are allowed")
+    with whole_folder(out) as unfinished:
         _copy_plugins(places, unfinished)
         _write_tables(rows, suites, unfinished)
         packed = [_without_paths(run, places) for run in runs]
         _write_manifest(name, packed, unfinished)
-        unfinished.rename(out)
     return rows.num_rows
 
 
@@ -107,7 +104,8 @@ def _plugin_places(suites: Iterable[Suite]) -> dict[str, str]:
     """
     places: dict[str, str] = {}
     for suite in suites:
-        _refuse_foreign_worlds(suite)
+        refuse_foreign_worlds(suite)
+        check_labels(suite)
         for entry in suite.estimators:
             if entry.name in places or is_built_in(ESTIMATOR, entry.name):
                 continue
@@ -123,16 +121,6 @@ def _plugin_places(suites: Iterable[Suite]) -> dict[str, str]:
     return places
 
 
-def _refuse_foreign_worlds(suite: Suite) -> None:
-    foreign = [w for s in suite.scenarios for e in suite.sensors for w in foreign_worlds(s, e)]
-    foreign += [m.name for m in suite.metrics if not is_built_in(METRIC, m.name)]
-    if foreign:
-        raise UserError(
-            f"{foreign[0]} is a plugin that others' estimators are not run with: a submission "
-            "brings estimators; leave it out of the run, or propose it for the package"
-        )
-
-
 def _refuse_installed(entry: EstimatorEntry) -> None:
     if not is_file(entry.name):
         raise UserError(
@@ -142,7 +130,6 @@ def _refuse_installed(entry: EstimatorEntry) -> None:
 
 
 def _copy_plugins(places: dict[str, str], target: Path) -> None:
-    target.mkdir()
     for reference, place in places.items():
         first, *others = files_of(ESTIMATOR, reference)
         for file in (first, *others):
@@ -154,10 +141,8 @@ def _copy_plugins(places: dict[str, str], target: Path) -> None:
 def _write_tables(rows: pa.Table, suites: Iterable[Suite], target: Path) -> None:
     parsed = parse_nested(rows)
     parquet.write_table(parsed, target / ROWS, **parquet_options(parsed.schema))
-    study = study_of(suites)
-    board = tabulate(weighed(to_frame(parsed)), study).leaderboard
-    csv_safe(board).to_csv(target / LEADERBOARD, index=False)
-    (target / "leaderboard.md").write_text(markdown(board, study), encoding="utf-8")
+    for name, text in board_files(to_frame(parsed), study_of(suites)).items():
+        (target / name).write_text(text, encoding="utf-8", newline="")
 
 
 def _without_paths(run: Provenance, places: dict[str, str]) -> Provenance:
@@ -179,5 +164,9 @@ def _write_manifest(name: str, runs: list[Provenance], target: Path) -> None:
             f"the submission would have {size} bytes, at most {MOST_BYTES} are allowed: run fewer "
             "noise draws, or a smaller suite"
         )
-    digests = {path.relative_to(target).as_posix(): digest(path) for path in files}
+    if len(files) > MOST_FILES:
+        raise UserError(
+            f"the submission would have {len(files)} files, at most {MOST_FILES} are allowed"
+        )
+    digests = {path.relative_to(target).as_posix(): digest(path.read_bytes()) for path in files}
     (target / MANIFEST).write_text(manifest_text(name, runs, digests), encoding="utf-8")

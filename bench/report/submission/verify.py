@@ -1,52 +1,56 @@
-"""Run a sample of a submission's trials again, as they are and with a fresh salt."""
+"""Check a submission as if a liar had made it: nothing in it is believed that can be computed."""
 
 import os
-import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.plan.learn import learn
+from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.select import select
-from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.plan.trial import Trial, in_order_of_plugins
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.measures import primary
-from olne_bench.bench.report.statistics.attempts import FLOOR, weighed
+from olne_bench.bench.report.statistics.attempts import errors_of
 from olne_bench.bench.report.study import Study, study_of
-from olne_bench.bench.report.submission.fresh import FreshErrors, compare_fresh
-from olne_bench.bench.report.submission.manifest import (
-    LEADERBOARD,
-    PLUGINS,
-    Submission,
-    read_submission,
+from olne_bench.bench.report.submission.again import Machine, Repeated, outcomes_of, repeat
+from olne_bench.bench.report.submission.asked import asked, planned_trials
+from olne_bench.bench.report.submission.boards import check_boards
+from olne_bench.bench.report.submission.choose import choose
+from olne_bench.bench.report.submission.drawn import (
+    DrawnErrors,
+    drawn_errors,
+    drawn_plans,
+    fixed_scenarios,
 )
+from olne_bench.bench.report.submission.fresh import (
+    FIRST,
+    LEVEL,
+    SECOND,
+    SUSPICIOUS,
+    FreshErrors,
+    compare_fresh,
+    fresh_trials,
+    has_truth,
+)
+from olne_bench.bench.report.submission.implausible import LEAST, confirmed, implausible_rows
+from olne_bench.bench.report.submission.manifest import PLUGINS, Submission, read_submission
 from olne_bench.bench.report.submission.rows import (
+    Key,
     Rows,
+    check_versions,
     check_whole,
     described,
-    difference,
     explain_versions,
-    other_versions,
     read_rows,
-    timed_out,
 )
-from olne_bench.bench.report.tables import tabulate
-from olne_bench.bench.run.describing import describe_all
-from olne_bench.bench.run.executor import run_trials
 from olne_bench.errors import UserError
-
-Key = tuple[str, ...]
-
-#: Tolerance of tables, whose last digits depend on the versions of libraries.
-_TABLE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -55,30 +59,30 @@ class Verdict:
 
     Attributes:
         rows: number of its rows.
-        identical: number of rows that were run again and are the same, bit by bit.
-        differing: one line for each row that is not.
-        timed_out: number of rows that were run again but not compared, as a time limit was reached.
-        other_versions: number of rows that this code cannot repeat bit by bit.
+        repeated: rows that were run again.
         because: which versions differ from those of the rows; empty if none does.
-        fresh: errors with a fresh salt, by estimator.
-        unjudged: one line for each trial with a fresh salt that could not be judged.
+        implausible: one line for each plugin with rows that are too good for their noise.
+        fresh: errors of its plugins with fresh salts.
+        drawn: errors of its plugins on drawn truths, where it has fixed ones.
+        fixed: scenarios whose truths are fixed, where plugins do not rank.
+        unjudged: one line for each trial that could not be judged.
     """
 
     rows: int
-    identical: int
-    differing: list[str]
-    timed_out: int
-    other_versions: int
-    because: str
-    fresh: list[FreshErrors]
-    unjudged: list[str]
+    repeated: Repeated
+    because: str = ""
+    implausible: list[str] = field(default_factory=list)
+    fresh: list[FreshErrors] = field(default_factory=list)
+    drawn: list[DrawnErrors] = field(default_factory=list)
+    fixed: tuple[str, ...] = ()
+    unjudged: list[str] = field(default_factory=list)
 
     @property
     def accepted(self) -> bool:
         """Whether something was compared and no check failed."""
-        told = self.identical > 0 or any(one.decides for one in self.fresh)
-        refused = self.differing or self.unjudged or not all(f.accepted for f in self.fresh)
-        return told and not refused
+        honest = all(one.accepted for one in self.fresh) and all(d.accepted for d in self.drawn)
+        refused = self.repeated.differing or self.implausible or self.unjudged or not honest
+        return self.repeated.same > 0 and not refused
 
 
 @dataclass(frozen=True)
@@ -86,18 +90,31 @@ class Limits:
     """How a submission is checked.
 
     Attributes:
-        sample: number of trials to run again, and number to run with a fresh salt.
+        sample: number of rows of each group to run again; None for as many as are needed
+            (``choose.needed``).
         seed: seed of the choice of trials.
         jobs: number of trials at the same time.
         memory: memory limit [bytes] of each process that runs foreign code.
         strict: whether rows of other versions are refused.
     """
 
-    sample: int
+    sample: int | None
     seed: int
     jobs: int
     memory: int
     strict: bool = False
+
+
+@dataclass(frozen=True)
+class _Case:
+    """A submission whose files, rows and tables fit each other."""
+
+    submission: Submission
+    rows: Rows
+    planned: Mapping[Key, Trial]
+    study: Study
+    metric: MetricDeclaration
+    other: set[str]
 
 
 def verify(folder: Path, limits: Limits) -> Verdict:
@@ -113,140 +130,132 @@ def verify(folder: Path, limits: Limits) -> Verdict:
     """
     submission = read_submission(folder)
     rows = read_rows(submission)
-    with _away_from_rows(submission) as home:
-        suites = [_learnt(suite, folder) for suite in submission.suites(home)]
-        planned = _planned(submission, suites)
-        check_whole(rows, planned, folder)
-        study = study_of(suites)
-        _check_leaderboard(submission, rows, study)
-        other = {key: other_versions(rows.by_key[key], trial) for key, trial in planned.items()}
-        number = sum(bool(kinds) for kinds in other.values())
-        because = explain_versions((kind for kinds in other.values() for kind in kinds), submission)
-        if number and limits.strict:
+    with plugins_alone(submission) as home:
+        case = _checked(submission, rows, home)
+        because = explain_versions(case.other, submission)
+        if case.other and limits.strict:
             raise UserError(
-                f"{folder}: {number} of {len(planned)} rows are of other versions: {because}; "
-                "without --strict they are judged by a fresh salt alone"
+                f"{folder}: its rows are of other versions: {because}; without --strict they may "
+                "differ in the last digits"
             )
-        rng = np.random.default_rng(limits.seed)
-        repeated = _sample([t for key, t in planned.items() if not other[key]], limits.sample, rng)
-        fresh = _with_fresh_salt(list(planned.values()), limits.sample, rng)
-        outcomes = _run([*repeated, *fresh], limits, folder)
-    found = _as_they_are(rows, repeated, outcomes)
-    errors, unjudged = _fresh_errors(rows, fresh, outcomes, study)
-    return Verdict(len(planned), *found, number, because, errors, unjudged)
+        return _run(case, limits, because)
+
+
+def _checked(submission: Submission, rows: Rows, home: Path) -> _Case:
+    """All that can be checked without running a trial."""
+    parts = asked(submission, home, len(rows.table))
+    planned = planned_trials(parts)
+    check_whole(rows, planned, submission.folder)
+    study = study_of(suite for suite, _, _ in parts)
+    other = check_versions(rows, planned, submission)
+    check_boards(submission, rows.table, study)
+    metric = primary(study.metrics)
+    if metric is None:
+        raise UserError(f"{submission.folder}: its suite has no metric that ranks estimators")
+    return _Case(submission, rows, planned, study, metric, other)
 
 
 @contextmanager
-def _away_from_rows(submission: Submission) -> Iterator[Path]:
-    """A folder with the plugins only: a plugin must not find its rows beside itself."""
-    with TemporaryDirectory(prefix="olne-verify-") as made:
+def plugins_alone(submission: Submission) -> Iterator[Path]:
+    """A folder with the plugins only: one must not find its rows, nor that it is being checked.
+
+    Names are as they may be in any run, and so are the times of files.
+    """
+    with TemporaryDirectory() as made:
         home = Path(made)
+        times = _started(submission)
         for place in submission.files:
             if place.startswith(f"{PLUGINS}/"):
-                copy = home / place
+                copy = home / place.removeprefix(f"{PLUGINS}/")
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(submission.folder / place, copy)
+                os.utime(copy, (times, times))
         yield home
 
 
-def _learnt(suite: Suite, folder: Path) -> Suite:
-    """The suite with the present descriptions of its plugins instead of the stored ones."""
+def _started(submission: Submission) -> float:
     try:
-        return learn(suite, (), partial(describe_all, hidden=folder))
-    except UserError as error:
-        raise UserError(f"{folder}: {error}") from error
+        return datetime.fromisoformat(submission.runs[0].started).timestamp()
+    except (ValueError, OverflowError, OSError):  # for people only: it may be anything
+        return (submission.folder / PLUGINS).stat().st_mtime
 
 
-def _planned(submission: Submission, suites: list[Suite]) -> dict[Key, Trial]:
-    """All trials that the runs were asked for, in an order in which they run fast."""
-    trials: dict[Key, Trial] = {}
-    for run, suite in zip(submission.runs, suites, strict=True):
-        part = select(suite, run.selection)
-        for trial in in_order_of_plugins(part, run.seeds):
-            trials.setdefault(trial.key, trial)
-    return trials
+def _run(case: _Case, limits: Limits, because: str) -> Verdict:
+    rng = np.random.default_rng(limits.seed)
+    machine = Machine(limits.jobs, limits.memory, case.submission.folder.resolve())
+    chosen = choose(case.planned, case.rows, case.metric, limits.sample, rng)
+    repeated = repeat(chosen, case.rows, machine, exact=not case.other)
+    trials = list(case.planned.values())
+    plugins = list(dict.fromkeys(trial.plugin for trial in trials if trial.plugin))
+    fixed = tuple(entry.label for entry in fixed_scenarios(trials)) if plugins else ()
+    verdict = Verdict(len(trials), repeated, because, fixed=fixed)
+    if repeated.differing:
+        return verdict  # refused already
+    level = LEVEL / max(len(plugins), 1)
+    for plugin in plugins:
+        own = [trial for trial in trials if trial.plugin == plugin]
+        verdict.implausible.extend(_implausible(case, own, machine))
+        verdict.fresh.append(_fresh(case, own, level, machine, rng, verdict.unjudged))
+    plans = drawn_plans(trials, rng)
+    outcomes = outcomes_of((t for plan in plans for t in plan.trials), machine)
+    errors = _submitted_errors(case, (p.own.key for plan in plans for p in plan.fixed))
+    for plan in plans:
+        verdict.drawn.append(drawn_errors(plan, outcomes, errors, case.metric.name))
+    return verdict
 
 
-def _check_leaderboard(submission: Submission, rows: Rows, study: Study) -> None:
-    """Refuse a leaderboard that does not follow from the rows."""
-    place = submission.folder / LEADERBOARD
-    try:
-        stated = pd.read_csv(place)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{place} cannot be read: {error}") from error
-    made = tabulate(weighed(rows.table), study).leaderboard
-    for name in made.columns:
-        if name not in stated or len(stated) != len(made):
-            raise UserError(f"{place} is not the leaderboard of the rows beside it")
-        if not _alike(stated[name], made[name]):
-            raise UserError(f"{place} is not the leaderboard of the rows beside it: see {name}")
-
-
-def _alike(stated: pd.Series, made: pd.Series) -> bool:
-    if not pd.api.types.is_numeric_dtype(made):
-        return list(stated.astype(str)) == list(made.astype(str))
-    there, here = (column.to_numpy(float, na_value=np.nan) for column in (stated, made))
-    return np.allclose(there, here, rtol=_TABLE_TOLERANCE, atol=1e-12, equal_nan=True)
-
-
-def _sample(trials: list[Trial], number: int, rng: np.random.Generator) -> list[Trial]:
-    chosen = rng.choice(len(trials), min(number, len(trials)), replace=False)
-    return [trials[k] for k in sorted(chosen)]
-
-
-def _with_fresh_salt(trials: list[Trial], number: int, rng: np.random.Generator) -> list[Trial]:
-    """Trials like some of these, with a fresh salt and new seeds.
-
-    They are of estimators that are plugins, if there are any, and have noise or a family's draw.
-    """
-    salt = secrets.token_hex(16)
-    own = [t for t in trials if t.plugin] or [t for t in trials if t.estimator.label != FLOOR]
-    drawn = [trial for trial in own if trial.sigma > 0 or trial.scenario.family]
-    if not drawn:
+def _implausible(case: _Case, own: Sequence[Trial], machine: Machine) -> list[str]:
+    """A line on a plugin's rows that are too good for their noise, if it has such."""
+    found = implausible_rows(own, case.rows, case.metric)
+    if found is None:
         return []
-    chosen = rng.choice(len(drawn), number)
-    return [replace(drawn[k], salt=salt, seed=seed) for seed, k in enumerate(sorted(chosen))]
-
-
-def _run(trials: list[Trial], limits: Limits, folder: Path) -> dict[Key, Outcome]:
-    ended = run_trials(
-        trials,
-        jobs=limits.jobs,
-        memory=limits.memory,
-        hidden=folder.resolve(),
-        log=Path(os.devnull),
-    )
-    return {trial.key: outcome for trial, outcome in ended}
-
-
-def _as_they_are(
-    rows: Rows, trials: list[Trial], outcomes: Mapping[Key, Outcome]
-) -> tuple[int, list[str], int]:
-    """Number of equal rows, lines on differing rows, and number of rows that were not compared."""
-    same, silent, differing = 0, 0, []
-    for trial in trials:
-        row, outcome = rows.by_key[trial.key], outcomes[trial.key]
-        found = difference(row, outcome)
-        if found is not None:
-            differing.append(f"{described(row)}: {found}")
-        elif timed_out(row, outcome):
-            silent += 1
-        else:
-            same += 1
-    return same, differing, silent
-
-
-def _fresh_errors(
-    rows: Rows, trials: list[Trial], outcomes: Mapping[Key, Outcome], study: Study
-) -> tuple[list[FreshErrors], list[str]]:
-    """Errors of trials with a fresh salt, and lines on those that could not be judged."""
-    metric = primary(study.metrics)
-    if metric is None or not trials:
-        return [], []
-    table = [t.labels | asdict(outcomes[t.key]) | outcomes[t.key].scores for t in trials]
-    unjudged = [
-        f"{described(row)}, with a fresh salt: {row['message']}"
-        for row in table
-        if row["status"] == "harness_error"
+    fresh = found.fresh()
+    if confirmed(fresh, outcomes_of((t for t, _ in fresh), machine), case.metric.name):
+        return []
+    return [
+        f"{len(found.trials)} of {len(own)} rows of {found.estimator} have less than {LEAST:g} "
+        f"times the usual error, such as {described(found.trials[0].labels)}; of {len(fresh)} "
+        "fresh trials there, none has"
     ]
-    return compare_fresh(rows.table, pd.DataFrame(table), metric, study), unjudged
+
+
+def _fresh(
+    case: _Case,
+    own: Sequence[Trial],
+    level: float,
+    machine: Machine,
+    rng: np.random.Generator,
+    unjudged: list[str],
+) -> FreshErrors:
+    """Errors of a plugin with fresh salts: of a first test, or of a second one if need be."""
+    places = [case.rows.places[trial.key] for trial in own]
+    rows = case.rows.table.iloc[places]
+    played = [trial for trial, there in zip(own, has_truth(rows), strict=True) if there]
+    first = fresh_trials(played, FIRST, SUSPICIOUS, rng)
+    second = fresh_trials(played, SECOND, level, rng)
+    families = [label for label in case.study.scenarios if case.study.is_family(label)]
+    found = FreshErrors(own[0].plugin, case.metric.name, 0, np.nan, np.nan, 1.0, decides=False)
+    for trials, limit in ((first, SUSPICIOUS), (second, level)):
+        if not second:
+            break
+        outcomes = outcomes_of(trials, machine)
+        table = pd.DataFrame([_row(trial, outcomes[trial.key]) for trial in trials])
+        unjudged += [
+            f"{described(trial.labels)}, with a fresh salt: {outcomes[trial.key].message}"
+            for trial in trials
+            if outcomes[trial.key].status == "harness_error"
+        ]
+        found = compare_fresh(rows, table, case.metric, families, limit)
+        if found.accepted:
+            break
+    return found
+
+
+def _row(trial: Trial, outcome: Outcome) -> dict[str, Any]:
+    return trial.labels | asdict(outcome) | outcome.scores
+
+
+def _submitted_errors(case: _Case, keys: Iterable[Key]) -> dict[Key, float]:
+    distinct = list(dict.fromkeys(keys))
+    table = case.rows.table.iloc[[case.rows.places[key] for key in distinct]]
+    return dict(zip(distinct, errors_of(table, case.metric).tolist(), strict=True))

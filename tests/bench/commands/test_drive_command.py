@@ -115,7 +115,7 @@ def test_bad_input_is_one_line(study, words: list[str], message: str) -> None:
 
 def test_other_folders_and_several_films_are_refused(study) -> None:
     said = study.call("drive", "--out", study.folder, code=2)
-    assert "holds no study of drives" in said
+    assert "is not empty and has no drive.json" in said
     said = study.call("drive", "--video", study.folder / "film.gif", "--road", "merge", code=2)
     assert "--video shows one drive, and 7 are asked for" in said
     assert "either --out" in study.call("drive", code=2)

@@ -14,7 +14,7 @@ from helper import factor
 class A:
     def estimate(self):
         """Doc."""
-        return factor()  # comment
+        return factor(), "table.csv", "more/*.csv", "**/*.txt"  # comment
 '''
 FILES = {
     "main.py": MAIN,
@@ -25,6 +25,9 @@ FILES = {
     "olne_bench/envs/world_v0.py": "w = 1\n",
     "unrelated.py": "z = 1\n",
     "main.npz": "data",
+    "table.csv": "data",
+    "more/table.csv": "data",
+    "more/notes.txt": "data",
 }
 
 
@@ -49,17 +52,20 @@ def taken(folder, tmp_path_factory):
 @pytest.mark.parametrize(
     ("name", "old", "new", "changes"),
     [
-        ("main.py", "factor()  # comment", "2 * factor()", True),
+        ("main.py", "factor(),", "2 * factor(),", True),
         ("helper.py", "part.x", "-part.x", True),
         ("deep/part.py", "x = 1", "x = 2", True),
         ("deep/other.py", "y = 1", "y = 2", True),
         ("deep/__init__.py", "", "import os", True),
         ("olne_bench/envs/world_v0.py", "w = 1", "w = 2", True),
         ("main.npz", "data", "other data", True),
+        ("table.csv", "data", "other data", True),
+        ("more/table.csv", "data", "other data", True),
+        ("more/notes.txt", "data", "other data", False),
         ("unrelated.py", "z = 1", "z = 2", False),
         ("main.py", "  # comment", "", False),
         ("main.py", '"""Doc."""', '"""Another text."""', False),
-        ("main.py", "return factor()", "return (\n            factor()\n        )", False),
+        ("main.py", "return factor()", "return (\n            factor\n        )()", False),
     ],
 )
 def test_what_counts(folder, tmp_path_factory, name, old, new, changes):

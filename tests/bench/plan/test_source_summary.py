@@ -12,7 +12,7 @@ from ..far import one, two
 
 def world():
     """Another."""
-    return "highway_v0"  # said
+    return "highway_v0", "table.csv", "a/*.npz", "/etc/passwd.txt", "../up.csv"  # said
 '''
 
 
@@ -45,6 +45,7 @@ def test_a_summary_has_code_imports_and_worlds():
         Import("far", ("one", "two"), 2),
     )
     assert found.worlds == ("highway_v0",)
+    assert found.files == ("a/*.npz", "table.csv")
     assert found.code is not None
 
 
@@ -78,7 +79,10 @@ def test_other_code_has_another_digest(case):
 @pytest.mark.usefixtures("folder")
 def test_comments_docstrings_and_formatting_do_not_count():
     bare = b"import numpy as np, os.path\nfrom . import near\nfrom ..far import (one,\n  two)\n"
-    assert summarised(bare + b"def world( ): return 'highway_v0'").code == summarised(SOURCE).code
+    bare += (
+        b"def world( ): return 'highway_v0', 'table.csv', 'a/*.npz', '/etc/passwd.txt', '../up.csv'"
+    )
+    assert summarised(bare).code == summarised(SOURCE).code
 
 
 @pytest.mark.usefixtures("folder")

@@ -6,7 +6,7 @@ import pytest
 
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry
 from olne_bench.bench.plan.load import load_suite, suite_names
-from olne_bench.bench.plan.truths import has_drawn_truths, is_foreign
+from olne_bench.bench.plan.truths import drawn_twin, has_drawn_truths, is_foreign
 from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
 
@@ -65,3 +65,19 @@ def test_a_plugin_is_taken_at_its_word() -> None:
 def test_foreign_estimators(tmp_path: Path) -> None:
     assert is_foreign(EstimatorEntry(name=str(tmp_path / "map.py"), label="map"))
     assert not is_foreign(EstimatorEntry(name="map", label="mine"))
+
+
+@pytest.mark.parametrize("name", ["two_player", "highway_overtaking", "merging"])
+def test_a_fixed_scenario_has_a_twin_whose_weights_are_drawn(name: str) -> None:
+    fixed = ScenarioEntry(name=name, label="mine", trajectories=3, sigmas=(0.5,))
+    twin = drawn_twin(fixed)
+    assert twin is not None
+    assert not has_drawn_truths(fixed)
+    assert has_drawn_truths(twin)
+    assert twin.label == "mine, drawn weights"
+    assert (twin.name, twin.trajectories, twin.sigmas) == (name, 3, (0.5,))
+
+
+@pytest.mark.parametrize("name", ["unknown_goals", "/gone/mine.py"])
+def test_what_cannot_draw_weights_has_no_twin(name: str) -> None:
+    assert drawn_twin(ScenarioEntry(name=name, label="mine", family=True)) is None

@@ -2,6 +2,7 @@
 
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.versions import VERSION_COLUMNS, Versions, environment, versions
+from olne_bench.bench.process.arithmetic import arithmetic
 
 PLUGIN = """
 from helper import number
@@ -53,6 +54,7 @@ def test_versions_are_short_texts_and_columns() -> None:
 def test_the_environment_names_libraries_and_the_backend() -> None:
     found = environment()
     assert found["backend"]
+    assert found["arithmetic"] == arithmetic()
     assert found["numpy"].count(".") == 2
     assert "missing" not in found.values()
 
@@ -68,3 +70,11 @@ def test_a_file_counts_with_the_modules_beside_it(tmp_path) -> None:
         found.append(taken(estimator=EstimatorEntry(name=f"{folder / 'own.py'}:Own")))
     assert found[0].estimator != found[1].estimator
     assert found[0].scoring == found[1].scoring
+
+
+def test_another_arithmetic_is_another_environment(monkeypatch) -> None:
+    here = taken()
+    found = dict(environment()) | {"arithmetic": "x86_64, with AVX-512"}
+    monkeypatch.setattr("olne_bench.bench.plan.versions.environment", lambda: found)
+    assert vars(taken()) | {"environment": here.environment} == vars(here)
+    assert taken().environment != here.environment

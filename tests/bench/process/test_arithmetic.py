@@ -1,11 +1,14 @@
 """Processes compute the same numbers, whatever their processor offers."""
 
 import hashlib
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
-from olne_bench.bench.process.arithmetic import same_arithmetic
+from olne_bench.bench.process.arithmetic import arithmetic, same_arithmetic
 from olne_bench.bench.process.child import Child
 
 
@@ -16,10 +19,10 @@ def digest() -> str:
     return hashlib.sha256(b"".join(one.tobytes() for one in made)).hexdigest()
 
 
-def digest_in_child() -> str:
+def in_child(function) -> str:
     child = Child(restricted=True, memory=2**30)
     try:
-        return child.call(digest, kind=str, seconds=60)
+        return child.call(function, kind=str, seconds=60)
     finally:
         child.stop()
 
@@ -37,11 +40,11 @@ def simd(monkeypatch):
 
 def test_children_compute_alike_where_the_parent_was_told_to_differ(monkeypatch):
     if "OPENBLAS_CORETYPE" not in same_arithmetic():
-        assert digest_in_child() == digest_in_child()
+        assert in_child(digest) == in_child(digest)
         return
-    usual = digest_in_child()
+    usual = in_child(digest)
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Nehalem")
-    assert digest_in_child() == usual
+    assert in_child(digest) == usual
 
 
 @pytest.mark.parametrize(
@@ -79,3 +82,35 @@ def test_other_processors_keep_what_their_libraries_choose(simd, said):
     assert settings["OPENBLAS_NUM_THREADS"] == "1"
     assert "OPENBLAS_CORETYPE" not in settings
     assert "NPY_DISABLE_CPU_FEATURES" not in settings
+
+
+BOTH = """
+from olne_bench.bench.process.arithmetic import arithmetic
+from olne_bench.bench.process.child import Child
+child = Child()
+print(arithmetic(), child.call(arithmetic, kind=str, seconds=60), sep="|")
+child.stop()
+"""
+
+
+@pytest.mark.parametrize("off", ["", "X86_V3 AVX2"])
+def test_a_parent_names_the_arithmetic_of_its_children(off):
+    environment = os.environ | {"NPY_DISABLE_CPU_FEATURES": off}
+    run = [sys.executable, "-W", "ignore", "-c", BOTH]
+    said = subprocess.run(run, env=environment, capture_output=True, text=True, check=True).stdout
+    here, there = said.strip().split("|")
+    assert here == there
+    if "OPENBLAS_CORETYPE" in same_arithmetic():
+        assert ("held to AVX2" in here) == (not off)
+
+
+def test_what_is_held_alike_has_one_name(simd):
+    names = set()
+    for found in (["X86_V3"], ["X86_V3", "X86_V4", "AVX512_ICL"], ["AVX2", "FMA3"]):
+        simd(baseline=["X86_V2"], found=found)
+        names.add(arithmetic())
+    assert len(names) == 1
+    for found in ([], ["AVX2"]):
+        simd(baseline=["X86_V2"], found=found)
+        names.add(arithmetic())
+    assert len(names) == 3

@@ -30,9 +30,9 @@ from olne_bench.bench.process.child import (
     TimedOutError,
     _cause,
     _raise,
-    _search_path,
     _too_much,
 )
+from olne_bench.bench.process.fork_server import search_path
 from olne_bench.bench.process.messages import Raised, Ready, Stage, encode
 from olne_bench.errors import UserError
 
@@ -76,12 +76,35 @@ def hoard_shared() -> None:
         kept.append(block)
 
 
-def run(*command: str) -> int:
-    return subprocess.run(command, check=False).returncode
+SLEEP = "import time; time.sleep(float({0!r}))"
+
+
+def sleeper() -> list[str]:
+    """A command that sleeps: a sandbox runs Python, and no other program."""
+    return [sys.executable, "-c", SLEEP.format(SLEEPER), SLEEPER]
+
+
+def run_apart(*command: str) -> int:
+    return subprocess.run(command, start_new_session=True, check=False).returncode
 
 
 def leave_a_process(*command: str) -> int:
     return subprocess.Popen(command, start_new_session=True).pid
+
+
+def leave_processes(forks: int, *command: str) -> int:
+    """Leave two processes whose parents have ended, in sessions of their own."""
+    for _ in range(2):
+        if (pid := os.fork()) == 0:
+            for _ in range(forks):
+                os.setsid()
+                if os.fork():
+                    os._exit(0)
+            os.execv(command[0], command)
+        if forks:
+            os.waitpid(pid, 0)
+    time.sleep(0.2)
+    return 1
 
 
 def leave_a_thread() -> float:
@@ -260,28 +283,21 @@ def leave_a_message_behind() -> float:
 
 def test_processes_that_are_left_end(child):
     with pytest.raises(LeftProcessesError):
-        child.call(leave_a_process, "sleep", SLEEPER, kind=int, seconds=5)
+        child.call(leave_a_process, *sleeper(), kind=int, seconds=5)
     assert not sleepers()
 
 
-@pytest.mark.parametrize(
-    "script",
-    [
-        "setsid sleep {0} & setsid sleep {0} &",
-        "(setsid sh -c 'sleep {0} & sleep {0} & wait' &) &",
-        "nohup setsid sh -c '(sleep {0} &)' >/dev/null 2>&1 &",
-    ],
-)
-def test_processes_that_leave_session_and_parent_end(child, script):
+@pytest.mark.parametrize("forks", [0, 1, 2])
+def test_processes_that_leave_session_and_parent_end(child, forks):
     with pytest.raises(LeftProcessesError):
-        child.call(run, "sh", "-c", script.format(SLEEPER), kind=int, seconds=5)
+        child.call(leave_processes, forks, *sleeper(), kind=int, seconds=5)
     assert not sleepers()
 
 
 def test_descendants_end_with_a_time_limit(child):
     child.call(add, 1.0, 2.0, kind=float, seconds=5)
     with pytest.raises(TimedOutError):
-        child.call(run, "sh", "-c", f"setsid sleep {SLEEPER}", kind=int, seconds=1)
+        child.call(run_apart, *sleeper(), kind=int, seconds=1)
     assert not sleepers()
 
 
@@ -289,11 +305,15 @@ def test_descendants_end_with_the_driver(tmp_path):
     script = tmp_path / "driver.py"
     script.write_text(
         "from olne_bench.bench.process.child import Child\n"
-        "import os, subprocess\n"
+        "import subprocess, sys, time\n"
         "child = Child(restricted=True)\n"
-        f"command = 'setsid sh -c \"sleep {SLEEPER} & sleep {SLEEPER}\" & sleep {SLEEPER}'\n"
-        "child.submit(subprocess.run, ['sh', '-c', command], seconds=1000)\n"
-        "import time\n"
+        f"command = {sleeper()!r}\n"
+        "code = 'import os, subprocess; os.setsid()\\n'\n"
+        "code += f'for _ in range(2): subprocess.Popen({command!r})'\n"
+        "twice = f'import subprocess\\n'\n"
+        "twice += f'subprocess.Popen([{sys.executable!r}, \"-c\", {code!r}])\\n'\n"
+        "twice += f'subprocess.run({command!r})'\n"
+        "child.submit(exec, twice, seconds=1000)\n"
         "while child.channel.poll() is None: time.sleep(0.05)\n"
         "print('started', flush=True)\n"
         "time.sleep(1000)\n"
@@ -391,7 +411,7 @@ def test_who_is_trusted_stays_here_and_may_leave_processes():
     child = Child()
     try:
         assert child.call(directory, kind=str, seconds=5) == str(Path.cwd())
-        child.call(leave_a_process, "sleep", SLEEPER, kind=int, seconds=5)
+        child.call(leave_a_process, *sleeper(), kind=int, seconds=5)
         wait_for_sleepers(1)
         assert len(sleepers()) == 1
         assert (child.busy, child.served) == (False, 2)
@@ -404,7 +424,7 @@ def test_who_is_trusted_stays_here_and_may_leave_processes():
 def test_a_parent_of_children_may_have_some_left():
     child = Child(restricted=True, has_children=True)
     try:
-        child.call(leave_a_process, "sleep", SLEEPER, kind=int, seconds=5)
+        child.call(leave_a_process, *sleeper(), kind=int, seconds=5)
         wait_for_sleepers(1)
         assert len(sleepers()) == 1
     finally:
@@ -457,7 +477,7 @@ def test_a_start_has_a_limit_of_its_own(monkeypatch, tmp_path):
 def test_a_search_path_leads_to_the_same_places_from_anywhere(monkeypatch):
     monkeypatch.setattr(sys, "path", ["", "/usr/lib", ".", "relative"])
     here = str(Path.cwd())
-    assert _search_path() == [here, "/usr/lib", here, "relative"]
+    assert search_path() == [here, "/usr/lib", here, "relative"]
 
 
 def test_sizes_are_told_in_gib():

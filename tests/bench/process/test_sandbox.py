@@ -1,15 +1,26 @@
 """The sandbox: what foreign code can reach, and what it cannot."""
 
+import ctypes
+import errno
+import fcntl
 import os
+import platform
+import shutil
 import socket
+import subprocess
 import sys
+import threading
+from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from olne_bench.bench.process import sandbox
 from olne_bench.bench.process.child import Child, RaisedError
 from olne_bench.bench.process.sandbox import landlock_version, restrictions
+from olne_bench.bench.process.system_calls import _LOCKING, _REFUSED, _WITHOUT_EFFECT
+from olne_bench.envs.draws_folder import shipped_draws
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or landlock_version() < 6, reason="needs Landlock, Linux 6.12 or later"
@@ -28,6 +39,10 @@ def target(path: str) -> str:
     return str(Path(path).readlink())
 
 
+def directory() -> str:
+    return str(Path.cwd())
+
+
 def connect(port: int) -> int:
     with socket.create_connection(("127.0.0.1", port), timeout=5):
         return port
@@ -38,90 +53,251 @@ def signal_to(pid: int) -> int:
     return pid
 
 
+def from_every_thread(path: str) -> list[str]:
+    """How all threads of this process are restricted, and what reading a file gives each."""
+    said = []
+
+    def look() -> None:
+        try:
+            said.append(Path(path).read_text())
+        except OSError as error:
+            said.append(type(error).__name__)
+
+    threads = [threading.Thread(target=look) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    look()
+    for thread in threads:
+        thread.join()
+    keys = ("CapEff", "CapPrm", "CapBnd", "NoNewPrivs", "Seccomp")
+    for status in Path("/proc/self/task").glob("*/status"):
+        fields = dict(line.split(":\t") for line in status.read_text().splitlines())
+        said.append(" ".join(fields[key].strip() for key in keys))
+    return sorted(set(said))
+
+
+def run(*command: str) -> int:
+    return subprocess.run(command, check=False, capture_output=True).returncode
+
+
+def call(name: str, *arguments: int) -> int:
+    """A system call by its number; its result, or the negative number of its error."""
+    numbers = {**_REFUSED, **_WITHOUT_EFFECT, **_LOCKING}[name]
+    number = numbers[["x86_64", "aarch64"].index(platform.machine())]
+    libc = ctypes.CDLL(None, use_errno=True)
+    result = libc.syscall(number, *arguments)
+    return -ctypes.get_errno() if result < 0 else result
+
+
+def environment() -> dict[str, str]:
+    return dict(os.environ)
+
+
+def command_lines() -> str:
+    return " ".join(path.read_text() for path in Path("/proc/self").glob("cmdline"))
+
+
+def others() -> list[str]:
+    """Processes that can be seen in /proc beside this one."""
+    seen = []
+    for place in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            place.read_text()
+            seen.append(place.parent.name)
+    return [name for name in seen if name != str(os.getpid())]
+
+
+def say(text: str) -> int:
+    print(text)
+    return 1
+
+
+def cut_the_log() -> int:
+    os.ftruncate(1, 0)
+    return len(os.read(os.open("/proc/self/fd/1", os.O_RDONLY), 100))
+
+
+def lock(path: str) -> int:
+    with Path(path).open() as file:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_SH)
+        except OSError as error:
+            return error.errno or 0
+    return 0
+
+
 @pytest.fixture
 def hidden(tmp_path):
     folder = tmp_path / "runs" / "one"
     folder.mkdir(parents=True)
     (folder / "secret").write_text("salt")
     (tmp_path / "data").write_text("open")
-    (tmp_path / "runs" / "notes").write_text("open")
+    (tmp_path / "suite.draws").write_text("truth")
+    (tmp_path / "runs" / "notes").write_text("other work")
+    (tmp_path / ".git").mkdir()
+    (tmp_path / ".git" / "object").write_text("draws")
+    (tmp_path / "helpers").mkdir()
+    (tmp_path / "helpers" / "one.py").write_text("x = 1")
+    (tmp_path / "plugin_data").mkdir()
+    (tmp_path / "plugin_data" / "network").write_text("open")
+    (tmp_path / "plugin.py").write_text("")
     (tmp_path / "link").symlink_to(folder)
     return folder
 
 
 @pytest.fixture
 def child(hidden):
-    one = Child(restricted=True, hidden=hidden)
+    one = Child(restricted=True, plugins=[f"{hidden.parents[1]}/plugin.py:Any"], hidden=hidden)
     yield one
     one.stop()
 
 
-def test_the_hidden_folder_cannot_be_read_and_others_can(child, hidden):
-    above = hidden.parent.parent
-    for path in (above / "data", above / "runs" / "notes", "/etc/hostname", __file__):
-        assert child.call(read, str(path), kind=str, seconds=5)
-    for path in (hidden / "secret", above / "link" / "secret"):
-        with pytest.raises(RaisedError, match="PermissionError"):
-            child.call(read, str(path), kind=str, seconds=5)
+def refuses(child: Child, function, *arguments, kind=str) -> None:
+    with pytest.raises(RaisedError, match="PermissionError"):
+        child.call(function, *arguments, kind=kind, seconds=10)
+
+
+def test_files_are_read_by_a_list(child, hidden):
+    home = hidden.parents[1]
+    beside = ("data", "plugin.py", "helpers/one.py", "plugin_data/network")
+    for path in (*(home / name for name in beside), os.__file__, np.__file__, __file__):
+        child.call(read, str(path), kind=str, seconds=5)
+    secret = ("runs/one/secret", "link/secret", "runs/notes", ".git/object", "suite.draws")
+    for path in (*(home / name for name in secret), "/etc/shadow", "/etc/hostname"):
+        refuses(child, read, str(path))
+
+
+def test_neither_solved_draws_nor_other_copies_of_this_package_are_read(child, tmp_path):
+    copy = tmp_path.parent / f"{tmp_path.name}-copy"
+    shutil.copytree(shipped_draws(), copy)
+    for folder in (shipped_draws(), copy):
+        (draws,) = folder.glob("*.draws")
+        refuses(child, read, str(draws))
+    assert child.call(read, str(shipped_draws().parent / "draws_folder.py"), kind=str, seconds=5)
 
 
 def test_draws_that_the_user_played_cannot_be_read(monkeypatch, tmp_path):
-    """They hold true motions. This holds without a hidden run, and before the first is kept."""
+    """They hold true motions, whether they were kept before or after the start."""
     monkeypatch.setenv("OLNE_BENCH_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "plugin.py").write_text("")
     draws = tmp_path / "cache-draws"
-    (tmp_path / "data").write_text("open")
-    one = Child(restricted=True)
+    one = Child(restricted=True, plugins=[str(tmp_path / "plugin.py")])
     try:
-        assert one.call(read, str(tmp_path / "data"), kind=str, seconds=5) == "open"
+        assert one.call(read, str(tmp_path / "plugin.py"), kind=str, seconds=5) == ""
         draws.mkdir()
         (draws / "a.npz").write_text("truth")
-        with pytest.raises(RaisedError, match="PermissionError"):
-            one.call(read, str(draws / "a.npz"), kind=str, seconds=5)
+        refuses(one, read, str(draws / "a.npz"))
     finally:
         one.stop()
 
 
+def test_every_thread_is_restricted(child, hidden):
+    said = child.call(from_every_thread, str(hidden / "secret"), kind=list[str], seconds=5)
+    assert said == ["0000000000000000 " * 3 + "1 2", "PermissionError"]
+
+
 def test_nothing_is_written_outside_of_its_own_folder(child, hidden):
     assert child.call(write, "own", kind=int, seconds=5) == 1
-    for path in (hidden / "new", hidden.parent.parent / "data", "/var/tmp/olne_bench_test"):
-        with pytest.raises(RaisedError, match="PermissionError"):
-            child.call(write, str(path), kind=int, seconds=5)
-    assert (hidden.parent.parent / "data").read_text() == "open"
+    outside = (hidden / "new", hidden.parents[1] / "data", "/var/tmp/olne_bench_test")
+    for path in (*outside, "/dev/shm/olne_bench_test", "/dev/tty", "../beside"):
+        refuses(child, write, str(path), kind=int)
+    assert (hidden.parents[1] / "data").read_text() == "open"
+
+
+def test_nothing_that_was_written_is_there_for_the_next_process(child):
+    child.call(write, "own", kind=int, seconds=5)
+    first = child.call(directory, kind=str, seconds=5)
+    child.renew()
+    second = child.call(directory, kind=str, seconds=5)
+    assert first != second
+    with pytest.raises(RaisedError, match="FileNotFoundError"):
+        child.call(read, "own", kind=str, seconds=5)
+    assert not Path(first).exists()
+
+
+def test_programs_are_run_by_a_list(child):
+    assert child.call(run, sys.executable, "-c", "", kind=int, seconds=30) == 0
+    assert child.call(run, shutil.which("cc") or "", "--version", kind=int, seconds=30) == 0
+    for program in ("sh", "sleep", "git"):
+        refuses(child, run, shutil.which(program), "--version", kind=int)
+
+
+def test_a_compiler_works(child):
+    source = "int three(void) { return 3; }"
+    assert child.call(write_and_compile, source, kind=int, seconds=60) == 3
+
+
+def write_and_compile(source: str) -> int:
+    Path("source.c").write_text(source)
+    subprocess.run(["cc", "-shared", "-fPIC", "source.c", "-o", "library.so"], check=True)
+    return int(ctypes.CDLL(str(Path("library.so").resolve())).three())
 
 
 def test_no_process_outside_is_signalled_or_looked_into(child):
-    with pytest.raises(RaisedError, match="PermissionError"):
-        child.call(signal_to, os.getpid(), kind=int, seconds=5)
-    for name in ("environ", "maps"):
-        with pytest.raises(RaisedError, match="PermissionError"):
-            child.call(read, f"/proc/{os.getpid()}/{name}", kind=str, seconds=5)
-    with pytest.raises(RaisedError, match="PermissionError"):
-        child.call(target, f"/proc/{os.getpid()}/fd/0", kind=str, seconds=5)
+    refuses(child, signal_to, os.getpid(), kind=int)
+    for name in ("environ", "maps", "cmdline"):
+        refuses(child, read, f"/proc/{os.getpid()}/{name}")
+    refuses(child, target, f"/proc/{os.getpid()}/fd/0")
+    assert child.call(others, kind=list[str], seconds=5) == []
+
+
+def test_neither_variables_nor_the_command_line_tell_what_a_process_is_for(monkeypatch, tmp_path):
+    monkeypatch.setenv("TELLING", "verify")
+    monkeypatch.chdir(tmp_path)
+    child = Child(restricted=True, hidden=tmp_path / "verified")
+    try:
+        told = child.call(environment, kind=dict[str, str], seconds=5)
+        said = child.call(command_lines, kind=str, seconds=5)
+    finally:
+        child.stop()
+    assert "TELLING" not in told and "verif" not in f"{said} {told}"
 
 
 def test_no_connection_is_opened(child):
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        pytest.raises(RaisedError, match="PermissionError"),
-    ):
-        child.call(connect, server.getsockname()[1], kind=int, seconds=10)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        refuses(child, connect, server.getsockname()[1], kind=int)
 
 
-def test_a_folder_that_is_made_later_is_hidden_as_well(tmp_path):
-    late = tmp_path / "runs" / "late"
-    child = Child(restricted=True, hidden=late)
+@pytest.mark.parametrize("name", [*_REFUSED, *_LOCKING])
+def test_calls_that_lead_to_other_processes_are_refused(child, name):
+    numbers = {**_REFUSED, **_LOCKING}[name]
+    if numbers[["x86_64", "aarch64"].index(platform.machine())] is None:
+        return  # this machine has no such call
+    expected = errno.ENOLCK if name in _LOCKING else errno.EACCES
+    assert child.call(call, name, 0, 0, 0, 0, kind=int, seconds=5) == -expected
+
+
+def test_nothing_is_kept_in_locks_and_attributes_of_files(child, hidden):
+    path = hidden.parents[1] / "data"
+    before = path.stat()
+    assert child.call(lock, str(path), kind=int, seconds=5) == errno.ENOLCK
+    child.call(mark, str(path), kind=int, seconds=5)
+    after = path.stat()
+    assert (before.st_mode, before.st_mtime_ns) == (after.st_mode, after.st_mtime_ns)
+
+
+def mark(path: str) -> int:
+    os.utime(path, (1, 1))
+    Path(path).chmod(0o777)
+    return 0
+
+
+def test_a_log_keeps_what_others_have_said(tmp_path):
+    log = tmp_path / "log"
+    log.write_text("before\n")
+    child = Child(restricted=True, log=log)
     try:
-        child.call(write, "own", kind=int, seconds=5)
-        late.mkdir(parents=True)
-        (late / "secret").write_text("salt")
-        with pytest.raises(RaisedError, match="PermissionError"):
-            child.call(read, str(late / "secret"), kind=str, seconds=5)
+        child.call(say, "first", kind=int, seconds=5)
+        child.renew()
+        assert child.call(cut_the_log, kind=int, seconds=5) == 0
     finally:
         child.stop()
+    assert log.read_text() == "before\nfirst\n"
 
 
 def test_what_is_kept_from_foreign_code_can_be_told():
     assert "the run folder" in restrictions()
+    assert "all files but a list" in restrictions()
     assert "signals to other processes" in restrictions()
 
 
@@ -133,6 +309,7 @@ class Kernel:
         self.rights: tuple[int, ...] = ()
         self.size = 0
         self.rules: dict[str, int] = {}
+        self.refuses = False
 
     def syscall(self, number: int, *arguments) -> int:
         self.calls.append(number)
@@ -151,11 +328,11 @@ class Kernel:
             self.rules[place] = self.rules.get(place, 0) | rule.allowed
             return 0
         assert number == 446 and arguments[1] == 0
-        return 0
+        return -1 if self.refuses else 0
 
     def prctl(self, *arguments: int) -> int:
-        assert arguments == (38, 1, 0, 0, 0)
-        self.calls.append(38)
+        assert arguments == (38, 1, 0, 0, 0) or arguments[0] == 24
+        self.calls.append(arguments[0])
         return 0
 
     def capset(self, header, data) -> int:
@@ -177,33 +354,51 @@ LANDLOCK = {
 
 
 @pytest.mark.parametrize("version", LANDLOCK)
-def test_every_kernel_is_asked_for_all_that_it_knows(version, hidden, tmp_path, monkeypatch):
+def test_every_kernel_is_asked_for_all_that_it_knows(version, tmp_path, monkeypatch):
     kernel = Kernel(version)
     monkeypatch.setattr(sandbox, "_libc", lambda: kernel)
-    own = tmp_path / "own"
+    monkeypatch.setattr(sandbox, "filter_system_calls", lambda: kernel.calls.append(22))
+    monkeypatch.setattr(sandbox, "filters_system_calls", lambda: False)
+    own, data = tmp_path / "own", tmp_path / "data"
     own.mkdir()
-    sandbox.restrict([hidden], own)
+    data.write_text("")
+    sandbox.restrict([data, Path("/usr")], [tmp_path], own)
     bits, net, scoped, size = LANDLOCK[version]
     every = 2**bits - 1
     assert kernel.rights == (every, net, scoped)
     assert kernel.size == size
-    assert kernel.calls[-2:] == [38, 446]  # no new privileges, then no way back
-    # Everything can be listed at the top; read, executed and listed beside what is hidden.
-    assert kernel.rules["/"] == 8
-    assert str(hidden) not in kernel.rules
-    assert not any(hidden.is_relative_to(p) and r & 4 for p, r in kernel.rules.items())
-    assert kernel.rules[str(tmp_path / "data")] == 1 | 4  # a file: no listing
+    # No new privileges, then rules, then the filter, which leaves no way back.
+    assert kernel.calls.index(38) < kernel.calls.index(445)
+    assert kernel.calls[-2:] == [446, 22]
+    assert kernel.rules[str(data)] == 1 | 4  # a file: no listing
+    assert kernel.rules["/usr"] == 1 | 4 | 8
+    assert kernel.rules[str(tmp_path)] == 8
     assert kernel.rules[str(own)] == every
-    assert kernel.rules["/dev/null"] == every & (1 | 2 | 4 | 2**14 | 2**15)
-    told = ["the run folder", "writing outside of its folder"]
+    assert kernel.rules["/dev/null"] == 2 | 4
+    assert "/" not in kernel.rules and "/dev/shm" not in kernel.rules
+    told = ["the run folder", "all files but a list", "writing outside of its folder"]
     told += ["TCP connections"] * (version >= 4) + ["signals to other processes"] * (version >= 6)
     assert restrictions() == tuple(told)
 
 
-def test_without_landlock_nothing_is_restricted(tmp_path, monkeypatch):
+def test_a_kernel_that_refuses_is_not_trusted(tmp_path, monkeypatch):
+    kernel = Kernel(6)
+    kernel.refuses = True
+    monkeypatch.setattr(sandbox, "_libc", lambda: kernel)
+    with pytest.raises(OSError, match="refuses to restrict a process"):
+        sandbox.restrict([], [], tmp_path)
+
+
+def test_without_landlock_files_are_not_restricted(tmp_path, monkeypatch):
     kernel = Kernel(-1)
     monkeypatch.setattr(sandbox, "_libc", lambda: kernel)
+    monkeypatch.setattr(sandbox, "filter_system_calls", lambda: None)
+    monkeypatch.setattr(sandbox, "filters_system_calls", lambda: True)
     assert landlock_version() == 0
-    sandbox.restrict([], tmp_path)
-    assert set(kernel.calls) == {444}
-    assert not kernel.rules and restrictions() == ()
+    sandbox.restrict([], [], tmp_path)
+    assert set(kernel.calls) == {24, 38, 444}
+    assert not kernel.rules
+    assert restrictions() == (
+        *("TCP connections", "all other connections", "shared memory and queues"),
+        "files' owners and times",
+    )

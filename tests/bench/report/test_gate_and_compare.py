@@ -361,7 +361,9 @@ def test_a_comparison_ends_with_what_got_worse(monkeypatch, capsys, tmp_path, ve
     assert pd.read_csv(tmp_path / "out.csv")["verdict"].tolist() == verdicts
     assert asked[0][2] == {"e": "e"}
     assert call("compare", "one", "two", "--out", tmp_path / "none" / "out.csv") == 2
-    assert "cannot write to" in capsys.readouterr().err
+    assert "there is no folder" in capsys.readouterr().err
+    assert call("compare", "one", "two", "--out", tmp_path / "out.csv") == 2
+    assert "exists already" in capsys.readouterr().err
     table = table.iloc[:0]
     assert call("compare", "one", "two") == 2
     assert "one and two have no trial with noise in common" in capsys.readouterr().err

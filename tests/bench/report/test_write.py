@@ -79,5 +79,5 @@ def test_a_run_without_a_finished_trial_has_no_report(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     fill(tmp_path)
     (tmp_path / "leaderboard.md").mkdir()
-    with pytest.raises(UserError, match="cannot write to"):
+    with pytest.raises(UserError, match=r"leaderboard\.md cannot be written"):
         write_report(tmp_path, ())

@@ -54,13 +54,53 @@ def test_a_killed_dask_worker_loses_nothing(study):
     pd.testing.assert_frame_equal(study.rows("killed"), study.rows("whole"), check_exact=True)
 
 
-@pytest.mark.parametrize("cluster", ["local:", "local:0", "local:x", "login1:8786", "nonsense", ""])
-def test_an_address_that_cannot_be_is_refused(cluster):
+@pytest.mark.parametrize(
+    "address",
+    [
+        *("local:", "local:0", "local:x", "local:\u0662", "local:\u00b2", "local:1_0", "local:+1"),
+        *("local: 1", "local:1025", "local:99999999", "login1:8786", "nonsense", ""),
+        *("tcp://", "tcp://host", "tcp://host:", "tcp://host:0", "tcp://host:65536"),
+        *("tcp://host:\u0661", "tcp://a b:1", "tcp://:8786", "http://host:8786"),
+    ],
+)
+def test_an_address_that_cannot_be_is_refused(address):
     with pytest.raises(UserError, match="expected"):
-        check_cluster(cluster)
+        check_cluster(address)
 
 
-def test_a_scheduler_that_is_not_there_is_reported(monkeypatch):
+def test_workers_on_this_machine_are_counted():
+    check_cluster("local:1")
+    check_cluster("local:1024")
+
+
+@pytest.mark.parametrize("command", ["run", "online"])
+def test_a_scheduler_that_is_not_there_leaves_no_folder(study, monkeypatch, command):
+    monkeypatch.setattr(cluster, "_CONNECT_SECONDS", 0.1)
+    for address in ("tcp://127.0.0.1:9", "tcp://no.such.host.invalid:8786"):
+        words = (command, "quick", "--out", study.folder / "out", "--dask", address)
+        assert "cannot connect" in study.call(*words, code=2)
+        assert not (study.folder / "out").exists()
+
+
+def test_a_scheduler_that_begins_to_listen_is_waited_for(monkeypatch):
+    waits = []
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        monkeypatch.setattr(cluster.time, "sleep", waits.append)
+        tried = iter([ConnectionRefusedError(), taken])
+
+        def connect(*_, **__):
+            found = next(tried)
+            if isinstance(found, OSError):
+                raise found
+            return found
+
+        monkeypatch.setattr(cluster.socket, "create_connection", connect)
+        check_cluster(address)
+    assert len(waits) == 1
+
+
+def test_a_scheduler_that_is_lost_is_reported(monkeypatch):
     monkeypatch.setattr("olne_bench.bench.run.cluster._CONNECT_SECONDS", 1.0)
 
     with pytest.raises(UserError, match="cannot connect"):

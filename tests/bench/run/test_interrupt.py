@@ -17,7 +17,7 @@ from olne_bench.bench.run.store import read_store
 def stored(folder):
     try:
         with read_store(folder) as store:
-            return sum(1 for _ in store.records())
+            return sum(map(len, store.records().values()))
     except Exception:
         return 0
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.run import player
-from olne_bench.estimators.protocol import Observation
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.observation import FullView
 
 PLUGIN = """
 from types import SimpleNamespace
@@ -21,7 +23,7 @@ class Plain:
 
     def estimate(self, problem, observation, *, rng, budget):
         said.append((problem, observation, rng, budget))
-        return SimpleNamespace(weights=[[0.5, 0.5]], message="of " + problem)
+        return SimpleNamespace(weights=[[0.5, 0.5]], message=f"of {problem.sigma}")
 
 
 class Several(Plain):
@@ -37,13 +39,13 @@ class Choosy(Several):
 
     def supports(self, problem):
         said.append("asked")
-        return None if len(problem) >= self.least else "too\\nsmall"
+        return None if problem.sigma >= self.least else "too\\nsmall"
 
     def supports_several(self, problem):
-        return "one at a time" if problem == "a problem" else None
+        return "one at a time" if problem.sigma == 9 else None
 
     def warm_up(self, problem):
-        said.append("warmed up for " + problem)
+        said.append(f"warmed up for {problem.sigma}")
 
 
 class Writes(Plain):
@@ -59,12 +61,24 @@ class Writes(Plain):
         return SimpleNamespace(weights=[[1.0]])
 
 
+class Changes(Plain):
+    name = "Changes"
+
+    def estimate(self, problem, observation, *, rng, budget):
+        object.__setattr__(problem.game, "dt", 7.0)
+        object.__setattr__(problem, "sigma", 0.0)
+        return SimpleNamespace(weights=[[1.0]])
+
+
 class Wrong(Plain):
     name = "Wrong"
 
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights="a lot\\nof it")
 """
+
+
+PROBLEM = Problem(get_scenario("two_player").game, FullView(), 9.0)
 
 
 @pytest.fixture
@@ -75,7 +89,7 @@ def plugin(tmp_path: Path) -> Path:
 
 
 def prepare(plugin: Path, name: str, trajectories: int = 1, **parameters: object) -> str | None:
-    given = pickle.dumps("a problem")
+    given = pickle.dumps(PROBLEM)
     return player.prepare(f"{plugin}:{name}", parameters, (), given, trajectories).declined
 
 
@@ -94,12 +108,12 @@ def test_an_estimator_is_given_the_problem_one_observation_and_its_random_number
     assert prepare(plugin, "Plain") is None
     answered = player.estimate((observation(3.0),), 5, 7.5)
     ((problem, seen, rng, budget),) = said()
-    assert (problem, budget) == ("a problem", 7.5)
+    assert (repr(problem), budget) == (repr(PROBLEM), 7.5)
     assert isinstance(seen, Observation)
     np.testing.assert_array_equal(seen.y, 3.0)
     assert rng.uniform() == np.random.default_rng(5).uniform()
     assert answered.malformed == ""
-    assert answered.estimate.message == "of a problem"
+    assert answered.estimate.message == "of 9.0"
 
 
 def test_several_observations_come_together(plugin):
@@ -118,7 +132,7 @@ def test_who_takes_one_trajectory_is_not_given_two(plugin):
 
 def test_an_estimator_may_decline_and_is_set_up_where_it_does_not(plugin):
     assert prepare(plugin, "Choosy", least=9) is None
-    assert said() == ["asked", "warmed up for a problem"]
+    assert said() == ["asked", "warmed up for 9.0"]
     del said()[:]
     seat = player._seat
     assert prepare(plugin, "Choosy", least=10) == "too small"
@@ -135,6 +149,13 @@ def test_observations_cannot_be_written_into(plugin):
     assert player.estimate((without,), 0, 1.0).estimate is not None
 
 
+def test_a_problem_stays_as_it_was_given(plugin):
+    prepare(plugin, "Changes")
+    answered = player.estimate((observation(),), 0, 1.0)
+    assert answered.estimate is None
+    assert answered.malformed == "it changes the problem: problem.sigma, problem.game.dt"
+
+
 def test_what_is_no_estimate_is_told_in_one_line(plugin):
     prepare(plugin, "Wrong")
     answered = player.estimate((observation(),), 0, 1.0)
@@ -145,6 +166,6 @@ def test_what_is_no_estimate_is_told_in_one_line(plugin):
 def test_files_of_other_plugins_are_imported_first(plugin, tmp_path):
     other = tmp_path / "other.py"
     other.write_text("from pathlib import Path\nPath(__file__).with_name('seen').touch()\n")
-    given = pickle.dumps("a problem")
+    given = pickle.dumps(PROBLEM)
     assert player.prepare(f"{plugin}:Plain", {}, [str(other)], given, 1).declined is None
     assert (tmp_path / "seen").exists()

@@ -187,6 +187,8 @@ def test_foreign_worlds_have_a_process_of_their_own_in_a_sandbox(children, trial
         "log": Path("log"),
         "memory": 2**30,
         "restricted": True,
+        "plugins": ("mine.py:Mine",),
+        "readable": [],
         "hidden": Path("run"),
         "may_announce": True,
         "has_children": True,

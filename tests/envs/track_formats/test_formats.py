@@ -160,7 +160,7 @@ def test_broken_networks_are_refused(tmp_path: Path) -> None:
     for text, words in (
         ("<net", "is not a SUMO network"),
         ("<other/>", "its root is <other>, not <net>"),
-        ('<net><edge><lane id="a"/></edge></net>', "is not a SUMO network: 'shape'"),
+        ('<net><edge><lane id="a"/></edge></net>', "is not a SUMO network: it has no 'shape'"),
     ):
         path.write_text(text)
         with pytest.raises(UserError, match=words):

@@ -217,7 +217,7 @@ BROKEN = {
     "infinite": ('v="9.0"', 'v="inf"', "node aleft1 has a position that is not finite"),
     "one border": ('ref="aright" role', 'ref="aleft" role', "a has no area between its borders"),
     "a point": ('v="9.0"', 'v="0.0"', "a border has no length"),
-    "no id": ('<way id="aleft"', "<way", "no attribute 'id'"),
+    "no id": ('<way id="aleft"', "<way", "it has no 'id'"),
 }
 
 

@@ -1,0 +1,221 @@
+"""The loop of a fork server: a restricted process that forks others, which run foreign code.
+
+The server restricts itself first and imports what it is told to import, but never foreign code. So
+each fork starts from the same state, restricted from its first instruction, and no fork leaves
+anything for the next: it has a folder of its own, and nothing else that it can write to.
+"""
+
+import gc
+import importlib
+import json
+import os
+import resource
+import signal
+import socket
+import struct
+import tempfile
+import traceback
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from olne_bench.bench.process import inside
+from olne_bench.bench.process.family import (
+    adopt_orphans,
+    end_with_parent,
+    has_descendants,
+    kill_descendants,
+)
+from olne_bench.bench.process.sandbox import allow_reading, enforce, restrict, rules_for
+from olne_bench.games.compiler import backend
+
+_LENGTH = struct.Struct("!I")
+#: Files of the whole machine in /proc that libraries read. A fork sees no other process there.
+_MACHINE = ("cpuinfo", "meminfo", "stat", "uptime", "loadavg", "version", "filesystems", "sys")
+
+
+@dataclass(frozen=True)
+class Order:
+    """A process to be forked. Its connection and its log are passed beside this.
+
+    Attributes:
+        folder: its working folder, the only one that it can write to.
+        memory: limit [bytes] of its data and of each file, None for no limit.
+        has_children: whether it starts fork servers itself, and so has to see their processes.
+    """
+
+    folder: str
+    memory: int | None
+    has_children: bool
+
+
+def send(
+    control: socket.socket, message: dict[str, Any], descriptors: tuple[int, ...] = ()
+) -> None:
+    """Send a message, and open files with it.
+
+    Raises:
+        OSError: if the other side is gone.
+    """
+    content = json.dumps(message).encode()
+    control.settimeout(None)
+    socket.send_fds(control, [_LENGTH.pack(len(content)) + content], descriptors)
+
+
+def receive(control: socket.socket, seconds: float | None) -> tuple[dict[str, Any], list[int]]:
+    """Receive a message, and the open files that come with it.
+
+    Raises:
+        OSError: if the other side is gone, or nothing comes in time.
+    """
+    control.settimeout(seconds)
+    content, descriptors, _, _ = socket.recv_fds(control, _LENGTH.size, 2)
+    while len(content) < _LENGTH.size:
+        content += _some(control, _LENGTH.size - len(content))
+    (length,) = _LENGTH.unpack(content)
+    body = b""
+    while len(body) < length:
+        body += _some(control, length - len(body))
+    found: dict[str, Any] = json.loads(body)
+    return found, descriptors
+
+
+def _some(control: socket.socket, most: int) -> bytes:
+    if not (content := control.recv(most)):
+        raise ConnectionError("the other side is gone")
+    return content
+
+
+def serve(descriptor: int) -> None:
+    """Serve the parent process until it closes the connection.
+
+    Args:
+        descriptor: descriptor of the connection.
+    """
+    control = socket.socket(fileno=descriptor)
+    top = list(Path("/").iterdir())
+    adopt_orphans()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with suppress(OSError):
+        start, _ = receive(control, None)
+        readable, listable = (map(Path, start[kind]) for kind in ("readable", "listable"))
+        try:
+            restrict(list(readable), list(listable), Path(start["folder"]))
+        except OSError as error:
+            send(control, {"refused": str(error)})
+            return
+        _import(start["modules"])
+        backend()  # it asks the compiler, which takes longer than a fork
+        send(control, {"threads": _threads()})
+        while True:
+            asked, descriptors = receive(control, None)
+            if "fork" in asked:
+                order = Order(**asked["fork"])
+                send(control, {"pid": _fork(control, top, order, *descriptors)})
+            elif "end" in asked:
+                send(control, {"code": _wait(asked["end"])})
+            else:
+                _import(name for name in asked["import"] if _is_library(name))
+                send(control, {"threads": _threads()})
+    kill_descendants(os.getpid())
+
+
+def _import(names: Any) -> None:
+    """Import modules; one that cannot be imported is left to the plugin that wants it."""
+    for name in names:
+        with suppress(BaseException):
+            importlib.import_module(name)
+    gc.collect()
+    gc.freeze()  # a fork's collections leave its pages alone
+
+
+def _is_library(name: str) -> bool:
+    """Whether a module is Python's or an installed one."""
+    with suppress(BaseException):
+        spec = find_spec(name)
+        return spec is not None and spec.origin is not None
+    return False
+
+
+def _threads() -> int:
+    """Number of threads of this process: a process with several cannot be forked safely."""
+    try:
+        return len(os.listdir("/proc/self/task"))  # noqa: PTH208
+    except OSError:
+        import threading
+
+        return threading.active_count()
+
+
+def _fork(control: socket.socket, top: list[Path], order: Order, connection: int, log: int) -> int:
+    """Fork a process that serves its parent's parent; returns its process id here."""
+    server = os.getpid()
+    # Made here, where no memory has to be copied for it.
+    rules = rules_for(_places(top, order), (), Path(order.folder))
+    pid = os.fork()
+    if pid:
+        for descriptor in (connection, log, *([] if rules is None else [rules])):
+            os.close(descriptor)
+        return pid
+    code = 1
+    try:
+        control.close()
+        _move_in(server, order, log, rules)
+        inside.serve_forked(connection, order.memory)
+        code = 0
+    except BaseException:  # a request names code that is not there
+        traceback.print_exc()
+    finally:
+        os._exit(code)
+
+
+def _move_in(server: int, order: Order, log: int, rules: int | None) -> None:
+    """Make a fork a process of its own, with its own folder, limits and view of the machine."""
+    os.setsid()
+    adopt_orphans()
+    end_with_parent(server)
+    for descriptor in (1, 2):
+        os.dup2(log, descriptor)
+    os.close(log)
+    os.umask(0o077)
+    os.chdir(order.folder)
+    tempfile.tempdir = None
+    os.environ |= {"TMPDIR": order.folder, "HOME": order.folder, "PWD": order.folder}
+    os.environ["OLNE_BENCH_CACHE"] = os.path.join(order.folder, "cache")  # noqa: PTH118
+    if order.memory is not None:
+        for limit in (resource.RLIMIT_DATA, resource.RLIMIT_FSIZE):
+            resource.setrlimit(limit, (order.memory, order.memory))
+    if rules is not None:
+        allow_reading(rules, Path("/proc", str(os.getpid())))
+        enforce(rules)
+
+
+def _places(top: list[Path], order: Order) -> list[Path]:
+    """What a fork may read of what the server may: of /proc, nothing about other processes."""
+    if order.has_children:
+        return top
+    rest = [place for place in top if place.name != "proc"]
+    return [*rest, *(Path("/proc", name) for name in _MACHINE)]
+
+
+def _wait(pid: int) -> int:
+    """Exit code of a fork that was killed, negative for a signal. What it has left ends as well."""
+    try:
+        _, status = os.waitpid(pid, 0)
+        code = os.waitstatus_to_exitcode(status)
+    except ChildProcessError:
+        code = -int(signal.SIGKILL)
+    if has_descendants(os.getpid()):
+        kill_descendants(os.getpid())
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+    return code
+
+
+def as_request(order: Order) -> dict[str, Any]:
+    """An order as a message."""
+    return {"fork": asdict(order)}

@@ -1,0 +1,294 @@
+"""A fork server and its forks, as the process that has them sees them (``fork_loop``)."""
+
+import os
+import select
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from olne_bench.bench.process import fork_loop
+from olne_bench.bench.process.arithmetic import same_arithmetic
+from olne_bench.bench.process.channel import Channel
+from olne_bench.bench.process.family import has_ended, kill_family
+from olne_bench.bench.process.fork_loop import Order, as_request
+from olne_bench.bench.process.reachable import Reach
+from olne_bench.errors import UserError
+from olne_bench.games.compiler import reader_environment
+
+#: How long a server may take for an answer once it has started [s].
+_ANSWER_SECONDS = 60.0
+#: How often a process is looked at while its end is waited for [s].
+_LOOK_SECONDS = 0.005
+#: Most of what one process prints that a log keeps [bytes].
+_MOST_LOG = 2**20
+#: Variables that a process of foreign code receives, by name and by the beginning of a name.
+_VARIABLES = ("PATH", "LANG", "LANGUAGE", "TZ", "CC", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
+_FAMILIES = (
+    *("LC_", "PYTHON", "OLNE_BENCH_", "OMP_", "OPENBLAS_", "MKL_", "VECLIB_", "NPY_", "NUMEXPR_"),
+    *("NUMBA_", "JAX_", "XLA_", "TORCH_", "CUDA_", "MPL"),
+)
+
+
+class StartError(UserError):
+    """Processes do not start on this machine, so no work can be done."""
+
+
+class ServerGoneError(Exception):
+    """The server does not answer; it has been ended with all its forks."""
+
+
+class Forked:
+    """A process that a server has forked.
+
+    Attributes:
+        channel: the connection to it.
+    """
+
+    def __init__(self, server: "ForkServer", channel: Channel, folder: Path, log: BinaryIO) -> None:
+        self.channel = channel
+        self._server, self._folder, self._log = server, folder, log
+        self._pid: int | None = None
+        self._stopped = False
+
+    @property
+    def pid(self) -> int:
+        """Its process id.
+
+        Raises:
+            ServerGoneError: if the server did not fork it.
+        """
+        if self._pid is None:
+            self._pid = self._server.answer("pid", _ANSWER_SECONDS)
+        return self._pid
+
+    def ended(self) -> bool:
+        """Whether it has ended, or was never forked."""
+        if self._pid is None and not self._server.has_answered():
+            return self._server.ended()
+        try:
+            return has_ended(self.pid)
+        except ServerGoneError:
+            return True
+
+    def exit_code(self, seconds: float) -> int | None:
+        """Its exit code, negative for a signal; None if it is still running after ``seconds``."""
+        deadline = time.monotonic() + seconds
+        while not self.ended():
+            if time.monotonic() > deadline:
+                return None
+            time.sleep(_LOOK_SECONDS)
+        self.stop()
+        with suppress(ServerGoneError):
+            return self._server.answer("code", _ANSWER_SECONDS)
+        return self._server.exit_code
+
+    def stop(self) -> None:
+        """End it with all its descendants. The server forks no other before it is gone."""
+        if self._stopped:
+            return
+        self._stopped = True
+        with suppress(ServerGoneError):
+            kill_family(self.pid)
+            self._server.end(self)
+        self.channel.close()
+
+    def clear(self) -> bytes:
+        """Remove its folder; returns what it has printed, cut to ``_MOST_LOG``."""
+        said = b""
+        with suppress(OSError):
+            self._log.seek(0)
+            said = self._log.read(_MOST_LOG)
+            rest = os.fstat(self._log.fileno()).st_size - len(said)
+            said += f"\n[{rest} more bytes]\n".encode() if rest > 0 else b""
+        self._log.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.with_suffix(".log").unlink(missing_ok=True)
+        return said
+
+
+class ForkServer:
+    """A restricted process that forks.
+
+    Attributes:
+        exit_code: exit code of the server's process after it has gone.
+    """
+
+    def __init__(self, reach: Reach, modules: Sequence[str], log: Path | None) -> None:
+        """Start it.
+
+        Args:
+            reach: what forks may read and run.
+            modules: modules that it imports before the first fork.
+            log: file for what forks print. Default: this process's standard error.
+        """
+        self._log = log
+        self._home = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        self._number = 0
+        #: Kinds of answers to come, and the process that is gone with one.
+        self._waiting: deque[tuple[str, Forked | None]] = deque()
+        ours, theirs = socket.socketpair()
+        boot = f"import sys; sys.path[:] = {search_path()!r}; "
+        boot += "from olne_bench.bench.process.fork_loop import serve; "
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-u", "-c", f"{boot}serve({theirs.fileno()})"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                cwd=self._home.name,
+                env=_environment(Path(self._home.name)),
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,  # it gets no Ctrl-C from the terminal
+            )
+        self._control = ours
+        self._forks: list[Forked] = []
+        self.exit_code = 0
+        self._ask(
+            "threads",
+            {
+                "readable": [str(place) for place in reach.readable],
+                "listable": [str(place) for place in reach.listable],
+                "folder": self._home.name,
+                "modules": list(modules),
+            },
+        )
+
+    def fork(self, *, memory: int | None, has_children: bool) -> Forked:
+        """Ask for a process; whether there is one is seen when it answers.
+
+        Args:
+            memory: limit [bytes] of its data, None for no limit.
+            has_children: whether it starts fork servers itself.
+        """
+        self._number += 1
+        folder = Path(self._home.name, str(self._number))
+        folder.mkdir()
+        ours, theirs = socket.socketpair()
+        log = folder.with_suffix(".log").open("w+b", buffering=0)
+        order = Order(str(folder), memory, has_children)
+        with theirs:
+            self._ask("pid", as_request(order), (theirs.fileno(), log.fileno()))
+        forked = Forked(self, Channel(ours), folder, log)
+        self._forks.append(forked)
+        return forked
+
+    def load(self, names: Sequence[str]) -> None:
+        """Import libraries, so that forks need not.
+
+        Raises:
+            ServerGoneError: if the server did not survive this, or cannot be forked any more.
+        """
+        self._ask("threads", {"import": list(names)})
+        if self.answer("threads", _ANSWER_SECONDS) > 1:
+            self.stop()
+            raise ServerGoneError("a library has started threads")
+
+    def answer(self, kind: str, seconds: float) -> int:
+        """The next answer of a kind; those before it are read as well.
+
+        Raises:
+            ServerGoneError: if there is none within ``seconds``.
+            StartError: if the server cannot be restricted.
+        """
+        while self._waiting:
+            expected, ended = self._waiting.popleft()
+            try:
+                found, _ = fork_loop.receive(self._control, seconds)
+                if "refused" in found:
+                    self._abandon()
+                    raise StartError(f"foreign code cannot be restricted: {found['refused']}")
+                value = int(found[expected])
+            except (OSError, ValueError, KeyError) as error:
+                self._waiting.appendleft((expected, ended))
+                self._abandon()
+                raise ServerGoneError("the fork server is gone") from error
+            if ended is not None:
+                self._forks.remove(ended)
+                self._keep(ended.clear())
+            if expected == kind:
+                return value
+        raise ServerGoneError("the fork server is gone")
+
+    def has_answered(self) -> bool:
+        """Whether there is an answer to read."""
+        if self._control.fileno() < 0:
+            return False
+        poll = select.poll()
+        poll.register(self._control, select.POLLIN)
+        return bool(poll.poll(0))
+
+    def ended(self) -> bool:
+        """Whether the server's process has ended."""
+        return self._process.poll() is not None
+
+    def end(self, forked: Forked) -> None:
+        """Have the server wait for a process that was killed, and end what it has left."""
+        self._ask("code", {"end": forked.pid}, ended=forked)
+
+    def stop(self) -> None:
+        """End the server and all its forks."""
+        with suppress(ServerGoneError):
+            while any(ended for _, ended in self._waiting):
+                self.answer("code", _ANSWER_SECONDS)
+        self._abandon()
+
+    def _abandon(self) -> None:
+        """End the server and all its forks without waiting for answers."""
+        if self._control.fileno() < 0:
+            return
+        kill_family(self._process.pid)
+        self.exit_code = self._process.wait()
+        self._control.close()
+        for forked in self._forks:
+            self._keep(forked.clear())
+        self._forks.clear()
+        self._waiting.clear()
+        self._home.cleanup()
+
+    def _ask(
+        self,
+        kind: str,
+        message: dict[str, object],
+        descriptors: tuple[int, ...] = (),
+        ended: Forked | None = None,
+    ) -> None:
+        with suppress(OSError):  # it is dead, which the answer will show
+            fork_loop.send(self._control, message, descriptors)
+        self._waiting.append((kind, ended))
+
+    def _keep(self, said: bytes) -> None:
+        if not said:
+            return
+        if self._log is None:
+            sys.stderr.write(said.decode(errors="replace"))
+        else:
+            with self._log.open("ab") as file:
+                file.write(said)
+
+
+def search_path() -> list[str]:
+    """``sys.path`` for a process in another folder."""
+    return [str(Path(entry).resolve()) if entry in ("", ".") else entry for entry in sys.path]
+
+
+def _environment(home: Path) -> Mapping[str, str]:
+    """Variables of a server: none that tell what it is used for."""
+    known = {
+        name: value
+        for name, value in os.environ.items()
+        if name in _VARIABLES or name.startswith(_FAMILIES)
+    }
+    return {
+        **known,
+        **same_arithmetic(),
+        **reader_environment(home / "cache"),
+        "TMPDIR": str(home),
+    }

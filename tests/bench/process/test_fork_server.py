@@ -1,0 +1,127 @@
+"""The fork server: forks are alike, end with their trial, and a server that fails is replaced."""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from olne_bench.bench.process import fork_server
+from olne_bench.bench.process.child import Child, DiedError, StartError
+from olne_bench.bench.process.family import has_ended
+
+
+def loaded(name: str) -> bool:
+    return name in sys.modules
+
+
+def parent() -> int:
+    return os.getppid()
+
+
+def end(code: int) -> None:
+    os._exit(code)
+
+
+def write(text: str) -> int:
+    print(text)
+    return 1
+
+
+@pytest.fixture
+def child():
+    one = Child(restricted=True, memory=2**30)
+    yield one
+    one.stop()
+
+
+def test_forks_of_one_server_follow_each_other(child):
+    server = child.call(parent, kind=int, seconds=5)
+    first = child.call(os.getpid, kind=int, seconds=5)
+    child.renew()
+    second = child.call(os.getpid, kind=int, seconds=5)
+    assert first != second
+    assert has_ended(first)
+    assert child.call(parent, kind=int, seconds=5) == server
+    assert psutil.Process(server).children() == [psutil.Process(second)]
+    child.stop()
+    assert has_ended(server) and has_ended(second)
+
+
+def test_libraries_are_imported_once(child):
+    child.call(loaded, "antigravity", kind=bool, seconds=5)
+    child.load(["colorsys", "no_such_module", "olne_bench.errors"])
+    assert child.call(loaded, "colorsys", kind=bool, seconds=5)
+    assert not child.call(loaded, "no_such_module", kind=bool, seconds=5)
+
+
+def test_a_library_that_starts_threads_is_left_to_the_forks(child, tmp_path, monkeypatch):
+    (tmp_path / "threaded.py").write_text(
+        "import threading, time\nthreading.Thread(target=time.sleep, args=[60]).start()\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    server = child.call(parent, kind=int, seconds=5)
+    child.load(["threaded"])
+    assert has_ended(server)
+    assert not child.call(loaded, "threaded", kind=bool, seconds=5)
+    assert child.call(parent, kind=int, seconds=5) != server
+
+
+def test_a_server_that_is_killed_is_replaced(child):
+    server = child.call(parent, kind=int, seconds=5)
+    pid = child.call(os.getpid, kind=int, seconds=5)
+    child.submit(time.sleep, 60, seconds=60)
+    psutil.Process(server).kill()
+    with pytest.raises(DiedError) as caught:
+        child.wait(int)
+    assert caught.value.outside
+    assert child.call(parent, kind=int, seconds=5) != server
+    assert has_ended(pid)
+
+
+def test_an_exit_code_is_that_of_the_fork(child):
+    with pytest.raises(DiedError, match="died with exit code 7"):
+        child.call(end, 7, kind=int, seconds=5)
+    assert child.call(write, "still there", kind=int, seconds=5) == 1
+
+
+def test_a_log_is_cut(child, tmp_path, monkeypatch):
+    monkeypatch.setattr(fork_server, "_MOST_LOG", 10)
+    log = tmp_path / "log"
+    child = Child(restricted=True, log=log)
+    try:
+        child.call(write, "0123456789abc", kind=int, seconds=5)
+    finally:
+        child.stop()
+    assert log.read_text() == "0123456789\n[4 more bytes]\n"
+
+
+class _Refusing:
+    """A search path with which the kernel seems to refuse restrictions."""
+
+    def __repr__(self) -> str:
+        refuse = "def restrict(*_): raise OSError('no rules')"
+        return (
+            f"{sys.path!r}\nimport olne_bench.bench.process.fork_loop as loop\n{refuse}\n"
+            "loop.restrict = restrict\nx = 0"
+        )
+
+
+def test_foreign_code_does_not_run_where_the_kernel_refuses(child, monkeypatch):
+    monkeypatch.setattr(fork_server, "search_path", _Refusing)
+    with pytest.raises(StartError, match="foreign code cannot be restricted: no rules"):
+        child.call(os.getpid, kind=int, seconds=5)
+
+
+def test_the_folder_of_a_server_goes_with_it(child):
+    folder = Path(child.call(os.getcwd, kind=str, seconds=5)).parent
+    assert folder.is_dir()
+    child.stop()
+    assert not folder.exists()
+
+
+def test_a_server_has_one_thread(child):
+    server = child.call(parent, kind=int, seconds=5)
+    assert psutil.Process(server).num_threads() == 1
