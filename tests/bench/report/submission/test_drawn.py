@@ -59,7 +59,7 @@ def test_each_plugin_is_run_on_drawn_truths_of_each_fixed_scenario(trials: list[
 
 
 def test_truths_that_are_drawn_need_no_others(trials: list[Trial]) -> None:
-    drawn = [t for t in expand(load_suite("calibration"), 1)]
+    drawn = list(expand(load_suite("calibration"), 1))
     assert fixed_scenarios(drawn) == []
     assert plans(drawn) == []
     assert [entry.label for entry in fixed_scenarios([*drawn, *trials])] == [

@@ -18,8 +18,10 @@ def test_places_within_a_submission(place: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "place",
-    ["", ".", "/a", "../a", "a/../b", "a//b", "a/", "./a", "a\\b", "a\nb", "a\0b", "a\u202eb"]
-    + ["a" * 251, "a" * 5000],
+    [
+        *("", ".", "/a", "../a", "a/../b", "a//b", "a/", "./a", "a\\b", "a\nb", "a\0b", "a\u202eb"),
+        *("a" * 251, "a" * 5000),
+    ],
 )
 def test_other_places_are_refused_in_a_short_line(place: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is not a file within a submission") as caught:

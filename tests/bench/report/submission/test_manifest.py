@@ -182,5 +182,5 @@ def test_a_label_does_not_claim_to_be_another_estimator(entry: dict, taken: bool
 
 def test_names_are_checked_for_whoever_asks() -> None:
     check_name("a_1.b-c", "--name")
-    with pytest.raises(UserError, match="^--name 'A': a name has"):
+    with pytest.raises(UserError, match=r"^--name 'A': a name has"):
         check_name("A", "--name")

@@ -145,5 +145,5 @@ def test_a_process_that_dies_is_told_in_one_line(monkeypatch) -> None:
     assert "cannot be read: the process died" in refused(b"")
 
 
-def _die(data: bytes) -> bytes:
+def _die(_data: bytes) -> bytes:
     os._exit(3)
