@@ -7,13 +7,16 @@ from pathlib import Path
 import pytest
 
 from olne_bench.bench.commands.cli import main
+from olne_bench.bench.report.submission.again import Repeated
+from olne_bench.bench.report.submission.drawn import DrawnErrors
 from olne_bench.bench.report.submission.fresh import LEVEL, FreshErrors
 from olne_bench.bench.report.submission.verify import Limits, Verdict
 
 module = import_module("olne_bench.bench.commands.verify")
 
 FRESH = FreshErrors("mine", "position_error", 12, 0.1234, 0.25, 0.5, decides=True)
-GOOD = Verdict(30, 12, [], 0, 0, "", [FRESH], [])
+DRAWN = DrawnErrors("mine", "merge", 12, 10.0, 38.4, 0.0596, 0.00183)
+GOOD = Verdict(30, Repeated(same=12), fresh=[FRESH])
 
 
 def call(*words: object) -> int:
@@ -32,7 +35,9 @@ def checked(monkeypatch) -> list[tuple[Path, Limits]]:
 
     def check(folder: Path, limits: Limits) -> Verdict:
         asked.append((folder, limits))
-        return replace(GOOD, differing=["a row"]) if folder.name == "bad" else GOOD
+        return (
+            replace(GOOD, repeated=Repeated(differing=["a row"])) if folder.name == "bad" else GOOD
+        )
 
     monkeypatch.setattr(module, "check", check)
     return asked
@@ -62,6 +67,7 @@ def test_the_sample_is_another_every_time_and_told(checked, capsys):
     assert call("one", "--seed", 0) == 0
     assert checked[-1][1].seed == 0  # which is a seed as well
     assert not checked[-1][1].strict
+    assert checked[-1][1].sample is None
 
 
 @pytest.mark.parametrize(
@@ -100,7 +106,9 @@ def test_a_page_shows_who_was_accepted(checked, monkeypatch, tmp_path, capsys):
     assert place.read_text() == "a page"
     assert f"{place}: 1 accepted" in capsys.readouterr().out
     (one,) = shown
-    assert "12 rows run again, all the same; 12 trials with a fresh salt" in str(one)
+    assert "12 rows run again, all the same; 12 trials with fresh salts" in str(one)
+    fixed = module._summary(replace(GOOD, fixed=("two_player",)))
+    assert fixed.endswith("; not rankable where truths are fixed: two_player")
     asked = len(checked)
     assert call("one", "--page", place) == 2  # it exists by now
     assert call("one", "--page", tmp_path / "page.txt") == 2
@@ -113,22 +121,24 @@ def test_what_was_found_is_told_line_by_line():
         "fresh salt  mine: median position_error 0.123 submitted, 0.25 in 12 fresh trials, p = 0.5",
         "accepted (sample of seed 7)",
     ]
-    mixed = replace(GOOD, differing=["x", "y"], timed_out=3, other_versions=4, because="numpy")
-    assert lines(mixed)[:5] == [
-        "4 rows cannot be repeated bit by bit: numpy",
-        "12 of 14 rows run again are the same, bit by bit",
+    mixed = replace(GOOD, repeated=Repeated(12, ["x", "y"], 3), because="numpy", implausible=["z"])
+    assert lines(mixed)[:7] == [
+        "of other versions, compared within 0.1 %: numpy",
+        "12 of 17 rows run again are the same, within 0.1 %",
         "3 rows reached their time limit and were not compared",
         "DIFFERS  x",
         "DIFFERS  y",
+        "to see whether versions are the reason, run again with those that are here",
+        "IMPLAUSIBLE  z",
     ]
     assert lines(mixed)[-1] == "refused (sample of seed 7)"
 
 
 @pytest.mark.parametrize(("number", "shown"), [(4, 4), (5, 5), (6, 5), (25, 5)])
 def test_a_few_rows_that_differ_stand_for_all(number, shown):
-    said = lines(replace(GOOD, differing=["x"] * number))
+    said = lines(replace(GOOD, repeated=Repeated(1, ["x"] * number)))
     assert said.count("DIFFERS  x") == shown
-    assert (f"and {number - shown} more differ" in said) == (number > shown)
+    assert (f"and {number - shown} more" in said) == (number > shown)
     unjudged = lines(replace(GOOD, unjudged=["x"] * number))
     assert unjudged.count("NOT JUDGED  x") == shown
     assert unjudged[-1].startswith("refused")
@@ -138,17 +148,27 @@ def test_fresh_errors_that_are_too_large_are_told():
     bad, few = replace(FRESH, p=LEVEL / 2), replace(FRESH, decides=False)
     assert "TOO GOOD  mine" in lines(replace(GOOD, fresh=[bad]))[1]
     assert lines(replace(GOOD, fresh=[bad]))[-1].startswith("refused")
-    assert lines(replace(GOOD, fresh=[few]))[1].endswith("p = 0.5, too few rows to tell")
+    assert "TOO FEW  mine has too few draws to tell" in lines(replace(GOOD, fresh=[few]))[1]
+    assert lines(replace(GOOD, fresh=[few]))[-1].startswith("refused")
+
+
+def test_fixed_truths_are_told_and_who_knows_them():
+    fixed = replace(GOOD, fresh=[], drawn=[DRAWN], fixed=("merge", "two_player"))
+    assert lines(fixed)[1:] == [
+        "drawn truths  mine in merge: median error 0.0596 on 12 drawn truths, 0.00183 of "
+        "kkt_constrained; ratio 38, and 10 on the fixed ones",
+        "NOT RANKABLE  fixed truths, which everyone can look up: merge, two_player",
+        "accepted (sample of seed 7)",
+    ]
+    known = lines(replace(fixed, drawn=[replace(DRAWN, fixed=1e-9)]))
+    assert known[1].startswith("KNOWS THE TRUTH  mine in merge: ")
+    assert known[-1].startswith("refused")
+    none = lines(replace(fixed, drawn=[replace(DRAWN, trials=0)]))
+    assert none[1] == "drawn truths  mine in merge: there are none of this scenario"
 
 
 def test_where_nothing_could_be_compared_nothing_is_accepted():
-    few = replace(FRESH, decides=False)
-    empty = replace(GOOD, identical=0, fresh=[few])
-    assert "NOTHING  could be compared" in lines(empty)
-    assert not any("run again" in line for line in lines(empty))
-    assert lines(empty)[-1].startswith("refused")
-    for told in (replace(GOOD, identical=0), replace(GOOD, fresh=[few]), replace(GOOD, fresh=[])):
-        assert "NOTHING  could be compared" not in lines(told)
-        assert lines(told)[-1].startswith("accepted")
-    differs = replace(GOOD, identical=0, differing=["x"], fresh=[])
-    assert "NOTHING  could be compared" not in lines(differs)
+    empty = lines(replace(GOOD, repeated=Repeated(silent=3)))
+    assert "NOTHING  could be compared" in empty
+    assert empty[-1].startswith("refused")
+    assert "NOTHING  could be compared" not in lines(GOOD)

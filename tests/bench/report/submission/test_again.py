@@ -80,7 +80,7 @@ def test_a_row_that_is_ok_there_and_never_ends_here_differs(run, trials) -> None
 
 
 def test_a_slow_machine_refuses_nobody(run, trials) -> None:
-    def slow(trial: Trial, machine: Machine) -> Outcome:
+    def slow(trial: Trial, machine: Machine) -> Outcome:  # noqa: ARG001
         return OK if trial.time_limit > trials[0].time_limit else LATE
 
     found, played = run(trials, slow)
@@ -121,7 +121,7 @@ def test_trials_run_in_places_that_are_named_as_those_of_a_run(monkeypatch, tria
     assert asked == {"jobs": 4, "memory": 2**30, "hidden": Path("/hidden")}
 
 
-def test_the_log_is_called_as_in_a_run(monkeypatch) -> None:
+def test_the_log_is_called_as_in_a_run(monkeypatch) -> None:  # noqa: ARG001
     from olne_bench.bench.commands.going_on import LOG
 
     assert again._LOG == LOG

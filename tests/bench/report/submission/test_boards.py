@@ -63,12 +63,12 @@ def test_others_are_refused_in_one_line(folder: Path, text: str, said: str) -> N
 
 def test_the_text_is_the_same_and_utf_8(folder: Path) -> None:
     (folder / "leaderboard.md").write_text("| b |\n")
-    with pytest.raises(UserError, match="leaderboard.md is not the leaderboard of the rows"):
+    with pytest.raises(UserError, match="leaderboard.md is not the leaderboard of the rows"):  # noqa: RUF043
         check(folder)
     (folder / "leaderboard.md").write_bytes(b"\xff")
-    with pytest.raises(UserError, match="leaderboard.md cannot be read"):
+    with pytest.raises(UserError, match="leaderboard.md cannot be read"):  # noqa: RUF043
         check(folder)
-    with pytest.raises(UserError, match="leaderboard.md is missing"):
+    with pytest.raises(UserError, match="leaderboard.md is missing"):  # noqa: RUF043
         check(folder, ("leaderboard.csv",))
 
 
@@ -78,5 +78,5 @@ def test_rows_of_which_no_table_can_be_made(folder: Path, monkeypatch, error: ty
         raise error("cannot reshape array")
 
     monkeypatch.setattr(boards, "board_files", broken)
-    with pytest.raises(UserError, match="no table can be made of its rows: .*cannot reshape"):
+    with pytest.raises(UserError, match="no table can be made of its rows: .*cannot reshape"):  # noqa: RUF043
         check(folder)

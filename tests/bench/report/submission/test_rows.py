@@ -97,10 +97,10 @@ def test_rows_are_found_by_their_trial(tmp_path, trials):
 
 
 def test_where_there_are_no_rows_it_is_said(tmp_path):
-    with pytest.raises(UserError, match="trials.parquet is missing"):
+    with pytest.raises(UserError, match="trials.parquet is missing"):  # noqa: RUF043
         read_rows(SimpleNamespace(folder=tmp_path))
     (tmp_path / ROWS).write_text("no table")
-    with pytest.raises(UserError, match="trials.parquet cannot be read"):
+    with pytest.raises(UserError, match="trials.parquet cannot be read"):  # noqa: RUF043
         read_rows(SimpleNamespace(folder=tmp_path))
     with pytest.raises(UserError, match="has no row"):
         read_rows(written(tmp_path, []))
@@ -181,7 +181,7 @@ def test_versions_are_those_of_the_manifest(trials):
     assert check_versions(rows_of(trials), planned, manifest_of(here)) == set()
     other = here | {"numpy": "0.1"}
     assert check_versions(rows_of(trials), planned, manifest_of(other, here)) == set()
-    with pytest.raises(UserError, match="^mine: environment_version of .* does not follow from"):
+    with pytest.raises(UserError, match="^mine: environment_version of .* does not follow from"):  # noqa: RUF043
         check_versions(rows_of(trials), planned, manifest_of(other))
     for version in ("other", environment_version(other)):
         with pytest.raises(UserError, match=f"is {version}, which does not follow"):

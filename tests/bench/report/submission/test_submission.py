@@ -5,27 +5,27 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.plan.versions import environment_version
+from olne_bench.bench.report.study import study_of
+from olne_bench.bench.report.submission.again import Repeated
+from olne_bench.bench.report.submission.boards import board_files
+from olne_bench.bench.report.submission.drawn import DrawnErrors
+from olne_bench.bench.report.submission.files import digest
 from olne_bench.bench.report.submission.fresh import FreshErrors
-from olne_bench.bench.report.submission.manifest import MANIFEST, ROWS, digest, read_submission
+from olne_bench.bench.report.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
 from olne_bench.bench.report.submission.pack import _plugin_places
-from olne_bench.bench.report.submission.verify import (
-    Verdict,
-    _alike,
-    _away_from_rows,
-    _sample,
-    _with_fresh_salt,
-)
+from olne_bench.bench.report.submission.rows import read_rows
+from olne_bench.bench.report.submission.verify import Verdict, plugins_alone
 from olne_bench.errors import UserError
 
 SUITE = """
@@ -93,7 +93,7 @@ def manifest(folder: Path) -> dict:
 def sign(folder: Path) -> None:
     """Update the manifest to the present files, as a forger would."""
     data = manifest(folder)
-    data["files"] = {place: digest(folder / place) for place in data["files"]}
+    data["files"] = {place: digest((folder / place).read_bytes()) for place in data["files"]}
     (folder / MANIFEST).write_text(json.dumps(data))
 
 
@@ -104,8 +104,26 @@ def change_rows(folder: Path, change: Callable[[pd.DataFrame], pd.DataFrame]) ->
     sign(folder)
 
 
+def make_boards(folder: Path) -> None:
+    """Tables that follow from the rows, as a forger would make them."""
+    found = read_submission(folder)
+    for name, text in board_files(
+        read_rows(found).table, study_of(found.suites(folder / PLUGINS))
+    ).items():
+        (folder / name).write_text(text, newline="")
+    sign(folder)
+
+
 def verify(folder: Path, *options: object) -> int:
-    return call("verify", folder, "--sample", "12", "--seed", "1", "--jobs", "1", *options)
+    return call("verify", folder, "--seed", "1", "--jobs", "2", *options)
+
+
+@pytest.fixture(autouse=True)
+def fewer(monkeypatch) -> None:
+    """Fewer fresh trials: ``test_fresh`` has their number."""
+    for name in ("FIRST", "SECOND"):
+        monkeypatch.setattr(f"olne_bench.bench.report.submission.verify.{name}", 10)
+    monkeypatch.setattr("olne_bench.bench.report.submission.drawn.PAIRS", 3)
 
 
 def test_what_is_packed_is_accepted_and_holds_all_that_is_needed(packed: Path, capsys) -> None:
@@ -124,6 +142,9 @@ def test_what_is_packed_is_accepted_and_holds_all_that_is_needed(packed: Path, c
     assert verify(packed) == 0
     said = capsys.readouterr().out
     assert "12 of 12 rows run again are the same, bit by bit" in said
+    assert "fresh salt  Drawn: " in said
+    assert "drawn truths  Drawn in two_player: " in said
+    assert "NOT RANKABLE  fixed truths, which everyone can look up: two_player" in said
     assert "accepted" in said
 
 
@@ -140,47 +161,87 @@ def test_a_row_that_was_made_better_is_found(submission: Path, capsys) -> None:
     assert "refused" in said
 
 
-def test_rows_that_nobody_can_repeat_are_held_against_a_fresh_salt(
-    submission: Path, capsys
-) -> None:
-    def too_good(rows: pd.DataFrame) -> pd.DataFrame:
-        own = rows["estimator"] == "Drawn"
-        rows["environment_version"] = "0123456789ab"
-        rows.loc[own, "position_error"] = 1e-9
-        return rows
+def worse_rival(rows: pd.DataFrame) -> pd.DataFrame:
+    rows.loc[rows["estimator"] == "uniform", "position_error"] += 5.0
+    return rows
 
+
+def test_other_versions_do_not_hide_a_rival_made_worse(submission: Path, capsys) -> None:
+    change_rows(submission, worse_rival)
+    make_boards(submission)
+    kept = (submission / ROWS).read_bytes()
+    change_rows(submission, lambda rows: rows.assign(environment_version="0123456789ab"))
+    assert verify(submission) == 2
+    assert "environment_version of uniform, two_player, full" in capsys.readouterr().err
+    # Nor does a manifest that lists the same.
+    (submission / ROWS).write_bytes(kept)
     data = manifest(submission)
-    data["runs"][0]["environment"]["numpy"] = "1.0"
+    libraries = data["runs"][0]["environment"] | {"numpy": "1.0"}
+    data["runs"][0]["environment"] = libraries
     (submission / MANIFEST).write_text(json.dumps(data))
-    change_rows(submission, too_good)
-    (submission / "leaderboard.csv").write_text(leaderboard_of(submission))
-    sign(submission)
+    version = environment_version(libraries)
+    change_rows(submission, lambda rows: rows.assign(environment_version=version))
     assert verify(submission, "--strict") == 2
-    assert "12 of 12 rows are of other versions: numpy 1.0 there," in capsys.readouterr().err
+    assert "its rows are of other versions: numpy 1.0 there," in capsys.readouterr().err
     assert verify(submission) == 1
     said = capsys.readouterr().out
-    assert "12 rows cannot be repeated bit by bit: numpy 1.0 there" in said
-    assert "TOO GOOD  Drawn: median position_error 1e-09 submitted" in said
+    assert "of other versions, compared within 0.1 %: numpy 1.0 there" in said
+    assert "DIFFERS  uniform, two_player, full" in said
 
 
-def test_a_plugin_does_not_find_its_rows_beside_itself(packed: Path) -> None:
-    with _away_from_rows(read_submission(packed)) as home:
+def test_rows_of_other_libraries_are_accepted_if_they_are_the_same(submission: Path) -> None:
+    data = manifest(submission)
+    libraries = data["runs"][0]["environment"] | {"numpy": "1.0"}
+    data["runs"][0]["environment"] = libraries
+    (submission / MANIFEST).write_text(json.dumps(data))
+    version = environment_version(libraries)
+    change_rows(submission, lambda rows: rows.assign(environment_version=version))
+    assert verify(submission) == 0
+
+
+CONSTANTS = """
+from types import SimpleNamespace
+
+import numpy as np
+
+
+class Constants:
+    name = "constants"
+
+    def estimate(self, problem, observation, *, rng, budget):
+        return SimpleNamespace(weights=np.full((2, 4), 0.25))
+"""
+
+
+def test_whoever_returns_the_published_weights_is_refused(tmp_path: Path, capsys) -> None:
+    (tmp_path / "constants.py").write_text(CONSTANTS)
+    suite = SUITE.replace("0.01, 0.1", "0.05, 0.1")
+    (tmp_path / "tiny.toml").write_text(suite.replace("uniform", "kkt_constrained"))
+    words = [tmp_path / "tiny.toml", "--plugin", tmp_path / "constants.py", "--no-figures"]
+    assert call("run", *words, "--out", tmp_path / "run") == 0
+    assert call("submit", tmp_path / "run", "--out", tmp_path / "packed") == 0
+    assert verify(tmp_path / "packed") == 1
+    said = capsys.readouterr().out
+    assert "KNOWS THE TRUTH  constants in two_player: median error" in said
+    assert "refused" in said
+
+
+def test_a_plugin_does_not_find_its_rows_nor_who_runs_it(packed: Path) -> None:
+    submission = read_submission(packed)
+    with plugins_alone(submission) as home:
         found = {p.relative_to(home).as_posix() for p in home.rglob("*") if p.is_file()}
-        assert found == {"plugins/drawn/beside.py", "plugins/drawn/drawn.py"}
+        assert found == {"drawn/beside.py", "drawn/drawn.py"}
         assert not home.is_relative_to(packed)
+        for word in ("olne", "verify", "submission", "plugins"):
+            assert word not in str(home)
+        (suite,) = submission.suites(home)
+        assert suite.estimators[-1].name == f"{home}/drawn/drawn.py:Drawn"
+        started = datetime.fromisoformat(submission.runs[0].started).timestamp()
+        assert {(home / place).stat().st_mtime for place in found} == {started}
     assert not home.exists()
-
-
-def leaderboard_of(folder: Path) -> str:
-    """The leaderboard of the rows."""
-    from olne_bench.bench.report.statistics.attempts import weighed
-    from olne_bench.bench.report.study import study_of
-    from olne_bench.bench.report.submission.rows import read_rows
-    from olne_bench.bench.report.tables import tabulate
-
-    found = read_submission(folder)
-    rows = read_rows(found).table
-    return tabulate(weighed(rows), study_of(found.suites(folder))).leaderboard.to_csv(index=False)
+    undated = replace(submission, runs=(replace(submission.runs[0], started="9" * 5000),))
+    with plugins_alone(undated) as home:
+        assert (home / "drawn/drawn.py").exists()
 
 
 def drop_one(folder: Path) -> None:
@@ -208,6 +269,29 @@ def lose_plugin(folder: Path) -> None:
     data = manifest(folder)
     del data["files"]["plugins/drawn/drawn.py"]
     (folder / MANIFEST).write_text(json.dumps(data))
+    (folder / "plugins/drawn/drawn.py").unlink()
+
+
+def add_file(folder: Path) -> None:
+    (folder / "more.txt").touch()
+
+
+def ask_for_more(folder: Path) -> None:
+    data = manifest(folder)
+    run = data["runs"][0]
+    run["seeds"] = 10**8
+    run["suite"] = run["suite"].replace('"seeds":3', f'"seeds":{10**8}')
+    (folder / MANIFEST).write_text(json.dumps(data))
+
+
+def reshape_weights(folder: Path) -> None:
+    change_rows(folder, lambda rows: rows.assign(weights=[[[0.5], [0.5], [1.0]]] * len(rows)))
+
+
+def edit_text(folder: Path) -> None:
+    text = folder / "leaderboard.md"
+    text.write_text(text.read_text().replace("Drawn", "Best"))
+    sign(folder)
 
 
 def leave_folder(folder: Path) -> None:
@@ -229,6 +313,10 @@ def link_elsewhere(folder: Path) -> None:
         (double_one, "has 1 trials more than once"),
         (edit_plugin, "plugins/drawn/drawn.py was changed after it was submitted"),
         (edit_table, "is not the leaderboard of the rows beside it: see cosine_error_median"),
+        (edit_text, "leaderboard.md is not the leaderboard of the rows beside it"),
+        (add_file, "'more.txt' is not listed in submission.json; remove it"),
+        (ask_for_more, f"asks for {4 * 10**8} trials, and there are 12 rows"),
+        (reshape_weights, "no table can be made of its rows: cannot reshape array"),
         (lose_plugin, "the plugin plugins/drawn/drawn.py of estimator 'Drawn' is missing"),
         (leave_folder, "'../outside.py' is not a file within a submission"),
         (link_elsewhere, "is not a file within a submission"),
@@ -284,6 +372,10 @@ def test_what_cannot_be_packed(run: Path, packed: Path, tmp_path: Path, capsys) 
         ({"scenarios": ("mine.py",)}, "a submission brings estimators"),
         ({"metrics": ("mine.py",)}, "a submission brings estimators"),
         ({"estimators": ("installed",)}, "run it from its file, with --plugin FILE.py"),
+        (
+            {"estimators": ({"name": "uniform", "label": "map"},)},
+            "an estimator is labelled 'map' and is not that estimator",
+        ),
     ],
 )
 def test_a_submission_brings_estimators_in_files(change: dict[str, tuple], said: str) -> None:
@@ -321,103 +413,52 @@ def test_plugins_of_one_name_go_to_folders_of_their_own(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("beyond", [0, 1])
 def test_a_submission_has_a_size(tmp_path: Path, monkeypatch, beyond: int) -> None:
-    from olne_bench.bench.report.submission import manifest as reading
     from olne_bench.bench.report.submission import pack as packing
 
     (tmp_path / "a").write_bytes(b"x" * 60)
     (tmp_path / "b").mkdir()
     (tmp_path / "b/c").write_bytes(b"x" * (40 + beyond))
     monkeypatch.setattr(packing, "MOST_BYTES", 100)
-    monkeypatch.setattr(reading, "MOST_BYTES", 100)
     if beyond:
         with pytest.raises(UserError, match="would have 101 bytes, at most 100 are allowed"):
             packing._write_manifest("mine", [], tmp_path)
-        monkeypatch.setattr(packing, "MOST_BYTES", 101)
+        return
     packing._write_manifest("mine", [], tmp_path)
-    files = manifest(tmp_path)["files"]
-    assert list(files) == ["a", "b/c"]
-    found = reading.Submission(tmp_path, "mine", (), files)
-    if beyond:
-        with pytest.raises(UserError, match="its files have 101 bytes; at most 100 are allowed"):
-            reading._check_files(found)
-    else:
-        reading._check_files(found)
+    assert list(manifest(tmp_path)["files"]) == ["a", "b/c"]
+    monkeypatch.setattr(packing, "MOST_FILES", 1)
+    (tmp_path / MANIFEST).unlink()
+    with pytest.raises(UserError, match="would have 2 files, at most 1 are allowed"):
+        packing._write_manifest("mine", [], tmp_path)
 
 
-def verdict(**changes: object) -> Verdict:
-    return Verdict(
-        **{"rows": 9, "identical": 1, "differing": [], "timed_out": 0}
-        | {"other_versions": 0, "because": "", "fresh": [], "unjudged": []}
-        | changes
-    )
+def test_a_submission_has_a_number_of_rows(run: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("olne_bench.bench.report.submission.pack.MOST_ROWS", 11)
+    assert call("submit", run, "--name", "a", "--out", tmp_path / "a") == 2
+    assert "has 12 rows, at most 11 are allowed" in capsys.readouterr().err
+
+
+def verdict(**changes: Any) -> Verdict:
+    return Verdict(**{"rows": 9, "repeated": Repeated(same=1)} | changes)
 
 
 def test_a_verdict_needs_something_that_speaks_for_it_and_nothing_against() -> None:
     fair = FreshErrors("e", "m", 9, 1.0, 1.0, 0.5, decides=True)
     few, bad = replace(fair, decides=False), replace(fair, p=1e-9)
+    able = DrawnErrors("e", "s", 9, 1.0, 2.0, 0.1, 0.1)
     for accepted in (
         verdict(),
-        verdict(fresh=[fair]),
-        verdict(identical=0, fresh=[few, fair]),
-        verdict(fresh=[few], timed_out=3, other_versions=2),
+        verdict(fresh=[fair], drawn=[able], fixed=("s",)),
+        verdict(repeated=Repeated(same=1, silent=3), because="numpy"),
     ):
         assert accepted.accepted
     for refused in (
-        verdict(identical=0),
-        verdict(identical=0, fresh=[few]),
-        verdict(differing=["one"]),
+        verdict(repeated=Repeated()),
+        verdict(repeated=Repeated(silent=3), fresh=[fair]),
+        verdict(repeated=Repeated(same=5, differing=["one"])),
         verdict(unjudged=["one"]),
+        verdict(implausible=["one"]),
         verdict(fresh=[fair, bad]),
-        verdict(identical=0, fresh=[fair, bad]),
+        verdict(fresh=[fair, few]),
+        verdict(drawn=[able, replace(able, drawn=1e6)]),
     ):
         assert not refused.accepted
-
-
-@pytest.mark.parametrize("number", [0, 3, 10, 12])
-def test_a_sample_is_drawn_without_repeats_and_in_order(number: int) -> None:
-    trials: list[Any] = list(range(10))
-    drawn = [_sample(trials, number, np.random.default_rng(seed)) for seed in range(20)]
-    for one in drawn:
-        assert len(one) == min(number, 10)
-        assert one == sorted(set(one))
-    if 0 < number < 10:
-        assert len(set(map(tuple, drawn))) > 10
-        assert set().union(*drawn) == set(range(10))
-
-
-def test_fresh_trials_are_of_plugins_with_noise_or_a_draw() -> None:
-    suite = Suite.model_validate(
-        {"name": "s", "seeds": 2, "sigmas": (0.0, 0.1), "sensors": ("full",)}
-        | {"scenarios": (entry("two_player", "fixed"), entry("merge", "drawn") | {"family": True})}
-        | {"estimators": (entry("uniform", "uniform"), entry("kkt_residual", "k"))}
-    )
-    trials = list(expand(suite))
-    rng = np.random.default_rng(0)
-    fresh = _with_fresh_salt(trials, 40, rng)
-    assert [t.seed for t in fresh] == list(range(40))
-    assert len({t.salt for t in fresh}) == 1
-    assert fresh[0].salt not in {t.salt for t in trials}
-    assert len(fresh[0].salt) >= 16
-    assert _with_fresh_salt(trials, 1, rng)[0].salt != fresh[0].salt
-    assert {t.estimator.label for t in fresh} == {"k"}  # the floor has nothing to prove
-    kinds = {(t.scenario.label, t.sigma) for t in fresh}
-    assert kinds == {("fixed", 0.1), ("drawn", 0.0), ("drawn", 0.1)}
-    own = [
-        replace(t, estimator=t.estimator.model_copy(update={"name": "a.py"})) for t in trials[:9]
-    ]
-    fresh = _with_fresh_salt([*trials, *own], 40, rng)
-    assert all(t.plugin for t in fresh)
-    floors = [t for t in trials if t.estimator.label == "uniform"]
-    assert _with_fresh_salt(floors, 5, rng) == []
-    still = [t for t in trials if t.sigma == 0 and not t.scenario.family]
-    assert _with_fresh_salt(still, 5, rng) == []
-
-
-def test_columns_are_alike_up_to_the_digits_of_another_library() -> None:
-    numbers = pd.Series([1.0, np.nan, 0.0])
-    assert _alike(pd.Series([1.0 + 5e-7, np.nan, 0.0]), numbers)
-    assert not _alike(pd.Series([1.0 + 5e-6, np.nan, 0.0]), numbers)
-    assert not _alike(pd.Series([1.0, 0.0, 0.0]), numbers)
-    assert not _alike(pd.Series([1.0, np.nan, 1e-9]), numbers)
-    assert _alike(pd.Series(["a", "b"]), pd.Series(["a", "b"]))
-    assert not _alike(pd.Series(["a", "c"]), pd.Series(["a", "b"]))
