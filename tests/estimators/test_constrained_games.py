@@ -18,7 +18,6 @@ from olne_bench.games.features import ControlEffort, FinalGoal, StateDeviation
 from olne_bench.games.game import Game, Player
 from olne_bench.games.observation import VIEWS, observe
 from olne_bench.games.olne import solve_olne
-from olne_bench.plugins import PluginError
 
 WEIGHTS = np.array([[0.2, 0.3, 0.5], [0.45, 0.3, 0.25]])
 START = np.array([[-1.0, 0.0, 0.1, 0.3], [0.1, -1.0, 1.5, 0.25]])
@@ -91,5 +90,5 @@ def test_ipopt_and_several_trajectories_decline(crossing) -> None:
 
 
 def test_an_unknown_estimator_is_refused() -> None:
-    with pytest.raises(PluginError, match="unknown estimator 'nobody'"):
+    with pytest.raises(ValueError, match="must be a built-in estimator, got 'nobody'"):
         Ignorant("nobody")

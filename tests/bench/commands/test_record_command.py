@@ -284,7 +284,7 @@ def test_tracks_that_are_not_there_or_not_text(tmp_path, capsys):
         (["--format", "nope"], "unknown format 'nope'; known are: commonroad, csv, highd, ind"),
         (["--window", "3,1"], "'3,1' does not begin before it ends"),
         (["--window", "3"], "'3' is not a pair of numbers A,B"),
-        (["--shift", "1,inf"], "'1,inf' is not a pair of finite numbers"),
+        (["--shift", "1,inf"], "'1,inf' is not a pair of numbers A,B"),
         (["--resample", "0"], "0.0 is not in the range"),
         (["--rotate", "nan"], "nan is not a finite number"),
         (["--players", "bus"], "--players 'bus': "),

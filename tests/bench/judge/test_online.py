@@ -63,8 +63,8 @@ class Here:
     """The code of a player process, in this one."""
 
     def start(self, task: StreamTask) -> str | None:
-        given = (task.reference, task.parameters, pickle.dumps(task.problem), task.lag, task.seed)
-        return stream_player.begin(*given).declined
+        given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))
+        return stream_player.begin(*given, task.lag, task.seed).declined
 
     def update(self, sample: np.ndarray) -> Answer:
         return Answer(estimate=stream_player.update(sample, 60.0).estimate, seconds=0.0)

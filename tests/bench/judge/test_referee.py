@@ -204,8 +204,8 @@ class Surrogates:
 @pytest.mark.parametrize(
     ("name", "status", "message"),
     [
-        ("Changes", "ok", ""),
-        ("ChangesAFeature", "ok", ""),
+        ("Changes", "invalid", "changes the problem"),
+        ("ChangesAFeature", "invalid", "changes the problem"),
         ("Interrupts", "crash", "KeyboardInterrupt: ("),
         ("Leaves", "crash", "GeneratorExit: early ("),
         ("HasNoText", "crash", "Mute: no text ("),

@@ -349,7 +349,7 @@ def test_a_comparison_ends_with_what_got_worse(monkeypatch, capsys, tmp_path, ve
     table = pd.DataFrame({"verdict": verdicts})
     trials = pd.DataFrame({"estimator": ["e"]})
     asked = []
-    monkeypatch.setattr(compare, "_read", lambda f: compare._Run(f, trials, Study(), []))
+    monkeypatch.setattr(compare, "_read", lambda f: compare._Run(f, trials, Study(), [], trials))
     monkeypatch.setattr(compare, "compare_runs", lambda *given: asked.append(given) or table)
     monkeypatch.setattr(compare, "_format", lambda _: "a table")
     monkeypatch.setattr(compare, "_notes", lambda *_: ["a note"])

@@ -72,13 +72,14 @@ class Forks(Good):
 class LeavesProcess(Good):
     name = "LeavesProcess"
     def estimate(self, problem, observation, *, rng, budget):
-        subprocess.Popen(["sleep", "1234.5"])
+        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1234.5)"])
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class HidesProcess(Good):
     name = "HidesProcess"
     def estimate(self, problem, observation, *, rng, budget):
-        subprocess.run(["sh", "-c", "sleep 1234.5 &"])
+        sleep = [sys.executable, "-c", "import time; time.sleep(1234.5)"]
+        subprocess.run([sys.executable, "-c", f"import subprocess; subprocess.Popen({sleep!r})"])
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class DiesWithAChild(Good):

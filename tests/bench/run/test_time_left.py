@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from olne_bench.bench.run.store import open_store, read_store
+from olne_bench.bench.run.store import read_store
 from olne_bench.bench.run.time_left import Cost, TimeLeft, in_words, processes, time_left
 
 
@@ -53,6 +53,3 @@ def test_status_tells_the_time_left_by_estimator(study) -> None:
     said = study.call("status", study.folder / "a")
     assert f"  Slow     {in_words(4 * each):>12} for 4 trials\n" in said
     assert "time left in one process:\n  uniform" in said and "\nin all " in said
-    with open_store(study.folder / "a") as store:
-        store._connection.execute("DROP TABLE costs")  # as in a store of an older version
-    assert "in all 0 s, without uniform, Slow\n" in study.call("status", study.folder / "a")
