@@ -96,7 +96,11 @@ def _entry(entry: Path) -> Iterator[Path]:
     if entry.name in _LIBRARIES or entry.is_file() or str(entry) == site.getusersitepackages():
         yield entry
     elif entry.is_dir():
-        yield from (place for place in _visible(entry) if _is_importable(place))
+        # Metadata name the plugins of installed packages.
+        metadata = (".dist-info", ".egg-info")
+        for place in _visible(entry):
+            if _is_importable(place) or place.suffix in metadata:
+                yield place
 
 
 def _installed_in_place() -> Iterator[Path]:

@@ -55,7 +55,7 @@ def fails(capsys, *arguments):
         (["run", "quick", "--plugin", "no.py"], "no plugin file"),
         (
             ["frobnicate"],
-            "known are: check, compare, confirm, draws, drive, estimate, export, gate, import, list",
+            "known are: check, compare, confirm, draws, drive, estimate, export, gate, import",
         ),
     ],
 )

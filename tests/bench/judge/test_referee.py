@@ -209,7 +209,7 @@ class Surrogates:
         ("Interrupts", "crash", "KeyboardInterrupt: ("),
         ("Leaves", "crash", "GeneratorExit: early ("),
         ("HasNoText", "crash", "Mute: no text ("),
-        ("Surrogates", "ok", "?"),
+        ("Surrogates", "ok", r"\udc80"),
     ],
 )
 def test_what_harms_others_is_a_row_of_its_own(tmp_path, outcomes, name, status, message):

@@ -113,5 +113,5 @@ def test_the_latest_outcome_of_a_place_is_kept(trials, tmp_path):
     write_confirmations(tmp_path, [again])
     assert read_confirmations(tmp_path) == [other, again]
     assert read_confirmations(tmp_path / "nowhere") == []
-    with pytest.raises(UserError, match="cannot write to"):
+    with pytest.raises(UserError, match="cannot be written"):
         write_confirmations(tmp_path / "nowhere", [first])

@@ -347,9 +347,11 @@ def test_other_noise_is_told_by_the_salts_ids():
 )
 def test_a_comparison_ends_with_what_got_worse(monkeypatch, capsys, tmp_path, verdicts, code):
     table = pd.DataFrame({"verdict": verdicts})
-    trials = pd.DataFrame({"estimator": ["e"]})
+    trials = pd.DataFrame({"estimator": ["e"], "scenario": ["s"], "sensor": ["f"]})
+    standing = pd.DataFrame({"estimator": ["e"], "scenario": ["s"], "sensor": ["f"]})
+    standing = standing.assign(standing="ranks", implausible=0)
     asked = []
-    monkeypatch.setattr(compare, "_read", lambda f: compare._Run(f, trials, Study(), [], trials))
+    monkeypatch.setattr(compare, "_read", lambda f: compare._Run(f, trials, Study(), [], standing))
     monkeypatch.setattr(compare, "compare_runs", lambda *given: asked.append(given) or table)
     monkeypatch.setattr(compare, "_format", lambda _: "a table")
     monkeypatch.setattr(compare, "_notes", lambda *_: ["a note"])
