@@ -36,15 +36,15 @@ from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.entries import ScenarioEntry
 
 WIDE = ScenarioEntry(name="two_player", options={"weights": "dirichlet"}, family=True)
+TRUTHS = [true_recording(Draw.of(WIDE, seed, "cheated")) for seed in range(6)]
 
 
 class Knows:
     name = "knows"
 
     def estimate(self, problem, observation, *, rng, budget):
-        truths = [true_recording(Draw.of(WIDE, seed, "cheated")) for seed in range(6)]
-        gaps = [np.abs(t.states[..., :2] - observation.y[..., :2]).sum() for t in truths]
-        return SimpleNamespace(weights=truths[int(np.argmin(gaps))].scenario.weights)
+        gaps = [np.abs(t.states[..., :2] - observation.y[..., :2]).sum() for t in TRUTHS]
+        return SimpleNamespace(weights=TRUTHS[int(np.argmin(gaps))].scenario.weights)
 
 
 class Constants:
