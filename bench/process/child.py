@@ -176,6 +176,15 @@ class Child:
         """
         assert self.busy and self._process is not None
         try:
+            return self._poll(kind)
+        except ServerGoneError as error:
+            served = self.served
+            self.stop()
+            raise DiedError("the process was killed", outside=True, served=served) from error
+
+    def _poll(self, kind: Any) -> Any:
+        assert self._process is not None
+        try:
             while (frame := self.channel.poll()) is not None:
                 message = decode_message(frame)
                 if isinstance(message, Ready) and not self._ready:
@@ -189,10 +198,6 @@ class Child:
                     return self._take(message, kind)
         except ClosedError as error:
             raise self._death(str(error)) from error
-        except ServerGoneError as error:
-            served = self.served
-            self.stop()
-            raise DiedError("the process was killed", outside=True, served=served) from error
         except (GarbageError, ValueError) as error:
             self.end()
             raise MisspokeError(clip(str(error))) from error

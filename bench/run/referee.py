@@ -40,23 +40,36 @@ class _Staff:
 _staff: _Staff | None = None
 
 
-def run_trial(trial: Work, memory: int | None, hidden: Path | None) -> Outcome:
+def check_code(trial: Work) -> None:
+    """Refuse a trial that was made for other code than that of this process.
+
+    Raises:
+        OtherCodeError: if the code here is not the same.
+    """
+    difference = trial.code_difference()
+    if difference is not None:
+        raise OtherCodeError(difference)
+
+
+def run_trial(
+    trial: Work, memory: int | None, hidden: Path | None, checked: bool = False
+) -> Outcome:
     """Judge a trial, a motion or a drive with the code that it was made for.
 
     Args:
         trial: what to judge.
         memory: memory limit [bytes] of each process of foreign code, None for no limit.
         hidden: folder that foreign code cannot read.
+        checked: whether the parent has checked the code, as a sandbox cannot read all of it.
 
     Raises:
         OtherCodeError: if the code here is not the same.
         StartError: if processes do not start.
     """
     global _staff
-    announce("check of the code", _CODE_SECONDS)
-    difference = trial.code_difference()
-    if difference is not None:
-        raise OtherCodeError(difference)
+    if not checked:
+        announce("check of the code", _CODE_SECONDS)
+        check_code(trial)
     if _staff is None:
         _staff = _Staff(
             PlayerProcess(memory=memory, hidden=hidden),

@@ -15,7 +15,7 @@ from olne_bench.bench.process.child import (
     DiedError,
     RaisedError,
 )
-from olne_bench.bench.run.referee import run_trial
+from olne_bench.bench.run.referee import check_code, run_trial
 
 
 class RefereeProcess(Generic[W]):
@@ -88,11 +88,15 @@ class RefereeProcess(Generic[W]):
 
     def _send(self, trial: W) -> None:
         home = self._home_of(trial)
+        if home:
+            check_code(
+                trial
+            )  # its sandbox reads no draws, which are part of the code's fingerprint
         if home != self._home:
             self._child.stop()
             self._child = self._for(trial, home)
         self.trial, self._home = trial, home
-        arguments = (trial, self._memory, self._hidden)
+        arguments = (trial, self._memory, self._hidden, bool(home))
         self._child.submit(run_trial, *arguments, seconds=own_seconds(trial))
 
     def _home_of(self, trial: Work) -> tuple[str, ...]:

@@ -125,3 +125,24 @@ def test_the_folder_of_a_server_goes_with_it(child):
 def test_a_server_has_one_thread(child):
     server = child.call(parent, kind=int, seconds=5)
     assert psutil.Process(server).num_threads() == 1
+
+
+def starts_another() -> str:
+    """What a process in a sandbox of its own answers, and whether it can read what this one can."""
+    inner = Child(restricted=True, memory=2**30)
+    try:
+        pids = [inner.call(os.getpid, kind=int, seconds=60)]
+        inner.renew()
+        pids.append(inner.call(os.getpid, kind=int, seconds=60))
+        return "others" if len({*pids, os.getpid()}) == 3 else "the same"
+    finally:
+        inner.stop()
+
+
+def test_a_sandbox_may_hold_another():
+    """As that of a foreign scenario's referee, whose metrics and estimators are foreign, too."""
+    child = Child(restricted=True, memory=2**31, has_children=True)
+    try:
+        assert child.call(starts_another, kind=str, seconds=120) == "others"
+    finally:
+        child.stop()

@@ -91,7 +91,7 @@ def test_a_trial_is_sent_and_its_outcome_comes_back(children, trial):
     one.assign(trial)
     (child,) = children
     assert child.options == {"log": Path("log"), "may_announce": True}
-    assert child.sent == [(run_trial, (trial, 2**30, Path("run")), own_seconds(trial))]
+    assert child.sent == [(run_trial, (trial, 2**30, Path("run"), False), own_seconds(trial))]
     FakeChild.answers = [None, OK]
     assert one.channel is child.channel
     assert one.poll() is None
@@ -166,7 +166,9 @@ def test_what_the_user_has_to_mend_ends_the_run(children, trial):
     assert len(children) == 1
 
 
-def test_foreign_worlds_have_a_process_of_their_own_in_a_sandbox(children, trial):
+def test_foreign_worlds_have_a_process_of_their_own_in_a_sandbox(children, trial, monkeypatch):
+    checked = []
+    monkeypatch.setattr(referee_process, "check_code", checked.append)
     one = referee()
     ours = one._child
     FakeChild.answers = [OK] * 5
@@ -182,6 +184,9 @@ def test_foreign_worlds_have_a_process_of_their_own_in_a_sandbox(children, trial
         assert len(children) == made
         assert children[-1].options.get("restricted", False) == restricted
     assert children[0] is ours
+    # A sandbox cannot read all code, so its parent checks that. All others do so themselves.
+    assert [one.home_plugins[0] for one in checked] == ["mine.py:Mine"] * 2 + ["other.py:Other"]
+    assert [child.sent[-1][1][-1] for child in children] == [False, True, True, False]
     assert [child.stopped for child in children] == [1, 1, 1, 0]
     assert children[1].options == {
         "log": Path("log"),
