@@ -31,7 +31,8 @@ from olne_bench.bench.judge.metrics.declaration import declare
 from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
-from olne_bench.bench.report.study import study_of
+from olne_bench.bench.report.statistics.plausibility import implausible
+from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.submission.boards import board_files
 from olne_bench.bench.report.submission.choose import choose
 from olne_bench.bench.report.submission.files import digest
@@ -44,7 +45,6 @@ from olne_bench.bench.report.submission.fresh import (
     fresh_trials,
     has_truth,
 )
-from olne_bench.bench.report.submission.implausible import implausible_rows
 from olne_bench.bench.report.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
 from olne_bench.bench.report.submission.parquet_rows import read_parquet
 from olne_bench.bench.report.submission.rows import Rows
@@ -216,6 +216,7 @@ class Honest:
     trials: list[Trial]
     rows: pd.DataFrame
     families: list[str]
+    study: Study
 
     @classmethod
     def of(cls, suite: str, estimator: str) -> "Honest":
@@ -229,7 +230,10 @@ class Honest:
             if t.estimator.label == estimator
             and (t.scenario.label, t.sensor.label, t.sigma, t.seed) in known
         ]
-        return cls(trials, rows, [s.label for s in whole.scenarios if s.family])
+        families = [s.label for s in whole.scenarios if s.family]
+        return cls(
+            trials, rows.drop(columns="weights", errors="ignore"), families, study_of([whole])
+        )
 
 
 def refused_rows(
@@ -246,7 +250,7 @@ def refused_rows(
         submitted = table[table["seed"] < seeds].copy()
         _learn_by_heart(submitted, known, rng)
         trials = _of_rows(honest.trials, submitted[has_truth(submitted)])
-        if _is_implausible(submitted):
+        if implausible(submitted, honest.study).any():
             refused += 1
             continue
         others = table[table["seed"] >= seeds]
@@ -262,24 +266,8 @@ def refused_rows(
 
 def _learn_by_heart(rows: pd.DataFrame, known: float, rng: np.random.Generator) -> None:
     chosen = rng.random(len(rows)) < known
-    rows.loc[chosen & rows["status"].ne("skipped"), "position_error"] = PERFECT
-
-
-def _is_implausible(rows: pd.DataFrame) -> bool:
-    labels = ["scenario", "sensor", "sigma", "seed"]
-    keys = [tuple(map(str, key)) for key in rows[labels].itertuples(index=False)]
-    trials: Any = [
-        SimpleNamespace(
-            key=key,
-            sigma=row.sigma,
-            scenario=SimpleNamespace(label=row.scenario),
-            sensor=SimpleNamespace(label=row.sensor),
-            estimator=SimpleNamespace(label=""),
-        )
-        for key, row in zip(keys, rows.itertuples(), strict=True)
-    ]
-    places = {key: k for k, key in enumerate(keys)}
-    return implausible_rows(trials, Rows(rows, None, places), METRIC) is not None
+    errors = ["position_error", "cosine_error"]
+    rows.loc[chosen & rows["status"].ne("skipped"), errors] = PERFECT, 0.0
 
 
 def _of_rows(trials: list[Trial], rows: pd.DataFrame) -> list[Trial]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from olne_bench.bench.commands.options import JOBS, PATH, memory_option
+from olne_bench.bench.report.confirmations import Confirmation
 from olne_bench.bench.report.submission.drawn import REFERENCE, DrawnErrors
 from olne_bench.bench.report.submission.fresh import FreshErrors
 from olne_bench.bench.report.submission.manifest import read_submission
@@ -95,7 +96,7 @@ def _lines(folder: Path, verdict: Verdict, seed: int) -> list[str]:
     lines += _some("DIFFERS", again.differing)
     if again.differing and verdict.because:
         lines.append("  to see whether versions are the reason, run again with those that are here")
-    lines += _some("IMPLAUSIBLE", verdict.implausible)
+    lines += [_implausible_line(one) for one in verdict.implausible]
     lines += [_fresh_line(one) for one in verdict.fresh]
     lines += _some("NOT JUDGED", verdict.unjudged)
     lines += [_drawn_line(one) for one in verdict.drawn]
@@ -113,6 +114,14 @@ def _some(what: str, found: list[str]) -> list[str]:
     lines = [f"  {what}  {line}" for line in found[:_SHOWN]]
     more = len(found) - _SHOWN
     return [*lines, f"  and {more} more"] if more > 0 else lines
+
+
+def _implausible_line(found: Confirmation) -> str:
+    return (
+        f"  {'below the limit' if found.confirmed else 'IMPLAUSIBLE'}  {found.estimator} in "
+        f"{found.scenario}, {found.sensor}: {found.rows} rows far below the statistical limit, "
+        f"{found.text}"
+    )
 
 
 def _fresh_line(found: FreshErrors) -> str:

@@ -7,12 +7,10 @@ than a quarter of 20 are so in one of 170 cases. Of an honest estimator whose ro
 hardly any are.
 """
 
-import os
 import secrets
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import count, islice
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -22,11 +20,11 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declar
 from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.confirmations import Confirmation
+from olne_bench.bench.report.machine import Machine, run_all
 from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, quantile
 from olne_bench.bench.report.statistics.plausibility import implausible, places_of
 from olne_bench.bench.report.statistics.standing import KEY
 from olne_bench.bench.report.study import Study
-from olne_bench.bench.run.executor import run_trials
 
 #: Fewest fresh attempts for each estimator, scenario and sensor.
 FEWEST = 20
@@ -49,21 +47,6 @@ class Suspect:
 
     trials: tuple[Trial, ...]
     rows: pd.DataFrame
-
-
-@dataclass(frozen=True)
-class Machine:
-    """Where fresh trials run.
-
-    Attributes:
-        jobs: number of trials at the same time.
-        memory: memory limit [bytes] of each process that runs foreign code.
-        hidden: folder that foreign code cannot read.
-    """
-
-    jobs: int
-    memory: int
-    hidden: Path
 
 
 def suspects(
@@ -104,14 +87,7 @@ def confirm(suspect: Suspect, number: int, machine: Machine) -> Confirmation:
     attempts = pd.DataFrame()
     for _ in range(_ROUNDS):
         chosen = list(islice(numbered, number - len(attempts)))
-        ended = run_trials(
-            chosen,
-            jobs=machine.jobs,
-            memory=machine.memory,
-            hidden=machine.hidden,
-            log=Path(os.devnull),
-        )
-        rows = pd.DataFrame(t.labels | asdict(o) | o.scores for t, o in ended)
+        rows = pd.DataFrame(t.labels | asdict(o) | o.scores for t, o in run_all(chosen, machine))
         attempts = pd.concat([attempts, attempts_of(rows)], ignore_index=True)
         if len(attempts) >= number:
             break

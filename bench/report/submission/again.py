@@ -1,39 +1,20 @@
 """Run trials of a submission again, as a run does, and compare them with their rows."""
 
-from collections.abc import Generator, Iterable
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.report.machine import Machine, run_all
 from olne_bench.bench.report.submission.rows import Key, Rows, described, difference
-from olne_bench.bench.run.executor import run_trials
 
 #: A machine may be slower than another one by this factor. A trial that reached its time limit is
 #: tried once more with so many times the limit, on its own.
 SLOWER = 4
 #: So many trials that reach their limit here, and did not before, are looked into at once.
 _LATE = 3
-#: As the file of a run that holds what estimators print.
-_LOG = "workers.log"
 _TIMEOUT = "timeout"
-
-
-@dataclass(frozen=True)
-class Machine:
-    """How trials are run.
-
-    Attributes:
-        jobs: number of trials at the same time.
-        memory: memory limit [bytes] of each process that runs foreign code.
-        hidden: folder that foreign code cannot read.
-    """
-
-    jobs: int
-    memory: int
-    hidden: Path
 
 
 @dataclass
@@ -54,20 +35,6 @@ class Repeated:
     def total(self) -> int:
         """Number of rows that were run again."""
         return self.same + len(self.differing) + self.silent
-
-
-def run_all(
-    trials: Iterable[Trial], machine: Machine
-) -> Generator[tuple[Trial, Outcome], None, None]:
-    """Run trials in places that are named as those of a run, and yield them as they end."""
-    with TemporaryDirectory() as place:
-        yield from run_trials(
-            trials,
-            jobs=machine.jobs,
-            memory=machine.memory,
-            hidden=machine.hidden,
-            log=Path(place) / _LOG,
-        )
 
 
 def repeat(trials: Iterable[Trial], rows: Rows, machine: Machine, *, exact: bool) -> Repeated:

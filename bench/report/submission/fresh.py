@@ -30,8 +30,8 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.statistics.attempts import errors_of, quantile
 
-#: Chance that an honest submission is refused by these tests.
-LEVEL = 0.001
+#: Chance that an honest submission is refused by these tests, at most.
+LEVEL = 2.5e-4
 #: Level of the first test, beyond which further trials decide.
 SUSPICIOUS = 0.05
 #: Trials of each plugin with fresh salts: of the first test, and of the second.

@@ -16,10 +16,13 @@ import pandas as pd
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.report.confirmations import Confirmation
+from olne_bench.bench.report.fresh_draws import FEWEST, confirm, suspects, trial_place
+from olne_bench.bench.report.machine import Machine
 from olne_bench.bench.report.measures import primary
 from olne_bench.bench.report.statistics.attempts import errors_of
 from olne_bench.bench.report.study import Study, study_of
-from olne_bench.bench.report.submission.again import Machine, Repeated, outcomes_of, repeat
+from olne_bench.bench.report.submission.again import Repeated, outcomes_of, repeat
 from olne_bench.bench.report.submission.asked import asked, planned_trials
 from olne_bench.bench.report.submission.boards import check_boards
 from olne_bench.bench.report.submission.choose import choose
@@ -39,7 +42,6 @@ from olne_bench.bench.report.submission.fresh import (
     fresh_trials,
     has_truth,
 )
-from olne_bench.bench.report.submission.implausible import LEAST, confirmed, implausible_rows
 from olne_bench.bench.report.submission.manifest import PLUGINS, Submission, read_submission
 from olne_bench.bench.report.submission.rows import (
     Key,
@@ -61,7 +63,7 @@ class Verdict:
         rows: number of its rows.
         repeated: rows that were run again.
         because: which versions differ from those of the rows; empty if none does.
-        implausible: one line for each plugin with rows that are too good for their noise.
+        implausible: what fresh draws say of rows that are too good for their noise.
         fresh: errors of its plugins with fresh salts.
         drawn: errors of its plugins on drawn truths, where it has fixed ones.
         fixed: scenarios whose truths are fixed, where plugins do not rank.
@@ -71,7 +73,7 @@ class Verdict:
     rows: int
     repeated: Repeated
     because: str = ""
-    implausible: list[str] = field(default_factory=list)
+    implausible: list[Confirmation] = field(default_factory=list)
     fresh: list[FreshErrors] = field(default_factory=list)
     drawn: list[DrawnErrors] = field(default_factory=list)
     fixed: tuple[str, ...] = ()
@@ -81,7 +83,8 @@ class Verdict:
     def accepted(self) -> bool:
         """Whether something was compared and no check failed."""
         honest = all(one.accepted for one in self.fresh) and all(d.accepted for d in self.drawn)
-        refused = self.repeated.differing or self.implausible or self.unjudged or not honest
+        plausible = all(one.confirmed for one in self.implausible)
+        refused = self.repeated.differing or self.unjudged or not honest or not plausible
         return self.repeated.same > 0 and not refused
 
 
@@ -192,9 +195,9 @@ def _run(case: _Case, limits: Limits, because: str) -> Verdict:
     if repeated.differing:
         return verdict  # refused already
     level = LEVEL / max(len(plugins), 1)
+    verdict.implausible.extend(_implausible(case, machine) if plugins else ())
     for plugin in plugins:
         own = [trial for trial in trials if trial.plugin == plugin]
-        verdict.implausible.extend(_implausible(case, own, machine))
         verdict.fresh.append(_fresh(case, own, level, machine, rng, verdict.unjudged))
     plans = drawn_plans(trials, rng)
     outcomes = outcomes_of((t for plan in plans for t in plan.trials), machine)
@@ -204,19 +207,15 @@ def _run(case: _Case, limits: Limits, because: str) -> Verdict:
     return verdict
 
 
-def _implausible(case: _Case, own: Sequence[Trial], machine: Machine) -> list[str]:
-    """A line on a plugin's rows that are too good for their noise, if it has such."""
-    found = implausible_rows(own, case.rows, case.metric)
-    if found is None:
-        return []
-    fresh = found.fresh()
-    if confirmed(fresh, outcomes_of((t for t, _ in fresh), machine), case.metric.name):
-        return []
-    return [
-        f"{len(found.trials)} of {len(own)} rows of {found.estimator} have less than {LEAST:g} "
-        f"times the usual error, such as {described(found.trials[0].labels)}; of {len(fresh)} "
-        "fresh trials there, none has"
-    ]
+def _implausible(case: _Case, machine: Machine) -> Iterator[Confirmation]:
+    """What fresh draws say of plugins' rows that are too good for their noise."""
+    planned = {
+        trial_place((t.scenario.label, t.sensor.label, t.estimator.label), t.sigma): t
+        for t in case.planned.values()
+    }
+    for suspect in suspects(case.rows.table, case.study, planned):
+        if suspect.trials[0].plugin:
+            yield confirm(suspect, FEWEST, machine)
 
 
 def _fresh(

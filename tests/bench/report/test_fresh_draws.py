@@ -13,7 +13,8 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.report import fresh_draws
 from olne_bench.bench.report.confirmations import read_confirmations, write_confirmations
-from olne_bench.bench.report.fresh_draws import FEWEST, Machine, Suspect, compared, confirm
+from olne_bench.bench.report.fresh_draws import FEWEST, Suspect, compared, confirm
+from olne_bench.bench.report.machine import Machine
 from olne_bench.errors import UserError
 
 LEVELS = (0.01, 0.1)
@@ -91,13 +92,13 @@ def test_each_noise_level_has_draws_and_noise_of_its_own(trials):
 def test_draws_that_are_no_attempts_are_replaced(trials, monkeypatch, tmp_path):
     asked = []
 
-    def run_trials(chosen, **_options):
+    def run_all(chosen, _machine):
         for trial in chosen:
             asked.append(trial)
             status = "skipped" if len(asked) % 3 == 1 else "ok"
             yield trial, Outcome(status, scores={"position_error": 1e-3, "cosine_error": 1e-4})
 
-    monkeypatch.setattr(fresh_draws, "run_trials", run_trials)
+    monkeypatch.setattr(fresh_draws, "run_all", run_all)
     told = confirm(Suspect(trials, errors(HONEST, 20)), FEWEST, Machine(1, 2**30, tmp_path))
     assert told.trials == FEWEST
     assert len(asked) == len({trial.key for trial in asked}) > FEWEST

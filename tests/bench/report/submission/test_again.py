@@ -10,8 +10,9 @@ import pytest
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, expand
+from olne_bench.bench.report.machine import Machine
 from olne_bench.bench.report.submission import again
-from olne_bench.bench.report.submission.again import SLOWER, Machine, Repeated, outcomes_of, repeat
+from olne_bench.bench.report.submission.again import SLOWER, Repeated, outcomes_of, repeat
 
 MACHINE = Machine(jobs=4, memory=2**30, hidden=Path("/hidden"))
 OK = Outcome("ok", solve_seconds=0.1, scores={"position_error": 0.5}, trial_seconds=0.2)
@@ -106,22 +107,6 @@ def test_a_row_that_ends_nowhere_is_the_same(run, trials) -> None:
     assert found.same == len(trials) == len(played)
 
 
-def test_trials_run_in_places_that_are_named_as_those_of_a_run(monkeypatch, trials) -> None:
-    asked: dict[str, Any] = {}
-
-    def run_trials(some: Any, **options: Any) -> Iterator[tuple[Trial, Outcome]]:
-        asked.update(options)
-        for trial in some:
-            yield trial, OK
-
-    monkeypatch.setattr(again, "run_trials", run_trials)
-    found = outcomes_of([*trials, trials[0]], MACHINE)
-    assert found == {trial.key: OK for trial in trials}
-    assert asked.pop("log").name == "workers.log"
-    assert asked == {"jobs": 4, "memory": 2**30, "hidden": Path("/hidden")}
-
-
-def test_the_log_is_called_as_in_a_run(monkeypatch) -> None:  # noqa: ARG001
-    from olne_bench.bench.commands.going_on import LOG
-
-    assert again._LOG == LOG
+def test_trials_run_once_each(monkeypatch, trials) -> None:
+    monkeypatch.setattr(again, "run_all", lambda some, _: ((trial, OK) for trial in some))
+    assert outcomes_of([*trials, trials[0]], MACHINE) == {trial.key: OK for trial in trials}

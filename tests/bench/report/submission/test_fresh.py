@@ -131,7 +131,7 @@ def test_declined_trials_are_failures_and_draws_without_a_truth_are_not() -> Non
     assert not compare_fresh(old, nothing, METRIC, ()).decides
 
 
-@pytest.mark.parametrize(("units", "enough"), [(12, False), (13, True)])
+@pytest.mark.parametrize(("units", "enough"), [(18, False), (19, True)])
 def test_there_are_enough_units_if_chance_can_be_ruled_out(units: int, enough: bool) -> None:
     """The rarest of the orders has to be rarer than half the level: there are two tests."""
     assert (orders([(3, 1)]), orders([(3, 2), (2, 2)]), orders([])) == (4, 60, 1)
@@ -185,7 +185,7 @@ def test_few_seeds_ask_for_more_trials_and_one_is_too_few() -> None:
     suite = load_suite("quick")
     one = [t for t in trials_of("quick", 5) if (t.sigma, t.scenario.label) == (0.1, "two_player")]
     rng = np.random.default_rng(0)
-    assert len(fresh_trials(one, 10, LEVEL, rng)) == 2 * 9  # comb(14, 5) > 2000 > comb(13, 5)
+    assert len(fresh_trials(one, 10, LEVEL, rng)) == 2 * 13  # comb(18, 5) > 8000 > comb(17, 5)
     assert fresh_trials([t for t in one if t.seed == 0], 10, LEVEL, rng) == []
     assert fresh_trials([t for t in one if t.sigma == 0], 10, LEVEL, rng) == []
     assert suite.seeds == 5

@@ -15,7 +15,8 @@ import pytest
 
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.plan.versions import environment_version
+from olne_bench.bench.plan.versions import Versions, environment_version
+from olne_bench.bench.report.confirmations import Confirmation
 from olne_bench.bench.report.study import study_of
 from olne_bench.bench.report.submission.again import Repeated
 from olne_bench.bench.report.submission.boards import board_files
@@ -235,7 +236,7 @@ def test_a_plugin_does_not_find_its_rows_nor_who_runs_it(packed: Path) -> None:
         for word in ("olne", "verify", "submission", "plugins"):
             assert word not in str(home)
         (suite,) = submission.suites(home)
-        assert suite.estimators[-1].name == f"{home}/drawn/drawn.py:Drawn"
+        assert suite.estimators[-1].name == f"{home}/drawn/drawn.py"
         started = datetime.fromisoformat(submission.runs[0].started).timestamp()
         assert {(home / place).stat().st_mtime for place in found} == {started}
     assert not home.exists()
@@ -309,7 +310,7 @@ def link_elsewhere(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("harm", "said"),
     [
-        (drop_one, "lacks the row of Drawn, two_player, full, sigma 0.01, seed 0 (1 such in all)"),
+        (drop_one, "suite 'tiny' asks for 12 trials, and there are 11 rows"),
         (double_one, "has 1 trials more than once"),
         (edit_plugin, "plugins/drawn/drawn.py was changed after it was submitted"),
         (edit_table, "is not the leaderboard of the rows beside it: see cosine_error_median"),
@@ -445,9 +446,12 @@ def test_a_verdict_needs_something_that_speaks_for_it_and_nothing_against() -> N
     fair = FreshErrors("e", "m", 9, 1.0, 1.0, 0.5, decides=True)
     few, bad = replace(fair, decides=False), replace(fair, p=1e-9)
     able = DrawnErrors("e", "s", 9, 1.0, 2.0, 0.1, 0.1)
+    seen = Confirmation(
+        "s", "full", "e", "", Versions(), (0.1,), 3, 20, "m", 0.1, 0.1, 9, confirmed=True
+    )
     for accepted in (
         verdict(),
-        verdict(fresh=[fair], drawn=[able], fixed=("s",)),
+        verdict(fresh=[fair], drawn=[able], fixed=("s",), implausible=[seen]),
         verdict(repeated=Repeated(same=1, silent=3), because="numpy"),
     ):
         assert accepted.accepted
@@ -456,7 +460,7 @@ def test_a_verdict_needs_something_that_speaks_for_it_and_nothing_against() -> N
         verdict(repeated=Repeated(silent=3), fresh=[fair]),
         verdict(repeated=Repeated(same=5, differing=["one"])),
         verdict(unjudged=["one"]),
-        verdict(implausible=["one"]),
+        verdict(implausible=[replace(seen, confirmed=False)]),
         verdict(fresh=[fair, bad]),
         verdict(fresh=[fair, few]),
         verdict(drawn=[able, replace(able, drawn=1e6)]),
