@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from olne_bench.bench.commands.cli import main
+from olne_bench.bench.plan.versions import Versions
+from olne_bench.bench.report.confirmations import Confirmation
 from olne_bench.bench.report.submission.again import Repeated
 from olne_bench.bench.report.submission.drawn import DrawnErrors
 from olne_bench.bench.report.submission.fresh import LEVEL, FreshErrors
@@ -121,7 +123,11 @@ def test_what_was_found_is_told_line_by_line():
         "fresh salt  mine: median position_error 0.123 submitted, 0.25 in 12 fresh trials, p = 0.5",
         "accepted (sample of seed 7)",
     ]
-    mixed = replace(GOOD, repeated=Repeated(12, ["x", "y"], 3), because="numpy", implausible=["z"])
+    few = Confirmation(
+        "two_way", "full", "mine", "", Versions(), (0.1,), 3, 20, "position_error", 0.01, 0.1, 1,
+        confirmed=False,
+    )  # fmt: skip
+    mixed = replace(GOOD, repeated=Repeated(12, ["x", "y"], 3), because="numpy", implausible=[few])
     assert lines(mixed)[:7] == [
         "of other versions, compared within 0.1 %: numpy",
         "12 of 17 rows run again are the same, within 0.1 %",
@@ -129,7 +135,8 @@ def test_what_was_found_is_told_line_by_line():
         "DIFFERS  x",
         "DIFFERS  y",
         "to see whether versions are the reason, run again with those that are here",
-        "IMPLAUSIBLE  z",
+        "IMPLAUSIBLE  mine in two_way, full: 3 rows far below the statistical limit, not "
+        "confirmed: 0.1 m on fresh draws, 0.01 m here",
     ]
     assert lines(mixed)[-1] == "refused (sample of seed 7)"
 
