@@ -88,6 +88,7 @@ def _folder(name: str, roots: Mapping[str, Path], own: Path | None) -> Path | No
     return None if name.partition(".")[0] in known else own
 
 
+@lru_cache(maxsize=8192)
 def _locate(folder: Path, name: str) -> Path | None:
     path = folder.joinpath(*name.split("."))
     for candidate in (path / "__init__.py", path.with_name(f"{path.name}.py")):

@@ -13,7 +13,6 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.plan.work import Work
 from olne_bench.bench.process.child import StartError
 from olne_bench.bench.process.inside import announce
-from olne_bench.bench.run.driving import outcome_of_drive
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.run.online import outcome_of
 from olne_bench.bench.run.player_process import PlayerProcess
@@ -89,6 +88,9 @@ def run_trial(
 
 def _judged(trial: Work, staff: _Staff) -> Outcome:
     if isinstance(trial, DriveTask):
+        # It imports HighwayEnv, which takes longer than all else that a referee imports.
+        from olne_bench.bench.run.driving import outcome_of_drive
+
         return outcome_of_drive(trial, staff.follower, announce)
     if isinstance(trial, Motion):
         return outcome_of(trial, staff.follower, announce)

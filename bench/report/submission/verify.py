@@ -192,15 +192,15 @@ def _run(case: _Case, limits: Limits, because: str) -> Verdict:
     plugins = list(dict.fromkeys(trial.plugin for trial in trials if trial.plugin))
     fixed = tuple(entry.label for entry in fixed_scenarios(trials)) if plugins else ()
     verdict = Verdict(len(trials), repeated, because, fixed=fixed)
-    if repeated.differing:
-        return verdict  # refused already
-    level = LEVEL / max(len(plugins), 1)
-    verdict.implausible.extend(_implausible(case, machine) if plugins else ())
-    for plugin in plugins:
-        own = [trial for trial in trials if trial.plugin == plugin]
-        verdict.fresh.append(_fresh(case, own, level, machine, rng, verdict.unjudged))
+    if repeated.differing or not plugins:
+        return verdict
+    verdict.implausible.extend(_implausible(case, machine))
+    own = [_Own(case, plugin, LEVEL / len(plugins), rng) for plugin in plugins]
     plans = drawn_plans(trials, rng)
-    outcomes = outcomes_of((t for plan in plans for t in plan.trials), machine)
+    # In one run, as its processes take seconds to start.
+    asked = [t for part in (*(one.first for one in own), *(p.trials for p in plans)) for t in part]
+    outcomes = outcomes_of(asked, machine)
+    verdict.fresh.extend(_fresh(one, outcomes, machine, verdict.unjudged) for one in own)
     errors = _submitted_errors(case, (p.own.key for plan in plans for p in plan.fixed))
     for plan in plans:
         verdict.drawn.append(drawn_errors(plan, outcomes, errors, case.metric.name))
@@ -218,36 +218,49 @@ def _implausible(case: _Case, machine: Machine) -> Iterator[Confirmation]:
             yield confirm(suspect, FEWEST, machine)
 
 
-def _fresh(
-    case: _Case,
-    own: Sequence[Trial],
-    level: float,
-    machine: Machine,
-    rng: np.random.Generator,
-    unjudged: list[str],
-) -> FreshErrors:
-    """Errors of a plugin with fresh salts: of a first test, or of a second one if need be."""
-    places = [case.rows.places[trial.key] for trial in own]
-    rows = case.rows.table.iloc[places]
-    played = [trial for trial, there in zip(own, has_truth(rows), strict=True) if there]
-    first = fresh_trials(played, FIRST, SUSPICIOUS, rng)
-    second = fresh_trials(played, SECOND, level, rng)
-    families = [label for label in case.study.scenarios if case.study.is_family(label)]
-    found = FreshErrors(own[0].plugin, case.metric.name, 0, np.nan, np.nan, 1.0, decides=False)
-    for trials, limit in ((first, SUSPICIOUS), (second, level)):
-        if not second:
-            break
-        outcomes = outcomes_of(trials, machine)
+class _Own:
+    """Submitted rows of a plugin, and trials with fresh salts: a first test, and a second one."""
+
+    def __init__(self, case: _Case, plugin: str, level: float, rng: np.random.Generator) -> None:
+        own = [trial for trial in case.planned.values() if trial.plugin == plugin]
+        self.plugin, self.metric, self.level = plugin, case.metric, level
+        self.rows = case.rows.table.iloc[[case.rows.places[trial.key] for trial in own]]
+        played = [t for t, there in zip(own, has_truth(self.rows), strict=True) if there]
+        self.first = fresh_trials(played, FIRST, SUSPICIOUS, rng)
+        self.second = fresh_trials(played, SECOND, level, rng)
+        if not self.second:  # nothing could decide
+            self.first = []
+        self.families = [s for s in case.study.scenarios if case.study.is_family(s)]
+
+    def compared(
+        self, trials: Sequence[Trial], outcomes: Mapping[Key, Outcome], level: float
+    ) -> FreshErrors:
+        """Its errors with fresh salts."""
+        if not trials:
+            return FreshErrors(self.plugin, self.metric.name, 0, np.nan, np.nan, 1.0, decides=False)
         table = pd.DataFrame([_row(trial, outcomes[trial.key]) for trial in trials])
-        unjudged += [
-            f"{described(trial.labels)}, with a fresh salt: {outcomes[trial.key].message}"
-            for trial in trials
-            if outcomes[trial.key].status == "harness_error"
-        ]
-        found = compare_fresh(rows, table, case.metric, families, limit)
-        if found.accepted:
-            break
-    return found
+        return compare_fresh(self.rows, table, self.metric, self.families, level)
+
+
+def _fresh(
+    own: _Own, outcomes: Mapping[Key, Outcome], machine: Machine, unjudged: list[str]
+) -> FreshErrors:
+    """Errors of a plugin with fresh salts: of its first test, or of its second one if need be."""
+    unjudged += _unjudged(own.first, outcomes)
+    found = own.compared(own.first, outcomes, SUSPICIOUS)
+    if found.accepted or not own.first:
+        return found
+    again = outcomes_of(own.second, machine)
+    unjudged += _unjudged(own.second, again)
+    return own.compared(own.second, again, own.level)
+
+
+def _unjudged(trials: Iterable[Trial], outcomes: Mapping[Key, Outcome]) -> list[str]:
+    return [
+        f"{described(trial.labels)}, with a fresh salt: {outcomes[trial.key].message}"
+        for trial in trials
+        if outcomes[trial.key].status == "harness_error"
+    ]
 
 
 def _row(trial: Trial, outcome: Outcome) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import io
 import os
 import resource
+from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow as pa
@@ -50,6 +51,22 @@ def refused(data: bytes) -> str:
     return text
 
 
+class Here:
+    """Reads in this process, which starts sooner."""
+
+    def call(self, function: Callable[[bytes], bytes], data: bytes, **_options: object) -> bytes:
+        return function(data)
+
+    def stop(self) -> None:
+        pass
+
+
+@pytest.fixture
+def here(monkeypatch) -> None:
+    monkeypatch.setattr(parquet_rows, "Child", Here)
+    monkeypatch.setattr(parquet_rows, "_limit_memory", lambda: None)
+
+
 def test_rows_come_back_as_they_were() -> None:
     table = with_column("weights", pa.array([[[0.5, 0.5]], None], NUMBERS))
     assert read_parquet(written(table), PLACE).to_pylist() == table.to_pylist()
@@ -74,12 +91,14 @@ def test_what_unpacks_to_gigabytes_ends_in_a_process_of_its_own(make) -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # [kB]
 
 
+@pytest.mark.usefixtures("here")
 def test_rows_have_a_number() -> None:
     assert read_parquet(written(usual(MOST_ROWS)), PLACE).num_rows == MOST_ROWS
     said = refused(written(usual(MOST_ROWS + 1)))
     assert said == f"rows.parquet has {MOST_ROWS + 1} rows; at most {MOST_ROWS} are allowed"
 
 
+@pytest.mark.usefixtures("here")
 def test_row_groups_and_columns_have_numbers() -> None:
     assert "has 1001 row groups; at most 1000" in refused(written(usual(1001), row_group_size=1))
     table = usual(1)
@@ -88,11 +107,13 @@ def test_row_groups_and_columns_have_numbers() -> None:
     assert f"{table.num_columns} columns; at most 200" in refused(written(table))
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("lacking", ["sigma", "weights", "estimator_version"])
 def test_a_column_that_is_missing_is_named(lacking: str) -> None:
     assert f"has no column {lacking!r}" in refused(written(usual().drop_columns([lacking])))
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -109,6 +130,7 @@ def test_columns_have_the_types_of_rows(name: str, values: pa.Array) -> None:
     assert f"has '{name}' of type {values.type}" in refused(written(with_column(name, values)))
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("values", [[[1.0]], [[[1]]], [[[[1.0]]]], [[["1.0"]]]])
 def test_weights_are_lists_of_lists_of_numbers(values: list) -> None:
     said = refused(written(with_column("weights", pa.array(values))))
@@ -116,6 +138,7 @@ def test_weights_are_lists_of_lists_of_numbers(values: list) -> None:
     assert said.endswith(f"not {NUMBERS}")
 
 
+@pytest.mark.usefixtures("here")
 def test_names_of_columns_are_shown_cut_and_stand_there_once() -> None:
     table = usual(1)
     said = refused(written(table.append_column("x" * 5000, pa.array(["a"]))))
@@ -124,6 +147,7 @@ def test_names_of_columns_are_shown_cut_and_stand_there_once() -> None:
     assert "has two columns of one name" in refused(written(twice))
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     "data",
     [b"", b"PAR1", b"PAR1PAR1", b"x" * 10_000, b"PAR1" + b"\0" * 100 + b"\xff\xff\xff\x7fPAR1"],
