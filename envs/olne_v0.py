@@ -220,8 +220,9 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
         Raises:
             ValueError: on an unknown scenario or option.
-            NoEquilibriumError: if the scenario has no certified equilibrium within its limits
-                (never with ``reveal_truth=False``). The next ``reset`` works as usual.
+            NoEquilibriumError: if the member of this seed has no certified equilibrium within its
+                limits (never with ``reveal_truth=False``). The next ``reset`` works as usual.
+                Without a seed, members are drawn until one has.
         """
         self.agents, self._episode = [], None  # if anything below fails, the old episode is over
         if seed is not None:
@@ -229,10 +230,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
             self.np_random = np.random.default_rng(seed)
         name, scenario_options = self._choice(options)
         with keeping(_is_kept(name)):
-            scenario = self._member(name, seed, scenario_options)
-            size = SpaceSize.of(scenario)
-            truth = _equilibrium_within(scenario, size) if self.reveal_truth else None
-
+            scenario, size, truth = self._member(name, seed, scenario_options)
         if size != self._spaces.size:
             self._spaces = Spaces(size)
         self._episode = self._new_episode(scenario, truth)
@@ -330,14 +328,21 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     def _member(
         self, name: str | Scenario, seed: int | None, scenario_options: dict[str, Any]
-    ) -> Scenario:
+    ) -> tuple[Scenario, SpaceSize, Equilibrium | None]:
         """The member of a seed; without one, the next member that can be played."""
-        if seed is not None:
-            return _draw(name, seed, scenario_options)
-        for _ in range(_MOST_DRAWS):
+        for _ in range(_MOST_DRAWS if seed is None else 0):
             with suppress(NoEquilibriumError):
-                return _draw(name, int(self.np_random.integers(2**31)), scenario_options)
-        return _draw(name, int(self.np_random.integers(2**31)), scenario_options)
+                return self._play(name, int(self.np_random.integers(2**31)), scenario_options)
+        last = int(self.np_random.integers(2**31)) if seed is None else seed
+        return self._play(name, last, scenario_options)
+
+    def _play(
+        self, name: str | Scenario, seed: int, scenario_options: dict[str, Any]
+    ) -> tuple[Scenario, SpaceSize, Equilibrium | None]:
+        """A member, its size and, if it is revealed, its equilibrium."""
+        scenario = _draw(name, seed, scenario_options)
+        size = SpaceSize.of(scenario)
+        return scenario, size, _equilibrium_within(scenario, size) if self.reveal_truth else None
 
     def _latest_episode(self) -> Episode:
         if self._episode is None:

@@ -410,6 +410,25 @@ def test_scenario_without_equilibrium():
     assert_usable(free)
 
 
+def test_a_reset_without_a_seed_draws_until_the_limits_hold(monkeypatch):
+    within = olne_v0._equilibrium_within
+    asked = []
+
+    def sometimes(scenario, size):
+        asked.append(scenario)
+        if len(asked) < 3:
+            raise NoEquilibriumError("beyond the limits")
+        return within(scenario, size)
+
+    monkeypatch.setattr(olne_v0, "_equilibrium_within", sometimes)
+    world = olne_v0.parallel_env("two_player")
+    world.reset()
+    assert len(asked) == 3
+    asked.clear()
+    with pytest.raises(NoEquilibriumError):
+        world.reset(seed=3)
+
+
 def test_equilibrium_beyond_the_limits():
     two_player = get_scenario("two_player")
     narrow = Scenario(**{**vars(two_player), "limits": Limits((0.3, 0.3), (20.0,) * 4)})
