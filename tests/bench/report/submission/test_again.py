@@ -122,6 +122,6 @@ def test_trials_run_in_places_that_are_named_as_those_of_a_run(monkeypatch, tria
 
 
 def test_the_log_is_called_as_in_a_run(monkeypatch) -> None:  # noqa: ARG001
-    from olne_bench.bench.commands.going_on import LOG
+    from olne_bench.bench.run.study import LOG
 
     assert again._LOG == LOG
