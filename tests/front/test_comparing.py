@@ -106,7 +106,7 @@ def test_seeds_of_a_drawn_scenario_are_noise():
         ([3], {}, "an estimator is a name .*got 3"),
         (["map"], {"sigma": -1}, "sigma must hold finite numbers of at least 0, got -1"),
         (["map"], {"sigma": []}, "sigma must hold at least one"),
-        (["map"], {"seeds": 0}, "seeds must be a whole number of at least 1, got 0"),
+        (["map"], {"seeds": 0}, "seeds must be an integer of 1 to 1000000, got 0"),
     ],
 )
 def test_wrong_use_is_one_line(arguments, options, expected):

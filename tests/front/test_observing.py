@@ -50,7 +50,7 @@ def test_sensors_are_names_objects_views_or_stacks():
     y = ob.observe(scenario, "partial", 0.1)[1].y
     for same in (Partial(), ob.views.ComponentView("partial", ("px", "py", "heading"))):
         np.testing.assert_array_equal(ob.observe(scenario, same, 0.1)[1].y, y)
-    gappy = ob.observe(scenario, ["partial", Drop(0.5)], 0.1)[1].y
+    gappy = ob.observe(scenario, ("partial", Drop(0.5)), 0.1)[1].y
     assert 0 < np.isnan(gappy).sum() < gappy.size
     np.testing.assert_array_equal(gappy[~np.isnan(gappy)], y[~np.isnan(gappy)])
 

@@ -1,7 +1,7 @@
 """Compare estimators in this process, judged as a study judges them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +10,14 @@ import pandas as pd
 from olne_bench import plugins
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.judge.referee import Case, case_at, judge_case
+from olne_bench.bench.judge.truth import Draw
 from olne_bench.bench.plan.entries import MetricEntry
 from olne_bench.bench.plan.outcome import FAILURES, Outcome
 from olne_bench.bench.plan.trial import LABEL_COLUMNS, Trial
 from olne_bench.bench.report.leaderboard import leaderboard
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.text import clip
+from olne_bench.checks import check_count
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.front.drawing import Place, place_of
 from olne_bench.front.in_process import (
@@ -26,6 +28,7 @@ from olne_bench.front.in_process import (
 )
 from olne_bench.front.sensing import ChosenSensor, chosen_sensor
 from olne_bench.games.published import PUBLISHED_ITERATIONS
+from olne_bench.plugins import METRIC
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -142,30 +145,40 @@ def compare(
     """
     places = [place_of(one) for one in _listed(scenario, str | Scenario)]
     sensors = [chosen_sensor(one) for one in (sensor if isinstance(sensor, list) else [sensor])]
-    chosen = _chosen(estimators)
-    levels = _levels(sigma)
-    _check_count("seeds", seeds)
+    chosen, levels = _chosen(estimators), _levels(sigma)
+    check_count("seeds", seeds)
     number = len(places) * len(sensors) * len(chosen) * len(levels) * seeds
     if number > most_trials:
         raise ValueError(
             f"this is {number} trials one after the other, more than most_trials = {most_trials}; "
             f"use fewer seeds, olne_bench.run for a study in processes, or most_trials={number}"
         )
-    metrics = tuple(
-        MetricEntry(name=name)
-        for name in plugins.names(plugins.METRIC)
-        if plugins.is_built_in(plugins.METRIC, name)
-    )
     rows: list[dict[str, Any]] = []
     for place, one, level, seed in _cells(places, sensors, levels, seeds):
-        same = level == 0 and not place.entry.family
-        count = seeds if same else 1
-        trials = [
-            (_trial(place, one, level, seed, who, metrics, count, time_limit), who)
-            for who in chosen
-        ]
-        rows += _judged(place, one, trials)
+        count = 1 if level > 0 or place.entry.family else seeds
+        first = _trial(place, one, level, seed, chosen[0])
+        first = replace(first, count=count, time_limit=time_limit)
+        rows += _judged(first, place.at(seed), one, chosen)
     return Comparison(pd.DataFrame(rows))
+
+
+def _trial(
+    place: Place, sensor: ChosenSensor, sigma: float, seed: int, who: ChosenEstimator
+) -> Trial:
+    metrics = [one for one in plugins.names(METRIC) if plugins.is_built_in(METRIC, one)]
+    return Trial(
+        suite="compare",
+        scenario=place.entry,
+        sensor=sensor.entry,
+        sigma=sigma,
+        seed=seed,
+        estimator=who.entry,
+        metrics=tuple(MetricEntry(name=one) for one in metrics),
+        count=1,
+        time_limit=60.0,
+        root_iterations=PUBLISHED_ITERATIONS,
+        salt=place.salt,
+    )
 
 
 def _cells(
@@ -179,16 +192,16 @@ def _cells(
 
 
 def _judged(
-    place: Place, sensor: ChosenSensor, trials: Sequence[tuple[Trial, ChosenEstimator]]
+    first: Trial, draw: Draw, sensor: ChosenSensor, chosen: Sequence[ChosenEstimator]
 ) -> Iterator[dict[str, Any]]:
-    """Rows of trials on the same observation."""
+    """Rows of estimators on the same observation, that of the first one's trial."""
     case: Case | Outcome
     try:
-        first = trials[0][0]
-        case = case_at(place.at(first.seed), sensor.layers, first)
+        case = case_at(draw, sensor.layers, first)
     except NoEquilibriumError as error:
         case = Outcome("skipped", clip(str(error)))
-    for trial, who in trials:
+    for who in chosen:
+        trial = replace(first, estimator=who.entry)
         if isinstance(case, Outcome):
             outcome = case
         else:
@@ -198,31 +211,6 @@ def _judged(
         row.pop("trial_seconds")
         labels = {name: trial.labels[name] for name in LABEL_COLUMNS}
         yield labels | row | {entry.name: scores.get(entry.name) for entry in trial.metrics}
-
-
-def _trial(
-    place: Place,
-    sensor: ChosenSensor,
-    sigma: float,
-    seed: int,
-    who: ChosenEstimator,
-    metrics: tuple[MetricEntry, ...],
-    count: int,
-    time_limit: float,
-) -> Trial:
-    return Trial(
-        suite="compare",
-        scenario=place.entry,
-        sensor=sensor.entry,
-        sigma=sigma,
-        seed=seed,
-        estimator=who.entry,
-        metrics=metrics,
-        count=count,
-        time_limit=time_limit,
-        root_iterations=PUBLISHED_ITERATIONS,
-        salt=place.salt,
-    )
 
 
 def _chosen(given: Sequence[Any] | Mapping[str, Any]) -> list[ChosenEstimator]:
@@ -256,8 +244,3 @@ def _levels(sigma: Any) -> list[float]:
     if not levels:
         raise ValueError("sigma must hold at least one noise level, got none")
     return [float(level) for level in levels]
-
-
-def _check_count(name: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")

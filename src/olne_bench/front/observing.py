@@ -43,7 +43,7 @@ def observe(
 
     Args:
         scenario: from ``olne_bench.scenario``, its name, or a ``Scenario`` of your own.
-        sensor: one of ``olne_bench.sensors()``, an object with ``layers()``, a view, or a list of
+        sensor: one of ``olne_bench.sensors()``, an object with ``layers()``, a view, or a tuple of
             these, the innermost first.
         sigma: noise level, on roads the standard deviation of a position [m]. The scenario's noise
             scales make it that of the other components.

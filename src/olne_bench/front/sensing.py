@@ -43,6 +43,6 @@ def chosen_sensor(given: Any) -> ChosenSensor:
         return ChosenSensor(layers, "+".join(part.label for part in parts))
     known = ", ".join(plugins.names(plugins.SENSOR))
     raise TypeError(
-        f"a sensor is a name ({known}), an object with a method layers(), a view, or a list of "
+        f"a sensor is a name ({known}), an object with a method layers(), a view, or a tuple of "
         f"these, got {given!r}"
     )

@@ -96,16 +96,15 @@ def run(
 ) -> StudyRun:
     """Run a suite, or continue an interrupted run, as ``olne-bench run`` does.
 
-    Estimators run in processes of their own, which do not know the truth. Scenarios, sensors,
-    estimators and noise levels that the suite does not have replace those that it has; the changed
-    suite has another name.
+    Estimators run in processes of their own, which do not know the truth. What the suite does not
+    have replaces what it has; the changed suite has another name.
 
     Args:
         suite: name or TOML file of the suite.
         out: run folder; trials that it holds are not run again.
         scenarios: names, to select or to replace those of the suite.
-        sensors: the same of sensors.
-        estimators: the same of estimators.
+        sensors: the same.
+        estimators: the same.
         sigma: noise levels, on roads standard deviations of positions [m].
         seeds: number of draws to use, from the first on. Default: all.
         plugins: files ``path.py:Class`` to add to the suite.
@@ -116,25 +115,22 @@ def run(
         dask: address of a Dask cluster.
 
     Raises:
-        UserError: on whatever cannot be run, in one line with the alternatives.
+        UserError: on whatever cannot be run, in one line.
         TypeError: on names that are no texts.
         KeyboardInterrupt: after Ctrl-C; finished trials are stored.
     """
-    if seeds is not None and (not is_whole(seeds) or seeds < 1):
-        raise UserError(f"seeds must be a whole number of at least 1, got {seeds!r}")
     chosen = Selection.model_construct(
         scenarios=_texts("scenarios", scenarios),
         sensors=_texts("sensors", sensors),
         sigmas=tuple(map(float, sigma if isinstance(sigma, Iterable) else (sigma,))),
         estimators=_texts("estimators", estimators),
-        seeds=seeds,
+        seeds=_checked(seeds),
     )
-    again = _texts("retry", retry)
-    for one in again:
-        if one not in RETRIES:
-            raise UserError(f"retry {one!r}: known are {', '.join(RETRIES)}")
-    wanted = Wanted(str(suite), chosen, _texts("plugins", plugins), salt, again)
-    machine = Machine(Path(out), jobs, dask, memory)
+    wanted = Wanted(str(suite), chosen, _texts("plugins", plugins), salt, _retried(retry))
+    return _run(wanted, Machine(Path(out), jobs, dask, memory))
+
+
+def _run(wanted: Wanted, machine: Machine) -> StudyRun:
     with registry.loading():
         whole = load_study(wanted, machine)
         with open_store(machine.out) as store:
@@ -145,6 +141,19 @@ def run(
     if stop is not None and stop.signal is not None and stored < todo.number:
         raise KeyboardInterrupt(f"{stored} trials are stored, {todo.number - stored} remain")
     return read(machine.out)
+
+
+def _checked(seeds: int | None) -> int | None:
+    if seeds is not None and (not is_whole(seeds) or seeds < 1):
+        raise UserError(f"seeds must be a whole number of at least 1, got {seeds!r}")
+    return seeds
+
+
+def _retried(given: str | Sequence[str]) -> tuple[str, ...]:
+    for one in _texts("retry", given):
+        if one not in RETRIES:
+            raise UserError(f"retry {one!r}: known are {', '.join(RETRIES)}")
+    return _texts("retry", given)
 
 
 def _stopping() -> AbstractContextManager[StopRequest | None]:
