@@ -39,6 +39,7 @@ class Problem:
             beginning of a game of T states.
 
     Raises:
+        TypeError: on a game or a view that is something else, such as the name of a sensor.
         ValueError: on a sigma, weight_floor, noise_scale or noise_covariance out of range.
     """
 
@@ -51,6 +52,16 @@ class Problem:
     goes_on: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.game, Game):
+            raise TypeError(
+                f"game must be a Game, got {self.game!r}; "
+                "olne_bench.observe makes the problem of a scenario"
+            )
+        if not isinstance(self.view, View):
+            raise TypeError(
+                f"view must be a View, such as FullView(), got {self.view!r}; "
+                "olne_bench.problem takes names of sensors"
+            )
         if not (math.isfinite(self.sigma) and self.sigma >= 0):
             raise ValueError(f"sigma must be a finite number of at least 0, got {self.sigma}")
         largest = 1 / self.game.num_weights
@@ -88,6 +99,15 @@ class Problem:
         object.__setattr__(self, "noise_covariance", covariance)
         object.__setattr__(self, "noise_scale", deviations)
 
+    def __repr__(self) -> str:
+        """One line: the game, what is seen of it, and the noise."""
+        names = self.view.component_names(self.game.dynamics)
+        scales = ", ".join(f"{s:g}" for s in self.noise_scale)
+        return (
+            f"Problem({self.game!r}; seen through {self.view.name!r}: {', '.join(names)}; "
+            f"noise {self.sigma:g} times {scales})"
+        )
+
     @property
     def weight_names(self) -> tuple[str, ...]:
         """Names of the K weights of each player, in column order."""
@@ -106,6 +126,12 @@ class Observation:
 
     y: np.ndarray
     extra: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        """One line: the shape of the samples, and how many are missing."""
+        shape = " x ".join(map(str, np.shape(self.y)))
+        missing = int(np.isnan(np.asarray(self.y, dtype=float)).sum())
+        return f"Observation({shape} samples (time, player, component), {missing} of them missing)"
 
 
 def check_observations(
@@ -189,6 +215,18 @@ class Estimate:
     converged: bool = True
     message: str = ""
     extras: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """One line: the weights, what else there is, and whether it is valid."""
+        given = [
+            name
+            for name in ("states", "covariance", "samples", "parameters")
+            if getattr(self, name) is not None
+        ]
+        parts = [f"weights {np.round(self.weights, 3).tolist()}"]
+        parts += [f"with {', '.join(given)}"] if given else []
+        parts += [] if self.converged else [f"not converged: {self.message or 'no reason given'}"]
+        return f"Estimate({'; '.join(parts)})"
 
 
 class Estimator(Protocol):

@@ -106,6 +106,14 @@ class Equilibrium:
     multipliers: np.ndarray = field(default_factory=_none)
     margins: np.ndarray = field(default_factory=_none)
 
+    def __repr__(self) -> str:
+        """One line: its size, the residual, and the evidence for it."""
+        steps, players, _ = self.states.shape
+        return (
+            f"Equilibrium({players} players, {steps} states; residual {self.residual:.1e}; "
+            f"{self.certificate})"
+        )
+
     @property
     def active(self) -> np.ndarray:
         """(T, C) which margins are active: their multiplier exceeds them."""

@@ -104,6 +104,19 @@ class Game:
         if self.constraints:
             listed_unknowns(self.players, self.constraints)
 
+    def __repr__(self) -> str:
+        """One line: players, time, motion model, weights and what else is special."""
+        parts = [
+            f"{self.num_players} players, {self.horizon} states of {self.dt:g} s",
+            self.dynamics.name,
+            f"weights {', '.join(self.weight_names)}",
+        ]
+        if self.constraints:
+            parts.append(f"{len(self.constraints)} constraints")
+        if unknown := {one.name for own in self.parameters.unknowns for one in own}:
+            parts.append(f"unknown {', '.join(sorted(unknown))}")
+        return f"Game({'; '.join(parts)})"
+
     @cached_property
     def weight_names(self) -> tuple[str, ...]:
         """Names of the K weights of each player, in column order."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.commands.drive import drive
+from olne_bench.bench.commands.interface.drive import drive
 from olne_bench.bench.judge.beliefs import EstimatedBeliefs
 from olne_bench.bench.judge.online import StreamTask
 from olne_bench.bench.judge.referee import Answer

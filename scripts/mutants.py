@@ -90,6 +90,8 @@ ELSEWHERE = {
     "bench/commands/recordings.py": "tests/bench/commands/test_record_command.py",
     "bench/commands/report.py": "tests/bench/commands/test_cli.py",
     "bench/commands/going_on.py": "tests/bench/commands/test_cli.py",
+    "bench/run/study.py": "tests/bench/commands/test_cli.py",
+    "bench/plan/change.py": "tests/bench/plan/test_change.py",
     "bench/commands/run.py": "tests/bench/commands/test_cli.py",
     "bench/commands/scenario_checks.py": "tests/bench/commands/test_conformance.py",
     "bench/commands/sensor_checks.py": "tests/bench/commands/test_conformance.py",

@@ -41,3 +41,14 @@ def test_a_network_is_learnt_and_predicts_like_the_true_cost():
     )
     assert learnt < 1.5 * true
     assert 0.01 < true < 0.1
+
+
+def test_a_comparison_in_ten_lines(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    source = (EXAMPLES / "compare.py").read_text()
+    lines = [line for line in source.splitlines()[1:] if line.strip()]
+    assert sum(line.startswith(("import ", "from ")) for line in lines) == 1
+    result = runpy.run_path(str(EXAMPLES / "compare.py"))["result"]
+    assert set(result.frame["estimator"]) == {"map", "kkt_residual", "Guess"}
+    with Image.open(tmp_path / "compare.png") as picture:
+        assert np.array(picture.convert("L")).std() > 5

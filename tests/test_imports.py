@@ -15,7 +15,10 @@ PACKAGES = {
     "envs": {"games"},
     "estimators": {"games"},
     "bench": {"games", "envs", "estimators"},
+    "front": {"games", "envs", "estimators", "bench"},
 }
+#: Where packages are that have no folder at the root.
+HOMES = {"front": ROOT / "src" / "olne_bench" / "front"}
 #: Rooms of ``bench`` from the ground up; a room imports from those below it only.
 ROOMS = ("process", "plan", "judge", "run", "report", "commands")
 COMMON = ("olne_bench.bench.text",)
@@ -23,11 +26,14 @@ COMMON = ("olne_bench.bench.text",)
 
 def module_name(path: Path) -> str:
     parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = parts[2:] if parts[0] == "src" else parts
     return ".".join([BASE, *(parts[:-1] if parts[-1] == "__init__" else parts)])
 
 
 FILES = {
-    module_name(path): path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))
+    module_name(path): path
+    for name in PACKAGES
+    for path in sorted(HOMES.get(name, ROOT / name).rglob("*.py"))
 }
 
 

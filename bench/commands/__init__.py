@@ -1,24 +1,28 @@
-"""Commands of ``olne-bench``, one file each."""
+"""Commands of ``olne-bench``, one file each.
 
-#: Commands and their modules. A module's function has the module's name.
+How a command is called is in ``interface``, where nothing slow is imported, so that help is quick.
+Commands that import nothing slow at all have one file only.
+"""
+
+#: Commands and their modules. A module's function has the last part of its name.
 COMMANDS = {
-    "check": "check",
-    "compare": "compare",
-    "confirm": "confirm",
-    "draws": "draws",
-    "drive": "drive",
-    "estimate": "estimate",
-    "export": "export",
-    "gate": "gate",
-    "import": "import_tracks",
+    "check": "interface.check",
+    "compare": "interface.compare",
+    "confirm": "interface.confirm",
+    "draws": "interface.draws",
+    "drive": "interface.drive",
+    "estimate": "interface.estimate",
+    "export": "interface.export",
+    "gate": "interface.gate",
+    "import": "interface.import_tracks",
     "list": "list_all",
-    "merge": "merge",
+    "merge": "interface.merge",
     "new": "new",
-    "online": "online",
-    "record": "record",
-    "report": "report",
-    "run": "run",
-    "status": "status",
-    "submit": "submit",
-    "verify": "verify",
+    "online": "interface.online",
+    "record": "interface.record",
+    "report": "interface.report",
+    "run": "interface.run",
+    "status": "interface.status",
+    "submit": "interface.submit",
+    "verify": "interface.verify",
 }

@@ -25,7 +25,8 @@ class _Commands(click.Group):
         if name not in COMMANDS:
             return None
         module = COMMANDS[name]
-        command: click.Command = getattr(import_module(f"{__package__}.{module}"), module)
+        found = import_module(f"{__package__}.{module}")
+        command: click.Command = getattr(found, module.rpartition(".")[2])
         return command
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
@@ -35,9 +36,10 @@ class _Commands(click.Group):
 
 def _summary(module: str) -> str:
     """First sentence of a command's help, read from its source: nothing is imported."""
-    tree = ast.parse(files(__package__).joinpath(f"{module}.py").read_text(encoding="utf-8"))
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef) and node.name == module:
+    *folders, name = module.split(".")
+    file = files(__package__).joinpath(*folders, f"{name}.py")
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and node.name == name:
             text = " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
             return text.split(". ")[0].rstrip(".") + "."
     return ""

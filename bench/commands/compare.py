@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import read_suite_json
@@ -25,29 +24,10 @@ from olne_bench.errors import UserError
 from olne_bench.files import check_new_file, whole_file
 
 
-@click.command()
-@click.argument("before", type=PATH)
-@click.argument("after", type=PATH)
-@click.option(
-    "--estimator",
-    "estimators",
-    multiple=True,
-    metavar="NAME[=OTHER]",
-    help="Compare only this estimator, which is called OTHER in AFTER (repeatable).",
-)
-@click.option("--out", type=PATH, help="New CSV file for the table.")
-@click.option("--page", type=PATH, help="New .html file for a page that shows both runs.")
 def compare(
     before: Path, after: Path, estimators: tuple[str, ...], out: Path | None, page: Path | None
 ) -> None:
-    """Compare two runs trial by trial, on the same noise.
-
-    It compares the errors that rank estimators, and which trials fail. BEFORE and AFTER may be the
-    same folder, to compare two estimators of one run.
-
-    Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if
-    something did, 2 on bad input.
-    """
+    """Compare two runs trial by trial, on the same noise."""
     if out is not None:
         check_new_file("--out", out, (".csv",))
     if page is not None:

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.commands.options import JOBS, PATH, memory_option
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report.confirmations import Confirmation, write_confirmations
 from olne_bench.bench.report.fresh_draws import (
-    FEWEST,
     Suspect,
     suspects,
     trial_place,
@@ -27,26 +25,8 @@ from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 
 
-@click.command()
-@click.argument("folder", metavar="RUN", type=PATH)
-@click.option(
-    "--trials",
-    type=click.IntRange(FEWEST, 10**6),
-    default=FEWEST,
-    show_default=True,
-    help="Number of fresh trials for each estimator, scenario and sensor.",
-)
-@click.option("--jobs", type=JOBS, default=2, show_default=True)
-@memory_option("Memory limit of each worker process.")
 def confirm(folder: Path, trials: int, jobs: int, memory: float) -> None:
-    """Run fresh draws where rows of the run in RUN are implausible.
-
-    Such rows have errors far below the statistical limit of their trial, and their estimator has no
-    rank there. Fresh trials have other draws and other noise for each noise level and sensor. If
-    their errors are as small, the estimator ranks: 'olne-bench report' shows it.
-
-    Exit code 0 if all are confirmed, or nothing is implausible, 1 if one is not, 2 on bad input.
-    """
+    """Run fresh draws where rows of the run in RUN are implausible."""
     with read_store(folder) as store:
         found = _suspects(folder, store)
     if not found:

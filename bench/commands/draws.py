@@ -10,7 +10,6 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from olne_bench.bench.commands.options import JOBS, PATH
 from olne_bench.bench.judge.solved_draws import SolvedDraw, solve_draw
 from olne_bench.bench.plan.draws import about, draws_path
 from olne_bench.bench.plan.entries import ScenarioEntry
@@ -26,20 +25,10 @@ from olne_bench.plugins import SCENARIO, is_built_in
 _WRITE_EVERY = 20
 
 
-@click.command()
-@click.argument("suite")
-@click.option("--out", type=PATH, help="File. Default: where 'olne-bench run' looks for it.")
-@click.option("--jobs", type=JOBS, default=2, show_default=True, help="Number of processes.")
-@click.option("--scenario", multiple=True, help="Only this scenario (repeatable).")
-@click.option("--seeds", type=click.IntRange(1, 10**8), help="Only the first draws, this many.")
 def draws(
     suite: str, out: Path | None, jobs: int, scenario: tuple[str, ...], seeds: int | None
 ) -> None:
-    """Solve all draws of SUITE and write them to a file, which 'olne-bench run' then uses.
-
-    The file holds truths, equilibria and held-out starts. If it exists, the command goes on with it
-    and adds what it lacks. Draws of plugins are not solved.
-    """
+    """Solve all draws of SUITE and write them to a file, which 'olne-bench run' then uses."""
     whole = load_suite(suite, describe=partial(describe_all, hidden=out))
     path = out or draws_path(suite)
     if path.suffix != DRAWS_SUFFIX or not path.parent.is_dir():

@@ -13,10 +13,10 @@ import pandas as pd
 from tqdm import tqdm
 
 from olne_bench import plugins
-from olne_bench.bench.commands.going_on import Machine, leave, machine_options, start
-from olne_bench.bench.commands.options import PATH, FiniteRange
+from olne_bench.bench.commands.defaults import PLANNERS
+from olne_bench.bench.commands.going_on import leave
 from olne_bench.bench.judge.driving import judge_drive
-from olne_bench.bench.plan.drive import LEAST_WINDOW, OWN_PLANNERS, DriveTask, EstimateRules
+from olne_bench.bench.plan.drive import OWN_PLANNERS, DriveTask, EstimateRules
 from olne_bench.bench.plan.salt import check_salt
 from olne_bench.bench.plan.versions import code_of_drive
 from olne_bench.bench.report.driving import comparison_table, drive_table
@@ -26,8 +26,9 @@ from olne_bench.bench.run.cluster import check_cluster
 from olne_bench.bench.run.drive_file import DriveFile, is_done, row_of
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.stream_process import StreamProcess
-from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, WEIGHTS
-from olne_bench.envs.drive.first_cars import TRAFFIC, NoDriveError
+from olne_bench.bench.run.study import Machine, start
+from olne_bench.envs.drive.cars import ROADS, STEP, STEPS
+from olne_bench.envs.drive.first_cars import NoDriveError
 from olne_bench.envs.drive.pictures import picture
 from olne_bench.envs.video import SUFFIXES, check_format, write_video
 from olne_bench.errors import UserError, bad_input
@@ -36,81 +37,12 @@ from olne_bench.files import check_folder, check_new_file, whole_file
 #: Files of a study.
 SETTINGS, EPISODES, SUMMARY, TESTS = "drive.json", "episodes.csv", "summary.csv", "tests.csv"
 
-#: Planners and salt, unless others are named.
-PLANNERS = ("oracle", "map", "kkt_constrained", "uniform", "constant_velocity", "stock", "ppo")
-SALT = "driving"
-
 _SHOWN = ["drives", "collisions", "regret", "progress", "jerk", "fde_3s", "cycle_50", "cycle_99"]
 _SHOWN += ["fallback", "late"]
 
 
-@click.command()
-@click.option("--out", type=PATH, help="Folder for the tables; one that is there is continued.")
-@click.option("--video", type=PATH, help="Instead of a study, one drive as a film: MP4 or GIF.")
-@click.option("--road", multiple=True, help="Only this road (repeatable). Default: all.")
-@click.option(
-    "--traffic",
-    type=click.Choice(TRAFFIC),
-    multiple=True,
-    default=("nash",),
-    show_default=True,
-    help="Others that plan, or HighwayEnv's own drivers (repeatable).",
-)
-@click.option(
-    "--weights",
-    type=click.Choice(WEIGHTS),
-    default=WEIGHTS[0],
-    show_default=True,
-    help="How hidden weights are drawn.",
-)
-@click.option(
-    "--planner",
-    multiple=True,
-    help="Only this planner (repeatable): oracle, uniform, constant_velocity, stock, ppo, or "
-    f"an estimator. Default: {', '.join(PLANNERS)}.",
-)
-@click.option("--seeds", type=click.IntRange(1, 10**6), default=4, show_default=True)
-@click.option(
-    "--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of a film."
-)
-@click.option(
-    "--sigma",
-    type=FiniteRange(min=0),
-    default=0.1,
-    show_default=True,
-    help="Noise on others' positions [m].",
-)
-@click.option(
-    "--window",
-    type=click.IntRange(min=LEAST_WINDOW),
-    default=6,
-    show_default=True,
-    help="Number of latest samples that count.",
-)
-@click.option(
-    "--deadline",
-    type=FiniteRange(min=1e-3),
-    default=STEP,
-    show_default=True,
-    help="Time in which an estimate has to be there [s].",
-)
-@click.option(
-    "--time-limit",
-    type=FiniteRange(min=1.0),
-    default=300.0,
-    show_default=True,
-    help="Time after which an estimator is killed [s].",
-)
-@machine_options
-@click.option("--salt", default=SALT, show_default=True, metavar="TEXT", help="Seeds noise.")
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures.")
 def drive(out: Path | None, video: Path | None, **asked: Any) -> None:
-    """Let planners drive 20 s among cars that plan again each second, and compare them.
-
-    Each planner sees noisy samples of the others, five a second, and drives the first step of a
-    plan. All planners begin at the same starts. A study that was interrupted goes on with the same
-    command.
-    """
+    """Let planners drive 20 s among cars that plan again each second, and compare them."""
     seeds = range(asked["seeds"]) if video is None else (asked["seed"],)
     tasks = _tasks(seeds, **asked)
     if (out is None) == (video is None):

@@ -14,6 +14,7 @@ from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.observe import observe, sensor_model
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, read_estimate
+from olne_bench.bench.run.player import describe_problem
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Observation, Problem
@@ -66,12 +67,12 @@ def _inputs(estimator: Any, budget: float) -> None:
     case = _supported(estimator)[0]
     seen = case.observation
     extra = None if seen.extra is None else seen.extra.copy()
-    kept, problem = Observation(seen.y.copy(), extra), repr(case.problem)
+    kept, problem = Observation(seen.y.copy(), extra), describe_problem("", case.problem)
     _estimate(estimator, case, budget)
     for name in ("y", "extra"):
         if not np.array_equal(getattr(kept, name), getattr(seen, name), equal_nan=True):
             raise NonConformance(f"it writes into observation.{name}: work on a copy")
-    if repr(case.problem) != problem:
+    if describe_problem("", case.problem) != problem:
         raise NonConformance("it changes the problem")
 
 

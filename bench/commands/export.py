@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.commands.recordings import read_episode
 from olne_bench.envs.tracks.export import Episode, renamed, write_commonroad, write_csv
 from olne_bench.envs.tracks.road_file import write_road_file
@@ -13,18 +12,8 @@ from olne_bench.files import check_new_file
 SUFFIXES = (".csv", ".xml")
 
 
-@click.command()
-@click.argument("recording", type=PATH)
-@click.option(
-    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Episode to write."
-)
-@click.option("--out", type=PATH, required=True, help="New CSV or CommonRoad XML file.")
 def export(recording: Path, episode: int, out: Path) -> None:
-    """Write the motion in RECORDING as a table or a CommonRoad scenario.
-
-    Lanes and the players' targets go to a TOML file of the same name beside it. Weights are not
-    written: 'olne-bench import' and 'olne-bench estimate' recover them.
-    """
+    """Write the motion in RECORDING as a table or a CommonRoad scenario."""
     check_new_file("--out", out, SUFFIXES)
     beside = out.with_suffix(".toml")
     check_new_file("--out", beside, (".toml",))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.suite import Suite, read_suite_json
@@ -26,16 +25,8 @@ from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 
 
-@click.command()
-@click.argument("folder", type=PATH)
-@click.option(
-    "--suite", help="Use the limits of this suite, a name or a TOML file, instead of the run's own."
-)
 def gate(folder: Path, suite: str | None) -> None:
-    """Check the run in FOLDER against the limits in the [gate] table of its suite.
-
-    Exit code 0 if all limits hold, 1 if one fails or the run is not finished, 2 on bad input.
-    """
+    """Check the run in FOLDER against the limits in the [gate] table of its suite."""
     with read_store(folder) as store:
         trials, runs = store.frame(), store.runs()
         confirmed = confirmations_of(folder, store)

@@ -6,7 +6,6 @@ from pathlib import Path
 import click
 
 from olne_bench.bench.commands.online_rules import SETTINGS, read_rules
-from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import check_same_suite, last_suite
 from olne_bench.bench.run.store import open_store, read_store, store_name
@@ -15,20 +14,8 @@ from olne_bench.errors import UserError
 from olne_bench.files import check_folder, whole_folder
 
 
-@click.command()
-@click.argument("first", type=PATH)
-@click.argument("second", type=PATH)
-@click.option(
-    "--out", type=PATH, help="New run folder for the result. Without it, FIRST gets the rows."
-)
 def merge(first: Path, second: Path, out: Path | None) -> None:
-    """Add the trials of the run in SECOND to those of the run in FIRST.
-
-    Both must be runs of the same suite; that of SECOND may have more estimators and scenarios.
-    Studies of 'olne-bench online' must have the same rules.
-    What they share must have the same code and parameters. If both have a trial, the row of FIRST
-    is kept. SECOND does not change.
-    """
+    """Add the trials of the run in SECOND to those of the run in FIRST."""
     if first.resolve() == second.resolve():
         raise UserError(f"cannot merge {first} with itself")
     name = _same_kind(first, second)

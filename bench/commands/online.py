@@ -9,13 +9,12 @@ from typing import Any
 import click
 import pandas as pd
 
-from olne_bench.bench.commands.going_on import StudyOptions, go_on, leave, study_options
+from olne_bench.bench.commands.going_on import StudyOptions, go_on, leave
 from olne_bench.bench.commands.online_rules import keep_rules
-from olne_bench.bench.commands.options import FiniteRange
 from olne_bench.bench.judge.online import ERROR_COLUMNS
 from olne_bench.bench.plan.draws import draws_source
 from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.bench.plan.load import load_suite, suite_text
+from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.motion import (
     REFERENCES,
     Motion,
@@ -37,13 +36,12 @@ from olne_bench.bench.run.store_layout import MOTIONS_NAME
 from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
-from olne_bench.estimators.stream import LEAST_LAG
 
 #: Columns of the summary that are shown, in the order of the terminal.
 _SHOWN = ["motions", "failed", "late", "latency_50", "latency_99", "cosine_error", "half_time"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OnlineOptions(StudyOptions):
     """The options of ``olne-bench online``."""
 
@@ -57,37 +55,11 @@ class OnlineOptions(StudyOptions):
         return OnlineRules(self.lag, self.deadline, self.fit_stock)
 
 
-@click.command()
-@click.argument("suite", default="online")
-@study_options
-@click.option(
-    "--lag",
-    type=click.IntRange(min=LEAST_LAG),
-    help="Number of latest samples that count. Default: all so far.",
-)
-@click.option(
-    "--deadline",
-    type=FiniteRange(min=1e-3),
-    help="Time in which an update has to end [s]. Default: until the next sample.",
-)
-@click.option(
-    "--fit-stock",
-    type=click.IntRange(min=2),
-    metavar="N",
-    help="Fit HighwayEnv's drivers, too, after every N-th sample; a fit takes seconds to a minute.",
-)
 def online(suite: str, **options: Any) -> None:
-    """Run SUITE, a name or a TOML file, one sample at a time.
-
-    An estimator gets one sample after the other and estimates after each. An update that ends after
-    the next sample is late, and the former estimate counts for that sample. Motions that are in the
-    folder are not run again, unless the code of their scenario, sensor, estimator or scoring has
-    changed. Latencies are those of a machine on which as many motions run as --jobs says.
-    """
+    """Run SUITE, a name or a TOML file, one sample at a time."""
     chosen = OnlineOptions(suite=suite, **options)
     rules = chosen.rules
     check_salt(chosen.salt)
-    text = suite_text(suite)
     own = load_suite(suite, chosen.plugin, partial(describe_all, hidden=chosen.out))
     draws_source(suite, own)  # refused before anything is written
     part = select(own, chosen.selection)
@@ -101,7 +73,7 @@ def online(suite: str, **options: Any) -> None:
         chosen = replace(chosen, estimator=(*references, *chosen.estimator))
     with open_store(chosen.out, MOTIONS_NAME) as store:
         keep_rules(chosen.out, whole, rules, begun=bool(store.runs()))
-        interrupted = go_on(whole, text, chosen, store, partial(_expanded, rules))
+        interrupted = go_on(whole, chosen, store, partial(_expanded, rules))
         leave(interrupted)
         rows, runs = update_table(store, whole), store.runs()
     _say(rows, write_online(rows, runs, rules, chosen.out, figures=chosen.figures).summary)

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import click
 
-from olne_bench.bench.plan.values import shown
 from olne_bench.errors import UserError
 
 #: What an option decorates.
@@ -95,6 +94,8 @@ def plain_number(text: str) -> float:
 
 def path_problem(text: str) -> str:
     """What is wrong with the name of a file or folder; empty if nothing is."""
+    from olne_bench.bench.plan.values import shown  # pydantic takes long
+
     if not text.strip():
         return f"{shown(text)} names no file or folder."
     if not text.isprintable():

@@ -8,7 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from olne_bench import plugins
-from olne_bench.bench.commands.options import PATH, name_and_value
+from olne_bench.bench.commands.options import name_and_value
 from olne_bench.envs.recording import NoEquilibriumError, Recording, film
 from olne_bench.envs.recording import record as play
 from olne_bench.envs.recording_file import of_recordings, write_recording
@@ -21,32 +21,10 @@ from olne_bench.files import check_new_file
 SLOWEST_FPS = 2.5
 
 
-@click.command()
-@click.argument("scenario")
-@click.option(
-    "--seeds",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Number of draws to play, from seed 0 on; a fixed scenario has only one.",
-)
-@click.option("--out", type=PATH, required=True, help="New Parquet file.")
-@click.option("--video", type=PATH, help="New GIF or MP4 file of the first draw.")
-@click.option(
-    "--option",
-    "options",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="An option of the scenario, such as num_players=3 (repeatable).",
-)
 def record(
     scenario: str, seeds: int, out: Path, video: Path | None, options: tuple[str, ...]
 ) -> None:
-    """Play SCENARIO at its equilibrium and write the recording.
-
-    A draw without a certified equilibrium, locally or globally so far, is named in the summary and
-    not written.
-    """
+    """Play SCENARIO at its equilibrium and write the recording."""
     check_new_file("--out", out, (".parquet",))
     if video is not None:
         check_new_file("--video", video, SUFFIXES)

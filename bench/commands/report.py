@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from olne_bench import plugins
-from olne_bench.bench.commands.options import PATH, PLUGIN, plain_number, whole_number
+from olne_bench.bench.commands.options import plain_number, whole_number
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
-from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS, read_formats
+from olne_bench.bench.report.formats import read_formats
 from olne_bench.errors import UserError
 
 #: A report that takes longer [s] hangs.
@@ -20,30 +20,6 @@ _LONGEST = 86_400.0
 Place = tuple[float, int]
 
 
-@click.command()
-@click.argument("folder", type=PATH)
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures.")
-@click.option(
-    "--formats",
-    default=",".join(USUAL_FORMATS),
-    show_default=True,
-    help=f"Formats of the figures: {', '.join(FORMATS)}.",
-)
-@click.option(
-    "--play",
-    "playable",
-    multiple=True,
-    metavar="SIGMA:SEED",
-    help="Noise level and seed of further trials that the page can play (repeatable).",
-)
-@click.option(
-    "--plugin",
-    "loaded",
-    type=PLUGIN,
-    multiple=True,
-    metavar="FILE.py[:CLASS]",
-    help="A scenario or sensor of the run that may be loaded, to play it again (repeatable).",
-)
 def report(
     folder: Path,
     figures: bool,
@@ -51,11 +27,7 @@ def report(
     playable: tuple[str, ...],
     loaded: tuple[str, ...],
 ) -> None:
-    """Write the tables, page and figures of the run in FOLDER again.
-
-    A scenario or sensor that is a plugin is played again only if --plugin names it: a run folder
-    may come from others.
-    """
+    """Write the tables, page and figures of the run in FOLDER again."""
     places = tuple(_place(text) for text in playable)
     show_report(folder, read_formats(formats) if figures else (), places, loaded)
 

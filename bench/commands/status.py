@@ -9,7 +9,6 @@ import click
 import pandas as pd
 
 from olne_bench.bench.commands.online_rules import read_rules
-from olne_bench.bench.commands.options import PATH
 from olne_bench.bench.plan.motion import OnlineRules, alike_motions
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
@@ -22,17 +21,8 @@ from olne_bench.bench.run.time_left import Cost, in_words, processes, time_left
 from olne_bench.plugins import PluginError
 
 
-@click.command()
-@click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
-    """Show how far the run in FOLDER is.
-
-    done: the result is valid, or the estimator declined the trial. failed: there is no valid
-    result. harness_error: the trial could not be judged, which does not count against the
-    estimator. stale: parameters or code of scenario, sensor, estimator or scoring have changed
-    since. missing: not run yet. The time left of missing and stale trials is estimated from the
-    mean time of each estimator's trials in this folder.
-    """
+    """Show how far the run in FOLDER is."""
     name = store_name(folder)
     with read_store(folder, name) as store:
         runs = store.runs()

@@ -4,26 +4,15 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.commands.options import PATH
+from olne_bench.bench.commands.defaults import SUBMISSIONS
 from olne_bench.bench.report.submission.manifest import check_name
 from olne_bench.bench.report.submission.pack import pack
 
-_PLACE = Path("results/submissions")
 
-
-@click.command()
-@click.argument("folder", metavar="RUN", type=PATH)
-@click.option("--name", help="Name of the submission. Default: that of the run folder.")
-@click.option("--out", type=PATH, help=f"New folder. Default: {_PLACE}/NAME.")
 def submit(folder: Path, name: str | None, out: Path | None) -> None:
-    """Pack the run in RUN for a pull request.
-
-    The folder holds the rows, the leaderboard, the source of the estimators that are plugins, and
-    their provenance: suite with salt, versions, commit, and hashes of the files. Every trial must
-    have been run with the present code. 'olne-bench verify' checks the folder.
-    """
+    """Pack the run in RUN for a pull request."""
     chosen = name or folder.resolve().name
     check_name(chosen, "--name")
-    target = out or _PLACE / chosen
+    target = out or SUBMISSIONS / chosen
     rows = pack(folder, chosen, target)
     click.echo(f"{target}: {rows} rows packed; check them with: olne-bench verify {target}")

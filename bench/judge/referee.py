@@ -170,6 +170,17 @@ def judge(
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
         return Outcome("harness_error", f"set-up: {describe_error(error)}")
+    return judge_case(trial, case, player, foreign, announce)
+
+
+def judge_case(
+    trial: Trial,
+    case: Case,
+    player: Player,
+    foreign: ForeignMetrics,
+    announce: Announce = silent,
+) -> Outcome:
+    """Judge a trial whose truth and observations are known; arguments as of ``judge``."""
     excluded = exclusion(trial.estimator, case.recordings[0].scenario)
     if excluded:
         return replace(case.outcome, status="invalid", message=clip(excluded))
@@ -226,19 +237,18 @@ def case_of(trial: Trial) -> Case:
         NoEquilibriumError: if its scenario has no certified equilibrium.
     """
     draw = Draw.of(trial.scenario, trial.seed, trial.salt)
-    recordings = true_recordings(draw)
-    scenario = recordings[0].scenario
-    layers = layers_of(trial.sensor)
-    model = _model(draw, layers)
-    problem = Problem(
-        scenario.told,
-        model.view,
-        trial.sigma,
-        noise_scale=model.noise_scale,
-        noise_covariance=model.noise_covariance,
-    )
+    return case_at(draw, layers_of(trial.sensor), trial)
+
+
+def case_at(draw: Draw, layers: tuple[Layer, ...], trial: Trial) -> Case:
+    """The case of a trial on a draw, seen through layers of a sensor.
+
+    Raises:
+        NoEquilibriumError: if the draw has no certified equilibrium.
+    """
     seed = noise_seed(trial.scenario, trial.sigma, trial.seed, trial.salt)
-    observations = observe(recordings, layers, trial.sigma, seed)
+    problem, observations = shown(draw, layers, trial.sigma, seed)
+    model, recordings = _model(draw, layers), true_recordings(draw)
     seen = [one.y for one in observations] if model.may_miss else None
     limit = unit_cosine_limit(draw, model, seen)
     outcome = Outcome(
@@ -253,6 +263,31 @@ def case_of(trial: Trial) -> Case:
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
     return Case(draw, recordings, problem, observations, outcome)
+
+
+def shown(
+    draw: Draw, layers: tuple[Layer, ...], sigma: float, seed: int
+) -> tuple[Problem, tuple[Observation, ...]]:
+    """What an estimator is told and shown of a draw.
+
+    Args:
+        draw: the truth.
+        layers: layers of the sensor.
+        sigma: noise level [m].
+        seed: seed of the noise, from ``noise_seed``.
+
+    Raises:
+        NoEquilibriumError: if the draw has no certified equilibrium.
+    """
+    recordings, model = true_recordings(draw), _model(draw, layers)
+    problem = Problem(
+        recordings[0].scenario.told,
+        model.view,
+        sigma,
+        noise_scale=model.noise_scale,
+        noise_covariance=model.noise_covariance,
+    )
+    return problem, observe(recordings, layers, sigma, seed)
 
 
 def _task(trial: Trial, case: Case) -> PlayerTask:

@@ -13,6 +13,7 @@ from olne_bench.bench.judge.streams import stream
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.batch import solve_batch
 from olne_bench.games.information import (
     cosine_error_limit,
@@ -58,6 +59,17 @@ class Draw:
         key = (options, seed) if scenario.family else ()
         own = stream(salt, "draw", scenario.name, *key)
         return cls(scenario.name, options, scenario.trajectories, own)
+
+
+def given_draw(scenario: Scenario, name: str) -> Draw:
+    """The draw of a scenario that exists as an object in this process only.
+
+    Args:
+        scenario: the truth.
+        name: what distinguishes it from all others.
+    """
+    _given[name] = scenario
+    return Draw(name, "{}", 1, 0)
 
 
 def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
@@ -206,8 +218,14 @@ def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
     )
 
 
+#: Scenarios of ``given_draw``, by the names that draws call them.
+_given: dict[str, Scenario] = {}
+
+
 @lru_cache(maxsize=64)
 def _recording(name: str, options: str, seed: int) -> Recording:
+    if name in _given:
+        return record(_given[name])
     return record(get_scenario(name, seed, **json.loads(options)))
 
 

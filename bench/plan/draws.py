@@ -52,9 +52,9 @@ def draws_of(reference: str, suite: Suite) -> Draws | None:
     if not path.exists():
         return None
     draws, own = read_draws(path), about(suite)
-    if draws.about.get("suite") != suite.name:
+    if draws.about.get("suite") != suite.origin:
         raise OtherDrawsError(
-            f"draws file {path} is of suite {draws.about.get('suite')!r}, not {suite.name!r}"
+            f"draws file {path} is of suite {draws.about.get('suite')!r}, not {suite.origin!r}"
         )
     return draws if draws.about.get("salt_id") == own["salt_id"] else None
 

@@ -15,9 +15,15 @@ from pathlib import Path
 
 from olne_bench.bench.plan.source_summary import Summary, summarised
 
-#: Modules that no result depends on, though others import them: one that gives names to worlds, and
-#: one that starts processes, which says where code runs and not what it computes.
-_OF_NO_RESULT = {"olne_bench.envs.gym_ids", "olne_bench.bench.process.child"}
+#: Modules that no result depends on, though others import them: lists of public names and of
+#: plugins, one that gives names to worlds, and one that starts processes, which says where code
+#: runs and not what it computes.
+_OF_NO_RESULT = {
+    "olne_bench",
+    "olne_bench.catalogue",
+    "olne_bench.envs.gym_ids",
+    "olne_bench.bench.process.child",
+}
 _NO_DATA = {".py", ".pyc", ".pyo", ".so", ".pyd"}
 LENGTH = 12
 

@@ -1,6 +1,6 @@
 """What a suite learns from the plugins it names: labels, families, declarations, files."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from olne_bench import plugins as registry
@@ -60,6 +60,20 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
     for plugin, answer in zip(plugins, said, strict=True):
         whole = _add(whole, plugin, answer)
     return whole
+
+
+def with_named(suite: Suite, kind: Kind, names: Iterable[str], describe: Describe) -> Suite:
+    """The suite with more plugins of a kind, by their names.
+
+    Raises:
+        UserError: on the first plugin that cannot be used.
+    """
+    questions: list[Question] = [(kind, name, {}) for name in names]
+    for (_, name, _), said in zip(questions, describe(questions), strict=True):
+        if said.error:
+            raise UserError(said.error)
+        suite = _add(suite, name, said)
+    return suite
 
 
 def _all_metrics(suite: Suite) -> list[MetricEntry]:

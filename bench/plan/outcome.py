@@ -15,6 +15,8 @@ STATUSES = (
 )
 #: Statuses of failed attempts.
 FAILURES = tuple(s for s in STATUSES if s not in ("ok", "skipped", "harness_error"))
+#: Values of ``--retry``: all failures of estimators, one kind of them, or errors of the harness.
+RETRIES = ("failed", *FAILURES, "harness_error")
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,8 @@ from olne_bench.errors import UserError
 from olne_bench.games.published import PUBLISHED_ITERATIONS
 
 MOST_ENTRIES = 1000
+#: Ends the name of a suite that the options of a run have changed, as it is another study.
+CHANGED = " (changed)"
 
 _Labelled = TypeVar("_Labelled", ScenarioEntry, SensorEntry, EstimatorEntry)
 
@@ -93,6 +95,11 @@ class Suite(Strict):
     @classmethod
     def _names_are_entries(cls, value: Any) -> Any:
         return tables(value)
+
+    @property
+    def origin(self) -> str:
+        """Name of the suite that this one was changed from; its own if it was not changed."""
+        return self.name.removesuffix(CHANGED)
 
     def scenario(self, label: str) -> ScenarioEntry:
         """The scenario that has this label.

@@ -68,8 +68,8 @@ def write_report(
         study = replace(study_of(suites), confirmations=confirmations_of(folder, store))
         with _writing_to(folder):
             trials = write_trials(store.batches(), folder)
-    shipped = suites and suites[-1].name in suite_names()
-    draws = draws_of(suites[-1].name, suites[-1]) if shipped else None
+    shipped = suites and suites[-1].origin in suite_names()
+    draws = draws_of(suites[-1].origin, suites[-1]) if shipped else None
     with _writing_to(folder), travelling(draws):
         return _written(folder, trials, runs, study, formats, playable)
 

@@ -14,6 +14,9 @@ from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimat
 from olne_bench.bench.text import clip
 from olne_bench.estimators.protocol import Observation, Problem
 
+#: Share of the time limit that an estimate may spend, so that it can say that its time has ended.
+BUDGET = 0.8
+
 
 class Prepared(msgspec.Struct):
     """Ready to estimate, or the reason why the estimator declines the problem."""
@@ -68,17 +71,28 @@ def prepare(
     described = describe_problem(reference, given)
     estimator: Any = plugins.make(plugins.ESTIMATOR, reference, parameters)
     with plugins.at_home(estimator):
-        reason = estimator.supports(given) if hasattr(estimator, "supports") else None
-        if trajectories > 1 and not getattr(estimator, "several", False):
-            reason = f"takes one trajectory at a time, not {trajectories}"
-        elif trajectories > 1 and not reason and hasattr(estimator, "supports_several"):
-            reason = estimator.supports_several(given)
-        if reason:
-            return Prepared(clip(str(reason)))
+        if reason := why_declined(estimator, given, trajectories):
+            return Prepared(reason)
         if hasattr(estimator, "warm_up"):
             estimator.warm_up(given)
     _seat = _Seat(reference, estimator, given, described)
     return Prepared(None)
+
+
+def why_declined(estimator: Any, problem: Problem, trajectories: int) -> str:
+    """Why an estimator does not take a problem, on one line; empty if it does.
+
+    Args:
+        estimator: the estimator.
+        problem: what it would be told.
+        trajectories: number of observations that would follow.
+    """
+    reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
+    if trajectories > 1 and not getattr(estimator, "several", False):
+        reason = f"takes one trajectory at a time, not {trajectories}"
+    elif trajectories > 1 and not reason and hasattr(estimator, "supports_several"):
+        reason = estimator.supports_several(problem)
+    return clip(str(reason)) if reason else ""
 
 
 def libraries(reference: str, parameters: dict[str, Any]) -> Libraries:

@@ -20,11 +20,17 @@ from olne_bench.bench.process.child import (
     TimedOutError,
 )
 from olne_bench.bench.run.describing import LOAD_LIMIT
-from olne_bench.bench.run.player import Answered, Libraries, Prepared, estimate, libraries, prepare
+from olne_bench.bench.run.player import (
+    BUDGET,
+    Answered,
+    Libraries,
+    Prepared,
+    estimate,
+    libraries,
+    prepare,
+)
 from olne_bench.errors import UserError
 
-#: Share of the time limit that an estimate may spend, so that it can say that its time has ended.
-_BUDGET = 0.8
 _PLAYER_MODULES = ("olne_bench.bench.run.player", "olne_bench.bench.run.stream_player")
 
 
@@ -94,7 +100,7 @@ class PlayerProcess:
                 estimate,
                 task.observations,
                 task.seed,
-                _BUDGET * task.time_limit,
+                BUDGET * task.time_limit,
                 kind=Answered,
                 seconds=task.time_limit,
             )

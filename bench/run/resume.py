@@ -12,9 +12,6 @@ from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import Records
 from olne_bench.errors import UserError
 
-#: Values of ``--retry``: all failures of estimators, one kind of them, or errors of the harness.
-RETRIES = ("failed", *FAILURES, "harness_error")
-
 #: States of a trial: a valid result, or declined by the estimator; a failed attempt; an error of
 #: the harness; only rows of other code or parameters; no row.
 STATES = ("done", "failed", "harness_error", "stale", "missing")
@@ -73,7 +70,7 @@ def pending(
     Args:
         trials: trials to run.
         stored: status of stored trials.
-        retry: some of ``RETRIES``.
+        retry: some of ``outcome.RETRIES``.
     """
     again = {*retry, *(FAILURES if "failed" in retry else ())}
     for trial in trials:

@@ -47,7 +47,7 @@ CARS = (
 
 @dataclass(frozen=True)
 class HighwayOvertaking(PublishedOrDrawn):
-    """The published scenario, or the same players with weights that each seed draws."""
+    """Five cars that overtake, as published or with weights that each seed draws."""
 
     name: ClassVar[str] = "highway_overtaking"
 

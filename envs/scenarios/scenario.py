@@ -104,6 +104,10 @@ class Scenario:
                         "move the mean or widen the deviation"
                     )
 
+    def __repr__(self) -> str:
+        """One line: its name and the game that estimators are told of."""
+        return f"{type(self).__name__}({self.name!r}: {self.told!r}; true weights are known)"
+
     @property
     def told(self) -> Game:
         """The game that estimators are told of."""

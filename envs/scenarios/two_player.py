@@ -29,7 +29,7 @@ WIDE_LIMITS = Limits(controls=(30.0, 20.0), states=(400.0, 400.0, 192.0, 126.0))
 
 @dataclass(frozen=True)
 class TwoPlayer(PublishedOrDrawn):
-    """The published scenario, or the same players with weights that each seed draws."""
+    """Two players who cross, as published or with weights that each seed draws."""
 
     name: ClassVar[str] = "two_player"
 

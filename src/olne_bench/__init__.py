@@ -1,6 +1,74 @@
-"""OLNE Bench: a benchmark for inverse dynamic games."""
+"""OLNE Bench: a benchmark for inverse dynamic games.
+
+    import olne_bench as ob
+
+    scenario = ob.scenario("merge", seed=0)
+    problem, seen = ob.observe(scenario, sensor="partial", sigma=0.2)
+    estimate = ob.estimate(problem, seen, "map")
+
+Names are imported when they are first used, as the libraries behind them take seconds.
+"""
 
 import sys
+from importlib import import_module
+from typing import Any
+
+#: Public names, and the modules that define them. ``__init__.pyi`` says the same to type checkers.
+_HOMES = {
+    "Estimate": "estimators.protocol",
+    "Game": "games.game",
+    "NoEquilibriumError": "envs.scenarios.scenario",
+    "NoRootError": "front.games",
+    "Observation": "estimators.protocol",
+    "Player": "games.game",
+    "Problem": "estimators.protocol",
+    "Scenario": "envs.scenarios.scenario",
+    "Unknown": "games.unknowns",
+    "certify": "games.olne",
+    "compare": "front.comparing",
+    "estimate": "front.estimating",
+    "fisher_information": "front.games",
+    "observe": "front.observing",
+    "parallel_env": "front.worlds",
+    "problem": "front.observing",
+    "read": "front.studies",
+    "run": "front.studies",
+    "scenario": "front.drawing",
+    "scenarios": "catalogue",
+    "sensors": "catalogue",
+    "solve_olne": "front.games",
+}
+#: Public modules under shorter names. ``estimators`` can be called, too.
+_MODULES = {
+    "constraints": "games.constraints",
+    "costs": "games.features",
+    "dynamics": "games.dynamics",
+    "estimators": "estimators",
+    "metrics": "bench.judge.metrics.formulas",
+    "views": "games.observation",
+}
+
+__all__ = ["__version__", *sorted({*_HOMES, *_MODULES})]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        found: Any = version("olne-bench")
+    elif name in _HOMES:
+        found = getattr(import_module(f"olne_bench.{_HOMES[name]}"), name)
+    elif name in _MODULES:
+        found = import_module(f"olne_bench.{_MODULES[name]}")
+    else:
+        raise AttributeError(f"module 'olne_bench' has no attribute {name!r}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 # gymnasium.make("olne_bench:olne/...") imports this package and expects the id to be registered.
 # Without Gymnasium, the slow import is skipped.

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import cache, lru_cache
 from importlib import import_module
 from importlib.machinery import ModuleSpec
@@ -470,9 +471,12 @@ def _find(kind: Kind, reference: str) -> Path | EntryPoint:
 
 
 def _unknown(kind: Kind, reference: object) -> PluginError:
+    known = names(kind)
+    nearest = ", ".join(get_close_matches(str(reference), known))
+    said = f"; nearest: {nearest}" if nearest else ""
     return PluginError(
-        f"unknown {kind.name} {reference!r}; known are: {', '.join(names(kind))}, "
-        "or a file path.py:ClassName"
+        f"unknown {kind.name} {reference!r}; known are: {', '.join(known)}, "
+        f"or a file path.py:ClassName{said}"
     )
 
 

@@ -186,7 +186,6 @@ def test_a_bad_suite_is_one_line(capsys, tmp_path, suite, case):
         ("--jobs", 10**8, "100000000 is not in the range 1<=x<=1024"),
         ("--jobs", DIGITS, "is not a valid integer"),
         ("--seeds", 10**12, "is not in the range"),
-        ("--seeds", 4, "--seeds 4: suite 'tiny' has 3"),
         ("--sigma", "nan", "has no sigma nan; it has: 0.0, 0.1"),
         ("--scenario", LONG, "has no scenario 'nnn"),
         ("--sensor", "a\nb", "has no sensor 'a\\nb'; it has: full"),

@@ -44,7 +44,8 @@ def fails(capsys, *arguments):
         (["run", "quick", "--sigma", "-1"], "no sigma -1.0; it has: 0.0"),
         (["run", "quick", "--sigma", "x"], "'x' is not a valid float"),
         (["run", "quick", "--seeds", "0"], "0 is not in the range"),
-        (["run", "quick", "--seeds", "6"], "--seeds 6: suite 'quick' has 5"),
+        (["run", "quick", "--estimator", "unifrom"], "nearest: uniform"),
+        (["online", "online", "--seeds", "10000000"], "--seeds 10000000: suite 'online' has"),
         (["run", "quick", "--jobs", "0"], "0 is not in the range"),
         (["run", "quick", "--memory", "nan"], "nan is not a finite number"),
         (["run", "quick", "--memory", "inf"], "inf is not in the range"),
@@ -61,7 +62,7 @@ def fails(capsys, *arguments):
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, expected):
     out = tmp_path / "out"
-    extra = ["--out", out] if arguments[0] == "run" else []
+    extra = ["--out", out] if arguments[0] in ("run", "online") else []
     assert expected in fails(capsys, *arguments, *extra)
     assert not out.exists()
 
@@ -133,6 +134,7 @@ class Kept:
 def run_all(monkeypatch, statuses, stop_after=None):
     """The stored statuses of trials with these outcomes, and the reported signal."""
     module = import_module("olne_bench.bench.commands.going_on")
+    study = import_module("olne_bench.bench.run.study")
 
     def start(todo, _options, stop):
         for number, status in enumerate(todo):
@@ -142,7 +144,7 @@ def run_all(monkeypatch, statuses, stop_after=None):
             if number + 1 == stop_after:
                 os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(module, "start", start)
+    monkeypatch.setattr(study, "start", start)
     kept = Kept()
     told = module.run_all(statuses, len(statuses), kept, SimpleNamespace(out="runs/a"))
     return kept.statuses, told
@@ -175,7 +177,7 @@ def test_faults_of_the_harness_are_told_at_the_end(monkeypatch, capsys):
 
 @pytest.mark.parametrize("cluster", [None, "local"])
 def test_trials_are_run_here_or_on_a_cluster(monkeypatch, tmp_path, cluster):
-    module = import_module("olne_bench.bench.commands.going_on")
+    module = import_module("olne_bench.bench.run.study")
     calls = {}
     for name in ("run_trials", "run_on_dask"):
         monkeypatch.setattr(module, name, lambda _, _name=name, **words: calls | {_name: words})
@@ -246,15 +248,35 @@ def test_an_estimator_that_runs_on_some_scenarios_only(tmp_path, capsys):
 
 
 def test_help_and_list_import_nothing_slow():
-    for arguments in (["--help"], ["list"]):
-        code = (
-            "import sys; from olne_bench.bench.commands.cli import main\n"
-            f"try: main({arguments})\n"
-            "except SystemExit: pass\n"
-            "print(sorted({'numpy', 'pandas', 'casadi', 'scipy'} & set(sys.modules)))"
-        )
-        said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-        assert said.stdout.splitlines()[-1] == "[]", arguments
+    slow = {"numpy", "pandas", "casadi", "scipy", "matplotlib", "highway_env", "pydantic", "tqdm"}
+    helps = [["--help"], ["--version"], ["list"], *([name, "--help"] for name in COMMANDS)]
+    code = (
+        "import sys; from olne_bench.bench.commands.cli import main\n"
+        f"for arguments in {helps}:\n"
+        "    try: main(arguments)\n"
+        "    except SystemExit: pass\n"
+        f"    print('slow:', arguments, sorted({slow} & set(sys.modules)))"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    found = [line for line in said.stdout.splitlines() if line.startswith("slow:")]
+    assert found == [f"slow: {arguments} []" for arguments in helps]
+
+
+def test_what_help_repeats_is_true():
+    """Some numbers and names stand in the interface again, as imports of their homes are slow."""
+    from olne_bench.bench.commands.interface import confirm, drive, import_tracks, online
+    from olne_bench.bench.plan.drive import LEAST_WINDOW
+    from olne_bench.bench.report.fresh_draws import FEWEST
+    from olne_bench.envs.drive.cars import STEP, WEIGHTS
+    from olne_bench.envs.drive.first_cars import TRAFFIC
+    from olne_bench.envs.track_formats import format_names
+    from olne_bench.estimators.stream import LEAST_LAG
+
+    assert online.LEAST_LAG == LEAST_LAG
+    assert confirm.FEWEST == FEWEST
+    assert list(import_tracks.FORMATS) == format_names()
+    assert (drive.STEP, drive.LEAST_WINDOW) == (STEP, LEAST_WINDOW)
+    assert (drive.TRAFFIC, drive.WEIGHTS) == (TRAFFIC, WEIGHTS)
 
 
 def test_help_has_a_sentence_on_every_command(capsys):

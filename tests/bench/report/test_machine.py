@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from olne_bench.bench.commands.going_on import LOG
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report import machine
 from olne_bench.bench.report.machine import Machine, run_all
+from olne_bench.bench.run.study import LOG
 
 
 def test_trials_run_in_places_that_are_named_as_those_of_a_run(monkeypatch) -> None:

@@ -1,0 +1,26 @@
+"""``olne-bench merge``: merge two runs into one."""
+
+from pathlib import Path
+
+import click
+
+from olne_bench.bench.commands.options import PATH
+
+
+@click.command()
+@click.argument("first", type=PATH)
+@click.argument("second", type=PATH)
+@click.option(
+    "--out", type=PATH, help="New run folder for the result. Without it, FIRST gets the rows."
+)
+def merge(first: Path, second: Path, out: Path | None) -> None:
+    """Add the trials of the run in SECOND to those of the run in FIRST.
+
+    Both must be runs of the same suite; that of SECOND may have more estimators and scenarios.
+    Studies of 'olne-bench online' must have the same rules.
+    What they share must have the same code and parameters. If both have a trial, the row of FIRST
+    is kept. SECOND does not change.
+    """
+    from olne_bench.bench.commands.merge import merge as work
+
+    work(first, second=second, out=out)

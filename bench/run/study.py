@@ -1,0 +1,175 @@
+"""Run what the store of a study lacks, and say nothing: who asks may show it."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from olne_bench.bench.plan.change import changed, joined
+from olne_bench.bench.plan.check import check_gate
+from olne_bench.bench.plan.draws import draws_path, draws_source
+from olne_bench.bench.plan.load import load_suite, suite_text
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.salt import check_salt, salted
+from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
+from olne_bench.bench.plan.work import W
+from olne_bench.bench.run.cluster import check_cluster, run_on_dask
+from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run.excluding import check_priors
+from olne_bench.bench.run.executor import run_trials
+from olne_bench.bench.run.fitting import check_fit
+from olne_bench.bench.run.provenance import provenance
+from olne_bench.bench.run.resume import Stored, check_same_suite, pending
+from olne_bench.bench.run.store import Store
+
+#: File in the run folder for what estimators print.
+LOG = "workers.log"
+
+#: All trials of a suite, or of its first seeds. A process that ran foreign code serves nothing
+#: else, so the order is that of plugins, which needs few processes.
+Expand = Callable[[Suite, int | None], Iterator[Trial]]
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Where a study runs, and into which folder.
+
+    Attributes:
+        out: run folder.
+        jobs: number of trials at the same time.
+        dask: address of a cluster; None for processes here.
+        memory: memory limit of each worker process [GiB].
+    """
+
+    out: Path
+    jobs: int = 2
+    dask: str | None = None
+    memory: float = 4.0
+
+    @property
+    def executor(self) -> str:
+        """Where trials run, for the provenance."""
+        return f"dask {self.dask}" if self.dask else f"{self.jobs} local processes"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is asked of a study.
+
+    Attributes:
+        suite: name or TOML file of the suite.
+        selection: part of it.
+        plugins: references of plugins to add to it.
+        salt: text that seeds noise and draws; None for that of the suite.
+        retry: failed trials to run again, some of ``outcome.RETRIES``.
+    """
+
+    suite: str
+    selection: Selection
+    plugins: tuple[str, ...] = ()
+    salt: str | None = None
+    retry: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Todo:
+    """What is left of a study.
+
+    Attributes:
+        trials: trials to run, read lazily.
+        number: how many they are.
+        total: how many trials the study has in all.
+        draws: file of solved draws that is used, if any.
+    """
+
+    trials: Iterable[Trial]
+    number: int
+    total: int
+    draws: Path | None
+
+
+def load_study(wanted: Wanted, machine: Machine) -> Suite:
+    """The whole suite of a study, changed by the selection. Nothing is written.
+
+    Raises:
+        UserError: on whatever cannot be run.
+    """
+    check_salt(wanted.salt)
+    describe = partial(describe_all, hidden=machine.out)
+    suite = load_suite(wanted.suite, wanted.plugins, describe)
+    check_gate(suite)
+    whole = changed(suite, wanted.selection, describe)
+    draws_source(wanted.suite, whole)
+    part = select(whole, wanted.selection)
+    check_fit(part, machine.out)
+    check_priors(part, machine.out)
+    if machine.dask is not None:
+        check_cluster(machine.dask)
+    return whole
+
+
+def begin(
+    suite: Suite,
+    wanted: Wanted,
+    machine: Machine,
+    store: Store,
+    expanded: Expand = in_order_of_plugins,
+) -> Todo:
+    """Note a run in the store of a study, and find what the store lacks.
+
+    Args:
+        suite: the whole suite.
+        wanted: what is asked of it.
+        machine: where it runs.
+        store: where outcomes go.
+        expanded: all trials of a part of the suite, for so many seeds.
+
+    Raises:
+        UserError: if the suite does not fit the one that the store was begun with.
+    """
+    runs, seeds = store.runs(), wanted.selection.seeds
+    former = read_suite_json(runs[-1].suite) if runs else None
+    suite = salted(joined(suite, wanted.selection, former), wanted.salt, former)
+    check_same_suite(suite, runs, machine.out)
+    part = select(suite, wanted.selection)
+    draws = draws_source(wanted.suite, suite)
+    store.check()  # before trials are run beside damaged rows
+    stored, total = Stored(store.records()), number_of_trials(part, seeds)
+
+    def todo() -> Iterator[Trial]:
+        own = pending(expanded(part, seeds), stored, wanted.retry)
+        return (replace(trial, draws=draws) for trial in own)
+
+    number = sum(1 for _ in todo()) if runs else total
+    source = provenance(
+        suite=suite.model_dump_json(),
+        suite_text=suite_text(wanted.suite),
+        selection=wanted.selection,
+        seeds=seeds or suite.seeds,
+        executor=machine.executor,
+    )
+    store.begin_run(source, expanded(part, 1))
+    return Todo(todo(), number, total, draws_path(wanted.suite) if draws else None)
+
+
+def run_stored(
+    todo: Iterable[W], machine: Machine, store: Store, stop: Callable[[], bool]
+) -> Iterator[tuple[W, Outcome]]:
+    """Run trials or motions; yield each with its outcome once it is stored."""
+    for trial, outcome in start(todo, machine, stop):
+        store.add(trial, outcome)  # type: ignore[arg-type]
+        yield trial, outcome
+
+
+def start(
+    todo: Iterable[W], machine: Machine, stop: Callable[[], bool]
+) -> Iterator[tuple[W, Outcome]]:
+    """Outcomes of trials, motions or drives, here or on a cluster, as they end."""
+    limit, out = int(machine.memory * 2**30), machine.out.resolve()
+    if machine.dask:
+        return run_on_dask(
+            todo, cluster=machine.dask, log=out / LOG, memory=limit, hidden=out, stop=stop
+        )
+    return run_trials(todo, jobs=machine.jobs, log=out / LOG, memory=limit, hidden=out, stop=stop)

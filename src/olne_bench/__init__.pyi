@@ -1,0 +1,61 @@
+from olne_bench.bench.judge.metrics import formulas as metrics
+from olne_bench.catalogue import estimators as estimators
+from olne_bench.catalogue import scenarios as scenarios
+from olne_bench.catalogue import sensors as sensors
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError as NoEquilibriumError
+from olne_bench.envs.scenarios.scenario import Scenario as Scenario
+from olne_bench.estimators.protocol import Estimate as Estimate
+from olne_bench.estimators.protocol import Observation as Observation
+from olne_bench.estimators.protocol import Problem as Problem
+from olne_bench.front.comparing import compare as compare
+from olne_bench.front.drawing import scenario as scenario
+from olne_bench.front.estimating import estimate as estimate
+from olne_bench.front.games import NoRootError as NoRootError
+from olne_bench.front.games import fisher_information as fisher_information
+from olne_bench.front.games import solve_olne as solve_olne
+from olne_bench.front.observing import observe as observe
+from olne_bench.front.observing import problem as problem
+from olne_bench.front.studies import read as read
+from olne_bench.front.studies import run as run
+from olne_bench.front.worlds import parallel_env as parallel_env
+from olne_bench.games import constraints as constraints
+from olne_bench.games import dynamics as dynamics
+from olne_bench.games import features as costs
+from olne_bench.games import observation as views
+from olne_bench.games.game import Game as Game
+from olne_bench.games.game import Player as Player
+from olne_bench.games.olne import certify as certify
+from olne_bench.games.unknowns import Unknown as Unknown
+
+__version__: str
+__all__ = [
+    "Estimate",
+    "Game",
+    "NoEquilibriumError",
+    "NoRootError",
+    "Observation",
+    "Player",
+    "Problem",
+    "Scenario",
+    "Unknown",
+    "__version__",
+    "certify",
+    "compare",
+    "constraints",
+    "costs",
+    "dynamics",
+    "estimate",
+    "estimators",
+    "fisher_information",
+    "metrics",
+    "observe",
+    "parallel_env",
+    "problem",
+    "read",
+    "run",
+    "scenario",
+    "scenarios",
+    "sensors",
+    "solve_olne",
+    "views",
+]

@@ -1,0 +1,1 @@
+"""What ``import olne_bench`` offers, one file per verb; ``olne_bench/__init__.py`` lists it."""
