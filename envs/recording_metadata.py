@@ -81,7 +81,7 @@ class Metadata(_Strict):
     weight_names: list[str] | None = None
     state_names: list[str]
     control_names: list[str] = []
-    dt: float = Field(gt=0)
+    dt: float = Field(gt=0, strict=True)
     versions: dict[str, str]
     episodes: list[EpisodeEntry]
 

@@ -17,6 +17,7 @@ from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
 from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
+from olne_bench.bench.text import one_line
 from olne_bench.envs.recording_file import RecordingFile
 from olne_bench.envs.tracks.checks import FEWEST_STEPS, check_positions, check_steps, check_units
 from olne_bench.envs.tracks.explained import explain
@@ -99,7 +100,7 @@ def estimate(
     problem = Problem(game, view, sigma=level, noise_scale=scale)
     _say_assumptions(name, known.metadata.dt, explained.assumptions)
     for warning in explained.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        click.echo(f"warning: {one_line(warning)}", err=True)
 
     result = _estimate(estimator, problem, Observation(y), budget)
     fit = Fit(problem, y, result)
@@ -150,7 +151,8 @@ def _say_assumptions(scenario: str, dt: float, assumptions: Sequence[Assumption]
     click.echo(f"costs of {scenario!r} at steps of {dt:.6g} s, with these targets:")
     rows = [(a.player, a.what, a.value, a.source, a.how) for a in assumptions]
     names = ["player", "target", "value", "source", "how"]
-    click.echo(pd.DataFrame(rows, columns=names).to_string(index=False, justify="left"))
+    shown = pd.DataFrame(rows, columns=names).map(one_line)
+    click.echo(shown.to_string(index=False, justify="left"))
     guessed = sorted({a.what for a in assumptions if a.source == DATA})
     if guessed:
         click.echo(
@@ -224,7 +226,7 @@ def _shown_end(value: float) -> str:
 
 
 def _write(table: pd.DataFrame, out: Path) -> None:
-    with whole_file(out) as path:
+    with whole_file(out, new=True) as path:
         csv_safe(table).to_csv(path, index=False)
 
 

@@ -6,6 +6,7 @@ import click
 import numpy as np
 
 from olne_bench.bench.commands.options import PATH, FiniteRange, plain_number
+from olne_bench.bench.text import one_line
 from olne_bench.envs.recording_file import write_recording
 from olne_bench.envs.track_formats import format_names
 from olne_bench.envs.tracks.frames import Frame
@@ -113,7 +114,7 @@ def import_tracks(
         part=part,
     )
     for note in imported.notes:
-        click.echo(note, err=True)
+        click.echo(one_line(note), err=True)
     write_recording(out, imported.recording)
     steps, count, _ = imported.recording.states[0].shape
     step = imported.recording.metadata.dt

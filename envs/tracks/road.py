@@ -10,8 +10,9 @@ from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
 DEFAULT_WIDTH = 4.0  # [m]
 FARTHEST = 1e9  # [m] from the origin; larger numbers are no metres
+MOST_MAP_BYTES = 2**28  # of a file of a map
 #: Bounds of a lane, far beyond real ones, so that its points can be computed.
-_WIDEST, _SHORTEST, _LONGEST = 1e3, 1e-6, 1e5  # [m]
+_WIDEST, _SHORTEST, LONGEST = 1e3, 1e-6, 1e5  # [m]
 _MOST_TURN = 100.0  # [rad]
 _UNIT = 1e-3  # tolerance of a direction's length
 _ARC_STEP = np.deg2rad(2)  # [rad], largest angle between neighbouring points on an arc
@@ -132,10 +133,10 @@ def curve_points(curve: Lane) -> np.ndarray:
 
 
 def _check_curve(curve: Lane) -> None:
-    if not _SHORTEST <= curve.length <= _LONGEST:
+    if not _SHORTEST <= curve.length <= LONGEST:
         raise ValueError(
             f"a lane's curve has a length of {curve.length:g} m, expected {_SHORTEST:g} to "
-            f"{_LONGEST:g}"
+            f"{LONGEST:g}"
         )
     values: tuple[float, ...] = ()
     if isinstance(curve, StraightLane | SineLane):

@@ -25,14 +25,19 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from olne_bench.checks import first_problem
+from olne_bench.envs.tracks.checks import FASTEST
 from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import DEFAULT_WIDTH, Road, RoadLane
+from olne_bench.envs.tracks.road import DEFAULT_WIDTH, FARTHEST, LONGEST, Road, RoadLane
 from olne_bench.envs.tracks.table import listed
 from olne_bench.errors import UserError, bad_input
-from olne_bench.files import whole_file
+from olne_bench.files import check_input, whole_file
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
-_Pair = tuple[float, float]
+#: Largest road file [bytes]; reading more takes minutes.
+MOST_BYTES = 2 * 10**6
+_Number = Annotated[float, Field(strict=True)]  # no text, no truth value
+_Positive = Annotated[float, Field(strict=True, gt=0)]
+_Pair = tuple[_Number, _Number]
 
 
 class _Strict(BaseModel):
@@ -45,7 +50,7 @@ class StraightEntry(_Strict):
     kind: Literal["straight"] = "straight"
     start: _Pair
     direction: _Pair
-    length: float = Field(gt=0)
+    length: _Positive
 
     def curve(self) -> StraightLane:
         """The lane."""
@@ -58,10 +63,10 @@ class SineEntry(_Strict):
     kind: Literal["sine"] = "sine"
     start: _Pair
     direction: _Pair
-    length: float = Field(gt=0)
-    amplitude: float
-    pulsation: float
-    phase: float
+    length: _Positive
+    amplitude: _Number
+    pulsation: _Number
+    phase: _Number
 
     def curve(self) -> SineLane:
         """The lane."""
@@ -74,9 +79,9 @@ class ArcEntry(_Strict):
 
     kind: Literal["arc"] = "arc"
     centre: _Pair
-    radius: float = Field(gt=0)
-    start_phase: float
-    end_phase: float
+    radius: _Positive
+    start_phase: _Number
+    end_phase: _Number
 
     def curve(self) -> ArcLane:
         """The lane."""
@@ -91,7 +96,7 @@ class LaneEntry(_Strict):
 
     points: list[_Pair] | None = None
     curves: list[CurveEntry] | None = None
-    width: float = Field(default=DEFAULT_WIDTH, gt=0)
+    width: _Positive = DEFAULT_WIDTH
     following: list[str] = []
 
     @model_validator(mode="after")
@@ -121,10 +126,18 @@ class PlayerEntry(_Strict):
         goal: goal position at the end [m].
     """
 
-    targets: dict[str, float] = {}
+    targets: dict[str, _Number] = {}
     lanes: list[str] | None = Field(default=None, min_length=1)
-    blend: float | None = Field(default=None, gt=0)
+    blend: Annotated[float, Field(strict=True, gt=0, le=LONGEST)] | None = None
     goal: _Pair | None = None
+
+    @model_validator(mode="after")
+    def _is_on_earth(self) -> "PlayerEntry":
+        for name, value in [*self.targets.items(), *(("goal", x) for x in self.goal or ())]:
+            most = FASTEST if name == "speed" else FARTHEST
+            if abs(value) > most:
+                raise ValueError(f"{name} is {value:g}, beyond {most:g}")
+        return self
 
 
 class RoadFile(_Strict):
@@ -175,8 +188,7 @@ def read_road_file(path: Path) -> RoadFile:
     Raises:
         UserError: with a one-line message that names the place.
     """
-    if not path.is_file():
-        raise UserError(f"no road file {str(path)!r}")
+    check_input("road file", path, MOST_BYTES)
     with bad_input(f"{path} is not a TOML file", OSError):
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     try:
