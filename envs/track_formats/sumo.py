@@ -23,8 +23,11 @@ def read(path: Path, part: str | None) -> Tracks:
     if part is not None:
         raise UserError(f"--part {part!r}: files of this format have no parts")
     check_input("tracks file", path, MOST_BYTES)
-    with bad_input(f"{path} is not floating car data of SUMO", OSError):
-        rows = pd.DataFrame(_vehicles(path), columns=["time", "player", "x", "y", "angle", "speed"])
+    what = f"{path} is not floating car data of SUMO"
+    with bad_input(what, OSError):
+        rows = pd.DataFrame(
+            _vehicles(path, what), columns=["time", "player", "x", "y", "angle", "speed"]
+        )
     heading = np.deg2rad(90 - rows["angle"])
     table = rows.assign(
         heading=heading,
@@ -35,7 +38,7 @@ def read(path: Path, part: str | None) -> Tracks:
     return Tracks(table[list(COLUMNS)], notes=(note,))
 
 
-def _vehicles(path: Path) -> Iterator[tuple[float, str, float, float, float, float]]:
+def _vehicles(path: Path, what: str) -> Iterator[tuple[float, str, float, float, float, float]]:
     time = np.nan
     for event, element in ElementTree.iterparse(path, events=("start", "end")):
         if element.tag == "timestep":
@@ -45,7 +48,7 @@ def _vehicles(path: Path) -> Iterator[tuple[float, str, float, float, float, flo
                 element.clear()
         elif element.tag == "vehicle" and event == "end":
             known = element.attrib
-            with bad_input(f"{path}: vehicle {known.get('id')!r} at time {time:g}"):
+            with bad_input(f"{what}: vehicle {known.get('id')!r} at time {time:g}"):
                 x, y, angle, speed = (
                     plain_float(known[name]) for name in ("x", "y", "angle", "speed")
                 )

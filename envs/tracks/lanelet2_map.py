@@ -139,7 +139,9 @@ def _pairs(values: Mapping[str, Mapping[str, str]], names: tuple[str, str]) -> n
         except ValueError as error:
             raise ValueError(f"node {ref}: {error}") from error
         if not (np.abs(row) < FARTHEST).all():
-            raise ValueError(f"node {ref} is at {row[0]:g}, {row[1]:g}, expected metres")
+            raise ValueError(
+                f"node {ref} is at {row[0]:g}, {row[1]:g}, expected numbers below {FARTHEST:g}"
+            )
         rows.append(row)
     return np.array(rows)
 

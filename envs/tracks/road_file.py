@@ -127,7 +127,7 @@ class PlayerEntry(_Strict):
     """
 
     targets: dict[str, _Number] = {}
-    lanes: list[str] | None = Field(default=None, min_length=1)
+    lanes: list[str] | None = Field(default=None, min_length=1, max_length=1000)
     blend: Annotated[float, Field(strict=True, gt=0, le=LONGEST)] | None = None
     goal: _Pair | None = None
 

@@ -39,7 +39,7 @@ def _road_lane(
     path: Path, lane: ElementTree.Element, following: Mapping[str, list[str]]
 ) -> RoadLane:
     name = lane.attrib["id"]
-    with bad_input(f"{path}: lane {name!r}"):
+    with bad_input(f"{path} is not a SUMO network: lane {name!r}"):
         return RoadLane(
             curves_through(_points(lane.attrib["shape"])),
             plain_float(lane.get("width", str(WIDTH))),
