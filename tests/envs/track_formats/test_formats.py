@@ -127,7 +127,7 @@ def test_a_data_set_needs_the_data_of_its_recording(tmp_path: Path) -> None:
         with pytest.raises(UserError, match=f"frame rate is in '{name}_recordingMeta.csv', which"):
             read_tracks(path, name)
         path.with_name(f"{name}_recordingMeta.csv").write_text("frameRate\n0\n")
-        with pytest.raises(UserError, match="frameRate is 0, expected 0.1 to 10000 per second"):
+        with pytest.raises(UserError, match=r"frameRate is 0, expected 0\.1 to 10000 per second"):
             read_tracks(path, name)
 
 
