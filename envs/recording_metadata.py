@@ -83,7 +83,7 @@ class Metadata(_Strict):
     control_names: list[str] = []
     dt: float = Field(gt=0, strict=True)
     versions: dict[str, str]
-    episodes: list[EpisodeEntry]
+    episodes: list[EpisodeEntry] = Field(min_length=1)
 
 
 def library_versions() -> dict[str, str]:

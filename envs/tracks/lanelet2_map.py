@@ -76,7 +76,7 @@ def _by_id(root: ElementTree.Element, kind: str) -> dict[str, ElementTree.Elemen
 
 
 def _tags(element: ElementTree.Element) -> dict[str, str]:
-    return {tag.attrib["k"]: tag.attrib["v"] for tag in element.iter("tag")}
+    return {tag.attrib["k"]: tag.attrib["v"] for tag in element.findall("tag")}
 
 
 def _side(
@@ -88,10 +88,10 @@ def _side(
 ) -> list[str]:
     """Ids of the nodes of a lanelet's left or right border: one way, or several in a row."""
     line: list[str] = []
-    for way in (m.attrib["ref"] for m in relation.iter("member") if m.get("role") == side):
+    for way in (m.attrib["ref"] for m in relation.findall("member") if m.get("role") == side):
         if way not in ways:
             raise ValueError(f"lanelet {name} names way {way}, which is not there")
-        refs = [node.attrib["ref"] for node in ways[way].iter("nd")]
+        refs = [node.attrib["ref"] for node in ways[way].findall("nd")]
         for ref in refs:
             if ref not in nodes:
                 raise ValueError(f"way {way} names node {ref}, which is not there")

@@ -7,8 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.visible import visible
 
 DEFAULT_WIDTH = 4.0  # [m]
+LONGEST_NAME = 200  # characters of a lane's or a player's name
 FARTHEST = 1e9  # [m] from the origin; larger numbers are no metres
 MOST_MAP_BYTES = 2**28  # of a file of a map
 #: Bounds of a lane, far beyond real ones, so that its points can be computed.
@@ -67,11 +69,33 @@ class RoadLane:
         return float(np.linalg.norm(np.diff(self.line, axis=0), axis=1).sum())
 
 
+def check_shown(what: str, name: str) -> None:
+    """Refuse a name that is empty, long, or has characters that are not seen.
+
+    Raises:
+        ValueError: with a message that shows the name.
+    """
+    if not name.strip() or len(name) > LONGEST_NAME or visible(name) != name:
+        raise ValueError(
+            f"a {what} is called {name[:LONGEST_NAME]!r}; expected a name of 1 to {LONGEST_NAME} "
+            "characters that can be seen"
+        )
+
+
 @dataclass(frozen=True)
 class Road:
     """Lanes by name."""
 
     lanes: Mapping[str, RoadLane]
+
+    def __post_init__(self) -> None:
+        """Refuse names that cannot be shown.
+
+        Raises:
+            ValueError: with a message that shows the name.
+        """
+        for name in self.lanes:
+            check_shown("lane", name)
 
     def near(self, positions: np.ndarray, within: float) -> "Road":
         """The lanes that pass within ``within`` [m] of any of the positions (S, 2)."""

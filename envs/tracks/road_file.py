@@ -17,7 +17,7 @@ parameters, as ``olne-bench export`` writes them.
 """
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -27,7 +27,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from olne_bench.checks import first_problem
 from olne_bench.envs.tracks.checks import FASTEST
 from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import DEFAULT_WIDTH, FARTHEST, LONGEST, Road, RoadLane
+from olne_bench.envs.tracks.road import (
+    DEFAULT_WIDTH,
+    FARTHEST,
+    LONGEST,
+    LONGEST_NAME,
+    Road,
+    RoadLane,
+    check_shown,
+)
 from olne_bench.envs.tracks.table import listed
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input, whole_file
@@ -155,6 +163,15 @@ class RoadFile(_Strict):
 
     @model_validator(mode="after")
     def _knows_its_lanes(self) -> "RoadFile":
+        named: dict[str, Iterable[str]] = {
+            "lane": self.lanes,
+            "player": self.players,
+            "target": [name for player in self.players.values() for name in player.targets],
+            "scenario": [] if self.scenario is None else [self.scenario],
+        }
+        for what, names in named.items():
+            for name in names:
+                check_shown(what, name)
         if self.lanes:  # else they are those of a map
             self.check_lanes()
         return self
@@ -173,7 +190,9 @@ class RoadFile(_Strict):
             for lane in lanes:
                 if lane not in self.lanes:
                     known = listed(list(self.lanes)) or "none"
-                    raise ValueError(f"{who} names the lane {lane!r}; there are: {known}")
+                    raise ValueError(
+                        f"{who} names the lane {lane[:LONGEST_NAME]!r}; there are: {known}"
+                    )
 
     def road(self) -> Road | None:
         """The lanes as a road; None if there are none."""

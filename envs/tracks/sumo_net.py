@@ -29,10 +29,10 @@ def read_net(path: Path) -> Road:
             lane.attrib["id"]: _road_lane(path, lane, following)
             for edge in net.iter("edge")
             if edge.get("function") not in ("crossing", "walkingarea")
-            for lane in edge.iter("lane")
+            for lane in edge.findall("lane")
             if _is_for_cars(lane)
         }
-    return Road(lanes)
+        return Road(lanes)
 
 
 def _road_lane(

@@ -36,7 +36,8 @@ def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
     """Refuse a new file that must not or cannot be written, before any work is done.
 
     Raises:
-        UserError: on another suffix, a file that exists, or a folder that does not exist.
+        UserError: on another suffix, a file that exists, or a folder that does not exist or cannot
+            be written to.
     """
     if path.suffix.lower() not in suffixes:
         raise UserError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
@@ -45,6 +46,8 @@ def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
             raise UserError(f"{option} {path} exists already; remove it or name another file")
         if not path.parent.is_dir():
             raise UserError(f"{option} {path}: there is no folder {str(path.parent)!r}")
+        with TemporaryDirectory(dir=path.parent, prefix=".unfinished-"):
+            pass  # only an attempt shows whether a folder can be written to
 
 
 def check_folder(folder: Path, marks: tuple[str, ...], left: tuple[str, ...] = ()) -> None:
