@@ -6,6 +6,7 @@ the versions of the libraries, is JSON in the metadata of the table's schema.
 """
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,15 +27,16 @@ from olne_bench.envs.recording_metadata import (
     Metadata,
     library_versions,
 )
-from olne_bench.envs.tracks.checks import STEP_TOLERANCE, check_name
+from olne_bench.envs.tracks.checks import LATEST, MOST_STEPS, STEP_TOLERANCE, check_name
 from olne_bench.envs.tracks.of_scenario import road_file
+from olne_bench.envs.tracks.table import listed
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import whole_file
 from olne_bench.games.olne import Gains
 
 METADATA_KEY = b"olne_bench"
-#: Rows that are read into memory.
-MOST_ROWS = 10**7
+#: What is read into memory: rows, and bytes of metadata.
+MOST_ROWS, MOST_METADATA = 10**7, 2**25
 
 
 class RecordingFileError(UserError, ValueError):
@@ -97,7 +99,7 @@ def write_recording(path: Path, file: RecordingFile) -> None:
     table = pa.Table.from_pandas(_frame(file), preserve_index=False)
     metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}
     table = table.replace_schema_metadata((table.schema.metadata or {}) | metadata)
-    with whole_file(path) as unfinished:
+    with whole_file(path, new=True) as unfinished:
         pq.write_table(table, unfinished)
 
 
@@ -110,68 +112,105 @@ def read_recording(path: Path | str) -> RecordingFile:
     path = Path(path)
     if not path.is_file():
         raise RecordingFileError(f"no recording {str(path)!r}")
+    parser = OSError, pa.ArrowException
     try:
-        rows = pq.read_metadata(path).num_rows
-        if rows > MOST_ROWS:
-            raise RecordingFileError(f"{path} has {rows} rows, at most {MOST_ROWS} are read")
-        table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise RecordingFileError(f"{path} is not a Parquet file: {error}") from error
-    entry = (table.schema.metadata or {}).get(METADATA_KEY)
-    if entry is None:
-        raise RecordingFileError(
-            f"{path} is not a recording; 'olne-bench record' and 'olne-bench import' write them"
-        )
-    try:
-        with bad_input(f"{path} is a damaged recording", TypeError, pa.ArrowException):
-            return _recording(table, entry)
+        with bad_input(f"{path} is not a Parquet file", *parser):
+            file = pq.ParquetFile(path)
+            entry = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
+        with file:
+            if entry is None:
+                raise UserError(
+                    f"{path} is not a recording; 'olne-bench record' and 'olne-bench import' "
+                    "write them"
+                )
+            with bad_input(f"{path} is a damaged recording", TypeError, *parser):
+                return _recording(file, _metadata(path, entry))
     except UserError as error:
         raise RecordingFileError(str(error)) from error
 
 
-def _recording(table: pa.Table, entry: bytes) -> RecordingFile:
-    """The recording in a table and its metadata.
+def _recording(file: pq.ParquetFile, metadata: Metadata) -> RecordingFile:
+    """The recording in a file with these metadata.
 
     Raises:
-        ValueError: if rows are missing, or numbers are impossible.
+        ValueError: if rows are missing or too many, or numbers are impossible.
     """
+    episodes = metadata.episodes
+    rows, players = file.metadata.num_rows, sum(len(known.players) for known in episodes)
+    if rows > min(MOST_ROWS, MOST_STEPS * players):
+        raise ValueError(
+            f"it has {rows} rows for {players} players, at most {MOST_STEPS} each and {MOST_ROWS} "
+            "in all are read"
+        )
+    names = [*metadata.state_names, *metadata.control_names]
+    frame = _numbers(file, ["episode", "time", "player", *names])
+    strange = ~frame["episode"].isin(range(len(episodes)))
+    if strange.any():
+        raise ValueError(
+            f"it has a row of episode {frame['episode'][strange.argmax()]:g}, its metadata have "
+            f"{len(episodes)} episodes"
+        )
+    by_episode = dict(list(frame.groupby("episode")))
+    arrays = []
+    for index, known in enumerate(episodes):
+        try:
+            found = by_episode.get(index, frame[:0])
+            arrays.append(_arrays(found, metadata, len(known.players)))
+        except ValueError as error:
+            raise ValueError(f"episode {index}: {error}") from error
+    return RecordingFile(
+        metadata,
+        times=tuple(times for times, _, _ in arrays),
+        states=tuple(states for _, states, _ in arrays),
+        controls=tuple(controls for _, _, controls in arrays),
+    )
+
+
+def _metadata(path: Path, entry: bytes) -> Metadata:
+    """The checked metadata.
+
+    Raises:
+        ValueError: with a message that names the first wrong value.
+    """
+    if len(entry) > MOST_METADATA:
+        raise ValueError(f"its metadata have {len(entry)} bytes, at most {MOST_METADATA} are read")
     try:
         metadata = Metadata.model_validate(json.loads(entry))
     except ValidationError as error:
         raise ValueError(first_problem(error)) from error
     for known in metadata.episodes:
         for player in known.players:
-            check_name("its metadata", player)
-    names = [*metadata.state_names, *metadata.control_names]
-    frame = _numbers(table, ["episode", "time", "player", *names])
-    episodes = [
-        _arrays(frame[frame["episode"] == index], metadata, len(known.players))
-        for index, known in enumerate(metadata.episodes)
-    ]
-    return RecordingFile(
-        metadata,
-        times=tuple(times for times, _, _ in episodes),
-        states=tuple(states for _, states, _ in episodes),
-        controls=tuple(controls for _, _, controls in episodes),
-    )
+            check_name(f"{path}: its metadata", player)
+        again = [name for name, times in Counter(known.players).items() if times > 1]
+        if again:
+            raise ValueError(f"its metadata name the player {again[0]!r} twice")
+        for player in known.road.players if known.road else ():
+            if player not in known.players:
+                raise ValueError(f"its road has targets of player {player!r}, who is not in it")
+    return metadata
 
 
-def _numbers(table: pa.Table, names: list[str]) -> pd.DataFrame:
-    """Columns of a table, which hold finite numbers, NaN where unknown.
+def _numbers(file: pq.ParquetFile, names: list[str]) -> pd.DataFrame:
+    """Columns of a file, which hold finite numbers, NaN where unknown; no others are read.
 
     Raises:
         ValueError: on a column that is missing, is there twice, or holds something else.
     """
-    frame = pd.DataFrame()
+    schema = file.schema_arrow
     for name in names:
-        if name in frame or table.column_names.count(name) != 1:
-            raise ValueError(f"it has no column {name!r}, or several")
-        column = table.column(name)
-        if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
-            raise ValueError(f"its column {name!r} holds {column.type}, expected numbers")
-        frame[name] = column.to_numpy()
-        if np.isinf(frame[name]).any():
-            raise ValueError(f"its column {name!r} has infinite numbers")
+        if names.count(name) > 1 or schema.names.count(name) != 1:
+            raise ValueError(
+                f"it has no column {name!r}, or several; it has: {listed(schema.names)}"
+            )
+        kind = schema.field(name).type
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            raise ValueError(f"its column {name!r} holds {kind}, expected numbers")
+    table = file.read(columns=names)
+    frame = pd.DataFrame({name: table.column(name).to_numpy() for name in names})
+    for name in names:
+        endless = np.isinf(frame[name].to_numpy())
+        if endless.any():
+            raise ValueError(f"its column {name!r} is infinite in row {int(endless.argmax()) + 1}")
     return frame
 
 
@@ -223,19 +262,24 @@ def _arrays(
     rows: pd.DataFrame, metadata: Metadata, num_players: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (T,), states (T, N, n) and controls (T-1, N, m) of one episode's rows."""
+    strange = ~(rows["time"].abs() < LATEST).to_numpy()
+    if strange.any():
+        raise ValueError(f"a time is {rows['time'].iloc[strange.argmax()]:g}, expected seconds")
     rows = rows.sort_values(["time", "player"])
+    again = rows.duplicated(["time", "player"])
+    if again.any():
+        time, player = rows[["time", "player"]].to_numpy(dtype=float)[again.argmax()]
+        raise ValueError(f"player {player:g} has two rows at time {time:g}")
+    full = len(rows) > 0 and len(rows) % num_players == 0
+    if not full or (rows["player"] != np.tile(range(num_players), len(rows) // num_players)).any():
+        raise ValueError(
+            f"its rows are not those of the players 0 to {num_players - 1} at each time"
+        )
     times = rows["time"].to_numpy(dtype=float).reshape(-1, num_players)
-    if len(times) == 0 or (rows["player"].to_numpy() != _players(times)).any():
-        raise ValueError("an episode lacks rows")
-    off = np.abs(np.diff(times, axis=0) / metadata.dt - 1)
-    if (times != times[:, :1]).any() or not (off < STEP_TOLERANCE).all():
+    off = np.abs(np.diff(times, axis=0) - metadata.dt)
+    if (times != times[:, :1]).any() or not (off < STEP_TOLERANCE * metadata.dt).all():
         raise ValueError(f"its times are not {metadata.dt:g} s apart, as its metadata say")
     states = rows[metadata.state_names].to_numpy(dtype=float).reshape(*times.shape, -1)
     width = len(metadata.control_names)
     controls = rows[metadata.control_names].to_numpy(dtype=float).reshape(*times.shape, width)
     return times[:, 0], states, controls[:-1]
-
-
-def _players(times: np.ndarray) -> np.ndarray:
-    steps, players = times.shape
-    return np.tile(np.arange(players), steps)

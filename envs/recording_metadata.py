@@ -81,9 +81,9 @@ class Metadata(_Strict):
     weight_names: list[str] | None = None
     state_names: list[str]
     control_names: list[str] = []
-    dt: float = Field(gt=0)
+    dt: float = Field(gt=0, strict=True)
     versions: dict[str, str]
-    episodes: list[EpisodeEntry]
+    episodes: list[EpisodeEntry] = Field(min_length=1)
 
 
 def library_versions() -> dict[str, str]:

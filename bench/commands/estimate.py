@@ -16,10 +16,9 @@ from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
 from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
-from olne_bench.envs.recording_file import RecordingFile
-from olne_bench.envs.tracks.checks import FEWEST_STEPS, check_positions, check_steps, check_units
+from olne_bench.bench.text import one_line
+from olne_bench.envs.tracks.checks import FEWEST_STEPS
 from olne_bench.envs.tracks.explained import explain
-from olne_bench.envs.tracks.table import STATE_NAMES
 from olne_bench.envs.tracks.targets import DATA, Assumption
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
@@ -49,7 +48,7 @@ def estimate(
         check_new_file("--out", out, (".csv",))
     known = read_episode(recording, episode)
     states, players = known.states[episode], known.metadata.episodes[episode].players
-    _check_motion(recording, known, episode)
+    _check_seen(recording, states, players)
     _check_length(recording, len(states), known.metadata.dt)
     name = scenario or _named(recording, known.metadata.scenario)
     with loading(name):
@@ -61,7 +60,7 @@ def estimate(
     problem = Problem(game, view, sigma=level, noise_scale=scale)
     _say_assumptions(name, known.metadata.dt, explained.assumptions)
     for warning in explained.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        click.echo(f"warning: {one_line(warning)}", err=True)
 
     result = _estimate(estimator, problem, Observation(y), budget)
     fit = Fit(problem, y, result)
@@ -78,13 +77,8 @@ def _named(path: Path, scenario: str | None) -> str:
     return named_by_data(SCENARIO, scenario, str(path), "--scenario")
 
 
-def _check_motion(path: Path, known: RecordingFile, episode: int) -> None:
-    """Refuse an episode that is no motion of cars in metres and seconds."""
-    names, states = known.metadata.state_names, known.states[episode]
-    players = known.metadata.episodes[episode].players
-    if names[:2] != ["px", "py"]:
-        raise UserError(f"{path} has the states {', '.join(names)}; expected px and py first")
-    check_steps(path, known.times[episode])
+def _check_seen(path: Path, states: np.ndarray, players: list[str]) -> None:
+    """Refuse players that are hardly seen in states (T, N, n)."""
     seen = np.isfinite(states[..., :2]).all(axis=-1).sum(axis=0)
     for player, count in zip(players, seen, strict=True):
         if count < FEWEST_STEPS:
@@ -92,12 +86,6 @@ def _check_motion(path: Path, known: RecordingFile, episode: int) -> None:
                 f"{path}: player {player!r} has a position at {count} times, expected at least "
                 f"{FEWEST_STEPS}"
             )
-    motion = np.full((*states.shape[:2], len(STATE_NAMES)), np.nan)
-    for k, name in enumerate(STATE_NAMES.values()):
-        if name in names:
-            motion[..., k] = states[..., names.index(name)]
-    check_positions(path, motion, players)
-    check_units(path, motion, known.metadata.dt, players)
 
 
 def _check_length(path: Path, steps: int, dt: float) -> None:
@@ -112,7 +100,8 @@ def _say_assumptions(scenario: str, dt: float, assumptions: Sequence[Assumption]
     click.echo(f"costs of {scenario!r} at steps of {dt:.6g} s, with these targets:")
     rows = [(a.player, a.what, a.value, a.source, a.how) for a in assumptions]
     names = ["player", "target", "value", "source", "how"]
-    click.echo(pd.DataFrame(rows, columns=names).to_string(index=False, justify="left"))
+    shown = pd.DataFrame(rows, columns=names).map(one_line)
+    click.echo(shown.to_string(index=False, justify="left"))
     guessed = sorted({a.what for a in assumptions if a.source == DATA})
     if guessed:
         click.echo(
@@ -186,7 +175,7 @@ def _shown_end(value: float) -> str:
 
 
 def _write(table: pd.DataFrame, out: Path) -> None:
-    with whole_file(out) as path:
+    with whole_file(out, new=True) as path:
         csv_safe(table).to_csv(path, index=False)
 
 

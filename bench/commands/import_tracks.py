@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from olne_bench.bench.text import one_line
 from olne_bench.envs.recording_file import write_recording
 from olne_bench.envs.tracks.frames import Frame
 from olne_bench.envs.tracks.grid import Excerpt
@@ -37,7 +38,7 @@ def import_tracks(
         part=part,
     )
     for note in imported.notes:
-        click.echo(note, err=True)
+        click.echo(one_line(note), err=True)
     write_recording(out, imported.recording)
     steps, count, _ = imported.recording.states[0].shape
     step = imported.recording.metadata.dt

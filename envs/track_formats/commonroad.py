@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.envs.tracks.road import MOST_MAP_BYTES, Road, RoadLane
 from olne_bench.envs.tracks.table import COLUMNS, Tracks
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
+from olne_bench.files import check_input
 
 DESCRIPTION = "CommonRoad scenarios; lanes from their lanelets; needs olne-bench[commonroad]"
 
@@ -18,8 +19,7 @@ def read(path: Path, part: str | None) -> Tracks:
     """Read the obstacles that have a trajectory; see ``track_formats``."""
     if part is not None:
         raise UserError(f"--part {part!r}: files of this format have no parts")
-    if not path.is_file():
-        raise UserError(f"no tracks file {str(path)!r}")
+    check_input("tracks file", path, MOST_MAP_BYTES)
     scenario = _scenario(path)
     rows: list[tuple[Any, ...]] = []
     skipped = []
@@ -31,11 +31,7 @@ def read(path: Path, part: str | None) -> Tracks:
         for state in [obstacle.initial_state, *trajectory.state_list]:
             rows.append(_row(path, scenario.dt, obstacle, state))
     lanes = {
-        str(lanelet.lanelet_id): RoadLane(
-            curves_through(lanelet.center_vertices),
-            float(np.linalg.norm(lanelet.left_vertices - lanelet.right_vertices, axis=1).mean()),
-            tuple(str(number) for number in lanelet.successor),
-        )
+        str(lanelet.lanelet_id): _lane(path, lanelet)
         for lanelet in scenario.lanelet_network.lanelets
     }
     notes = (f"left out, without a trajectory: {', '.join(skipped)}",) if skipped else ()
@@ -66,6 +62,16 @@ def _scenario(path: Path) -> Any:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise UserError(f"{path} is not a CommonRoad scenario: {reason}") from error
     return scenario
+
+
+def _lane(path: Path, lanelet: Any) -> RoadLane:
+    across = lanelet.left_vertices - lanelet.right_vertices
+    with bad_input(f"{path}: lanelet {lanelet.lanelet_id}"):
+        return RoadLane(
+            curves_through(lanelet.center_vertices),
+            float(np.linalg.norm(across, axis=1).mean()),
+            tuple(str(number) for number in lanelet.successor),
+        )
 
 
 def _row(path: Path, dt: float, obstacle: Any, state: Any) -> tuple[Any, ...]:

@@ -18,14 +18,16 @@ from olne_bench.envs.tracks.table import (
     direction,
     frame_rate,
     numbers,
+    plain_float,
     player_names,
     read_columns,
 )
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 from olne_bench.games.lanes import StraightLane
 
 DESCRIPTION = "highD: NN_tracks.csv, with NN_recordingMeta.csv beside it; lanes from its markings"
 _NUMBERS = ("frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
+_SHOWN = 100  # characters of a value in a message
 _BEYOND = 50.0  # [m] by which lanes extend beyond the tracks at both ends
 
 
@@ -59,12 +61,10 @@ def read(path: Path, part: str | None) -> Tracks:
 
 def _lanes(path: Path, markings: object, side: str, low: float, high: float) -> list[RoadLane]:
     """Lanes between markings, given as a list of y [m] separated by semicolons."""
-    try:
-        values = [float(value) for value in str(markings).split(";")]
-    except ValueError as error:
-        raise UserError(f"{path}: {side}LaneMarkings are {markings!r}") from error
     start, way = (high, -1.0) if side == "upper" else (low, 1.0)
-    return [
-        RoadLane((StraightLane((start, (a + b) / 2), (way, 0.0), high - low),), abs(b - a))
-        for a, b in pairwise(values)
-    ]
+    with bad_input(f"{path}: {side}LaneMarkings are {str(markings)[:_SHOWN]!r}"):
+        values = [plain_float(value) for value in str(markings).split(";")]
+        return [
+            RoadLane((StraightLane((start, (a + b) / 2), (way, 0.0), high - low),), abs(b - a))
+            for a, b in pairwise(values)
+        ]

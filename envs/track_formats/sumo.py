@@ -10,8 +10,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.tracks.table import COLUMNS, Tracks
+from olne_bench.envs.tracks.table import COLUMNS, MOST_BYTES, Tracks, plain_float
 from olne_bench.errors import UserError, bad_input
+from olne_bench.files import check_input
 
 DESCRIPTION = "SUMO: XML of --fcd-output; lanes from its network by --road FILE.net.xml"
 LENGTH = 5.0  # [m], SUMO's default length of a passenger car
@@ -21,10 +22,12 @@ def read(path: Path, part: str | None) -> Tracks:
     """Read the vehicles; see ``track_formats``."""
     if part is not None:
         raise UserError(f"--part {part!r}: files of this format have no parts")
-    if not path.is_file():
-        raise UserError(f"no tracks file {str(path)!r}")
-    with bad_input(f"{path} is not floating car data of SUMO", OSError):
-        rows = pd.DataFrame(_vehicles(path), columns=["time", "player", "x", "y", "angle", "speed"])
+    check_input("tracks file", path, MOST_BYTES)
+    what = f"{path} is not floating car data of SUMO"
+    with bad_input(what, OSError):
+        rows = pd.DataFrame(
+            _vehicles(path, what), columns=["time", "player", "x", "y", "angle", "speed"]
+        )
     heading = np.deg2rad(90 - rows["angle"])
     table = rows.assign(
         heading=heading,
@@ -35,15 +38,18 @@ def read(path: Path, part: str | None) -> Tracks:
     return Tracks(table[list(COLUMNS)], notes=(note,))
 
 
-def _vehicles(path: Path) -> Iterator[tuple[float, str, float, float, float, float]]:
+def _vehicles(path: Path, what: str) -> Iterator[tuple[float, str, float, float, float, float]]:
     time = np.nan
     for event, element in ElementTree.iterparse(path, events=("start", "end")):
         if element.tag == "timestep":
             if event == "start":
-                time = float(element.attrib["time"])
+                time = plain_float(element.attrib["time"])
             else:
                 element.clear()
         elif element.tag == "vehicle" and event == "end":
-            values = (float(element.attrib[name]) for name in ("x", "y", "angle", "speed"))
-            x, y, angle, speed = values
-            yield time, element.attrib["id"], x, y, angle, speed
+            known = element.attrib
+            with bad_input(f"{what}: vehicle {known.get('id')!r} at time {time:g}"):
+                x, y, angle, speed = (
+                    plain_float(known[name]) for name in ("x", "y", "angle", "speed")
+                )
+                yield time, known["id"], x, y, angle, speed

@@ -5,24 +5,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.tracks.table import STATE_NAMES
+from olne_bench.envs.tracks.table import STATE_NAMES, check_titles, read_titles
 from olne_bench.errors import UserError, bad_input
 
 REQUIRED = ("time", "player", "x", "y")
 OPTIONAL = ("heading", "speed")
 _MISSING = {"", "nan", "na", "n/a", "null"}
+_SHOWN = 60  # characters of a cell in a message
 _FIRST_LINE = 2  # the first line of data, after the header
 
 
 def read_numbers(path: Path) -> pd.DataFrame:
     """The columns of tracks, indexed by line number; absent optional columns are NaN."""
     cells = read_cells(path)
-    absent = [name for name in REQUIRED if name not in cells.columns]
-    if absent:
-        raise UserError(
-            f"{path}: missing column{'s'[: len(absent) > 1]} {', '.join(absent)}; "
-            f"it has: {', '.join(cells.columns)}"
-        )
     table = pd.DataFrame({"player": cells["player"].str.strip()}, index=cells.index)
     _require(path, table["player"], "player")
     for name in ("time", *STATE_NAMES):
@@ -36,10 +31,13 @@ def read_numbers(path: Path) -> pd.DataFrame:
 
 def read_cells(path: Path) -> pd.DataFrame:
     """The cells as text, indexed by line number, without blank lines."""
-    if not path.is_file():
-        raise UserError(f"no tracks file {str(path)!r}")
-    if not path.stat().st_size:
+    if path.is_file() and not path.stat().st_size:
         raise UserError(f"{path} is empty; expected the columns {', '.join(REQUIRED)}")
+    names = read_titles(path)
+    check_titles(path, names, [name for name in REQUIRED if name not in names])
+    again = [name for name in names if names.count(name) > 1]
+    if again:
+        raise UserError(f"{path}: column {again[0]!r} appears twice")
     with bad_input(f"{path} is not a CSV file", OSError):
         cells = pd.read_csv(
             path,
@@ -50,10 +48,7 @@ def read_cells(path: Path) -> pd.DataFrame:
             skip_blank_lines=False,
             encoding="utf-8-sig",
         )
-    names = cells.iloc[0].fillna("").str.strip()
-    if names.duplicated().any():
-        raise UserError(f"{path}: column {names[names.duplicated()].iloc[0]!r} appears twice")
-    rows = cells.iloc[1:].fillna("").set_axis(list(names), axis=1)
+    rows = cells.iloc[1:].fillna("").set_axis(names, axis=1)
     rows.index += _FIRST_LINE - 1  # line numbers, so that messages can name them
     return rows[(rows != "").any(axis=1)]  # without blank lines
 
@@ -64,7 +59,9 @@ def _numbers(path: Path, cells: pd.Series, name: str) -> pd.Series:
     wrong = known & ~np.isfinite(numbers)
     if wrong.any():
         line = _first_line(wrong)
-        raise UserError(f"{path}, line {line}: {name} is {cells[line]!r}, expected a finite number")
+        raise UserError(
+            f"{path}, line {line}: {name} is {cells[line][:_SHOWN]!r}, expected a finite number"
+        )
     return numbers
 
 

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.tracks.road import FARTHEST
+from olne_bench.envs.tracks.road import FARTHEST, check_shown
 from olne_bench.errors import UserError
-from olne_bench.visible import visible
 
 FEWEST_STEPS = 3
 FASTEST = 100.0  # [m/s]; above it, something is not in metres and seconds
@@ -15,7 +14,6 @@ LONGEST_STEP = 10.0  # [s]; above it, times are not in seconds
 SHORTEST_STEP = 1e-4  # [s]; below it, times are not in seconds
 MOST_STEPS = 100_000  # of a recording: hours of video
 LATEST = 1e13  # [s]; times beyond it cannot be told apart
-LONGEST_NAME = 200  # characters of a player's name
 LARGEST_HEADING = 8 * np.pi  # [rad], four full turns; above it, headings are in degrees
 STEP_TOLERANCE = 0.05  # as a share of a step, for times that were rounded when written
 UNIT_FACTOR = 2.0  # largest ratio of speeds to displacements; miles per hour differ by 2.2
@@ -46,11 +44,10 @@ def check_table(path: Path, table: pd.DataFrame) -> None:
 
 def check_name(place: str, player: str) -> None:
     """Refuse a player's name that is empty, long, or has characters that are not seen."""
-    if not player.strip() or len(player) > LONGEST_NAME or visible(player) != player:
-        raise UserError(
-            f"{place}: a player is called {player[:LONGEST_NAME]!r}; expected a name of 1 to "
-            f"{LONGEST_NAME} characters that can be seen"
-        )
+    try:
+        check_shown("player", player)
+    except ValueError as error:
+        raise UserError(f"{place}: {error}") from error
 
 
 def check_times(path: Path, table: pd.DataFrame) -> None:

@@ -4,9 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from olne_bench.envs.tracks.road import FARTHEST
 from olne_bench.games.lanes import ArcLane, Lane, StraightLane
 
 TOLERANCE = 0.1  # [m], largest distance between a curve and the points
+MOST_POINTS = 10_000  # of a lane; more take minutes
 _FLATTEST = 1e4  # [m]; an arc of a larger radius is a straight line
 
 
@@ -16,11 +18,17 @@ def curves_through(points: np.ndarray | Sequence[Sequence[float]]) -> tuple[Lane
     Each is the longest curve that fits: a straight line if one reaches as far as an arc.
 
     Raises:
-        ValueError: if the points are not finite pairs, or fewer than two are different.
+        ValueError: if the points are not pairs of metres, too many, or fewer than two differ.
     """
     line = np.asarray(points, dtype=float)
     if line.ndim != 2 or line.shape[1] != 2 or not np.isfinite(line).all():
         raise ValueError("a lane's points are pairs of finite numbers")
+    if len(line) > MOST_POINTS:
+        raise ValueError(f"a lane has {len(line)} points, at most {MOST_POINTS} are expected")
+    if (np.abs(line) > FARTHEST).any():
+        raise ValueError(
+            f"a lane has a point at {line.flat[np.abs(line).argmax()]:g}, beyond {FARTHEST:g} m"
+        )
     line = line[np.r_[True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-6]]
     if len(line) < 2:
         raise ValueError("a lane needs at least two different points")

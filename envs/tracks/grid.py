@@ -127,7 +127,7 @@ def _chosen(
 def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
     known = np.unique(table["time"])
     if step is None:
-        known = _merged(known)
+        known = _merged(known, _usual_step(table))
         check_steps(path, known)
         usual = float(np.median(np.diff(known)))
         check_number_of_steps(path, known[-1] - known[0], usual)
@@ -144,12 +144,15 @@ def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
     return np.asarray(known[0] + step * np.arange(count + 1))
 
 
-def _merged(times: np.ndarray) -> np.ndarray:
+def _usual_step(table: pd.DataFrame) -> float:
+    """The median time between two samples of a player [s]; 0 if nobody has two."""
+    steps = table.sort_values("time").groupby("player")["time"].diff()
+    return float(steps.median()) if steps.notna().any() else 0.0
+
+
+def _merged(times: np.ndarray, usual: float) -> np.ndarray:
     """Times without those that differ from their predecessor by rounding only."""
-    if len(times) < 2:
-        return times
-    steps = np.diff(times)
-    return times[np.r_[True, steps > STEP_TOLERANCE * steps.max()]]
+    return times[np.r_[True, np.diff(times) > STEP_TOLERANCE * usual]] if len(times) else times
 
 
 def _resampled(rows: pd.DataFrame, times: np.ndarray, rounding: float) -> np.ndarray:

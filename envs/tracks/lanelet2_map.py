@@ -8,8 +8,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.envs.tracks.road import FARTHEST, MOST_MAP_BYTES, Road, RoadLane
+from olne_bench.envs.tracks.table import plain_float
 from olne_bench.errors import UserError, bad_input
+from olne_bench.files import check_input
 from olne_bench.games.lanes import Lane
 
 FOR_CARS = ("road", "highway")  # subtypes; a lanelet without one is a road
@@ -31,16 +33,16 @@ def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road
     Raises:
         UserError: if the file is missing or not a map, or if pyproj is needed and not installed.
     """
-    if not path.is_file():
-        raise UserError(f"no road file {str(path)!r}")
+    check_input("road file", path, MOST_MAP_BYTES)
     with bad_input(f"{path} is not a lanelet2 map", OSError):
         root = ElementTree.parse(path).getroot()
         if root.tag != "osm":
             raise ValueError(f"its root is <{root.tag}>, not <osm>")
         borders = _borders(root, origin)
-        lanes = {name: _curves_and_width(name, *pair) for name, pair in borders.items()}
         following = _following(borders)
-        return Road({name: RoadLane(*lane, following[name]) for name, lane in lanes.items()})
+        return Road(
+            {name: _lane(path, name, pair, following[name]) for name, pair in borders.items()}
+        )
 
 
 def _borders(root: ElementTree.Element, origin: tuple[float, float] | None) -> dict[str, _Borders]:
@@ -74,7 +76,7 @@ def _by_id(root: ElementTree.Element, kind: str) -> dict[str, ElementTree.Elemen
 
 
 def _tags(element: ElementTree.Element) -> dict[str, str]:
-    return {tag.attrib["k"]: tag.attrib["v"] for tag in element.iter("tag")}
+    return {tag.attrib["k"]: tag.attrib["v"] for tag in element.findall("tag")}
 
 
 def _side(
@@ -86,10 +88,10 @@ def _side(
 ) -> list[str]:
     """Ids of the nodes of a lanelet's left or right border: one way, or several in a row."""
     line: list[str] = []
-    for way in (m.attrib["ref"] for m in relation.iter("member") if m.get("role") == side):
+    for way in (m.attrib["ref"] for m in relation.findall("member") if m.get("role") == side):
         if way not in ways:
             raise ValueError(f"lanelet {name} names way {way}, which is not there")
-        refs = [node.attrib["ref"] for node in ways[way].iter("nd")]
+        refs = [node.attrib["ref"] for node in ways[way].findall("nd")]
         for ref in refs:
             if ref not in nodes:
                 raise ValueError(f"way {way} names node {ref}, which is not there")
@@ -131,13 +133,15 @@ def _pairs(values: Mapping[str, Mapping[str, str]], names: tuple[str, str]) -> n
     rows = []
     for ref, known in values.items():
         try:
-            row = [float(known[name]) for name in names]
+            row = [plain_float(known[name]) for name in names]
         except KeyError as error:
             raise ValueError(f"node {ref} has no {error.args[0]}") from error
         except ValueError as error:
             raise ValueError(f"node {ref}: {error}") from error
-        if not np.isfinite(row).all():
-            raise ValueError(f"node {ref} has a position that is not finite")
+        if not (np.abs(row) < FARTHEST).all():
+            raise ValueError(
+                f"node {ref} is at {row[0]:g}, {row[1]:g}, expected numbers below {FARTHEST:g}"
+            )
         rows.append(row)
     return np.array(rows)
 
@@ -178,15 +182,18 @@ def _area(left: np.ndarray, right: np.ndarray) -> float:
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
-def _curves_and_width(
-    name: str, left: np.ndarray, right: np.ndarray
-) -> tuple[tuple[Lane, ...], float]:
+def _lane(path: Path, name: str, borders: _Borders, following: tuple[str, ...]) -> RoadLane:
+    with bad_input(f"{path} is not a lanelet2 map: lanelet {name}"):
+        return RoadLane(*_curves_and_width(*borders), following)
+
+
+def _curves_and_width(left: np.ndarray, right: np.ndarray) -> tuple[tuple[Lane, ...], float]:
     at = np.unique(np.round(np.concatenate([_fractions(left), _fractions(right)]), _DIGITS))
     centre = (_at(left, at) + _at(right, at)) / 2
     length = np.linalg.norm(np.diff(centre, axis=0), axis=1).sum()
     area = _area(left, right)
     if not (length > 0 and area > 0):
-        raise ValueError(f"lanelet {name} has no area between its borders")
+        raise ValueError("it has no area between its borders")
     return curves_through(centre), float(area / length)
 
 

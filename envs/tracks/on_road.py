@@ -6,7 +6,7 @@ import numpy as np
 
 from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane, locate
-from olne_bench.errors import UserError
+from olne_bench.errors import UserError, bad_input
 from olne_bench.games.game import Player
 from olne_bench.games.lanes import LaneKeeping
 
@@ -65,7 +65,8 @@ def lane_warnings(
         for term in player.task:
             if not isinstance(term, LaneKeeping):
                 continue
-            lane = RoadLane(term.route)
+            with bad_input(f"the lanes of player {name!r}"):
+                lane = RoadLane(term.route)
             beside = float(locate(_extended(lane.line), last).distance[0])
             if beside > lane.width / 2 + MARGIN + 2 * noise:
                 warnings.append(

@@ -17,7 +17,7 @@ parameters, as ``olne-bench export`` writes them.
 """
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -25,14 +25,27 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from olne_bench.checks import first_problem
+from olne_bench.envs.tracks.checks import FASTEST
 from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import DEFAULT_WIDTH, Road, RoadLane
+from olne_bench.envs.tracks.road import (
+    DEFAULT_WIDTH,
+    FARTHEST,
+    LONGEST,
+    LONGEST_NAME,
+    Road,
+    RoadLane,
+    check_shown,
+)
 from olne_bench.envs.tracks.table import listed
 from olne_bench.errors import UserError, bad_input
-from olne_bench.files import whole_file
+from olne_bench.files import check_input, whole_file
 from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
 
-_Pair = tuple[float, float]
+#: Largest road file [bytes]; reading more takes minutes.
+MOST_BYTES = 2 * 10**6
+_Number = Annotated[float, Field(strict=True)]  # no text, no truth value
+_Positive = Annotated[float, Field(strict=True, gt=0)]
+_Pair = tuple[_Number, _Number]
 
 
 class _Strict(BaseModel):
@@ -45,7 +58,7 @@ class StraightEntry(_Strict):
     kind: Literal["straight"] = "straight"
     start: _Pair
     direction: _Pair
-    length: float = Field(gt=0)
+    length: _Positive
 
     def curve(self) -> StraightLane:
         """The lane."""
@@ -58,10 +71,10 @@ class SineEntry(_Strict):
     kind: Literal["sine"] = "sine"
     start: _Pair
     direction: _Pair
-    length: float = Field(gt=0)
-    amplitude: float
-    pulsation: float
-    phase: float
+    length: _Positive
+    amplitude: _Number
+    pulsation: _Number
+    phase: _Number
 
     def curve(self) -> SineLane:
         """The lane."""
@@ -74,9 +87,9 @@ class ArcEntry(_Strict):
 
     kind: Literal["arc"] = "arc"
     centre: _Pair
-    radius: float = Field(gt=0)
-    start_phase: float
-    end_phase: float
+    radius: _Positive
+    start_phase: _Number
+    end_phase: _Number
 
     def curve(self) -> ArcLane:
         """The lane."""
@@ -91,7 +104,7 @@ class LaneEntry(_Strict):
 
     points: list[_Pair] | None = None
     curves: list[CurveEntry] | None = None
-    width: float = Field(default=DEFAULT_WIDTH, gt=0)
+    width: _Positive = DEFAULT_WIDTH
     following: list[str] = []
 
     @model_validator(mode="after")
@@ -121,10 +134,18 @@ class PlayerEntry(_Strict):
         goal: goal position at the end [m].
     """
 
-    targets: dict[str, float] = {}
-    lanes: list[str] | None = Field(default=None, min_length=1)
-    blend: float | None = Field(default=None, gt=0)
+    targets: dict[str, _Number] = {}
+    lanes: list[str] | None = Field(default=None, min_length=1, max_length=1000)
+    blend: Annotated[float, Field(strict=True, gt=0, le=LONGEST)] | None = None
     goal: _Pair | None = None
+
+    @model_validator(mode="after")
+    def _is_on_earth(self) -> "PlayerEntry":
+        for name, value in [*self.targets.items(), *(("goal", x) for x in self.goal or ())]:
+            most = FASTEST if name == "speed" else FARTHEST
+            if abs(value) > most:
+                raise ValueError(f"{name} is {value:g}, beyond {most:g}")
+        return self
 
 
 class RoadFile(_Strict):
@@ -142,6 +163,15 @@ class RoadFile(_Strict):
 
     @model_validator(mode="after")
     def _knows_its_lanes(self) -> "RoadFile":
+        named: dict[str, Iterable[str]] = {
+            "lane": self.lanes,
+            "player": self.players,
+            "target": [name for player in self.players.values() for name in player.targets],
+            "scenario": [] if self.scenario is None else [self.scenario],
+        }
+        for what, names in named.items():
+            for name in names:
+                check_shown(what, name)
         if self.lanes:  # else they are those of a map
             self.check_lanes()
         return self
@@ -160,7 +190,9 @@ class RoadFile(_Strict):
             for lane in lanes:
                 if lane not in self.lanes:
                     known = listed(list(self.lanes)) or "none"
-                    raise ValueError(f"{who} names the lane {lane!r}; there are: {known}")
+                    raise ValueError(
+                        f"{who} names the lane {lane[:LONGEST_NAME]!r}; there are: {known}"
+                    )
 
     def road(self) -> Road | None:
         """The lanes as a road; None if there are none."""
@@ -175,8 +207,7 @@ def read_road_file(path: Path) -> RoadFile:
     Raises:
         UserError: with a one-line message that names the place.
     """
-    if not path.is_file():
-        raise UserError(f"no road file {str(path)!r}")
+    check_input("road file", path, MOST_BYTES)
     with bad_input(f"{path} is not a TOML file", OSError):
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     try:

@@ -7,15 +7,20 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from olne_bench.envs.tracks.checks import LONGEST_STEP, SHORTEST_STEP
 from olne_bench.envs.tracks.road import Road
 from olne_bench.errors import UserError, bad_input
+from olne_bench.files import check_input
 
 #: Columns of every table of tracks: s, name, m, m, rad, m/s.
 COLUMNS = ("time", "player", "x", "y", "heading", "speed")
 #: Component of the state that a column holds.
 STATE_NAMES = {"x": "px", "y": "py", "heading": "heading", "speed": "speed"}
 SLOWEST = 0.1  # [m/s]; slower velocities have no reliable direction
-_SHOWN = 8  # names in a message
+#: Largest file of tracks [bytes]; those of the data sets are smaller.
+MOST_BYTES = 2**31
+_LONGEST_TITLES = 2**16  # [bytes] of the line of column names
+_SHOWN, _SHOWN_NAME = 8, 60  # names in a message, and characters of each
 
 
 @dataclass(frozen=True)
@@ -43,19 +48,59 @@ def read_columns(
     Raises:
         UserError: if the file is missing, is not CSV or lacks a column.
     """
-    if not path.is_file():
-        raise UserError(f"no tracks file {str(path)!r}")
+    titles = list(settings.get("names") or read_titles(path))  # type: ignore[call-overload]
+    there = [str(title).lower() for title in titles]
+    check_titles(path, titles, [name for name in needed if name.lower() not in there])
+    found = [name for name in (*needed, *optional) if name.lower() in there]
+    twice = [name for name in found if there.count(name.lower()) > 1]
+    if twice:
+        raise UserError(f"{path}: column {twice[0]!r} appears twice")
     with bad_input(f"{path} is not a CSV file", OSError):
         frame = pd.read_csv(path, low_memory=False, **settings)  # type: ignore[call-overload]
-    there = {str(name).strip().lower(): name for name in frame.columns}
-    absent = [name for name in needed if name.lower() not in there]
+    if not isinstance(frame.index, pd.RangeIndex):  # pandas would shift the columns by one
+        raise UserError(f"{path}: its rows have more cells than the {len(titles)} column names")
+    if frame.empty:
+        raise UserError(f"{path} has column names, but no rows")
+    return frame.set_axis(there, axis=1)[[name.lower() for name in found]].set_axis(found, axis=1)
+
+
+def read_titles(path: Path) -> list[str]:
+    """The column names of a CSV file, as it has them.
+
+    Raises:
+        UserError: if it is missing, too large or not CSV.
+    """
+    check_input("tracks file", path, MOST_BYTES)
+    with path.open("rb") as file:
+        if len(file.readline(_LONGEST_TITLES + 1)) > _LONGEST_TITLES:
+            raise UserError(
+                f"{path} is not a CSV file: its first line has more than {_LONGEST_TITLES} bytes"
+            )
+    with bad_input(f"{path} is not a CSV file", OSError):
+        first = pd.read_csv(
+            path, dtype=str, header=None, nrows=1, keep_default_na=False, encoding="utf-8-sig"
+        )
+    return [str(name).strip() for name in first.iloc[0]]
+
+
+def check_titles(path: Path, titles: Sequence[str], absent: Sequence[str]) -> None:
+    """Refuse a table that lacks columns."""
     if absent:
         raise UserError(
             f"{path}: missing column{'s'[: len(absent) > 1]} {', '.join(absent)}; "
-            f"it has: {', '.join(map(str, frame.columns))}"
+            f"it has: {listed(titles)}"
         )
-    names = {there[name.lower()]: name for name in (*needed, *optional) if name.lower() in there}
-    return frame[list(names)].rename(columns=names)
+
+
+def plain_float(text: str) -> float:
+    """The number in a file; Python would also take ``1_0`` and digits of other scripts.
+
+    Raises:
+        ValueError: on anything else.
+    """
+    if not text.isascii() or "_" in text:
+        raise ValueError(f"could not convert string to float: {text[:_SHOWN_NAME]!r}")
+    return float(text)
 
 
 def numbers(path: Path, frame: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
@@ -67,11 +112,13 @@ def numbers(path: Path, frame: pd.DataFrame, names: Sequence[str]) -> pd.DataFra
     frame = frame.copy()
     for name in names:
         values = pd.to_numeric(frame[name], errors="coerce").astype(float)
+        if pd.api.types.is_bool_dtype(frame[name]):
+            values[:] = np.nan  # pandas reads True as 1
         wrong = (frame[name].notna() & ~np.isfinite(values)).to_numpy()
         if wrong.any():
             row = int(wrong.argmax())
             raise UserError(
-                f"{path}, row {row + 1}: {name} is {str(frame[name].iloc[row])!r}, "
+                f"{path}, row {row + 1}: {name} is {str(frame[name].iloc[row])[:_SHOWN_NAME]!r}, "
                 "expected a finite number"
             )
         frame[name] = values
@@ -95,11 +142,12 @@ def frame_rate(meta: pd.DataFrame, path: Path) -> float:
     """Frames per second from a recording's metadata.
 
     Raises:
-        UserError: unless it is positive.
+        UserError: unless it is that of a camera.
     """
     rate = float(numbers(path, meta, ["frameRate"])["frameRate"].iloc[0])
-    if not rate > 0:
-        raise UserError(f"{path}: frameRate is {rate:g}, expected a positive number")
+    least, most = 1 / LONGEST_STEP, 1 / SHORTEST_STEP
+    if not least <= rate <= most:
+        raise UserError(f"{path}: frameRate is {rate:g}, expected {least:g} to {most:g} per second")
     return rate
 
 
@@ -125,7 +173,10 @@ def choose_part(path: Path, frame: pd.DataFrame, column: str, part: str | None) 
 def listed(names: Sequence[str]) -> str:
     """The first few names as text, for messages."""
     more = len(names) - _SHOWN
-    return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+    shown = (
+        name if len(name) <= _SHOWN_NAME else f"{name[:_SHOWN_NAME]}..." for name in names[:_SHOWN]
+    )
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
 
 
 def player_names(ids: pd.Series) -> pd.Series:

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 _MOST = 10**6
+_LONGEST_KEY = 100  # characters of a key in a message
 
 
 def check_number(name: str, value: Any, least: float = 1e-6, most: float = 1e3) -> None:
@@ -48,7 +49,7 @@ def is_whole(value: Any) -> bool:
 def first_problem(error: "ValidationError") -> str:
     """The place and the text of the first problem that pydantic found, on one line."""
     problem = error.errors()[0]
-    place = ".".join(str(part) for part in problem["loc"])
+    place = ".".join(str(part)[:_LONGEST_KEY] for part in problem["loc"])
     message = problem["msg"].removeprefix("Value error, ")
     return f"{place + ': ' if place else ''}{message}"
 

@@ -1,4 +1,4 @@
-"""Write files: check their names, write them completely, and never overwrite a user's file."""
+"""Check files to read; write files completely, and never overwrite a user's file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,11 +11,33 @@ from olne_bench.errors import UserError
 _LEFT = (".DS_Store", ".directory", "Thumbs.db", "desktop.ini")
 
 
+def check_input(kind: str, path: Path, most: int) -> None:
+    """Refuse a file that cannot be read or is too large, before it is read.
+
+    Args:
+        kind: what the file is, for messages.
+        path: the file.
+        most: largest size [bytes].
+
+    Raises:
+        UserError: if it is not there, not a file, larger, or may not be read.
+    """
+    with _told(f"{kind} {path} cannot be read"):
+        if not path.is_file():
+            folder = "; it is a folder" if path.is_dir() else ""
+            raise UserError(f"no {kind} {str(path)!r}{folder}")
+        size = path.stat().st_size
+        if size > most:
+            raise UserError(f"{kind} {path} has {size} bytes, at most {most} are read")
+        path.open("rb").close()
+
+
 def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
     """Refuse a new file that must not or cannot be written, before any work is done.
 
     Raises:
-        UserError: on another suffix, a file that exists, or a folder that does not exist.
+        UserError: on another suffix, a file that exists, or a folder that does not exist or cannot
+            be written to.
     """
     if path.suffix.lower() not in suffixes:
         raise UserError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
@@ -24,6 +46,8 @@ def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
             raise UserError(f"{option} {path} exists already; remove it or name another file")
         if not path.parent.is_dir():
             raise UserError(f"{option} {path}: there is no folder {str(path.parent)!r}")
+        with TemporaryDirectory(dir=path.parent, prefix=".unfinished-"):
+            pass  # only an attempt shows whether a folder can be written to
 
 
 def check_folder(folder: Path, marks: tuple[str, ...], left: tuple[str, ...] = ()) -> None:
@@ -52,21 +76,25 @@ def check_folder(folder: Path, marks: tuple[str, ...], left: tuple[str, ...] = (
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def whole_file(path: Path, *, new: bool = False) -> Iterator[Path]:
     """A temporary path to write to; when it is complete, it replaces the file at ``path``.
 
-    An interrupt or a full disk leaves the former file unchanged.
+    An interrupt or a full disk leaves the former file unchanged. A ``new`` file replaces none, not
+    even one that somebody wrote in the meantime.
 
     Raises:
         UserError: if it cannot be written.
     """
-    unfinished = path.with_name(f".{path.name}.unfinished")
-    with _told(f"{path} cannot be written"):
-        try:
-            yield unfinished
-            unfinished.replace(path)
-        finally:
-            unfinished.unlink(missing_ok=True)
+    with (
+        _told(f"{path} cannot be written"),
+        # A folder of its own: a name beside the file could be that of a user's file.
+        TemporaryDirectory(dir=path.parent, prefix=".unfinished-") as made,
+    ):
+        unfinished = Path(made) / path.name
+        yield unfinished
+        if new and (path.exists() or path.is_symlink()):
+            raise UserError(f"{path} cannot be written: it exists by now; name another file")
+        unfinished.replace(path)
 
 
 @contextmanager

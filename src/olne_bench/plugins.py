@@ -182,8 +182,8 @@ def named_by_data(kind: Kind, name: str, place: str, option: str) -> str:
         return name
     known = ", ".join(sorted(_built_in(kind)))
     raise PluginError(
-        f"{place} names the {kind.name} {name!r}, and a file can only name a built-in one: "
-        f"{known}; to use another, name it with {option}"
+        f"{place} names the {kind.name} {name[:_LONGEST_NAME]!r}, and a file can only name a "
+        f"built-in one: {known}; to use another, name it with {option}"
     )
 
 

@@ -294,7 +294,7 @@ OUTPUT = [
     ),
     Hostile("PrintsBytes", "ok", "", "os.write(1, bytes(range(256)) * 10)"),
     Hostile("ClosesItsOutput", "ok", "", "os.close(1)\nos.close(2)\nprint('nobody hears')"),
-    Hostile("MessageIsNoText", "ok", "?", "return good(message='\\udc80\\x00a\\nb')"),
+    Hostile("MessageIsNoText", "ok", r"\udc80\x00a b", "return good(message='\\udc80\\x00a\\nb')"),
     Hostile("MessageIsBytes", "ok", "", "return good(message=b'\\xff\\xfe')"),
     Hostile("ManyExtras", "ok", "", "return good(extras={f'n{k}': k for k in range(10**5)})"),
     Hostile("LongExtra", "ok", "", "return good(extras={'x' * 10**6: 1.0, 'y': 'z' * 10**6})"),
@@ -627,8 +627,8 @@ PROCESSES = [
     ),
     Hostile(
         "LeavesAResourceTracker",
-        "invalid",
-        "left processes running",
+        "crash",
+        "PermissionError",
         """
         from multiprocessing import shared_memory
         shared_memory.SharedMemory(create=True, size=10).unlink()
@@ -787,8 +787,8 @@ STATE = [
     Hostile("ChangesItsFolder", "ok", "", "os.chdir('/')"),
     Hostile(
         "ChangesBuiltins",
-        "invalid",
-        "",
+        "crash",
+        "the process died with exit code 1",
         "builtins.len = lambda thing: 0\nbuiltins.sum = None\nbuiltins.getattr = None",
     ),
     Hostile(
@@ -807,8 +807,8 @@ STATE = [
     Hostile("EmptiesModules", "ok", "", "sys.modules.clear()"),
     Hostile(
         "ChangesTheProblem",
-        "ok",
-        "",
+        "invalid",
+        "it changes the problem: ",
         "object.__setattr__(problem.game, 'dt', 5.0)\nobject.__setattr__(problem, 'sigma', 0.0)",
     ),
     Hostile(

@@ -124,3 +124,12 @@ def test_what_is_told_at_some_times_only_is_known_there() -> None:
     states = grid(car).states[:, 0]
     np.testing.assert_array_equal(np.isnan(states[:, 3]), np.arange(41) % 2 == 1)
     assert np.isnan(states[:, 2]).all() and np.isfinite(states[:, :2]).all()
+
+
+def test_gaps_that_are_far_longer_than_a_step_merge_no_times() -> None:
+    times = np.concatenate([np.arange(5) * 0.04 + gap for gap in (0.0, 2.0, 4.0)])
+    found = grid(track("a", times))
+    assert found.step == pytest.approx(0.04)
+    assert len(found.times) == 105
+    with pytest.raises(UserError, match="expected at most 100000"):
+        grid(track("a", [*times, 1e9]))

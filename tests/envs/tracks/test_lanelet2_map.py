@@ -214,8 +214,12 @@ BROKEN = {
     "one node": ('<nd ref="aleft1"/>', "", "way aleft has fewer than 2 nodes"),
     "no place": ('k="local_x"', 'k="x"', "node aleft0 has no lon"),
     "no number": ('v="9.0"', 'v="nine"', "node aleft1: could not convert string to float: 'nine'"),
-    "infinite": ('v="9.0"', 'v="inf"', "node aleft1 has a position that is not finite"),
-    "one border": ('ref="aright" role', 'ref="aleft" role', "a has no area between its borders"),
+    "infinite": ('v="9.0"', 'v="inf"', "node aleft1 is at inf, 3, expected numbers below 1e+09"),
+    "one border": (
+        'ref="aright" role',
+        'ref="aleft" role',
+        "lanelet a: it has no area between its borders",
+    ),
     "a point": ('v="9.0"', 'v="0.0"', "a border has no length"),
     "no id": ('<way id="aleft"', "<way", "it has no 'id'"),
 }

@@ -264,7 +264,7 @@ def test_files_that_are_no_tables_are_refused(tmp_path: Path) -> None:
     path.write_text("")
     with pytest.raises(UserError, match="is empty; expected the columns time, player, x, y"):
         read_tracks(path)
-    path.write_text("time,player,x,x\n")
+    path.write_text("time,player,x,x,y\n")
     with pytest.raises(UserError, match="column 'x' appears twice"):
         read_tracks(path)
     path.write_bytes(b"\xff\xfe\x00")

@@ -51,3 +51,13 @@ def test_positions_are_located_on_a_line() -> None:
 def test_lanes_far_from_everybody_are_left_out() -> None:
     road = Road({"here": RoadLane((STRAIGHT,)), "there": RoadLane((ARC,))})
     assert list(road.near(np.array([[2.0, 3.0]]), 3.0).lanes) == ["here"]
+
+
+def test_positions_are_located_alike_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(0)
+    line, positions = random.normal(size=(7, 2)), random.normal(size=(50, 2))
+    whole = locate(line, positions)
+    monkeypatch.setattr("olne_bench.envs.tracks.road._PAIRS", 30)
+    parts = locate(line, positions)
+    for name in ("along", "distance", "heading"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
