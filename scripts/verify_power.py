@@ -75,6 +75,12 @@ def main() -> None:
     if arguments.real:
         real(rng)
         return
+    forged_rows(arguments.times, rng)
+    fresh_salts(arguments.times, arguments.honest, rng)
+
+
+def forged_rows(times: int, rng: np.random.Generator) -> None:
+    """Forge rows in each way."""
     print("Forged rows: share of submissions in which one is run again")
     for suite, (plugin, rivals) in CASES.items():
         table = rows_of(suite, (plugin, *rivals))
@@ -82,25 +88,29 @@ def main() -> None:
             part = table[table["seed"] < seeds].reset_index(drop=True)
             for name, forge in FORGERIES.items():
                 for share in (0.05, 0.01):
-                    found, rows = found_rows(part, plugin, forge, share, arguments.times, rng)
+                    found, rows = found_rows(part, plugin, forge, share, times, rng)
                     if rows > 1:
                         what = (
                             f"{suite}, {seeds} seeds: {name}, {share:.0%} ({rows} of {len(part)})"
                         )
-                        say(what, found, arguments.times)
+                        say(what, found, times)
+
+
+def fresh_salts(usual: int, number_of_honest: int, rng: np.random.Generator) -> None:
+    """Submit honest rows, and rows of those who know some of the noise."""
     print("\nFresh salts: share of submissions that are refused")
     total = 0
     for suite, (plugin, _) in CASES.items():
         for seeds in SEEDS:
             for known in (0.0, 0.01, 0.1, 1.0):
-                times = arguments.times if known else arguments.honest
+                times = usual // 4 if known else number_of_honest
                 second, refused = refused_rows(suite, plugin, seeds, known, times, rng)
                 kind = f"knows {known:.0%} of the noise" if known else "honest"
                 say(f"{suite}, {seeds} seeds: {kind}", refused, times)
                 if not known:
                     say(f"{suite}, {seeds} seeds: honest, asked for a second test", second, times)
                     total += refused
-    number = arguments.honest * len(CASES) * len(SEEDS)
+    number = number_of_honest * len(CASES) * len(SEEDS)
     say(f"honest, all {number}", total, number)
 
 
