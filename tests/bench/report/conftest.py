@@ -91,7 +91,7 @@ def road_trials(road_study: Study) -> pd.DataFrame:
                 "count": 1,
                 "status": "ok",
                 "message": "",
-                **dict.fromkeys(metrics, 0.02),
+                **dict.fromkeys(metrics, 0.0),
                 "covers_truth": 1,
                 "cosine_limit": 0.01,
                 "published_forward": 1,
