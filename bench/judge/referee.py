@@ -215,6 +215,12 @@ def longest_seconds(trial: Trial) -> float:
     return _PLAYER_LIMITS * trial.time_limit + _PLAYER_START
 
 
+def all_seconds(trial: Trial) -> float:
+    """Longest time [s] that all stages of a trial may take together."""
+    metrics = len(trial.metrics) * trial.time_limit
+    return 3 * own_seconds(trial) + longest_seconds(trial) + metrics
+
+
 def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
     """The layers of a sensor, the innermost first.
 

@@ -5,6 +5,7 @@ monotonic clock, answers that execute nothing, an exit with code 0 that is notic
 that die with their process. Each child has its own socket and session, so children share nothing.
 """
 
+import math
 import pickle
 import secrets
 import signal
@@ -141,13 +142,20 @@ class Child:
         assert self._process is not None
         return self._process.channel
 
-    def submit(self, function: Callable[..., Any], *arguments: Any, seconds: float) -> None:
+    def submit(
+        self,
+        function: Callable[..., Any],
+        *arguments: Any,
+        seconds: float,
+        longest: float = math.inf,
+    ) -> None:
         """Give an idle process its next work.
 
         Args:
             function: the work, a function at the top level of a module.
             arguments: its arguments, which can be pickled.
             seconds: time that it may take once the process has started [s].
+            longest: time that all stages may take together [s], whatever is announced.
         """
         assert not self.busy
         if self._process is not None and not self.channel.is_quiet():
@@ -157,6 +165,7 @@ class Child:
         self.busy = True
         self._token = secrets.randbits(62)
         self._limit, self.stage = seconds, ""
+        self._end = time.monotonic() + START_LIMIT + longest
         now = time.monotonic()
         self._deadline = now + (seconds if self._ready else START_LIMIT)
         self._next_look = now + _MEMORY_SECONDS
@@ -192,7 +201,8 @@ class Child:
                     self._deadline = time.monotonic() + self._limit
                 elif isinstance(message, Stage) and self._may_announce:
                     self.stage = message.name
-                    self._limit = message.seconds
+                    left = self._end - time.monotonic()
+                    self._limit = message.seconds if message.seconds <= left else max(0.0, left)
                     self._deadline = time.monotonic() + self._limit
                 else:
                     return self._take(message, kind)

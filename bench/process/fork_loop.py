@@ -13,10 +13,13 @@ import resource
 import signal
 import socket
 import struct
+import sysconfig
 import tempfile
 import traceback
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import lru_cache
+from importlib.metadata import distributions
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -31,6 +34,10 @@ from olne_bench.bench.process.family import (
 from olne_bench.bench.process.sandbox import allow_reading, enforce, restrict, rules_for
 from olne_bench.games.compiler import backend
 
+#: Folders of Python's modules and of installed ones, as ``sysconfig`` names them.
+_LIBRARIES = ("stdlib", "platstdlib", "purelib", "platlib")
+#: Groups of entry points that name plugins begin so.
+_PLUGINS = "olne_bench."
 _LENGTH = struct.Struct("!I")
 #: Files of the whole machine in /proc that libraries read. A fork sees no other process there.
 _MACHINE = ("cpuinfo", "meminfo", "stat", "uptime", "loadavg", "version", "filesystems", "sys")
@@ -134,11 +141,32 @@ def _import(names: Any) -> None:
 
 
 def _is_library(name: str) -> bool:
-    """Whether a module is Python's or an installed one."""
+    """Whether a module is Python's or an installed one, and no part of a plugin.
+
+    It is not imported, and neither is what it belongs to. Its name is a plugin's word.
+    """
+    top = name.partition(".")[0]
     with suppress(BaseException):
-        spec = find_spec(name)
-        return spec is not None and spec.origin is not None
+        spec = find_spec(top)
+        origin = None if spec is None else spec.origin
+        if origin in ("built-in", "frozen"):
+            return True
+        folders = {Path(sysconfig.get_path(kind)) for kind in _LIBRARIES}
+        installed = origin is not None and any(f in Path(origin).parents for f in folders)
+        return installed and top not in _installed_plugins()
     return False
+
+
+@lru_cache(maxsize=1)
+def _installed_plugins() -> frozenset[str]:
+    """Names at the top of the distributions that have plugins, but for this package."""
+    with_plugins = (
+        one
+        for one in distributions()
+        if any(p.group.startswith(_PLUGINS) for p in one.entry_points)
+    )
+    files = (file for one in with_plugins for file in one.files or ())
+    return frozenset(file.parts[0].removesuffix(".py") for file in files) - {"olne_bench"}
 
 
 def _threads() -> int:

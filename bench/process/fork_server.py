@@ -22,6 +22,7 @@ from olne_bench.bench.process.fork_loop import Order, as_request
 from olne_bench.bench.process.reachable import Reach
 from olne_bench.errors import UserError
 from olne_bench.games.compiler import reader_environment
+from olne_bench.visible import visible
 
 #: How long a server may take for an answer once it has started [s].
 _ANSWER_SECONDS = 60.0
@@ -268,7 +269,8 @@ class ForkServer:
         if not said:
             return
         if self._log is None:
-            sys.stderr.write(said.decode(errors="replace"))
+            for line in said.decode(errors="replace").splitlines():
+                sys.stderr.write(f"a plugin says: {visible(line)}\n")
         else:
             with self._log.open("ab") as file:
                 file.write(said)

@@ -1,10 +1,12 @@
 """The referee process as the driver sees it: trials go in, outcomes come out."""
 
+import math
 from pathlib import Path
 from typing import Generic
 
-from olne_bench.bench.judge.referee import own_seconds
+from olne_bench.bench.judge.referee import all_seconds, own_seconds
 from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.plan.work import W, Work
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.child import (
@@ -88,16 +90,15 @@ class RefereeProcess(Generic[W]):
 
     def _send(self, trial: W) -> None:
         home = self._home_of(trial)
-        if home:
-            check_code(
-                trial
-            )  # its sandbox reads no draws, which are part of the code's fingerprint
+        if home:  # its sandbox reads no draws, which are part of the code's fingerprint
+            check_code(trial)
         if home != self._home:
             self._child.stop()
             self._child = self._for(trial, home)
         self.trial, self._home = trial, home
         arguments = (trial, self._memory, self._hidden, bool(home))
-        self._child.submit(run_trial, *arguments, seconds=own_seconds(trial))
+        longest = all_seconds(trial) if home and isinstance(trial, Trial) else math.inf
+        self._child.submit(run_trial, *arguments, seconds=own_seconds(trial), longest=longest)
 
     def _home_of(self, trial: Work) -> tuple[str, ...]:
         """References of all plugins that run in a trial's sandbox; empty if it needs none."""

@@ -209,7 +209,7 @@ MEMORY = [
     Hostile(
         "HoardsSharedMemory",
         "crash",
-        "out of memory",
+        "PermissionError",
         """
         kept = []
         while True:
@@ -221,7 +221,7 @@ MEMORY = [
     Hostile(
         "HoardsInAMemfd",
         "crash",
-        "",
+        "PermissionError",
         """
         file = os.memfd_create("hoard")
         while True:
@@ -232,7 +232,7 @@ MEMORY = [
     Hostile(
         "HoardsInSeveralMemfds",
         "crash",
-        "out of memory",
+        "PermissionError",
         """
         files = []
         while True:

@@ -5,9 +5,11 @@ Each says in its message where it has succeeded, as JSON.
 
 import builtins
 import ctypes
+import fcntl
 import json
 import mmap
 import os
+import resource
 import sys
 import tempfile
 import threading
@@ -21,7 +23,9 @@ import numpy as np
 KEY = 0x0151
 SECRET = b"weights"
 _kept: dict[str, bytes] = {}
-_mapped = mmap.mmap(-1, 4096)  # shared with forks of the process that imports this
+_mapped = b""
+with suppress(OSError):
+    _mapped = mmap.mmap(-1, 4096)  # shared with forks of the process that imports this
 _libc = ctypes.CDLL(None, use_errno=True)
 _libc.shmat.restype = ctypes.c_void_p
 
@@ -87,6 +91,52 @@ def _keep_mode():
     Path(__file__).chmod(0o1644)
 
 
+def _recall_limit():
+    return SECRET if resource.getrlimit(resource.RLIMIT_MSGQUEUE)[0] == KEY else b""
+
+
+def _keep_limit():
+    resource.prlimit(os.getppid(), resource.RLIMIT_MSGQUEUE, (KEY, KEY))
+
+
+def _recall_priority():
+    return SECRET if os.getpriority(os.PRIO_PROCESS, os.getppid()) == 7 else b""
+
+
+def _keep_priority():
+    os.setpriority(os.PRIO_PROCESS, os.getppid(), 7)
+
+
+def _recall_processor():
+    return SECRET if len(os.sched_getaffinity(0)) == 1 else b""
+
+
+def _keep_processor():
+    os.sched_setaffinity(os.getppid(), {min(os.sched_getaffinity(0))})
+
+
+def _recall_version():
+    with Path(__file__).open() as file:
+        found = fcntl.ioctl(file, 0x80087601, bytes(8))  # FS_IOC_GETVERSION
+    return SECRET if int.from_bytes(found[:4], sys.byteorder) == KEY else b""
+
+
+def _keep_version():
+    with Path(__file__).open() as file:
+        fcntl.ioctl(file, 0x40087602, KEY.to_bytes(8, sys.byteorder))  # FS_IOC_SETVERSION
+
+
+def _recall_hint():
+    with Path(__file__).open() as file:
+        found = fcntl.fcntl(file, 1035, bytes(8))  # F_GET_RW_HINT
+    return SECRET if found[0] == 3 else b""
+
+
+def _keep_hint():
+    with Path(__file__).open() as file:
+        fcntl.fcntl(file, 1036, (3).to_bytes(8, sys.byteorder))  # F_SET_RW_HINT
+
+
 PLACES = {
     "module": (lambda: _kept.get("a", b""), lambda: _kept.update(a=SECRET)),
     "class": (lambda: Remembers.kept, lambda: setattr(Remembers, "kept", SECRET)),
@@ -119,6 +169,11 @@ PLACES = {
     "key": (_recall_key, _keep_key),
     "time of its file": (_recall_time, _keep_time),
     "mode of its file": (_recall_mode, _keep_mode),
+    "limit of its parent": (_recall_limit, _keep_limit),
+    "priority of its parent": (_recall_priority, _keep_priority),
+    "processor of its parent": (_recall_processor, _keep_processor),
+    "version of its file": (_recall_version, _keep_version),
+    "hint on its file": (_recall_hint, _keep_hint),
     "log": (lambda: Path("/proc/self/fd/1").read_bytes(), lambda: print(SECRET.decode())),
 }
 

@@ -32,7 +32,8 @@ from olne_bench.games.simplex import simplex_tangent, theta_tangent
 
 #: Chance that a row, or a cell, of an efficient estimator is marked.
 LEVEL = 1e-6
-#: Draws of a family whose truths are looked at, from the first on. An estimator cannot tell which.
+#: Draws of a family whose truths are looked at. What all rows say chooses them, so no estimator can
+#: tell which.
 MOST_DRAWS = 10
 
 #: The posterior may be this much more precise than its approximation, in terms of variance. In
@@ -186,7 +187,7 @@ def distances_of(
         study: study of the run.
     """
     found: list[Distances | None] = [None] * len(rows)
-    known = _truths(np.unique(rows["seed"].to_numpy(int))[:MOST_DRAWS], scenario, sensor, study)
+    known = _truths(_chosen_seeds(rows), scenario, sensor, study)
     prior = _prior_precision([truth.weights for truth in known.values()])
     if not np.isfinite(prior):
         return found
@@ -196,6 +197,14 @@ def distances_of(
             for k, one in zip(numbers, own, strict=True):
                 found[k] = one
     return found
+
+
+def _chosen_seeds(rows: pd.DataFrame) -> np.ndarray:
+    """Seeds of some draws of these rows, the same for the same rows in any order."""
+    said = pd.util.hash_pandas_object(rows["weights"].map(str), index=False)
+    rng = np.random.default_rng(said.sort_values().to_numpy())
+    seeds = np.unique(rows["seed"].to_numpy(int))
+    return np.sort(rng.choice(seeds, min(MOST_DRAWS, len(seeds)), replace=False))
 
 
 def _truths(seeds: Iterable[int], scenario: str, sensor: str, study: Study) -> Mapping[int, _Truth]:

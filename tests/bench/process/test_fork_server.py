@@ -2,13 +2,15 @@
 
 import os
 import sys
+import sysconfig
 import time
-from pathlib import Path
+from pathlib import Path, PurePath
+from types import SimpleNamespace
 
 import psutil
 import pytest
 
-from olne_bench.bench.process import fork_server
+from olne_bench.bench.process import fork_loop, fork_server
 from olne_bench.bench.process.child import Child, DiedError, StartError
 from olne_bench.bench.process.family import has_ended
 
@@ -57,16 +59,43 @@ def test_libraries_are_imported_once(child):
     assert not child.call(loaded, "no_such_module", kind=bool, seconds=5)
 
 
-def test_a_library_that_starts_threads_is_left_to_the_forks(child, tmp_path, monkeypatch):
-    (tmp_path / "threaded.py").write_text(
+@pytest.fixture
+def installed():
+    """A module among the installed ones."""
+    file = Path(sysconfig.get_path("purelib"), f"olne_test_threaded_{os.getpid()}.py")
+    file.write_text(
         "import threading, time\nthreading.Thread(target=time.sleep, args=[60]).start()\n"
     )
-    monkeypatch.syspath_prepend(str(tmp_path))
+    yield file.stem
+    file.unlink()
+
+
+def test_a_library_that_starts_threads_is_left_to_the_forks(child, installed):
     server = child.call(parent, kind=int, seconds=5)
-    child.load(["threaded"])
+    child.load([installed])
     assert has_ended(server)
-    assert not child.call(loaded, "threaded", kind=bool, seconds=5)
+    assert not child.call(loaded, installed, kind=bool, seconds=5)
     assert child.call(parent, kind=int, seconds=5) != server
+
+
+def test_a_server_imports_nothing_that_is_no_library(child, tmp_path, monkeypatch):
+    """Names of libraries are a plugin's words."""
+    (tmp_path / "mine.py").write_text("")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    child.load(["mine"])
+    assert not child.call(loaded, "mine", kind=bool, seconds=5)
+
+
+def test_parts_of_installed_plugins_are_no_libraries(monkeypatch):
+    named = SimpleNamespace(group="olne_bench.estimators")
+    files = [PurePath("colorsys.py"), PurePath("olne_bench/x.py"), PurePath("two/one.py")]
+    found = [SimpleNamespace(entry_points=[named], files=files)]
+    monkeypatch.setattr(fork_loop, "distributions", lambda: found)
+    fork_loop._installed_plugins.cache_clear()
+    assert not fork_loop._is_library("colorsys")
+    assert fork_loop._is_library("json.decoder")
+    assert not fork_loop._is_library("no_such_module")
+    fork_loop._installed_plugins.cache_clear()
 
 
 def test_a_server_that_is_killed_is_replaced(child):

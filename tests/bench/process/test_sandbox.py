@@ -3,9 +3,12 @@
 import ctypes
 import errno
 import fcntl
+import mmap
 import os
 import platform
+import resource
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -265,6 +268,81 @@ def test_calls_that_lead_to_other_processes_are_refused(child, name):
         return  # this machine has no such call
     expected = errno.ENOLCK if name in _LOCKING else errno.EACCES
     assert child.call(call, name, 0, 0, 0, 0, kind=int, seconds=5) == -expected
+
+
+def connect_or_tell(kind: int) -> int:
+    with suppress(OSError):
+        first, _ = socket.socketpair(type=kind)
+        first.sendto(b"x", "/nowhere")
+        return 0
+    return 1
+
+
+def limit_of_parent() -> int:
+    return resource.prlimit(os.getppid(), resource.RLIMIT_CPU, (1, 1))[0]
+
+
+def new_user() -> int:
+    """A child in a new user namespace."""
+    return os.waitpid(_clone(0x10000000 | signal.SIGCHLD), 0)[0]
+
+
+def brother() -> int:
+    """A child of this process's parent."""
+    return _clone(0x8000 | signal.SIGCHLD)
+
+
+def _clone(flags: int) -> int:
+    number = {"x86_64": 56, "aarch64": 220}[platform.machine()]
+    libc = ctypes.CDLL(None, use_errno=True)
+    pid = libc.syscall(number, flags, 0, 0, 0, 0)
+    if pid == 0:
+        os._exit(0)
+    if pid < 0:
+        raise PermissionError(os.strerror(ctypes.get_errno()))
+    return int(pid)
+
+
+def shared_memory() -> int:
+    return len(mmap.mmap(-1, 4096))
+
+
+@pytest.mark.parametrize("function", [limit_of_parent, new_user, brother, shared_memory])
+def test_no_way_leads_around_limits(child, function):
+    refuses(child, function, kind=int)
+
+
+def test_a_pair_of_sockets_leads_nowhere_else(child):
+    for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+        assert child.call(connect_or_tell, int(kind), kind=int, seconds=5) == 1
+    assert child.call(talk_to_itself, kind=int, seconds=5) == 1
+
+
+def talk_to_itself() -> int:
+    first, second = socket.socketpair()
+    first.sendall(b"x")
+    return len(second.recv(9))
+
+
+def test_what_libraries_need_is_allowed(child):
+    assert child.call(ordinary, kind=int, seconds=20) == 3
+
+
+def ordinary() -> int:
+    """Own limits and threads, children, terminals and descriptors."""
+    resource.setrlimit(resource.RLIMIT_STACK, resource.getrlimit(resource.RLIMIT_STACK))
+    os.sched_setaffinity(0, os.sched_getaffinity(0))
+    os.isatty(1)
+    os.set_blocking(1, True)
+    said = []
+    thread = threading.Thread(target=said.append, args=(1,))
+    thread.start()
+    thread.join()
+    subprocess.run([sys.executable, "-c", ""], check=True)
+    pid = os.fork()
+    if not pid:
+        os._exit(2)
+    return said[0] + os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
 
 def test_nothing_is_kept_in_locks_and_attributes_of_files(child, hidden):

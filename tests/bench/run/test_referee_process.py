@@ -44,7 +44,8 @@ class FakeChild:
     def waited(self, seconds: float) -> None:
         self.waits.append(seconds)
 
-    def submit(self, function, *arguments, seconds):
+    def submit(self, function, *arguments, seconds, longest):
+        assert longest > seconds
         self.sent.append((function, arguments, seconds))
 
     def poll(self, kind):
