@@ -63,7 +63,7 @@ roads: setup
 
 # Samples come in one by one, and HighwayEnv's drivers are fitted to the first ten of 20.
 predictions: setup
-	$(BIN)/olne-bench online roads --out $(OUT)/predictions --jobs $(JOBS) --fit-stock 10 --no-figures \
+	$(BIN)/olne-bench run roads --kind streams --out $(OUT)/predictions --jobs $(JOBS) --rule fit_every=10 --no-figures \
 		$(addprefix --scenario ,highway merge two_way roundabout intersection) \
 		$(addprefix --estimator ,map kkt_constrained) --sensor full --sigma 0.2
 

@@ -1,22 +1,19 @@
 """The beliefs of an ego in a drive, with the estimator in this process, for measurements."""
 
 import pickle
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.bench.commands.interface.drive import drive
-from olne_bench.bench.judge.beliefs import EstimatedBeliefs
-from olne_bench.bench.judge.online import StreamTask
-from olne_bench.bench.judge.referee import Answer
-from olne_bench.bench.plan.drive import EstimateRules
+from olne_bench.bench.judge.beliefs import EstimatedBeliefs, EstimateRules
+from olne_bench.bench.judge.referee import Answer, PlayerTask
+from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.run.stream_player import begin, update
-from olne_bench.envs.drive.cars import ROADS
+from olne_bench.envs.drive.cars import ROADS, STEP
 from olne_bench.estimators.protocol import Problem
 
-DEFAULTS: dict[str, Any] = {option.name: option.default for option in drive.params}
-RULES = EstimateRules(**{rule.name: DEFAULTS[rule.name] for rule in fields(EstimateRules)})
+SUITE = load_suite("driving")
+RULES = EstimateRules(SUITE.rules.window, SUITE.sigmas[0], SUITE.rules.deadline or STEP)
 
 
 @dataclass
@@ -25,7 +22,7 @@ class Here:
 
     began: bool = False
 
-    def start(self, task: StreamTask) -> str | None:
+    def start(self, task: PlayerTask) -> str | None:
         """As of ``judge.online.StreamPlayer``."""
         self.began = True
         problem = pickle.dumps(task.problem)
@@ -37,9 +34,9 @@ class Here:
 
 
 def beliefs_here(player: Here, road: str, method: str) -> EstimatedBeliefs:
-    """What ``method`` estimates in a drive, by the rules of ``olne-bench drive``."""
+    """What ``method`` estimates in a drive, by the rules of the suite ``driving``."""
 
-    def task_of(problem: Problem) -> StreamTask:
-        return StreamTask(method, {}, "", problem, RULES.window, 0, RULES.time_limit)
+    def task_of(problem: Problem) -> PlayerTask:
+        return PlayerTask(method, {}, "", problem, 0, SUITE.time_limit, lag=RULES.window)
 
     return EstimatedBeliefs(player, task_of, ROADS[road], RULES)

@@ -2,7 +2,7 @@
 
     python scripts/cycle_latency.py [--drives 10] [--road highway] [--method map]
 
-Drives are those of ``olne-bench drive`` with Nash traffic, its window and noise, on one core and
+Drives are those of the suite ``driving``, with Nash traffic, its window and noise, on one core and
 in one process. Counts cycles with five cars, the ego and four others. A cycle is warm if its stream
 and its former plan are about the same cars and the stream goes on; a stream that begins updates
 with each sample of its window. Prints the median and the 95 % and 99 % percentiles [ms] of warm and

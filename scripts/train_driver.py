@@ -1,4 +1,4 @@
-"""Train the planner ``ppo`` of ``olne-bench drive``; needs the extra ``rl``.
+"""Train the planner ``ppo`` of studies of drives; needs the extra ``rl``.
 
 Usage: python scripts/train_driver.py [--steps N] [--out FILE]
 

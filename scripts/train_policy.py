@@ -1,4 +1,4 @@
-"""Clone how players of a scenario drive, for ``olne-bench online``; needs the extra ``learned``.
+"""Clone how players of a scenario drive, for studies of streams; needs the extra ``learned``.
 
 Usage: python scripts/train_policy.py SCENARIO [--draws FILE] [--out FILE] [--steps N]
 

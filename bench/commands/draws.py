@@ -30,6 +30,8 @@ def draws(
 ) -> None:
     """Solve all draws of SUITE and write them to a file, which 'olne-bench run' then uses."""
     whole = load_suite(suite, describe=partial(describe_all, hidden=out))
+    if whole.kind == "drives":
+        raise UserError(f"suite {whole.name!r} is a study of drives, which are drawn as they go on")
     path = out or draws_path(suite)
     if path.suffix != DRAWS_SUFFIX or not path.parent.is_dir():
         raise UserError(

@@ -123,7 +123,7 @@ def _supports(estimator: Any, budget: float) -> None:
 
 
 def _streams(estimator: Any, budget: float) -> None:
-    """It follows a motion that goes on, one sample after the other, as 'olne-bench online' runs it.
+    """It follows a motion that goes on, one sample after the other, as a study of streams runs it.
 
     No further sample is shown once the budget is spent.
     """

@@ -34,8 +34,8 @@ def gate(folder: Path, suite: str | None) -> None:
         raise UserError(f"the run in {folder} has no finished trial yet")
     last = last_suite(runs, folder)
     source = last if suite is None else load_suite(suite, describe=describe_all)
-    _refuse_no_limits(source)
     study = study_of(read_suite_json(run.suite) for run in runs)
+    _refuse_no_limits(source)
     with travelling(draws_of(last.name, last)):
         board = tabulate(weighed(trials), replace(study, confirmations=confirmed)).leaderboard
     outcomes = check_limits(board, source.gate, study)

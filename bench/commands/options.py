@@ -122,7 +122,7 @@ def memory_option(told: str) -> Callable[[Command], Command]:
     )
 
 
-def name_and_value(option: str, text: str) -> tuple[str, Any]:
+def name_and_value(option: str, text: str, such: str = "num_players=3") -> tuple[str, Any]:
     """Both sides of NAME=VALUE; a value that is not JSON is text.
 
     Raises:
@@ -130,7 +130,7 @@ def name_and_value(option: str, text: str) -> tuple[str, Any]:
     """
     name, separator, value = text.partition("=")
     if not (name and separator):
-        raise UserError(f"{option} {text!r}: expected NAME=VALUE, such as num_players=3")
+        raise UserError(f"{option} {text!r}: expected NAME=VALUE, such as {such}")
     try:
         return name, json.loads(value)
     except (ValueError, RecursionError):  # numbers with too many digits, lists nested too deep

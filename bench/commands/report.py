@@ -12,6 +12,8 @@ from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
 from olne_bench.bench.report.formats import read_formats
+from olne_bench.bench.run.resume import last_suite
+from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
 
 #: A report that takes longer [s] hangs.
@@ -85,6 +87,16 @@ def worlds_of(suite: Suite) -> list[str]:
 def _report_text(
     folder: Path, formats: tuple[str, ...], playable: tuple[Place, ...], loaded: tuple[str, ...]
 ) -> str:
+    with read_store(folder) as store:
+        kind = last_suite(store.runs(), folder).kind
+    if kind == "streams":
+        from olne_bench.bench.report.write_online import report_streams
+
+        return report_streams(folder, formats)
+    if kind == "drives":
+        from olne_bench.bench.report.write_driving import report_drives
+
+        return report_drives(folder, formats)
     from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
     from olne_bench.bench.report.write import write_report
 

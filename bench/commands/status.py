@@ -8,48 +8,40 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from olne_bench.bench.commands.online_rules import read_rules
-from olne_bench.bench.plan.motion import OnlineRules, alike_motions
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import alike
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import STATES, Stored, last_suite
-from olne_bench.bench.run.store import read_store, store_name
-from olne_bench.bench.run.store_layout import MOTIONS_NAME
+from olne_bench.bench.run.store import read_store
 from olne_bench.bench.run.time_left import Cost, in_words, processes, time_left
 from olne_bench.plugins import PluginError
 
 
 def status(folder: Path) -> None:
     """Show how far the run in FOLDER is."""
-    name = store_name(folder)
-    with read_store(folder, name) as store:
+    with read_store(folder) as store:
         runs = store.runs()
         stored, costs = Stored(store.records()), store.costs()
-    suite, online = last_suite(runs, folder), name == MOTIONS_NAME
-    table, notes = _table(suite, stored, read_rules(folder) if online else None)
+    table, notes = _table(last_suite(runs, folder), stored)
     click.echo(_heading(folder, runs))
     click.echo(table.to_string(index=False))
     for note in notes:
         click.echo(note)
     for line in _time_left(table, costs, runs[-1].executor):
         click.echo(line)
-    for hint in _hints(table, runs[-1], "online" if online else "run"):
+    for hint in _hints(table, runs[-1]):
         click.echo(hint)
 
 
-def _table(
-    suite: Suite, stored: Stored, rules: OnlineRules | None
-) -> tuple[pd.DataFrame, list[str]]:
+def _table(suite: Suite, stored: Stored) -> tuple[pd.DataFrame, list[str]]:
     """One row per scenario and estimator, and a note for each without one."""
     rows, notes = [], []
     for scenario, estimator in suite.pairs():
         part = suite.model_copy(update={"scenarios": (scenario,), "estimators": (estimator,)})
         try:
-            groups = alike(part) if rules is None else alike_motions(part, rules)
             found = Counter[str]()
-            for trial, seeds in groups:
+            for trial, seeds in alike(part):
                 found += stored.states(trial, seeds)
         except PluginError as error:
             notes.append(f"{estimator.label} on {scenario.label}: not known here: {error}")
@@ -94,15 +86,15 @@ def _heading(folder: Path, runs: list[Provenance]) -> str:
     )
 
 
-def _hints(table: pd.DataFrame, last: Provenance, command: str) -> list[str]:
+def _hints(table: pd.DataFrame, last: Provenance) -> list[str]:
     hints = []
     if table["missing"].any() or table["stale"].any():
-        hints.append(f"'olne-bench {command}' with this --out runs missing and stale trials")
+        hints.append("'olne-bench run' with this --out runs missing and stale trials")
     if table["failed"].any():
-        hints.append(f"'olne-bench {command} --retry failed' runs failed trials again")
+        hints.append("'olne-bench run --retry failed' runs failed trials again")
     if table["harness_error"].any():
         hints.append(
-            f"'olne-bench {command} --retry harness_error' runs trials again that were not judged"
+            "'olne-bench run --retry harness_error' runs trials again that were not judged"
         )
     if str(last.selection):
         hints.append(f"the last run was of a part of the suite: {last.selection}")

@@ -7,10 +7,9 @@ from typing import Protocol
 import numpy as np
 
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
-from olne_bench.bench.judge.online import StreamPlayer, StreamTask
+from olne_bench.bench.judge.online import StreamPlayer
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.referee import PlayerFault
-from olne_bench.bench.plan.drive import EstimateRules
+from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
 from olne_bench.envs.drive.cars import (
     Car,
     Road,
@@ -24,6 +23,21 @@ from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.driving import NOISE_SCALE
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.observation import VIEWS
+
+
+@dataclass(frozen=True)
+class EstimateRules:
+    """How an ego uses estimates.
+
+    Attributes:
+        window: number of latest samples that count.
+        sigma: standard deviation of the noise on positions [m].
+        deadline: time [s] in which an estimate has to be there.
+    """
+
+    window: int
+    sigma: float
+    deadline: float
 
 
 @dataclass(frozen=True)
@@ -99,7 +113,7 @@ class EstimatedBeliefs:
     def __init__(
         self,
         player: StreamPlayer,
-        task_of: Callable[[Problem], StreamTask],
+        task_of: Callable[[Problem], PlayerTask],
         road: Road,
         rules: EstimateRules,
     ) -> None:

@@ -5,33 +5,33 @@ the ego does changes what the others do.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from time import perf_counter
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from olne_bench.bench.judge.beliefs import (
     Beliefs,
     EstimatedBeliefs,
+    EstimateRules,
     TrueBeliefs,
     UniformBeliefs,
 )
 from olne_bench.bench.judge.learned_driver import LearnedDriver
-from olne_bench.bench.judge.online import StreamPlayer, StreamTask
+from olne_bench.bench.judge.online import StreamPlayer
+from olne_bench.bench.judge.referee import Announce, PlayerTask, silent
 from olne_bench.bench.judge.streams import stream
-from olne_bench.bench.plan.drive import (
-    CONSTANT_VELOCITY,
-    ORACLE,
-    OWN_PLANNERS,
-    PPO,
-    STOCK_EGO,
-    DriveTask,
-)
+from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, PPO, STOCK
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
-from olne_bench.envs.drive.cars import ROADS, STEP, Car
+from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car
 from olne_bench.envs.drive.costs import EgoCost
+from olne_bench.envs.drive.first_cars import NASH, NoDriveError
 from olne_bench.envs.drive.gaps import gap
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
@@ -50,6 +50,9 @@ _CYCLES = (50, 95, 99)
 
 #: Deadlines that an update may spend: it counts late then, and is worth little after that.
 _BUDGET = 2
+#: Time [s] for a drive, beside twice that after which a player is killed: its first plans may have
+#: to wait for a compiler.
+_DRIVE_SECONDS = 1200.0
 
 
 @dataclass(frozen=True)
@@ -103,18 +106,42 @@ class DriveRow:
 Watch = Callable[[DriveWorld, EgoPlan | None], None]
 
 
-def judge_drive(task: DriveTask, player: StreamPlayer, watch: Watch | None = None) -> DriveRow:
+def setting(scenario: ScenarioEntry) -> tuple[str, str, str]:
+    """Road, traffic (``envs.drive.first_cars.TRAFFIC``), and how hidden weights are drawn."""
+    options = scenario.options
+    return scenario.name, options.get("traffic", NASH), options.get("weights", WEIGHTS[0])
+
+
+def judge_drive(trial: Trial, player: StreamPlayer, announce: Announce = silent) -> Outcome:
+    """Judge a drive; its row is JSON text in ``extras``.
+
+    A seed without a start is ``skipped``.
+
+    Args:
+        trial: the drive.
+        player: runs estimators.
+        announce: called with the time that the drive may take [s].
+    """
+    announce("drive", _DRIVE_SECONDS + 2 * trial.time_limit)
+    try:
+        row = driven(trial, player)
+    except NoDriveError as error:
+        return Outcome("skipped", clip(str(error)))
+    return Outcome(row.status, row.message, extras=msgspec.json.encode(asdict(row)).decode())
+
+
+def driven(trial: Trial, player: StreamPlayer, watch: Watch | None = None) -> DriveRow:
     """Let a planner drive.
 
     Args:
-        task: the drive.
+        trial: the drive.
         player: runs estimators.
         watch: sees each step.
 
     Raises:
         NoDriveError: if the seed has no start.
     """
-    drive = _Drive(task, player, watch is not None)
+    drive = _Drive(trial, player, watch is not None)
     while not drive.world.over:
         drive.cycle(watch)
     if watch is not None:
@@ -125,21 +152,22 @@ def judge_drive(task: DriveTask, player: StreamPlayer, watch: Watch | None = Non
 class _Drive:
     """One drive and its log."""
 
-    def __init__(self, task: DriveTask, player: StreamPlayer, pictures: bool) -> None:
-        self._task = task
+    def __init__(self, trial: Trial, player: StreamPlayer, pictures: bool) -> None:
+        self._trial = trial
+        road, traffic, weights = setting(trial.scenario)
         self.world = DriveWorld(
-            task.road,
-            task.seed,
-            traffic=task.traffic,
-            weights=task.weights,
-            stock_ego=task.planner == STOCK_EGO,
+            road,
+            trial.seed,
+            traffic=traffic,
+            weights=weights,
+            stock_ego=trial.reference == STOCK,
             pictures=pictures,
         )
-        self._noise = stream(task.salt, "drive", *task.key)
-        self._beliefs = _beliefs(task, player)
-        straight_on = task.planner == CONSTANT_VELOCITY
+        self._noise = stream(trial.salt, "drive", *_paired(trial))
+        self._beliefs = _beliefs(trial, player)
+        straight_on = trial.reference == CONSTANT_VELOCITY
         self._planner = StraightOnPlanner() if straight_on else GamePlanner()
-        self._driver = LearnedDriver(self.world.cars[0]) if task.planner == PPO else None
+        self._driver = LearnedDriver(self.world.cars[0]) if trial.reference == PPO else None
         self._cost = EgoCost(self.world.cars[0])
         self._motion: list[dict[int, np.ndarray]] = []
         self._controls: list[np.ndarray] = []
@@ -151,8 +179,8 @@ class _Drive:
         world, states = self.world, self.world.states()
         self._motion.append(_by_number(world.cars, states))
         plan, control = None, None
-        if self._task.planner != STOCK_EGO:
-            cars, samples = seen(world, self._task.rules.sigma, self._rng)
+        if self._trial.reference != STOCK:
+            cars, samples = seen(world, self._trial.sigma, self._rng)
             began = perf_counter()
             plan, control = self._planned(cars, samples)
             self._cycles.append(perf_counter() - began)
@@ -228,25 +256,32 @@ class _Drive:
         return shares
 
 
-def _beliefs(task: DriveTask, player: StreamPlayer) -> Beliefs:
-    road = ROADS[task.road]
-    if task.planner == ORACLE:
+def _paired(trial: Trial) -> tuple[str | float, ...]:
+    """What a planner's drive has in common with all other planners'."""
+    return (*setting(trial.scenario), trial.sigma, trial.seed)
+
+
+def _beliefs(trial: Trial, player: StreamPlayer) -> Beliefs:
+    road = ROADS[trial.scenario.name]
+    if trial.reference == ORACLE:
         return TrueBeliefs()
-    if task.planner in OWN_PLANNERS:
+    if trial.reference:
         return UniformBeliefs(road)
-    return EstimatedBeliefs(player, partial(_asked, task), road, task.rules)
+    rules = EstimateRules(trial.rules.window, trial.sigma, trial.rules.deadline or STEP)
+    return EstimatedBeliefs(player, partial(_asked, trial, rules), road, rules)
 
 
-def _asked(task: DriveTask, problem: Problem) -> StreamTask:
-    return StreamTask(
-        reference=task.reference,
-        parameters={},
-        plugin=task.plugin,
+def _asked(trial: Trial, rules: EstimateRules, problem: Problem) -> PlayerTask:
+    label = trial.estimator.label
+    return PlayerTask(
+        reference=trial.estimator.name,
+        parameters=trial.estimator.parameters,
+        plugin=trial.plugin,
         problem=problem,
-        lag=task.rules.window,
-        seed=stream(task.salt, "estimator of a drive", *task.key, task.planner),
-        time_limit=task.rules.time_limit,
-        budget=_BUDGET * task.rules.deadline,
+        lag=rules.window,
+        seed=stream(trial.salt, "estimator of a drive", *_paired(trial), label),
+        time_limit=trial.time_limit,
+        budget=_BUDGET * rules.deadline,
     )
 
 

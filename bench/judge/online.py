@@ -6,9 +6,10 @@ one before it counts.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import asdict, dataclass, field
+from typing import Protocol
 
+import msgspec
 import numpy as np
 
 from olne_bench.bench.judge.cloned_policy import policy_of
@@ -29,24 +30,26 @@ from olne_bench.bench.judge.referee import (
     Answer,
     Case,
     PlayerFault,
+    PlayerTask,
     case_of,
     longest_seconds,
     own_seconds,
     silent,
 )
 from olne_bench.bench.judge.streams import stream
-from olne_bench.bench.plan.motion import (
+from olne_bench.bench.plan.kinds import (
     CLONED,
     CONSTANT_VELOCITY,
     STOCK,
     STOCK_FITTED,
     TRUE_WEIGHTS,
-    Motion,
-    OnlineRules,
+    Rules,
 )
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
+from olne_bench.envs.recording import NoEquilibriumError
 from olne_bench.envs.scene import is_on_road
-from olne_bench.estimators.protocol import Problem
 
 #: How far ahead predictions are scored [s].
 AHEAD = (1.0, 2.0, 3.0, 4.0)
@@ -58,37 +61,10 @@ _PREDICTION_SECONDS = 1800.0
 ERROR_COLUMNS = tuple(f"{kind}_{ahead:g}s" for ahead in AHEAD for kind in ("ade", "fde"))
 
 
-@dataclass(frozen=True)
-class StreamTask:
-    """All that a player is told before the first sample.
-
-    Attributes:
-        reference: name or file of the estimator.
-        parameters: parameters of the estimator.
-        plugin: identifies an estimator that is a plugin; empty for a built-in one.
-        problem: what is known about the game.
-        lag: number of latest samples that count; None for all.
-        seed: seed of the estimator's random numbers.
-        time_limit: time [s] for set-up, and again for each update.
-        budget: time [s] that an update is told to keep to; None for a share of the time limit.
-        homes: files of plugins whose classes the problem contains.
-    """
-
-    reference: str
-    parameters: dict[str, Any]
-    plugin: str
-    problem: Problem
-    lag: int | None
-    seed: int
-    time_limit: float
-    budget: float | None = None
-    homes: tuple[str, ...] = ()
-
-
 class StreamPlayer(Protocol):
     """Runs an estimator on one motion after the other."""
 
-    def start(self, task: StreamTask) -> str | None:
+    def start(self, task: PlayerTask) -> str | None:
         """Begin a motion; why the estimator declines the problem, or None.
 
         Raises:
@@ -135,7 +111,29 @@ class Update:
     errors: dict[str, float] = field(default_factory=dict)
 
 
-def follow(motion: Motion, player: StreamPlayer, announce: Announce = silent) -> Iterator[Update]:
+def judge_stream(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> Outcome:
+    """Judge an estimator on one motion, or what estimators are compared with.
+
+    The status is that of the first sample that has another one than ``ok``. What each sample led to
+    is JSON text in ``extras``. A draw without an equilibrium is ``skipped``.
+
+    Args:
+        motion: what to judge.
+        player: runs the estimator.
+        announce: as of ``follow``.
+    """
+    try:
+        rows = list(follow(motion, player, announce))
+    except NoEquilibriumError as error:
+        return Outcome("skipped", clip(str(error)))
+    if not rows:
+        return Outcome("skipped", f"{motion.reference} has no prediction here")
+    told = next((row for row in rows if row.status != "ok"), rows[0])
+    text = msgspec.json.encode([asdict(row) for row in rows]).decode()
+    return Outcome(told.status, told.message, extras=text)
+
+
+def follow(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> Iterator[Update]:
     """Judge an estimator on one motion, or what estimators are compared with; a row a sample.
 
     Args:
@@ -170,8 +168,8 @@ def follow(motion: Motion, player: StreamPlayer, announce: Announce = silent) ->
         announce("estimate", longest_seconds(motion))
 
 
-def _task(motion: Motion, case: Case) -> StreamTask:
-    return StreamTask(
+def _task(motion: Trial, case: Case) -> PlayerTask:
+    return PlayerTask(
         reference=motion.estimator.name,
         parameters=motion.estimator.parameters,
         plugin=motion.plugin,
@@ -183,7 +181,7 @@ def _task(motion: Motion, case: Case) -> StreamTask:
     )
 
 
-def _reference_updates(motion: Motion, case: Case, announce: Announce) -> Iterator[Update]:
+def _reference_updates(motion: Trial, case: Case, announce: Announce) -> Iterator[Update]:
     """The rows of one of ``REFERENCES``; none where it makes no sense.
 
     Drivers are fitted after some samples only, as that takes seconds to a minute each time, and
@@ -261,7 +259,7 @@ class _Counting:
 class _Episode:
     """One motion and the estimates of it."""
 
-    def __init__(self, case: Case, player: StreamPlayer, rules: OnlineRules) -> None:
+    def __init__(self, case: Case, player: StreamPlayer, rules: Rules) -> None:
         self._case, self._player = case, player
         self._deadline = rules.deadline or case.problem.game.dt
         self._counting: _Counting | None = None

@@ -33,7 +33,6 @@ from olne_bench.bench.judge.weight_levels import weight_levels
 from olne_bench.bench.plan.entries import MetricEntry, SensorEntry
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.plan.work import Work
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
@@ -51,27 +50,32 @@ _OWN_SECONDS = 60.0
 
 @dataclass(frozen=True)
 class PlayerTask:
-    """All that a player process is told.
+    """All that a player process is told before it is asked for estimates.
 
     Attributes:
         reference: name or file of the estimator.
         parameters: parameters of the estimator.
         plugin: identifies an estimator that is a plugin; empty for a built-in one.
-        homes: files of plugins whose classes the problem contains.
         problem: what is known about the game.
-        observations: one for each trajectory.
         seed: seed of the estimator's random numbers.
-        time_limit: time [s] for set-up, and again for the estimate.
+        time_limit: time [s] for set-up, and again for each estimate.
+        homes: files of plugins whose classes the problem contains.
+        observations: one for each trajectory; none if samples are handed out one by one.
+        lag: number of latest samples that count then; None for all.
+        budget: time [s] that an estimate after a sample is told to keep to; None for a share of the
+            time limit.
     """
 
     reference: str
     parameters: dict[str, Any]
     plugin: str
-    homes: tuple[str, ...]
     problem: Problem
-    observations: tuple[Observation, ...]
     seed: int
     time_limit: float
+    homes: tuple[str, ...] = ()
+    observations: tuple[Observation, ...] = ()
+    lag: int | None = None
+    budget: float | None = None
 
 
 @dataclass(frozen=True)
@@ -205,7 +209,7 @@ def judge_case(
         return replace(outcome, status="harness_error", message=f"scoring: {describe_error(error)}")
 
 
-def own_seconds(trial: Work) -> float:
+def own_seconds(trial: Trial) -> float:
     """Time limit of the referee's own stages [s]; foreign code gets no more than the trial's."""
     return trial.time_limit if trial.home_plugins else max(trial.time_limit, _OWN_SECONDS)
 

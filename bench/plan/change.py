@@ -10,6 +10,7 @@ from typing import Any
 
 from olne_bench import plugins
 from olne_bench.bench.plan.check import check_suite
+from olne_bench.bench.plan.kinds import Rules
 from olne_bench.bench.plan.learn import Describe, with_named
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import CHANGED, Suite
@@ -73,6 +74,16 @@ def joined(suite: Suite, selection: Selection, former: Suite | None) -> Suite:
         selection: what this run is of.
         former: the suite of the run before; None if this is the first.
     """
+    if (
+        former is not None
+        and former.rules.fit_every
+        and suite.kind == former.kind
+        and "fit_every" not in suite.rules.given
+    ):
+        rules = suite.rules.given | {"fit_every": former.rules.fit_every}
+        plain = [e for e in suite.estimators if e.label not in suite.references]
+        fitted = {"rules": Rules.model_validate(rules), "estimators": tuple(plain)}
+        suite = suite.model_copy(update=fitted).with_references()
     if former is None or former.name != suite.name or not suite.name.endswith(CHANGED):
         return suite
     part = select(suite, selection)

@@ -38,7 +38,7 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
     """
     metrics = _all_metrics(suite)
     questions: list[Question] = [
-        *((SCENARIO, entry.name, entry.options) for entry in suite.scenarios),
+        *((SCENARIO, e.name, _options(suite, e)) for e in suite.scenarios),
         *((SENSOR, layer.name, layer.parameters) for e in suite.sensors for layer in e.layers),
         *((ESTIMATOR, entry.name, entry.parameters) for entry in suite.estimators),
         *((METRIC, entry.name, entry.parameters) for entry in metrics),
@@ -60,6 +60,11 @@ def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
     for plugin, answer in zip(plugins, said, strict=True):
         whole = _add(whole, plugin, answer)
     return whole
+
+
+def _options(suite: Suite, scenario: ScenarioEntry) -> Mapping[str, Any]:
+    """Options that the plugin takes; those of a road are of its drives."""
+    return {} if suite.kind == "drives" else scenario.options
 
 
 def with_named(suite: Suite, kind: Kind, names: Iterable[str], describe: Describe) -> Suite:

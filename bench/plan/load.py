@@ -1,6 +1,7 @@
 """Suites from TOML files."""
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ from olne_bench.bench.plan.entries import (
     ScenarioEntry,
     SensorEntry,
 )
+from olne_bench.bench.plan.kinds import Rules, StudyKind
 from olne_bench.bench.plan.learn import Describe, describe_here, learn
 from olne_bench.bench.plan.limits import GateLimits
-from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.suite import CHANGED, Suite
 from olne_bench.bench.plan.values import cut, shown
 from olne_bench.errors import UserError
 
@@ -30,6 +32,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "estimators": EstimatorEntry,
     "metrics": MetricEntry,
     "gate": GateLimits,
+    "rules": Rules,
 }
 
 
@@ -59,7 +62,11 @@ def suite_text(reference: str) -> str:
 
 
 def load_suite(
-    reference: str, plugins: tuple[str, ...] = (), describe: Describe = describe_here
+    reference: str,
+    plugins: tuple[str, ...] = (),
+    describe: Describe = describe_here,
+    kind: StudyKind | None = None,
+    rules: Mapping[str, Any] | None = None,
 ) -> Suite:
     """Read a suite.
 
@@ -67,6 +74,8 @@ def load_suite(
         reference: a name from ``suite_names()`` or the path of a TOML file.
         plugins: references of estimators, scenarios, sensors and metrics to add to its own.
         describe: describes plugins. Default: in this process.
+        kind: kind of study to make of it. Default: its own.
+        rules: rules that replace its own.
 
     Raises:
         UserError: on an unknown suite, unreadable TOML or a value that is refused.
@@ -76,7 +85,8 @@ def load_suite(
     try:
         data = tomllib.loads(text)
         _refuse_learnt(data)
-        suite = learn(Suite.model_validate(data), plugins, describe)
+        data = _ruled(data, kind, rules or {})
+        suite = learn(Suite.model_validate(data), plugins, describe).with_references()
         check_suite(suite)
     except ValidationError as error:
         raise UserError(f"{place}: {_first_problem(error)}") from error
@@ -85,6 +95,25 @@ def load_suite(
     except (ValueError, RecursionError) as error:  # numbers of any length, tables of any depth
         raise UserError(f"{place}: not valid TOML: {cut(str(error))}") from error
     return suite
+
+
+def _ruled(
+    data: dict[str, Any], kind: StudyKind | None, rules: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The contents of a suite's file as a study of another kind, or by other rules.
+
+    It has another name then, unless all rows of the suite are the same in it: fits are rows of
+    their own.
+    """
+    own, former = data.get("kind", "trials"), data.get("rules", {})
+    if not isinstance(former, dict) or "name" not in data:
+        return data  # refused later
+    other = {"kind": kind or own, "rules": (former if kind in (None, own) else {}) | dict(rules)}
+    if other["kind"] == own and not {k for k in rules if rules[k] != former.get(k)} - {"fit_every"}:
+        return data | ({"rules": other["rules"]} if rules else {})
+    salt = data.get("salt") or data["name"]
+    kept = {key: value for key, value in data.items() if key != "gate"}
+    return kept | other | {"name": f"{data['name']}{CHANGED}", "salt": salt}
 
 
 def _file(reference: str) -> Path:

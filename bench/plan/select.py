@@ -41,8 +41,11 @@ class Selection(Strict):
 def select(suite: Suite, selection: Selection) -> Suite:
     """A part of a suite; an empty selection keeps everything.
 
+    What estimators are compared with is in each part, unless the selection names some of it.
+
     Raises:
-        UserError: on a value that the suite does not have; the message names what it has.
+        UserError: on a value that the suite does not have; the message names what it has. If no
+            scenario has any of the noise levels.
     """
     scenarios = [entry.label for entry in suite.scenarios]
     sensors = [entry.label for entry in suite.sensors]
@@ -60,14 +63,17 @@ def select(suite: Suite, selection: Selection) -> Suite:
         own = tuple(s for s in suite.sigmas_of(entry) if s in sigmas)
         if own and entry.label in (selection.scenarios or scenarios):
             kept.append(entry.model_copy(update={"sigmas": own}) if entry.sigmas else entry)
+    if not kept:
+        raise UserError(f"suite {suite.name!r} has no scenario with such noise levels: {selection}")
+    named = {*(selection.estimators or estimators)}
+    if not named & {*suite.references}:
+        named |= {*suite.references}
     return suite.model_copy(
         update={
             "scenarios": tuple(kept),
             "sensors": tuple(s for s in suite.sensors if s.label in (selection.sensors or sensors)),
             "sigmas": tuple(s for s in suite.sigmas if s in sigmas),
-            "estimators": tuple(
-                e for e in suite.estimators if e.label in (selection.estimators or estimators)
-            ),
+            "estimators": tuple(e for e in suite.estimators if e.label in named),
         }
     )
 

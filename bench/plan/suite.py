@@ -2,7 +2,14 @@
 
 from typing import Any, TypeVar
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from olne_bench.bench.plan.entries import (
     MOST_SIGMAS,
@@ -12,6 +19,7 @@ from olne_bench.bench.plan.entries import (
     SensorEntry,
     tables,
 )
+from olne_bench.bench.plan.kinds import REFERENCES, RULES, STOCK_FITTED, Rules, StudyKind
 from olne_bench.bench.plan.limits import GateLimits
 from olne_bench.bench.plan.values import (
     Iterations,
@@ -32,6 +40,8 @@ from olne_bench.games.published import PUBLISHED_ITERATIONS
 MOST_ENTRIES = 1000
 #: Ends the name of a suite that the options of a run have changed, as it is another study.
 CHANGED = " (changed)"
+#: An estimator that is always there, in the place of one in the entry of a reference.
+_NONE = "uniform"
 
 _Labelled = TypeVar("_Labelled", ScenarioEntry, SensorEntry, EstimatorEntry)
 
@@ -42,6 +52,8 @@ class Suite(Strict):
     Attributes:
         name: short name.
         description: one line for ``olne-bench list``.
+        kind: what one unit of the study is.
+        rules: rules of this kind.
         salt: seeds the streams of noise and draws. Default: the name.
         scenarios: names, or tables with options.
         sensors: names, or tables with parameters or stacks.
@@ -62,6 +74,8 @@ class Suite(Strict):
 
     name: Name
     description: Text = ""
+    kind: StudyKind = "trials"
+    rules: Rules = Rules()
     salt: Label = ""
     scenarios: tuple[ScenarioEntry, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
     sensors: tuple[SensorEntry, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
@@ -96,6 +110,25 @@ class Suite(Strict):
     def _names_are_entries(cls, value: Any) -> Any:
         return tables(value)
 
+    @model_validator(mode="after")
+    def _rules_are_those_of_its_kind(self) -> "Suite":
+        for name in self.rules.given:
+            if name not in RULES[self.kind]:
+                known = ", ".join(RULES[self.kind]) or "none"
+                raise ValueError(
+                    f"a study of {self.kind} has no rule {name!r}; its rules are: {known}"
+                )
+        if self.gate and self.kind != "trials":
+            raise ValueError(f"a study of {self.kind} has no [gate] table: limits are of trials")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _what_is_set(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without a kind and rules where they are the usual ones."""
+        data: dict[str, Any] = handler(self) | {"rules": self.rules.given}
+        usual = {"kind": "trials", "rules": {}}
+        return {key: value for key, value in data.items() if usual.get(key) != value}
+
     @property
     def origin(self) -> str:
         """Name of the suite that this one was changed from; its own if it was not changed."""
@@ -123,6 +156,26 @@ class Suite(Strict):
                 return entry
         choice = ", ".join(entry.label for entry in entries)
         raise UserError(f"suite {self.name!r} has no {what} {label!r}; it has: {choice}")
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Labels of what estimators are compared with."""
+        return tuple(e.label for e in self.estimators if e.label in REFERENCES[self.kind])
+
+    def with_references(self) -> "Suite":
+        """A suite that was read, with an entry for each reference of its kind, which come first.
+
+        Raises:
+            UserError: if an estimator is called like one.
+        """
+        if self.references:
+            raise UserError(
+                f"an estimator is called {self.references[0]!r}; in a study of {self.kind}, that "
+                "is what estimators are compared with: give it another label"
+            )
+        names = [n for n in REFERENCES[self.kind] if n != STOCK_FITTED or self.rules.fit_every]
+        entries = (EstimatorEntry(name=_NONE, label=name) for name in names)
+        return self.model_copy(update={"estimators": (*entries, *self.estimators)})
 
     def pairs(self) -> list[tuple[ScenarioEntry, EstimatorEntry]]:
         """Scenarios and the estimators that are run on them."""

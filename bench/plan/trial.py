@@ -13,6 +13,7 @@ from olne_bench.bench.plan.entries import (
     ScenarioEntry,
     SensorEntry,
 )
+from olne_bench.bench.plan.kinds import REFERENCES, Rules, StudyKind
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import VERSION_COLUMNS, Versions, versions
@@ -45,7 +46,7 @@ def foreign_worlds(scenario: ScenarioEntry, sensor: SensorEntry) -> tuple[str, .
 
 @dataclass(frozen=True)
 class Trial:
-    """One estimator on one observation.
+    """One estimator on one observation, as a whole or sample by sample, or on one drive.
 
     Attributes:
         suite: name of the suite.
@@ -61,6 +62,8 @@ class Trial:
         salt: seeds the streams of noise and draws, together with the seed.
         versions: versions of the code to run it with.
         draws: file that holds its truth, if there is one.
+        kind: what is asked of the estimator.
+        rules: rules of this kind.
     """
 
     suite: str
@@ -76,6 +79,13 @@ class Trial:
     salt: str
     versions: Versions = field(default_factory=Versions)
     draws: DrawsSource | None = None
+    kind: StudyKind = "trials"
+    rules: Rules = field(default_factory=Rules)
+
+    @property
+    def reference(self) -> str:
+        """Which of its kind's ``REFERENCES`` it is; empty if an estimator is run."""
+        return self.estimator.label if self.estimator.label in REFERENCES[self.kind] else ""
 
     @property
     def plugin(self) -> str:
@@ -95,7 +105,7 @@ class Trial:
 
     def versions_here(self) -> Versions:
         """The versions of the code that this process would run it with."""
-        return versions(self.scenario, self.sensor, self.estimator, self.metrics)
+        return versions(self.scenario, self.sensor, self.estimator, self.metrics, self.kind)
 
     def code_difference(self) -> str | None:
         """How this process's code differs from the code it was made for; None if it does not."""
@@ -222,8 +232,13 @@ class _Place(NamedTuple):
 def _places(suite: Suite, scenario: ScenarioEntry) -> Iterator[_Place]:
     estimators = [estimator for entry, estimator in suite.pairs() if entry == scenario]
     for sensor, estimator in product(suite.sensors, estimators):
-        code = versions(scenario, sensor, estimator, suite.metrics)
+        code = versions(scenario, sensor, estimator, _metrics(suite), suite.kind)
         yield _Place(sensor, estimator, code)
+
+
+def _metrics(suite: Suite) -> tuple[MetricEntry, ...]:
+    """They score trials; other kinds have errors of their own."""
+    return suite.metrics if suite.kind == "trials" else ()
 
 
 def _trials(suite: Suite, scenario: ScenarioEntry, place: _Place, seeds: range) -> Iterator[Trial]:
@@ -250,11 +265,13 @@ def _levels(
             sigma=sigma,
             seed=own.start,
             estimator=place.estimator,
-            metrics=suite.metrics,
+            metrics=_metrics(suite),
             count=most if same else 1,
             time_limit=suite.time_limit,
             root_iterations=suite.root_iterations,
             salt=suite.salt,
             versions=place.versions,
+            kind=suite.kind,
+            rules=suite.rules,
         )
         yield first, own[:1] if same else own

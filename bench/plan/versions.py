@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 import olne_bench
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.fingerprint import LENGTH, data_beside, fingerprint, modules_used
+from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.process.arithmetic import arithmetic
 from olne_bench.games.native import backend
 from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
@@ -21,19 +22,15 @@ _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
 _OURS = {"olne_bench": _PACKAGES}
 #: Modules that play a scenario, and modules that let a sensor see it.
 _AT_WORK = {SCENARIO: ("envs.recording",), SENSOR: ("envs.wrappers",)}
-#: What makes the row of a trial, of a motion and of a drive, with all that it imports.
-_TRIALS = tuple(
-    f"bench.{name}"
-    for name in ("judge.referee", "run.player", "run.player_process", "run.metric_process")
-)
-_MOTIONS = tuple(
-    f"bench.{name}"
-    for name in ("judge.online", "run.online", "run.stream_player", "run.stream_process")
-)
-_DRIVES = tuple(
-    f"bench.{name}"
-    for name in ("judge.driving", "run.driving", "run.stream_player", "run.stream_process")
-)
+#: What makes a row of each kind of study, with all that it imports.
+_JUDGES: dict[StudyKind, tuple[str, ...]] = {
+    "trials": (
+        *("bench.judge.referee", "bench.run.player"),
+        *("bench.run.player_process", "bench.run.metric_process"),
+    ),
+    "streams": ("bench.judge.online", "bench.run.stream_player", "bench.run.stream_process"),
+    "drives": ("bench.judge.driving", "bench.run.stream_player", "bench.run.stream_process"),
+}
 #: Another version of one of these may round differently, or draw other numbers.
 _LIBRARIES = (
     *("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env"),
@@ -70,6 +67,7 @@ def versions(
     sensor: SensorEntry,
     estimator: EstimatorEntry,
     metrics: tuple[MetricEntry, ...],
+    kind: StudyKind = "trials",
 ) -> Versions:
     """The versions of the code on this machine; foreign code is read, not run.
 
@@ -77,11 +75,15 @@ def versions(
         UserError: where the code of one of them is not found.
     """
     named = tuple((m.name, json.dumps(m.parameters, sort_keys=True)) for m in metrics)
+    worlds = ("", "")  # those of drives are a part of what judges them
+    if kind != "drives":
+        seen = _digest(_version(SENSOR, layer.name) for layer in sensor.layers)
+        worlds = (_version(SCENARIO, scenario.name), seen)
     return Versions(
         estimator=_version(ESTIMATOR, estimator.name),
-        scenario=_version(SCENARIO, scenario.name),
-        sensor=_digest(_version(SENSOR, layer.name) for layer in sensor.layers),
-        scoring=_scoring(named),
+        scenario=worlds[0],
+        sensor=worlds[1],
+        scoring=_scoring(named, kind),
         environment=environment_version(environment()),
     )
 
@@ -89,24 +91,6 @@ def versions(
 def environment_version(libraries: Mapping[str, str]) -> str:
     """``Versions.environment`` of these versions of libraries, as ``environment`` lists them."""
     return _digest(f"{name} {value}" for name, value in libraries.items())
-
-
-def with_following(code: Versions) -> Versions:
-    """Versions of a trial for a motion, whose row depends on more of our code."""
-    return replace(code, scoring=_digest([code.scoring, _ours(_MOTIONS)]))
-
-
-def code_of_drive(reference: str) -> str:
-    """Fingerprint of what a drive depends on.
-
-    Args:
-        reference: names the estimator; empty for none.
-
-    Raises:
-        UserError: if its code is not found.
-    """
-    estimator = _version(ESTIMATOR, reference) if reference else ""
-    return _digest([estimator, _ours(_DRIVES), environment_version(environment())])
 
 
 def files_of(kind: Kind, reference: str) -> list[Path]:
@@ -153,9 +137,9 @@ def _version(kind: Kind, reference: str) -> str:
 
 
 @lru_cache(maxsize=64)
-def _scoring(metrics: tuple[tuple[str, str], ...]) -> str:
+def _scoring(metrics: tuple[tuple[str, str], ...], kind: StudyKind) -> str:
     of_each = (f"{_version(METRIC, name)} {given}" for name, given in metrics)
-    return _digest([_ours(_TRIALS), *of_each])
+    return _digest([_ours(_JUDGES[kind]), *of_each])
 
 
 @lru_cache(maxsize=4)

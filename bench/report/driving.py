@@ -1,16 +1,31 @@
 """Tables of drives: a line for each road, traffic and planner, and paired tests."""
 
+from dataclasses import fields
 from itertools import product
+from typing import Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, bootstrap, permutation_test
 
-from olne_bench.bench.judge.driving import ERROR_COLUMNS
-from olne_bench.bench.plan.drive import CONSTANT_VELOCITY, ORACLE, OWN_PLANNERS, UNIFORM
+from olne_bench.bench.judge.driving import ERROR_COLUMNS, DriveRow, setting
+from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, REFERENCES, UNIFORM
+from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.statistics.estimator_comparison import holm, permutation_p
+from olne_bench.bench.run.store import Store
 from olne_bench.envs.drive.cars import ROADS
+
+_PLACE = ("road", "traffic", "weights")
+_TOLD = tuple(one.name for one in fields(DriveRow) if one.name != "errors")
+#: Columns of a row: what identifies the drive and its planner, what became of it, and its errors.
+COLUMNS = (*_PLACE, "sigma", "seed", "salt_id", "planner", *_TOLD, *ERROR_COLUMNS)
+_TEXTS = (*_PLACE, "salt_id", "planner", "status", "message", "collision")
+_COUNTS = (
+    *("plans_solved", "plans_apart", "plans_kept", "plans_braked"),
+    *("entered", "left", "others_collided"),
+)
 
 #: What drives of a line have in common, besides the planner; ``all`` stands for all roads.
 GROUP = ["road", "traffic", "sigma"]
@@ -32,6 +47,25 @@ _SIGN_CHANGES, _BATCH = 19_999, 2000
 _ROUNDING = 1e-9  # of costs
 
 
+def episode_table(store: Store, suite: Suite) -> pd.DataFrame:
+    """A row for each drive in a store, with ``COLUMNS``.
+
+    Args:
+        store: drives that ended.
+        suite: says what scenarios are.
+    """
+    rows: list[dict[str, Any]] = []
+    for batch in store.batches():
+        for record in batch.to_pylist():
+            place = dict(zip(_PLACE, setting(suite.scenario(record["scenario"])), strict=True))
+            known = msgspec.json.decode(record["extras"]) if record["extras"] else {}
+            errors = known.pop("errors", {})
+            rows.append(record | place | {"planner": record["estimator"]} | known | errors)
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    numbers = [name for name in COLUMNS if name not in (*_TEXTS, *_COUNTS, "seed")]
+    return table.astype(dict.fromkeys(numbers, float) | dict.fromkeys(_COUNTS, "Int64"))
+
+
 def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each road, traffic, noise level and planner, and for all roads together.
 
@@ -43,7 +77,7 @@ def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
     ``fallback``, ``late`` and ``failed``.
 
     Args:
-        rows: of drives, as ``run.driving`` makes them.
+        rows: of drives, as ``episode_table`` makes them.
     """
     whole = _with_all_roads(attempts_of(rows))
     lines = []
@@ -65,7 +99,7 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
     collisions; ``p_holm``, adjusted after Holm for all lines of the table that have a p-value.
 
     Args:
-        rows: of drives, as ``run.driving`` makes them.
+        rows: of drives, as ``episode_table`` makes them.
     """
     whole = _with_all_roads(attempts_of(rows))
     lines = []
@@ -93,7 +127,7 @@ def _with_all_roads(judged: pd.DataFrame) -> pd.DataFrame:
 
     They are in the order of roads, and of planners: the oracle, estimators, the others.
     """
-    rank = {name: k for k, name in enumerate(OWN_PLANNERS)}  # the oracle first
+    rank = {name: k for k, name in enumerate(REFERENCES["drives"])}  # the oracle first
     placed = judged.assign(
         where=judged["road"],
         place=judged["road"].map(list(ROADS).index),

@@ -1,22 +1,35 @@
-"""Tables of online studies.
+"""Tables of studies of streams.
 
 Samples of one motion depend on each other, so a motion counts once: by its median over samples.
 Medians, intervals and tests are over motions.
 """
 
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.judge.online import ERROR_COLUMNS
-from olne_bench.bench.plan.motion import CONSTANT_VELOCITY, REFERENCES, STOCK_FITTED
+from olne_bench.bench.judge.online import ERROR_COLUMNS, Update
+from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, REFERENCES, STOCK_FITTED
 from olne_bench.bench.plan.outcome import FAILURES
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.trial import KEY_COLUMNS
 from olne_bench.bench.report.statistics.attempts import FLOOR, attempts_of
 from olne_bench.bench.report.statistics.estimator_comparison import adjusted, compare_pairs
 from olne_bench.bench.report.statistics.intervals import Interval, median_interval
+from olne_bench.bench.run.store import Store
 
+Row = dict[str, Any]
+
+#: Columns of a row: what identifies the motion and the estimator, the update, and its errors.
+COLUMNS = (
+    *KEY_COLUMNS,
+    *(field.name for field in fields(Update) if field.name != "errors"),
+    *ERROR_COLUMNS,
+)
 #: What a line of the tables is about.
 GROUP = ["scenario", "sensor", "sigma", "estimator"]
 
@@ -34,6 +47,53 @@ _COMPARISON = ["scenario", "sensor", "estimator", "other", "factor", "ratio", "p
 _COMPARISON += ["wins", "wins_low", "wins_high", "p"]
 
 
+def update_table(store: Store, suite: Suite) -> pd.DataFrame:
+    """A row for each sample of each motion in a store, with ``COLUMNS``.
+
+    A motion that an estimator did not follow has one row, whose ``sample`` is 0. The order is that
+    of the suite, whenever rows were written.
+
+    Args:
+        store: motions that ended.
+        suite: says what comes first; what it does not have comes last.
+    """
+    rows: list[Row] = []
+    for batch in store.batches():
+        for record in batch.to_pylist():
+            nothing = record["extras"] is None and record["status"] == "skipped"
+            if not (nothing and record["estimator"] in suite.references):
+                rows += _rows_of(record)
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    places = pd.DataFrame(
+        {
+            "scenario": _places(table["scenario"], [one.label for one in suite.scenarios]),
+            "sensor": _places(table["sensor"], [one.label for one in suite.sensors]),
+            "sigma": table["sigma"],
+            "seed": table["seed"],
+            "estimator": _places(table["estimator"], [one.label for one in suite.estimators]),
+            "sample": table["sample"],
+        }
+    )
+    order = places.sort_values(list(places.columns), kind="stable").index
+    return table.loc[order].reset_index(drop=True)
+
+
+def _places(labels: pd.Series, known: list[str]) -> pd.Series:
+    return labels.map({label: k for k, label in enumerate(known)}).fillna(len(known))
+
+
+def _rows_of(record: Row) -> list[Row]:
+    labels = {name: record[name] for name in KEY_COLUMNS}
+    if record["extras"] is None:
+        told = {"sample": 0, "status": record["status"], "message": record["message"]}
+        return [labels | told | {"late": False}]
+    rows = []
+    for update in msgspec.json.decode(record["extras"]):
+        errors = update.pop("errors")
+        rows.append(labels | update | errors)
+    return rows
+
+
 def summary_table(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each scenario, sensor, noise level and estimator.
 
@@ -44,7 +104,7 @@ def summary_table(rows: pd.DataFrame) -> pd.DataFrame:
     are the ends of 95 % intervals, infinite for times that are never reached.
 
     Args:
-        rows: rows of updates, as ``run.online`` makes them.
+        rows: rows of updates, as ``update_table`` makes them.
     """
     judged = attempts_of(rows)
     lines = []
@@ -99,7 +159,7 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
 def _compared(judged: pd.DataFrame) -> Iterator[dict[str, Any]]:
     for (scenario, sensor), part in judged.groupby(["scenario", "sensor"], sort=False):
         errors = dict(list(part.groupby("estimator", sort=False)))
-        for name in [one for one in errors if one not in (*REFERENCES, FLOOR)]:
+        for name in [one for one in errors if one not in (*REFERENCES["streams"], FLOOR)]:
             for other, factor in RIVALS:
                 if other in errors:
                     pairs = _pairs(errors[name], errors[other])

@@ -114,6 +114,9 @@ def study_of(suites: Iterable[Suite]) -> Study:
 
     Args:
         suites: suites stored with the run. If none names metrics, the built-in ones are used.
+
+    Raises:
+        UserError: on a suite of another kind than trials.
     """
     metrics: dict[str, MetricDeclaration] = {}
     scenarios: dict[str, ScenarioEntry] = {}
@@ -121,6 +124,11 @@ def study_of(suites: Iterable[Suite]) -> Study:
     estimators: dict[str, EstimatorEntry] = {}
     salt = ""
     for suite in suites:
+        if suite.kind != "trials":
+            raise UserError(
+                f"suite {suite.name!r} is a study of {suite.kind}: it has no tables of trials; "
+                "'olne-bench report' writes its own"
+            )
         scenarios |= {entry.label: entry for entry in suite.scenarios}
         sensors |= {entry.label: entry for entry in suite.sensors}
         estimators |= {entry.label: entry for entry in suite.estimators}

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Generic
+from typing import Any
 
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.work import W, Work
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.process.child import TICK
 from olne_bench.bench.run.executor import never
 from olne_bench.bench.run.referee_process import RefereeProcess
@@ -60,14 +60,14 @@ _idle: SimpleQueue[RefereeProcess] = SimpleQueue()
 
 
 def run_on_dask(
-    trials: Iterable[W],
+    trials: Iterable[Trial],
     *,
     cluster: str,
     log: Path | None = None,
     memory: int | None = None,
     hidden: Path | None = None,
     stop: Callable[[], bool] = never,
-) -> Iterator[tuple[W, Outcome]]:
+) -> Iterator[tuple[Trial, Outcome]]:
     """Run trials on a cluster; yield each with its outcome as it ends.
 
     Args:
@@ -88,7 +88,7 @@ def run_on_dask(
     with _client(cluster, stop) as client:
         if client is not None:
             places = _Places(log if local else None, memory, hidden)
-            run: _Run[W] = _Run(client, places, stop)
+            run: _Run = _Run(client, places, stop)
             yield from run.run(iter(trials))
 
 
@@ -128,7 +128,7 @@ def _check_listening(cluster: str, host: str, port: int) -> None:
 
 
 def run_chunk(
-    trials: Sequence[Work], log: Path | None, memory: int | None, hidden: Path | None
+    trials: Sequence[Trial], log: Path | None, memory: int | None, hidden: Path | None
 ) -> tuple[list[Outcome], float]:
     """Run trials one after the other: the task that is executed on the cluster.
 
@@ -162,7 +162,7 @@ def run_chunk(
     return outcomes, seconds
 
 
-class _Run(Generic[W]):
+class _Run:
     """Trials on their way to a cluster and back."""
 
     def __init__(self, client: Any, places: "_Places", stop: Callable[[], bool]) -> None:
@@ -170,12 +170,12 @@ class _Run(Generic[W]):
         self._places = places
         self._stop = stop
         self._ended: SimpleQueue[Any] = SimpleQueue()
-        self._running: dict[Any, _Chunk[W]] = {}
-        self._again: deque[W] = deque()
+        self._running: dict[Any, _Chunk] = {}
+        self._again: deque[Trial] = deque()
         self._chunk = 1
         self._census = _Census(client)
 
-    def run(self, source: Iterator[W]) -> Iterator[tuple[W, Outcome]]:
+    def run(self, source: Iterator[Trial]) -> Iterator[tuple[Trial, Outcome]]:
         """Yield trials with their outcomes as they end."""
         self._fill(source)
         while self._running and not self._stop():
@@ -189,7 +189,7 @@ class _Run(Generic[W]):
                 self._fill(source)
                 yield from ended
 
-    def _fill(self, source: Iterator[W]) -> None:
+    def _fill(self, source: Iterator[Trial]) -> None:
         while len(self._running) < _AHEAD * self._census.threads:
             again = [self._again.popleft() for _ in range(min(self._chunk, len(self._again)))]
             trials = again or list(itertools.islice(source, self._chunk))
@@ -197,7 +197,7 @@ class _Run(Generic[W]):
                 return
             self._submit(_Chunk(trials))
 
-    def _submit(self, chunk: "_Chunk[W]") -> None:
+    def _submit(self, chunk: "_Chunk") -> None:
         places = self._places
         future = self._client.submit(
             run_chunk, chunk.trials, places.log, places.memory, places.hidden, pure=False
@@ -205,7 +205,7 @@ class _Run(Generic[W]):
         self._running[future] = chunk
         future.add_done_callback(self._ended.put)
 
-    def _collect(self, future: Any) -> list[tuple[W, Outcome]]:
+    def _collect(self, future: Any) -> list[tuple[Trial, Outcome]]:
         """Outcomes of a task; its trials without an outcome are queued again."""
         chunk = self._running.pop(future)
         if future.status != "finished":
@@ -218,7 +218,7 @@ class _Run(Generic[W]):
         self._chunk = max(1, min(_LARGEST_CHUNK, int(_CHUNK_SECONDS * done / max(seconds, 1e-6))))
         return list(zip(chunk.trials[:done], outcomes, strict=True))
 
-    def _lose(self, future: Any, chunk: "_Chunk[W]") -> None:
+    def _lose(self, future: Any, chunk: "_Chunk") -> None:
         """Run a chunk again if its worker has died; its trials did not fail."""
         from distributed import KilledWorker
 
@@ -284,10 +284,10 @@ class _Places:
 
 
 @dataclass(frozen=True)
-class _Chunk(Generic[W]):
+class _Chunk:
     """Trials of one task, and how often they were lost with their worker."""
 
-    trials: list[W]
+    trials: list[Trial]
     losses: int = 0
 
 

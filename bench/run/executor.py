@@ -10,7 +10,7 @@ from multiprocessing.connection import wait
 from pathlib import Path
 
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.work import W
+from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.process.child import TICK
 from olne_bench.bench.run.referee_process import RefereeProcess
 
@@ -21,14 +21,14 @@ def never() -> bool:
 
 
 def run_trials(
-    trials: Iterable[W],
+    trials: Iterable[Trial],
     *,
     jobs: int,
     log: Path | None = None,
     memory: int | None = None,
     hidden: Path | None = None,
     stop: Callable[[], bool] = never,
-) -> Iterator[tuple[W, Outcome]]:
+) -> Iterator[tuple[Trial, Outcome]]:
     """Run trials in parallel; yield each with its outcome as it ends.
 
     Args:
@@ -43,7 +43,7 @@ def run_trials(
         UserError: if processes do not start, or the code changes during the run.
     """
     source = iter(trials)
-    referees: list[RefereeProcess[W]] = [
+    referees: list[RefereeProcess] = [
         RefereeProcess(log=log, memory=memory, hidden=hidden) for _ in range(jobs)
     ]
     try:

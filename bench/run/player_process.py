@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
 
 from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.process.child import (
@@ -57,12 +56,7 @@ class PlayerProcess:
         Raises:
             PlayerFault: if there is neither an estimate nor a reason why it declines.
         """
-        place = (task.plugin, task.reference, task.homes) if task.plugin else ()
-        if place != self._place:
-            self.stop()
-            homes = (task.reference, *task.homes)
-            self._child = player_child(task, homes, self._memory, self._hidden)
-            self._place = place
+        self.seat(task)
         for attempt in range(1, ATTEMPTS + 1):
             used = self._child.served > 0
             try:
@@ -75,6 +69,15 @@ class PlayerProcess:
                 if task.plugin:
                     self._child.renew()  # foreign code carries nothing from a trial to the next
         raise AssertionError
+
+    def seat(self, task: PlayerTask) -> None:
+        """Have a process for the estimator of a task."""
+        place = (task.plugin, task.reference, task.homes) if task.plugin else ()
+        if place != self._place:
+            self.stop()
+            homes = (task.reference, *task.homes)
+            self._child = player_child(task, homes, self._memory, self._hidden)
+            self._place = place
 
     def stop(self) -> None:
         """Kill the process and all its descendants."""
@@ -110,21 +113,8 @@ class PlayerProcess:
         return Answer(estimate=answered.estimate, seconds=seconds)
 
 
-class _Plugin(Protocol):
-    """The part of a task that says which estimator it is for."""
-
-    @property
-    def reference(self) -> str: ...
-    @property
-    def parameters(self) -> dict[str, Any]: ...
-    @property
-    def plugin(self) -> str: ...
-    @property
-    def time_limit(self) -> float: ...
-
-
 def player_child(
-    task: _Plugin, homes: Sequence[str], memory: int | None, hidden: Path | None
+    task: PlayerTask, homes: Sequence[str], memory: int | None, hidden: Path | None
 ) -> Child:
     """A process for the estimator of a task.
 

@@ -4,19 +4,17 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from olne_bench.bench.judge.online import judge_stream
 from olne_bench.bench.judge.referee import judge
 from olne_bench.bench.plan.draws import opened
-from olne_bench.bench.plan.drive import DriveTask
-from olne_bench.bench.plan.motion import Motion
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.plan.work import Work
 from olne_bench.bench.process.child import StartError
 from olne_bench.bench.process.inside import announce
 from olne_bench.bench.run.metric_process import MetricProcess
-from olne_bench.bench.run.online import outcome_of
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.run.stream_process import StreamProcess
+from olne_bench.bench.text import describe_error
 from olne_bench.envs.kept_draws import travelling
 from olne_bench.errors import UserError
 
@@ -39,7 +37,7 @@ class _Staff:
 _staff: _Staff | None = None
 
 
-def check_code(trial: Work) -> None:
+def check_code(trial: Trial) -> None:
     """Refuse a trial that was made for other code than that of this process.
 
     Raises:
@@ -51,9 +49,9 @@ def check_code(trial: Work) -> None:
 
 
 def run_trial(
-    trial: Work, memory: int | None, hidden: Path | None, checked: bool = False
+    trial: Trial, memory: int | None, hidden: Path | None, checked: bool = False
 ) -> Outcome:
-    """Judge a trial, a motion or a drive with the code that it was made for.
+    """Judge a trial with the code that it was made for.
 
     Args:
         trial: what to judge.
@@ -84,15 +82,16 @@ def run_trial(
         raise
     except UserError as error:  # all input was checked before the run
         return Outcome("harness_error", str(error))
+    except Exception as error:  # a fault of ours must not end the study
+        return Outcome("harness_error", describe_error(error))
 
 
-def _judged(trial: Work, staff: _Staff) -> Outcome:
-    if isinstance(trial, DriveTask):
+def _judged(trial: Trial, staff: _Staff) -> Outcome:
+    if trial.kind == "streams":
+        return judge_stream(trial, staff.follower, announce)
+    if trial.kind == "drives":
         # It imports HighwayEnv, which takes longer than all else that a referee imports.
-        from olne_bench.bench.run.driving import outcome_of_drive
+        from olne_bench.bench.judge.driving import judge_drive
 
-        return outcome_of_drive(trial, staff.follower, announce)
-    if isinstance(trial, Motion):
-        return outcome_of(trial, staff.follower, announce)
-    assert isinstance(trial, Trial)
+        return judge_drive(trial, staff.follower, announce)
     return judge(trial, staff.player, staff.metrics, announce)

@@ -2,12 +2,10 @@
 
 import math
 from pathlib import Path
-from typing import Generic
 
 from olne_bench.bench.judge.referee import all_seconds, own_seconds
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.plan.work import W, Work
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.child import (
     ATTEMPTS,
@@ -20,7 +18,7 @@ from olne_bench.bench.process.child import (
 from olne_bench.bench.run.referee import check_code, run_trial
 
 
-class RefereeProcess(Generic[W]):
+class RefereeProcess:
     """One referee; its process is started with its first trial and replaced when it dies.
 
     It is also replaced before a trial whose scenario or sensor is another plugin, so that plugins
@@ -38,7 +36,7 @@ class RefereeProcess(Generic[W]):
             memory: memory limit [bytes] of each process, None for no limit.
             hidden: folder that foreign code cannot read, as it holds the run.
         """
-        self.trial: W | None = None
+        self.trial: Trial | None = None
         self._memory, self._hidden = memory, hidden
         self._log = log
         self._child = Child(log=log, may_announce=True)
@@ -50,7 +48,7 @@ class RefereeProcess(Generic[W]):
         """The connection; it is readable when ``poll`` may find something."""
         return self._child.channel
 
-    def assign(self, trial: W) -> None:
+    def assign(self, trial: Trial) -> None:
         """Give an idle referee its next trial."""
         assert self.trial is None
         self._attempts = 0
@@ -88,7 +86,7 @@ class RefereeProcess(Generic[W]):
         self._child.stop()
         self.trial = None
 
-    def _send(self, trial: W) -> None:
+    def _send(self, trial: Trial) -> None:
         home = self._home_of(trial)
         if home:  # its sandbox reads no draws, which are part of the code's fingerprint
             check_code(trial)
@@ -97,14 +95,14 @@ class RefereeProcess(Generic[W]):
             self._child = self._for(trial, home)
         self.trial, self._home = trial, home
         arguments = (trial, self._memory, self._hidden, bool(home))
-        longest = all_seconds(trial) if home and isinstance(trial, Trial) else math.inf
+        longest = all_seconds(trial) if home else math.inf
         self._child.submit(run_trial, *arguments, seconds=own_seconds(trial), longest=longest)
 
-    def _home_of(self, trial: Work) -> tuple[str, ...]:
+    def _home_of(self, trial: Trial) -> tuple[str, ...]:
         """References of all plugins that run in a trial's sandbox; empty if it needs none."""
         return (*trial.home_plugins, *trial.guest_plugins) if trial.home_plugins else ()
 
-    def _for(self, trial: Work, home: tuple[str, ...]) -> Child:
+    def _for(self, trial: Trial, home: tuple[str, ...]) -> Child:
         """A process for a trial; foreign scenarios and sensors run in a sandbox, as players do."""
         if not home:
             return Child(log=self._log, may_announce=True)

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
+from olne_bench.bench.plan.kinds import Rules
 from olne_bench.bench.plan.outcome import FAILURES
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
@@ -122,10 +123,15 @@ def check_same_suite(
 
 
 def _difference(former: Suite, suite: Suite) -> str | None:
-    for name in ("seeds", "time_limit", "root_iterations"):
+    for name in ("kind", "seeds", "time_limit", "root_iterations"):
         old, new = getattr(former, name), getattr(suite, name)
         if old != new:
             return f"{name} was {old} and is {new}"
+    for name in Rules.model_fields:
+        old, new = getattr(former.rules, name), getattr(suite.rules, name)
+        if old != new and not (name == "fit_every" and old is None):  # fits may come later
+            old, new = ("the default" if one is None else one for one in (old, new))
+            return f"its rule {name} was {old} and is {new}"
     if former.salt != suite.salt:
         return f"its salt was {salt_id(former.salt)} and is {salt_id(suite.salt)}"
     for name in ("scenarios", "sensors", "sigmas"):

@@ -30,8 +30,6 @@ from olne_bench.bench.run.store_file import reading, writing
 from olne_bench.bench.run.store_layout import (
     COLUMNS,
     CURRENT,
-    FILE_NAME,
-    MOTIONS_NAME,
     NAMED,
     add_cost,
     add_metric_columns,
@@ -252,36 +250,26 @@ class Store:
 
 
 @contextmanager
-def open_store(folder: Path, name: str = FILE_NAME) -> Iterator[Store]:
+def open_store(folder: Path) -> Iterator[Store]:
     """Open a run folder's store for writing; create folder and file if they are missing.
-
-    Args:
-        folder: the folder.
-        name: name of the file; ``MOTIONS_NAME`` for a study whose samples come one by one.
 
     Raises:
         UserError: if the folder cannot be written, another run uses it, or its file is damaged or
             not a store.
     """
-    with writing(folder, name) as connection:
+    with writing(folder) as connection:
         yield Store(connection)
 
 
 @contextmanager
-def read_store(folder: Path, name: str = FILE_NAME) -> Iterator[Store]:
-    """Open an existing run folder's store; its name is as in ``open_store``.
+def read_store(folder: Path) -> Iterator[Store]:
+    """Open an existing run folder's store.
 
     Raises:
         UserError: if there is none, or its file is damaged or not a store.
     """
-    with reading(folder, name) as connection:
+    with reading(folder) as connection:
         yield Store(connection)
-
-
-def store_name(folder: Path) -> str:
-    """Name of the store in a folder: that of a study online if there is no other."""
-    online = (folder / MOTIONS_NAME).is_file() and not (folder / FILE_NAME).is_file()
-    return MOTIONS_NAME if online else FILE_NAME
 
 
 def _flat(versions: Versions) -> tuple[str, ...]:

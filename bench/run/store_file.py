@@ -17,7 +17,6 @@ from olne_bench.bench.run.store_check import checksum, is_undecodable, refuse_da
 from olne_bench.bench.run.store_layout import (
     APPLICATION_ID,
     FILE_NAME,
-    MOTIONS_NAME,
     VERSION,
     create,
 )
@@ -28,21 +27,17 @@ _HEADER = 100  # bytes; sqlite.org/fileformat.html
 
 
 @contextmanager
-def writing(folder: Path, name: str = FILE_NAME) -> Iterator[sqlite3.Connection]:
+def writing(folder: Path) -> Iterator[sqlite3.Connection]:
     """A connection for writing to a run folder's store, which locks out other writers.
 
     Folder and file are created if they are missing.
 
-    Args:
-        folder: the folder.
-        name: name of the file.
-
     Raises:
-        UserError: if the folder cannot be written or has files of others, another run uses it, its
-            file is damaged or not a store, or it holds a study of the other kind.
+        UserError: if the folder cannot be written or has files of others, another run uses it, or
+            its file is damaged or not a store.
     """
     try:
-        check_folder(folder, (FILE_NAME, MOTIONS_NAME), (".lock", "workers.log"))
+        check_folder(folder, (FILE_NAME,), (".lock", "workers.log"))
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / ".lock")
         lock.acquire(timeout=0)
@@ -53,34 +48,27 @@ def writing(folder: Path, name: str = FILE_NAME) -> Iterator[sqlite3.Connection]
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
     try:
-        _refuse_other_kind(folder, name)
-        with _connected(folder / name, _writer) as connection:
+        with _connected(folder / FILE_NAME, _writer) as connection:
             yield connection
     finally:
         lock.release()
 
 
-def _refuse_other_kind(folder: Path, name: str) -> None:
-    for other, command in ((FILE_NAME, "run"), (MOTIONS_NAME, "online")):
-        if other != name and (folder / other).exists():
-            raise UserError(f"{folder} holds a study of 'olne-bench {command}'; use another --out")
-
-
 @contextmanager
-def reading(folder: Path, name: str = FILE_NAME) -> Iterator[sqlite3.Connection]:
+def reading(folder: Path) -> Iterator[sqlite3.Connection]:
     """A read-only connection to an existing run folder's store.
 
     Raises:
         UserError: if there is none, or its file is damaged or not a store.
     """
-    path = folder / name
+    path = folder / FILE_NAME
     try:
         if folder.is_file():
             raise UserError(f"no run in {folder}: it is a file; name the run's folder")
         if not path.is_file():
-            raise UserError(f"no run in {folder}: it has no {name}")
+            raise UserError(f"no run in {folder}: it has no {FILE_NAME}")
         if not path.stat().st_size:
-            raise UserError(f"no run in {folder}: its {name} is empty")
+            raise UserError(f"no run in {folder}: its {FILE_NAME} is empty")
     except OSError as error:
         raise UserError(f"cannot read {folder}: {error.strerror or error}") from error
     with _connected(path, _reader) as connection:

@@ -13,8 +13,6 @@ from olne_bench.bench.plan.trial import KEY_COLUMNS, LABEL_COLUMNS
 from olne_bench.bench.plan.versions import VERSION_COLUMNS
 
 FILE_NAME = "trials.sqlite"
-#: The same for studies in which samples are handed out one by one.
-MOTIONS_NAME = "motions.sqlite"
 #: Mark the file as a store, and its layout.
 APPLICATION_ID = 0x4F4C4E45  # "OLNE"
 VERSION = 7

@@ -3,49 +3,32 @@
 import pickle
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.judge.online import StreamTask
-from olne_bench.bench.judge.referee import Answer, PlayerFault
-from olne_bench.bench.process.child import Child, DiedError
+from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
+from olne_bench.bench.process.child import DiedError
 from olne_bench.bench.run.player import Answered, Prepared
-from olne_bench.bench.run.player_process import faults_of, player_child
+from olne_bench.bench.run.player_process import PlayerProcess, faults_of
 from olne_bench.bench.run.stream_player import begin, update
 
 #: Share of the time limit that an update may spend, so that it can say that its time has ended.
 _BUDGET = 0.8
 
 
-class StreamProcess:
+class StreamProcess(PlayerProcess):
     """A player process for one motion after the other.
 
     It is replaced before another plugin, and when it dies. What is lost with it is the motion that
     it followed, and nothing else.
     """
 
-    def __init__(self, *, memory: int | None, hidden: Path | None) -> None:
-        """Nothing is started yet.
+    _limit = _budget = 0.0
 
-        Args:
-            memory: memory limit [bytes] of the process, None for no limit.
-            hidden: folder that foreign code cannot read.
-        """
-        self._memory, self._hidden = memory, hidden
-        self._place: tuple[object, ...] | None = None
-        self._child = Child()
-        self._limit = self._budget = 0.0
-
-    def start(self, task: StreamTask) -> str | None:
+    def start(self, task: PlayerTask) -> str | None:
         """As of ``judge.online.StreamPlayer``."""
-        place = (task.plugin, task.reference, task.homes) if task.plugin else ()
-        if place != self._place:
-            self.stop()
-            homes = (task.reference, *task.homes)
-            self._child = player_child(task, homes, self._memory, self._hidden)
-            self._place = place
+        self.seat(task)
         if task.plugin:
             self._child.end()  # foreign code carries nothing from a motion to the next
         self._limit = task.time_limit
@@ -75,10 +58,6 @@ class StreamProcess:
         if answered.estimate is None:
             raise PlayerFault("invalid", answered.malformed, seconds)
         return Answer(estimate=answered.estimate, seconds=seconds)
-
-    def stop(self) -> None:
-        """Kill the process and all its descendants."""
-        self._child.stop()
 
     def _asked(self, stage: str, function: Callable[..., Any], *arguments: Any, kind: Any) -> Any:
         try:

@@ -1,35 +1,32 @@
 """Run what the store of a study lacks, and say nothing: who asks may show it."""
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from olne_bench.bench.plan.change import changed, joined
 from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.draws import draws_path, draws_source
+from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.salt import check_salt, salted
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
-from olne_bench.bench.plan.work import W
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.excluding import check_priors
 from olne_bench.bench.run.executor import run_trials
-from olne_bench.bench.run.fitting import check_fit
+from olne_bench.bench.run.fitting import check_fit, check_kind
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store
 
 #: File in the run folder for what estimators print.
 LOG = "workers.log"
-
-#: All trials of a suite, or of its first seeds. A process that ran foreign code serves nothing
-#: else, so the order is that of plugins, which needs few processes.
-Expand = Callable[[Suite, int | None], Iterator[Trial]]
 
 
 @dataclass(frozen=True)
@@ -64,6 +61,8 @@ class Wanted:
         plugins: references of plugins to add to it.
         salt: text that seeds noise and draws; None for that of the suite.
         retry: failed trials to run again, some of ``outcome.RETRIES``.
+        kind: kind of study to make of the suite; None for its own.
+        rules: rules that replace its own.
     """
 
     suite: str
@@ -71,6 +70,8 @@ class Wanted:
     plugins: tuple[str, ...] = ()
     salt: str | None = None
     retry: tuple[str, ...] = ()
+    kind: StudyKind | None = None
+    rules: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,11 +99,12 @@ def load_study(wanted: Wanted, machine: Machine) -> Suite:
     """
     check_salt(wanted.salt)
     describe = partial(describe_all, hidden=machine.out)
-    suite = load_suite(wanted.suite, wanted.plugins, describe)
+    suite = load_suite(wanted.suite, wanted.plugins, describe, wanted.kind, wanted.rules)
     check_gate(suite)
     whole = changed(suite, wanted.selection, describe)
     draws_source(wanted.suite, whole)
     part = select(whole, wanted.selection)
+    check_kind(part)
     check_fit(part, machine.out)
     check_priors(part, machine.out)
     if machine.dask is not None:
@@ -110,13 +112,7 @@ def load_study(wanted: Wanted, machine: Machine) -> Suite:
     return whole
 
 
-def begin(
-    suite: Suite,
-    wanted: Wanted,
-    machine: Machine,
-    store: Store,
-    expanded: Expand = in_order_of_plugins,
-) -> Todo:
+def begin(suite: Suite, wanted: Wanted, machine: Machine, store: Store) -> Todo:
     """Note a run in the store of a study, and find what the store lacks.
 
     Args:
@@ -124,7 +120,6 @@ def begin(
         wanted: what is asked of it.
         machine: where it runs.
         store: where outcomes go.
-        expanded: all trials of a part of the suite, for so many seeds.
 
     Raises:
         UserError: if the suite does not fit the one that the store was begun with.
@@ -139,7 +134,8 @@ def begin(
     stored, total = Stored(store.records()), number_of_trials(part, seeds)
 
     def todo() -> Iterator[Trial]:
-        own = pending(expanded(part, seeds), stored, wanted.retry)
+        # A process that ran foreign code serves nothing else: this order needs few processes.
+        own = pending(in_order_of_plugins(part, seeds), stored, wanted.retry)
         return (replace(trial, draws=draws) for trial in own)
 
     number = sum(1 for _ in todo()) if runs else total
@@ -150,26 +146,25 @@ def begin(
         seeds=seeds or suite.seeds,
         executor=machine.executor,
     )
-    store.begin_run(source, expanded(part, 1))
+    store.begin_run(source, in_order_of_plugins(part, 1))
     return Todo(todo(), number, total, draws_path(wanted.suite) if draws else None)
 
 
 def run_stored(
-    todo: Iterable[W], machine: Machine, store: Store, stop: Callable[[], bool]
-) -> Iterator[tuple[W, Outcome]]:
-    """Run trials or motions; yield each with its outcome once it is stored."""
+    todo: Iterable[Trial], machine: Machine, store: Store, stop: Callable[[], bool]
+) -> Iterator[tuple[Trial, Outcome]]:
+    """Run trials, here or on a cluster; yield each with its outcome once it is stored."""
     for trial, outcome in start(todo, machine, stop):
-        store.add(trial, outcome)  # type: ignore[arg-type]
+        store.add(trial, outcome)
         yield trial, outcome
 
 
 def start(
-    todo: Iterable[W], machine: Machine, stop: Callable[[], bool]
-) -> Iterator[tuple[W, Outcome]]:
-    """Outcomes of trials, motions or drives, here or on a cluster, as they end."""
+    todo: Iterable[Trial], machine: Machine, stop: Callable[[], bool]
+) -> Iterator[tuple[Trial, Outcome]]:
+    """Outcomes of trials as they end."""
     limit, out = int(machine.memory * 2**30), machine.out.resolve()
+    given: dict[str, Any] = {"log": out / LOG, "memory": limit, "hidden": out, "stop": stop}
     if machine.dask:
-        return run_on_dask(
-            todo, cluster=machine.dask, log=out / LOG, memory=limit, hidden=out, stop=stop
-        )
-    return run_trials(todo, jobs=machine.jobs, log=out / LOG, memory=limit, hidden=out, stop=stop)
+        return run_on_dask(todo, cluster=machine.dask, **given)
+    return run_trials(todo, jobs=machine.jobs, **given)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.online import StreamTask
 from olne_bench.bench.judge.referee import PlayerTask
 from olne_bench.bench.process.sandbox import landlock_version
 from olne_bench.bench.run.player_process import PlayerProcess
@@ -51,7 +50,7 @@ def in_trials(plugin: Path, name: str) -> list:
         for sigma in (0.0, 1.0):
             problem = Problem(GAME, FullView(), sigma)
             seen = (Observation(np.zeros(SHAPE)),)
-            task = PlayerTask(f"{plugin}:{name}", {}, name, (), problem, seen, 0, 20.0)
+            task = PlayerTask(f"{plugin}:{name}", {}, name, problem, 0, 20.0, observations=seen)
             answer = player.estimate(task)
             assert answer.estimate is not None
             said.append(json.loads(answer.estimate.message))
@@ -67,7 +66,7 @@ def in_streams(plugin: Path, name: str) -> list:
         said = []
         for sigma in (0.0, 1.0):
             problem = Problem(GAME, FullView(), sigma)
-            task = StreamTask(f"{plugin}:{name}", {}, name, problem, None, 0, 20.0)
+            task = PlayerTask(f"{plugin}:{name}", {}, name, problem, 0, 20.0)
             assert player.start(task) is None
             answer = player.update(np.zeros(SHAPE[1:]))
             assert answer.estimate is not None

@@ -16,10 +16,9 @@ from olne_bench.bench.commands.options import PATH
 def merge(first: Path, second: Path, out: Path | None) -> None:
     """Add the trials of the run in SECOND to those of the run in FIRST.
 
-    Both must be runs of the same suite; that of SECOND may have more estimators and scenarios.
-    Studies of 'olne-bench online' must have the same rules.
-    What they share must have the same code and parameters. If both have a trial, the row of FIRST
-    is kept. SECOND does not change.
+    Both must be runs of the same suite, by the same rules; that of SECOND may have more estimators
+    and scenarios. What they share must have the same code and parameters. If both have a trial, the
+    row of FIRST is kept. SECOND does not change.
     """
     from olne_bench.bench.commands.merge import merge as work
 

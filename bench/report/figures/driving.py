@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from olne_bench.bench.plan.drive import OWN_PLANNERS
+from olne_bench.bench.plan.kinds import REFERENCES
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import USUAL_FORMATS
 
 _COLOURS = ("#1b1b1b", "#8a8a8a", "#b06a2c", "#5b7f95", "#7a5195")
-_REFERENCE_COLOURS = dict(zip(OWN_PLANNERS, _COLOURS, strict=True))
+_REFERENCE_COLOURS = dict(zip(REFERENCES["drives"], _COLOURS, strict=True))
 _LINEAR = 0.01  # regrets below it are on a linear scale
 _WIDTH, _HEIGHT, _COLUMNS = 3.4, 2.8, 3  # of a panel [inch], and panels side by side
 
@@ -86,7 +86,7 @@ def _point(axes: Axes, line: pd.Series, planner: str) -> Any:
         percent[0],
         xerr=_reach(regret),
         yerr=_reach(percent),
-        fmt="D" if planner in OWN_PLANNERS else "o",
+        fmt="D" if planner in _REFERENCE_COLOURS else "o",
         color=colour,
         markersize=5,
         linewidth=1.0,

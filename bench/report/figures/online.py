@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from olne_bench.bench.plan.motion import REFERENCES
+from olne_bench.bench.plan.kinds import REFERENCES
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import USUAL_FORMATS
 from olne_bench.bench.report.statistics.attempts import attempts_of
@@ -22,10 +22,11 @@ _MEASURES = {
     "fde_3s": "Position error 3 s ahead [m]",
     "latency": "Latency [s]",
 }
+_REFERENCES = REFERENCES["streams"]
 _SPARSE, _LONG = (0, (1, 3)), (0, (8, 2))
 _REFERENCE_STYLES = {
     name: {"color": "#555555", "linestyle": line, "linewidth": 1.1}
-    for name, line in zip(REFERENCES, (*style.LINE_STYLES[::-1], _SPARSE, _LONG), strict=True)
+    for name, line in zip(_REFERENCES, (*style.LINE_STYLES[::-1], _SPARSE, _LONG), strict=True)
 }
 _WIDTH, _HEIGHT = 3.4, 2.2  # of a panel [inch]
 _QUARTILES = (0.25, 0.5, 0.75)
@@ -37,7 +38,7 @@ def draw_online(
     """Draw ``online_<scenario>_<sensor>`` of each scenario and sensor; the files written.
 
     Args:
-        rows: rows of updates, as ``run.online`` makes them.
+        rows: rows of updates, as ``report.online.update_table`` makes them.
         directory: folder for the files.
         formats: some of ``FORMATS``.
     """
@@ -59,8 +60,8 @@ def figure_of(title: str, rows: pd.DataFrame) -> Figure:
     shown = [name for name in _MEASURES if rows[name].notna().any()]
     figure = Figure(figsize=(max(2, len(sigmas)) * _WIDTH, len(shown) * _HEIGHT))
     panels = figure.subplots(len(shown), len(sigmas), squeeze=False, sharex=True, sharey="row")
-    estimators = [n for n in rows["estimator"].unique() if n not in REFERENCES]
-    references = [n for n in REFERENCES if n in set(rows["estimator"])]
+    estimators = [n for n in rows["estimator"].unique() if n not in _REFERENCES]
+    references = [n for n in _REFERENCES if n in set(rows["estimator"])]
     names = [*references, *style.estimator_order(estimators)]
     for line, measure in zip(panels, shown, strict=True):
         for axes, sigma in zip(line, sigmas, strict=True):
@@ -95,5 +96,5 @@ def _draw(axes: Axes, rows: pd.DataFrame, measure: str, name: str) -> None:
     low, middle, high = (by_time.quantile(share) for share in _QUARTILES)
     times, looks = middle.index.to_numpy(float), _looks(name)
     axes.plot(times, middle, **looks)
-    if name not in REFERENCES:
+    if name not in _REFERENCES:
         axes.fill_between(times, low, high, alpha=0.15, linewidth=0, color=looks["color"])

@@ -1,15 +1,16 @@
-"""The page of an online study: errors over time, predictions, latencies."""
+"""The page of a study of streams: errors over time, predictions, latencies."""
 
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.plan.motion import REFERENCES, STOCK_FITTED, OnlineRules
+from olne_bench.bench.plan.kinds import REFERENCES, STOCK_FITTED
+from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.page.template import script, template
@@ -24,7 +25,8 @@ _DRAWN = {
 }
 _GREY = "#7a7a7a"
 _LINES = ("2 3", "7 3", "9 2 2 2", "1 4 6 4", "10 3 2 3", "5 2")
-_DASHES = dict(zip(REFERENCES, _LINES, strict=True))
+_REFERENCES = REFERENCES["streams"]
+_DASHES = dict(zip(_REFERENCES, _LINES, strict=True))
 _WIDTH, _HEIGHT = 460, 250  # of a chart, in its own units
 _LEFT, _RIGHT, _TOP, _BOTTOM = 44, 8, 10, 34
 _CROSS = 4  # half the size of a point that stands alone
@@ -76,29 +78,28 @@ class Chart:
     ys: tuple[tuple[float, str], ...]
 
 
-def online_page(tables: OnlineTables, runs: Sequence[Provenance], rules: OnlineRules) -> str:
+def online_page(tables: OnlineTables, runs: Sequence[Provenance], suite: Suite) -> str:
     """The page as HTML.
 
     Args:
         tables: tables of the study.
         runs: provenance of the rows, the latest run last.
-        rules: rules of the study.
+        suite: suite of that run.
     """
-    suite = json.loads(runs[-1].suite)
     names = list(dict.fromkeys(tables.summary["estimator"]))
     return template("online.html").render(
-        title=f"{suite['name']}, one sample at a time",
-        description=suite.get("description", ""),
-        summary=_rows(tables.summary),
-        comparisons=_rows(tables.comparisons),
+        title=f"{suite.name}, one sample at a time",
+        description=suite.description,
+        summary=table_rows(tables.summary),
+        comparisons=table_rows(tables.comparisons),
         charts=_charts(tables.over_time),
         looks={name: _look(name) for name in names},
-        references=REFERENCES,
+        references=_REFERENCES,
         fitted=STOCK_FITTED,
-        rules=asdict(rules),
+        rules=suite.rules,
         motions=int(tables.summary.groupby(["scenario", "sensor", "sigma"])["motions"].max().sum()),
         updates=int(tables.summary["updates"].sum()),
-        command=_command(runs[-1], rules),
+        command=repeats(runs[-1], suite),
         runs=list(runs),
         significance=SIGNIFICANCE,
         box={"w": _WIDTH, "h": _HEIGHT, "l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
@@ -107,27 +108,23 @@ def online_page(tables: OnlineTables, runs: Sequence[Provenance], rules: OnlineR
     )
 
 
-def _command(run: Provenance, rules: OnlineRules) -> str:
-    """The command that makes such a study."""
-    suite = json.loads(run.suite)["name"]
-    chosen = run.selection
-    estimators = tuple(name for name in chosen.estimators if name not in REFERENCES)
-    words = [
-        f"olne-bench online {suite}",
-        str(chosen.model_copy(update={"estimators": estimators})),
-    ]
-    given = {"lag": rules.lag, "deadline": rules.deadline, "fit-stock": rules.fit_every}
-    words += [f"--{name} {value:g}" for name, value in given.items() if value is not None]
+def repeats(run: Provenance, suite: Suite) -> str:
+    """The command that repeats a run of a suite."""
+    words = [f"olne-bench run {suite.origin}", str(run.selection)]
+    if suite.name != suite.origin:
+        words.append(f"--kind {suite.kind}")
+    words += [f"--rule {name}={json.dumps(value)}" for name, value in suite.rules.given.items()]
     return " ".join(word for word in [*words, "--out DIR"] if word)
 
 
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+def table_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of a table for a template."""
     return [{str(k): v for k, v in row.items()} for row in table.to_dict("records")]
 
 
 def _look(name: str) -> tuple[str, str]:
     """Colour and dashes of a line."""
-    if name in REFERENCES:
+    if name in _REFERENCES:
         return _GREY, _DASHES[name]
     return style.estimator_colours(name)[0], ""
 
@@ -163,7 +160,7 @@ def _chart(part: pd.DataFrame, column: str, title: str) -> Chart:
     for name, own in part.groupby("estimator", sort=False):
         rows = own[["time", *ends]].to_numpy(float)
         middle = [(x(row[0]), y(row[1])) for row in rows if math.isfinite(row[1])]
-        sure = [row for row in rows if np.isfinite(row).all()] if name not in REFERENCES else []
+        sure = [row for row in rows if np.isfinite(row).all()] if name not in _REFERENCES else []
         band = [(x(row[0]), y(row[3])) for row in sure]
         band += [(x(row[0]), y(row[2])) for row in sure[::-1]]
         if middle:

@@ -36,7 +36,7 @@ def fails(capsys, *arguments):
     [
         (
             ["run", "nope"],
-            "unknown suite 'nope'; known are: calibration, constrained, field, online, paper",
+            "unknown suite 'nope'; known are: calibration, constrained, driving, driving_stock",
         ),
         (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
         (["run", "quick", "--sensor", "x"], "no sensor 'x'; it has: full, partial"),
@@ -45,7 +45,20 @@ def fails(capsys, *arguments):
         (["run", "quick", "--sigma", "x"], "'x' is not a valid float"),
         (["run", "quick", "--seeds", "0"], "0 is not in the range"),
         (["run", "quick", "--estimator", "unifrom"], "nearest: uniform"),
-        (["online", "online", "--seeds", "10000000"], "--seeds 10000000: suite 'online' has"),
+        (["run", "quick", "--kind", "motions"], "'motions' is not one of 'trials', 'streams'"),
+        (["run", "quick", "--rule", "lag=8"], "a study of trials has no rule 'lag'"),
+        (["run", "online", "--rule", "lag=1"], "rules.lag: Input should be greater than or equal"),
+        (["run", "online", "--rule", "deadline=0"], "rules.deadline: Input should be greater"),
+        (["run", "online", "--rule", "fit_every"], "expected NAME=VALUE, such as lag=8"),
+        (["run", "online", "--rule", "delay=2"], "unknown key 'rules.delay'; known are: deadline"),
+        (["run", "online", "--rule", "lag=21"], "has 20 samples; use fewer"),
+        (["run", "driving", "--rule", "lag=8"], "a study of drives has no rule 'lag'; its rules"),
+        (["run", "driving", "--rule", "window=101"], "window = 101: a drive has 100 samples"),
+        (["run", "driving", "--scenario", "merging"], "drives are on one of highway, merge"),
+        (["run", "driving", "--estimator", "mapp"], "no estimator 'mapp'; it has: oracle, uniform"),
+        (["run", "driving", "--sensor", "partial"], "in a study of drives it is 'full'"),
+        (["run", "driving_stock", "--kind", "streams"], "traffic"),
+        (["run", "roads", "--scenario", "merging", "--sigma", "1"], "no scenario with such noise"),
         (["run", "quick", "--jobs", "0"], "0 is not in the range"),
         (["run", "quick", "--memory", "nan"], "nan is not a finite number"),
         (["run", "quick", "--memory", "inf"], "inf is not in the range"),
@@ -56,13 +69,13 @@ def fails(capsys, *arguments):
         (["run", "quick", "--plugin", "no.py"], "no plugin file"),
         (
             ["frobnicate"],
-            "known are: check, compare, confirm, draws, drive, estimate, export, gate, import",
+            "known are: check, compare, confirm, draws, estimate, export, film, gate, import",
         ),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, expected):
     out = tmp_path / "out"
-    extra = ["--out", out] if arguments[0] in ("run", "online") else []
+    extra = ["--out", out] if arguments[0] == "run" else []
     assert expected in fails(capsys, *arguments, *extra)
     assert not out.exists()
 
@@ -133,7 +146,7 @@ class Kept:
 
 def run_all(monkeypatch, statuses, stop_after=None):
     """The stored statuses of trials with these outcomes, and the reported signal."""
-    module = import_module("olne_bench.bench.commands.going_on")
+    module = import_module("olne_bench.bench.commands.run")
     study = import_module("olne_bench.bench.run.study")
 
     def start(todo, _options, stop):
@@ -191,7 +204,7 @@ def test_trials_are_run_here_or_on_a_cluster(monkeypatch, tmp_path, cluster):
 
 @pytest.mark.parametrize("kinds", [1, 2, 40])
 def test_many_faults_are_told_by_the_most_frequent(capsys, kinds):
-    module = import_module("olne_bench.bench.commands.going_on")
+    module = import_module("olne_bench.bench.commands.run")
     faults = Counter({f"fault {k} " + "x" * 400: k + 1 for k in range(kinds)})
     module.show_faults(faults)
     first, *told = capsys.readouterr().err.splitlines()
@@ -264,19 +277,12 @@ def test_help_and_list_import_nothing_slow():
 
 def test_what_help_repeats_is_true():
     """Some numbers and names stand in the interface again, as imports of their homes are slow."""
-    from olne_bench.bench.commands.interface import confirm, drive, import_tracks, online
-    from olne_bench.bench.plan.drive import LEAST_WINDOW
+    from olne_bench.bench.commands.interface import confirm, import_tracks
     from olne_bench.bench.report.fresh_draws import FEWEST
-    from olne_bench.envs.drive.cars import STEP, WEIGHTS
-    from olne_bench.envs.drive.first_cars import TRAFFIC
     from olne_bench.envs.track_formats import format_names
-    from olne_bench.estimators.stream import LEAST_LAG
 
-    assert online.LEAST_LAG == LEAST_LAG
     assert confirm.FEWEST == FEWEST
     assert list(import_tracks.FORMATS) == format_names()
-    assert (drive.STEP, drive.LEAST_WINDOW) == (STEP, LEAST_WINDOW)
-    assert (drive.TRAFFIC, drive.WEIGHTS) == (TRAFFIC, WEIGHTS)
 
 
 def test_help_has_a_sentence_on_every_command(capsys):
@@ -318,10 +324,8 @@ def test_a_status_says_what_to_do_next(state, hint):
     columns = ["missing", "stale", "failed", "harness_error"]
     table = pd.DataFrame([[0] * 4, [0] * 4], columns=columns)
     whole, part = (SimpleNamespace(selection=s) for s in ("", "--seeds 1"))
-    assert module._hints(table, whole, "run") == []
-    assert module._hints(table, part, "run") == [
-        "the last run was of a part of the suite: --seeds 1"
-    ]
+    assert module._hints(table, whole) == []
+    assert module._hints(table, part) == ["the last run was of a part of the suite: --seeds 1"]
     table.loc[1, state] = 2
-    (found,) = module._hints(table, whole, "run")
+    (found,) = module._hints(table, whole)
     assert hint in found

@@ -1,6 +1,5 @@
-"""``olne-bench online``."""
+"""Studies of streams."""
 
-import json
 import re
 import shutil
 import signal
@@ -13,10 +12,14 @@ import pytest
 from olne_bench.bench.judge.referee import case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import expand
-from olne_bench.bench.report.online_rows import COLUMNS
+from olne_bench.bench.report.online import COLUMNS
+from olne_bench.bench.run.resume import last_suite
+from olne_bench.bench.run.store import read_store
 
 SUITE = """
 name = "small"
+kind = "streams"
+rules = { deadline = 10.0 }
 scenarios = ["two_player"]
 sensors = ["full"]
 sigmas = [0.01]
@@ -64,7 +67,7 @@ def reproducible(path) -> pd.DataFrame:
 def test_a_study_goes_on_where_it_stopped(study) -> None:
     study.suite.write_text(SUITE)
     out = study.folder / "streams"
-    words = ["online", study.suite, "--out", out, "--lag", 20, "--deadline", 10, "--jobs", 1]
+    words = ["run", study.suite, "--out", out, "--rule", "lag=20", "--jobs", 1]
     said = study.call(*words, "--seeds", 1)
     rows = pd.read_csv(out / "updates.csv")
     assert tuple(rows.columns) == COLUMNS
@@ -77,10 +80,11 @@ def test_a_study_goes_on_where_it_stopped(study) -> None:
     summary = pd.read_csv(out / "summary.csv")
     assert summary["estimator"].tolist() == KINDS and (summary["failed"] == 0).all()
     assert len(pd.read_csv(out / "over_time.csv")) == len(KINDS) * 25
-    settings = json.loads((out / "online.json").read_text())
-    assert (settings["lag"], settings["deadline"]) == (20, 10.0)
+    with read_store(out) as store:
+        kept = last_suite(store.runs(), out)
+    assert (kept.name, kept.rules.given) == ("small (changed)", {"deadline": 10.0, "lag": 20})
     assert "fde_3s" in said and "map" in said
-    assert (out / "online_two_player_full.png").is_file()
+    assert (out / "figures" / "online_two_player_full.png").is_file()
     assert "7 of 14 trials are done already" in study.call(*words, "--no-figures")
     more = pd.read_csv(out / "updates.csv")
     same = more[more["seed"] == 0].reset_index(drop=True)
@@ -92,49 +96,55 @@ def test_a_study_goes_on_where_it_stopped(study) -> None:
 def refused(study, out, words) -> None:
     """What would mix two studies is refused, and nothing is written."""
     before = (out / "updates.csv").read_bytes()
-    said = study.call(*words[:-6], "--lag", 19, "--deadline", 10, code=2)
-    assert "holds a study whose lag is 20, and here it is 19" in said
-    said = study.call(*words[:-6], "--lag", 20, code=2)
-    assert "deadline is 10, and here it is the default" in said
+    said = study.call(*words, "--rule", "lag=19", code=2)
+    assert "its rule lag was 20 and is 19" in said
+    said = study.call(*words, "--rule", "deadline=null", code=2)
+    assert "its rule deadline was 10.0 and is the default" in said
+    said = study.call(*words[:-4], code=2)
+    assert "holds a run of suite 'small (changed)', not 'small'" in said
+    for command in (("gate", out), ("compare", out, out)):
+        said = study.call(*command, code=2)
+        assert "is a study of streams: it has no tables of trials" in said
     study.suite.write_text(SUITE.replace("20.0", "21.0"))
     assert "time_limit was 20.0 and is 21.0" in study.call(*words, code=2)
-    said = study.call("run", study.suite, "--out", out, code=2)
-    assert "holds a study of 'olne-bench online'; use another --out" in said
+    study.suite.write_text(SUITE)
+    assert "kind was streams and is trials" in study.call(*words[:4], "--kind", "trials", code=2)
     assert (out / "updates.csv").read_bytes() == before
 
 
 @pytest.mark.long
 def test_studies_of_two_machines_become_one(study) -> None:
     study.suite.write_text(SUITE.replace('"uniform", "map"', '"uniform"'))
-    words = ["online", study.suite, "--no-figures", "--jobs", 1, "--deadline", 10]
+    words = ["run", study.suite, "--no-figures", "--jobs", 1]
     one, two, both = (study.folder / name for name in ("one", "two", "both"))
     study.call(*words, "--out", one, "--seeds", 1)
     said = study.call("status", one)
-    assert "'olne-bench online' with this --out runs missing and stale trials" in said
+    assert "'olne-bench run' with this --out runs missing and stale trials" in said
     assert re.search(r"uniform +1 +0 +0 +0 +1", said)  # done, failed, faults, stale, missing
-    study.call(*words[:-1], 9, "--out", two, "--seeds", 1)
-    assert "have different rules" in study.call("merge", one, two, code=2)
+    study.call(*words, "--kind", "trials", "--out", two, "--seeds", 1)
+    said = study.call("merge", two, one, code=2)
+    assert "holds a run of suite 'small (changed)', not 'small'" in said
     shutil.rmtree(two)
     study.call(*words, "--out", two)
     said = study.call("merge", one, two, "--out", both)
     assert "6 rows of" in said and "6 were there before" in said
     assert "12 of 12 trials are done already" in study.call(*words, "--out", both)
     pd.testing.assert_frame_equal(reproducible(both), reproducible(two))
-    (one / "trials.sqlite").write_bytes(b"")
-    assert f"{two} is a study online" in study.call("merge", one, two, code=2)
 
 
 @pytest.mark.long
 def test_a_plugin_that_hangs_costs_its_own_motion(study) -> None:
     study.suite.write_text(SUITE.replace('"uniform", "map"', '"uniform"').replace("20.0", "2.0"))
     given = [
-        case_of(one).observations[0].y[2, 0, 0] for one in expand(load_suite(str(study.suite)))
+        case_of(one).observations[0].y[2, 0, 0]
+        for one in expand(load_suite(str(study.suite)))
+        if one.estimator.label == "uniform"
     ]
     plugin = study.folder / "streams.py"
     plugin.write_text(PLUGIN.replace("BETWEEN", repr(float(np.mean(given)))))
     out = study.folder / "hangs"
     words = ["--plugin", f"{plugin}:Hangs", "--plugin", f"{plugin}:Steady", "--no-figures"]
-    study.call("online", study.suite, "--out", out, *words, "--jobs", 2)
+    study.call("run", study.suite, "--out", out, *words, "--jobs", 2)
     rows = pd.read_csv(out / "updates.csv")
     assert set(rows.loc[rows["estimator"] != "Hangs", "status"]) <= {"ok", "failed_forward"}
     hung = rows[rows["status"] == "timeout"]
@@ -149,7 +159,7 @@ def test_a_plugin_that_hangs_costs_its_own_motion(study) -> None:
 @pytest.mark.parametrize("where", [("--jobs", 2), ("--dask", "local:2")], ids=["jobs", "dask"])
 def test_rows_do_not_depend_on_where_they_are_made(study, where) -> None:
     study.suite.write_text(SUITE)
-    words = ["online", study.suite, "--deadline", 60, "--no-figures"]
+    words = ["run", study.suite, "--rule", "deadline=60", "--no-figures"]
     study.call(*words, "--out", study.folder / "one", "--jobs", 1)
     study.call_alone(*words, "--out", study.folder / "more", *where)
     one, more = reproducible(study.folder / "one"), reproducible(study.folder / "more")
@@ -161,7 +171,7 @@ def test_an_interrupted_study_loses_nothing(study) -> None:
     study.suite.write_text(SUITE.replace('"uniform", "map"', '"uniform"'))
     plugin = study.folder / "streams.py"
     plugin.write_text(PLUGIN)
-    words = ["online", study.suite, "--plugin", f"{plugin}:Slow", "--no-figures", "--jobs", 1]
+    words = ["run", study.suite, "--plugin", f"{plugin}:Slow", "--no-figures", "--jobs", 1]
     study.call(*words, "--out", study.folder / "whole")
     part = study.folder / "part"
     process = study.start(*words, "--out", part)
@@ -182,7 +192,7 @@ def study_rows(part) -> list:
     import sqlite3
 
     try:
-        with sqlite3.connect(f"file:{part}/motions.sqlite?mode=ro", uri=True) as store:
+        with sqlite3.connect(f"file:{part}/trials.sqlite?mode=ro", uri=True) as store:
             return store.execute("SELECT estimator FROM trials").fetchall()
     except sqlite3.Error:
         return []
@@ -191,15 +201,13 @@ def study_rows(part) -> list:
 def test_what_cannot_be_run_is_refused(study) -> None:
     out = study.folder / "streams"
     study.suite.write_text(SUITE + "trajectories = 2\n")
-    said = study.call("online", study.suite, "--out", out, code=2)
-    assert "has 2 trajectories; online, there is one motion at a time" in said
-    assert "--lag" in study.call("online", "--lag", 1, "--out", out, code=2)
-    assert "--deadline" in study.call("online", "--deadline", 0, "--out", out, code=2)
+    said = study.call("run", study.suite, "--out", out, code=2)
+    assert "has 2 trajectories; in a study of streams there is one motion at a time" in said
     study.suite.write_text(SUITE)
-    said = study.call("online", study.suite, "--lag", 26, "--out", out, code=2)
+    said = study.call("run", study.suite, "--rule", "lag=26", "--out", out, code=2)
     assert "a motion of scenario 'two_player' has 25 samples; use fewer" in said
     study.suite.write_text(SUITE.replace('"map"', '{name = "map", label = "stock"}'))
-    said = study.call("online", study.suite, "--out", out, code=2)
+    said = study.call("run", study.suite, "--out", out, code=2)
     assert "an estimator is called 'stock'" in said
     assert not out.exists()
 
@@ -211,5 +219,5 @@ def test_foreign_scenarios_are_refused(study) -> None:
         "        return get_scenario('two_player')\n"
     )
     study.suite.write_text(SUITE.replace('"two_player"', f'"{study.folder}/world.py"'))
-    said = study.call("online", study.suite, "--out", study.folder / "streams", code=2)
-    assert "is a plugin; online, scenarios and sensors are built-in ones" in said
+    said = study.call("run", study.suite, "--out", study.folder / "streams", code=2)
+    assert "in a study of streams, scenarios and sensors are built-in ones" in said

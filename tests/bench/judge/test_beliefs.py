@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.beliefs import EstimatedBeliefs, UniformBeliefs
-from olne_bench.bench.judge.online import StreamTask
+from olne_bench.bench.judge.beliefs import EstimatedBeliefs, EstimateRules, UniformBeliefs
 from olne_bench.bench.judge.raw_estimate import read_estimate
-from olne_bench.bench.judge.referee import Answer, PlayerFault
-from olne_bench.bench.plan.drive import EstimateRules
+from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
 from olne_bench.envs.drive.cars import ROADS, Car, middle_speed, proposed_cars
 from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.estimators.protocol import Estimate, Problem
@@ -15,7 +13,7 @@ from olne_bench.games.unknowns import Unknown
 
 ROAD = ROADS["highway"]
 UNIFORM = np.full(4, 0.25)
-RULES = EstimateRules(window=3, sigma=0.1, deadline=0.2, time_limit=10.0)
+RULES = EstimateRules(window=3, sigma=0.1, deadline=0.2)
 
 
 class Player:
@@ -23,10 +21,10 @@ class Player:
 
     def __init__(self, seconds: float = 0.0, fails_at: int = 0) -> None:
         self.seconds, self.fails_at, self.answers = seconds, fails_at, 0
-        self.tasks: list[StreamTask] = []
+        self.tasks: list[PlayerTask] = []
         self.samples: list[list[np.ndarray]] = []
 
-    def start(self, task: StreamTask) -> str | None:
+    def start(self, task: PlayerTask) -> str | None:
         self.tasks.append(task)
         self.samples.append([])
         return None
@@ -44,8 +42,8 @@ class Player:
         return Answer(estimate=read_estimate(estimate), seconds=self.seconds)
 
 
-def task_of(problem: Problem) -> StreamTask:
-    return StreamTask("made up", {}, "", problem, 3, 0, 10.0)
+def task_of(problem: Problem) -> PlayerTask:
+    return PlayerTask("made up", {}, "", problem, 0, 10.0, lag=3)
 
 
 @pytest.fixture

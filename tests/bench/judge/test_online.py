@@ -9,38 +9,33 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.judge import online
-from olne_bench.bench.judge.online import StreamTask, Update, follow, prediction_errors
+from olne_bench.bench.judge.online import Update, follow, prediction_errors
 from olne_bench.bench.judge.raw_estimate import read_estimate
-from olne_bench.bench.judge.referee import Answer, Case, PlayerFault, case_of
-from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.motion import (
+from olne_bench.bench.judge.referee import Answer, Case, PlayerFault, PlayerTask, case_of
+from olne_bench.bench.plan.kinds import (
     CLONED,
     CONSTANT_CONTROLS,
     CONSTANT_VELOCITY,
     STOCK,
     STOCK_FITTED,
     TRUE_WEIGHTS,
-    Motion,
-    OnlineRules,
-    motions,
-    with_references,
+    Rules,
 )
+from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
-from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.run import stream_player
 from olne_bench.estimators.protocol import Estimate, Observation
 
 STEPS = 25  # of two_player
 
 
-def a_motion(
-    estimator: str = "uniform", sigma: float = 0.01, rules: OnlineRules | None = None
-) -> Motion:
+def a_motion(estimator: str = "uniform", sigma: float = 0.01, rules: Rules | None = None) -> Trial:
     """A motion of two players."""
     wanted = Selection(scenarios=("two_player",), sensors=("full",), sigmas=(sigma,))
-    rules = rules or OnlineRules()
-    part = with_references(select(load_suite("paper"), wanted), rules)
-    return next(m for m in motions(part, rules, seeds=1) if m.estimator.label == estimator)
+    suite = load_suite("paper", kind="streams", rules=rules.given if rules else None)
+    trials = expand(select(suite, wanted), seeds=1)
+    return next(m for m in trials if m.estimator.label == estimator)
 
 
 class Scripted:
@@ -50,7 +45,7 @@ class Scripted:
         self.samples: list[np.ndarray] = []
         self.answers = answers
 
-    def start(self, task: StreamTask) -> str | None:
+    def start(self, task: PlayerTask) -> str | None:
         self.task = task
         return None
 
@@ -62,7 +57,7 @@ class Scripted:
 class Here:
     """The code of a player process, in this one."""
 
-    def start(self, task: StreamTask) -> str | None:
+    def start(self, task: PlayerTask) -> str | None:
         given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))
         return stream_player.begin(*given, task.lag, task.seed).declined
 
@@ -75,13 +70,13 @@ def estimate(weights: float = 1.0, seconds: float = 0.0, **more: object) -> Answ
     return Answer(estimate=read_estimate(Estimate(weights=given, **more)), seconds=seconds)
 
 
-def rows_of(player: Scripted, rules: OnlineRules | None = None) -> list[Update]:
+def rows_of(player: Scripted, rules: Rules | None = None) -> list[Update]:
     return list(follow(a_motion(rules=rules), player))
 
 
 def test_samples_are_handed_out_one_at_a_time() -> None:
     player = Scripted(lambda _: estimate())
-    rows = follow(a_motion(rules=OnlineRules(lag=4)), player)
+    rows = follow(a_motion(rules=Rules(lag=4)), player)
     expected = case_of(a_motion()).observations[0].y
     for count in range(1, STEPS + 1):
         row = next(rows)
@@ -104,7 +99,7 @@ def test_no_estimate_depends_on_the_future(name, monkeypatch) -> None:
         return replace(case, observations=(Observation(y),))
 
     def first() -> list[tuple]:
-        motion = a_motion(rules=OnlineRules(lag))
+        motion = a_motion(rules=Rules(lag=lag))
         named = motion.estimator.model_copy(update={"name": name})
         rows = follow(replace(motion, estimator=named), Here())
         own = [next(rows) for _ in range(count)]
@@ -123,7 +118,7 @@ def test_a_late_estimate_counts_from_the_next_sample_on() -> None:
     assert [row.counted for row in rows[:4]] == [1, 1, 3, 4]
     assert [row.late for row in rows[:4]] == [False, True, False, False]
     assert rows[1].cosine_error == rows[0].cosine_error != rows[2].cosine_error
-    patient = rows_of(Scripted(player.answers), OnlineRules(deadline=0.5))
+    patient = rows_of(Scripted(player.answers), Rules(deadline=0.5))
     assert [row.counted for row in patient[:3]] == [1, 2, 3]
     always = rows_of(Scripted(lambda _: estimate(seconds=9.0)))
     assert [row.counted for row in always[:3]] == [None, 1, 2]
@@ -157,7 +152,7 @@ def test_a_fault_ends_the_estimates_of_a_motion() -> None:
     ("start", "status"), [("crash", "crash"), (None, "skipped")], ids=["fault", "declines"]
 )
 def test_an_estimator_may_never_begin(start, status) -> None:
-    def begin(_: StreamTask) -> str:
+    def begin(_: PlayerTask) -> str:
         if start:
             raise PlayerFault(start, "no")
         return "no"
@@ -182,7 +177,7 @@ def test_errors_of_predictions() -> None:
 
 def test_what_estimators_are_compared_with() -> None:
     def told(name: str) -> list[Update]:
-        return list(follow(a_motion(name, sigma=0.0, rules=OnlineRules(fit_every=4)), Here()))
+        return list(follow(a_motion(name, sigma=0.0, rules=Rules(fit_every=4)), Here()))
 
     known, ahead, turning = told(TRUE_WEIGHTS), told(CONSTANT_VELOCITY), told(CONSTANT_CONTROLS)
     assert len(known) == len(ahead) == len(turning) == STEPS

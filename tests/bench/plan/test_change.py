@@ -1,12 +1,18 @@
 """Options of a run change a suite into another one."""
 
+import json
+from types import SimpleNamespace
+
 import pytest
 
 from olne_bench.bench.plan.change import changed, joined
+from olne_bench.bench.plan.kinds import REFERENCES
 from olne_bench.bench.plan.learn import describe_here
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.select import Selection
+from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.plan.trial import expand
+from olne_bench.bench.run.resume import check_same_suite
 from olne_bench.errors import UserError
 
 
@@ -78,3 +84,40 @@ def test_a_folder_of_a_changed_suite_gains_levels(quick):
 def test_what_is_unknown_is_refused(quick, selection, expected):
     with pytest.raises(UserError, match=expected):
         change(quick, **selection)
+
+
+def test_a_suite_of_trials_becomes_one_of_streams_by_its_rules():
+    streams = load_suite("roads", kind="streams", rules={"lag": 8})
+    assert (streams.name, streams.salt, streams.kind) == ("roads (changed)", "roads", "streams")
+    assert streams.rules.given == {"lag": 8} and not streams.gate
+    assert read_suite_json(streams.model_dump_json()) == streams
+    trials = {t.key for t in expand(load_suite("roads"), 1)}
+    assert trials < {t.key for t in expand(streams, 1)}
+    usual = json.loads(load_suite("roads").model_dump_json())
+    assert not {"kind", "rules"} & {*usual}  # it is stored as it was before there were kinds
+
+
+def test_fits_add_rows_and_change_none():
+    plain = load_suite("online")
+    fitted = load_suite("online", rules={"fit_every": 10})
+    assert fitted.name == plain.name == "online"
+    assert {*fitted.references} - {*plain.references} == {"stock_fitted"}
+    assert joined(plain, Selection(), fitted) == fitted  # they go on
+    run = SimpleNamespace(suite=plain.model_dump_json(), started="then")
+    check_same_suite(fitted, [run], "a folder")
+    for rules in ({"lag": 3}, {"deadline": 1.0}):
+        other = load_suite("online", rules=rules)
+        assert other.name == "online (changed)"
+        with pytest.raises(UserError, match=r"its rule (lag|deadline) was the default and is"):
+            check_same_suite(other.model_copy(update={"name": "online"}), [run], "a folder")
+
+
+def test_references_are_in_each_part_that_names_none():
+    drives = load_suite("driving")
+    for wanted, found in (
+        (("map",), [*REFERENCES["drives"], "map"]),
+        (("oracle", "map"), ["oracle", "map"]),
+        (("uniform",), ["uniform"]),
+    ):
+        part = select(drives, Selection(estimators=wanted))
+        assert [entry.label for entry in part.estimators] == found

@@ -15,7 +15,10 @@ FIXED = {"paper", "quick", "sensors", "several"}
 
 @pytest.mark.parametrize("name", suite_names())
 def test_truths_of_every_suite(name: str) -> None:
-    drawn = [has_drawn_truths(scenario) for scenario in load_suite(name).scenarios]
+    suite = load_suite(name)
+    if suite.kind == "drives":
+        return  # their roads draw cars as they go on
+    drawn = [has_drawn_truths(scenario) for scenario in suite.scenarios]
     if name in FIXED:
         assert not any(drawn)
     elif name == "field":  # both scenarios of the paper, and the roads

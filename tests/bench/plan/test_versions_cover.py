@@ -15,15 +15,15 @@ from olne_bench.bench.plan import fingerprint, versions
 
 #: What judges each kind of unit and what plays there, and what the version of its rows covers.
 KINDS = {
-    "trial": (("judge.referee", "run.player"), versions._TRIALS),
-    "motion": (("judge.online", "run.stream_player"), versions._MOTIONS),
-    "drive": (("judge.driving", "run.stream_player"), versions._DRIVES),
+    "trials": (("judge.referee", "run.player"), versions._JUDGES["trials"]),
+    "streams": (("judge.online", "run.stream_player"), versions._JUDGES["streams"]),
+    "drives": (("judge.driving", "run.stream_player"), versions._JUDGES["drives"]),
 }
 #: Modules that were once left out.
 ONCE_MISSING = {
-    "trial": ("judge.likelihood", "judge.weight_levels", "judge.priors"),
-    "motion": ("judge.cloned_policy",),
-    "drive": ("judge.learned_driver",),
+    "trials": ("judge.likelihood", "judge.weight_levels", "judge.priors"),
+    "streams": ("judge.cloned_policy",),
+    "drives": ("judge.learned_driver",),
 }
 DATA = (".c", ".draws", ".npz")
 

@@ -4,9 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.driving import comparison_table, drive_table
+from olne_bench.bench.report.driving import COLUMNS, comparison_table, drive_table
 from olne_bench.bench.report.figures.driving import figure_of
-from olne_bench.bench.run.drive_file import COLUMNS
 
 DRIVES = 10
 

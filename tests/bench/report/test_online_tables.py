@@ -4,8 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.online import comparison_table, over_time_table, summary_table
-from olne_bench.bench.report.online_rows import COLUMNS
+from olne_bench.bench.report.online import (
+    COLUMNS,
+    comparison_table,
+    over_time_table,
+    summary_table,
+)
 
 
 def rows() -> pd.DataFrame:

@@ -73,11 +73,11 @@ def test_workers_on_this_machine_are_counted():
     check_cluster("local:1024")
 
 
-@pytest.mark.parametrize("command", ["run", "online"])
-def test_a_scheduler_that_is_not_there_leaves_no_folder(study, monkeypatch, command):
+@pytest.mark.parametrize("suite", ["quick", "online"])
+def test_a_scheduler_that_is_not_there_leaves_no_folder(study, monkeypatch, suite):
     monkeypatch.setattr(cluster, "_CONNECT_SECONDS", 0.1)
     for address in ("tcp://127.0.0.1:9", "tcp://no.such.host.invalid:8786"):
-        words = (command, "quick", "--out", study.folder / "out", "--dask", address)
+        words = ("run", suite, "--out", study.folder / "out", "--dask", address)
         assert "cannot connect" in study.call(*words, code=2)
         assert not (study.folder / "out").exists()
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.online import StreamTask
-from olne_bench.bench.judge.referee import PlayerFault
+from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
 from olne_bench.bench.process.messages import unpack
 from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.envs.scenarios import get_scenario
@@ -89,10 +88,10 @@ def player() -> Iterator[StreamProcess]:
     process.stop()
 
 
-def a_task(plugin: Path, name: str) -> StreamTask:
+def a_task(plugin: Path, name: str) -> PlayerTask:
     problem = Problem(get_scenario("two_player").game, VIEWS["full"], 0.01)
     label = f"{plugin}:{name}"
-    return StreamTask(label, {}, label, problem, lag=None, seed=0, time_limit=1.5)
+    return PlayerTask(label, {}, label, problem, seed=0, time_limit=1.5)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """The page of an online study, in a browser."""
 
-import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +7,12 @@ import pandas as pd
 import pytest
 from playwright.sync_api import Browser
 
-from olne_bench.bench.plan.motion import OnlineRules
-from olne_bench.bench.report.online_rows import COLUMNS
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.report.online import COLUMNS
 from olne_bench.bench.report.write_online import write_online
 from tests.bench.report.page.conftest import HOSTILE, provenance
+
+COMMAND = "olne-bench run online --seeds 3 --kind streams --rule lag=8 --out DIR"
 
 
 def rows() -> pd.DataFrame:
@@ -35,9 +35,8 @@ def rows() -> pd.DataFrame:
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("online")
-    suite = {"name": "online", "description": "A small study"}
-    run = replace(provenance(), suite=json.dumps(suite))
-    write_online(rows(), [run], OnlineRules(lag=8), folder, figures=False)
+    suite = load_suite("online", rules={"lag": 8})
+    write_online(rows(), [provenance()], suite, folder, ())
     return folder / "index.html"
 
 
@@ -50,14 +49,16 @@ def test_the_page_shows_what_the_tables_have(browser: Browser, place: Path, widt
     tab.on("console", lambda message: complaints.append(message.text))
     tab.on("pageerror", lambda error: complaints.append(str(error)))
     tab.goto(place.as_uri())
-    assert tab.title() == "online, one sample at a time · OLNE Bench"  # no name has broken it
+    assert (
+        tab.title() == "online (changed), one sample at a time · OLNE Bench"
+    )  # no name has broken it
     assert tab.locator("#summary tbody tr").count() == 4
     verdicts = tab.locator("#comparisons tbody tr")
     told = {row.split("\t")[3]: row.split("\t")[0] for row in verdicts.all_inner_texts()}
     assert told["map"].strip() == "below" and "uniform" not in told
     assert tab.locator("svg.chart").count() == 3
     assert tab.locator("#latency tbody tr").count() == 3
-    assert "olne-bench online online --seeds 3 --lag 8 --out DIR" in tab.inner_text("#provenance")
+    assert COMMAND in tab.inner_text("#provenance")
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
     assert tab.evaluate("document.documentElement.dataset.theme") == scheme
     lines = tab.locator("svg.chart path.line")

@@ -1,0 +1,62 @@
+"""Kinds of studies: what one unit is, by which rules it is run, and what is run beside estimators.
+
+A unit is a ``Trial`` whatever its kind. In a study of trials it is an estimate from a whole
+observation, in one of streams an estimate after each sample of it, and in one of drives an ego
+drives by what it is told of others.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from olne_bench.bench.plan.values import Strict
+
+StudyKind = Literal["trials", "streams", "drives"]
+
+#: Driving straight on, going on with the present controls, a policy that was cloned from players of
+#: the simulator, HighwayEnv's own drivers on its roads, those fitted to the samples so far, and the
+#: true weights.
+CONSTANT_VELOCITY, CONSTANT_CONTROLS = "constant_velocity", "constant_controls"
+CLONED, STOCK, STOCK_FITTED, TRUE_WEIGHTS = "cloned", "stock", "stock_fitted", "true_weights"
+#: Planners that need no estimator: the true weights and target speeds, equal weights and middle
+#: speeds, and a driver that has learned; for others that drive straight on and for HighwayEnv's own
+#: driver, see above.
+ORACLE, UNIFORM, PPO = "oracle", "uniform", "ppo"
+
+#: What the referee itself compares estimators with; it is run like an estimator of that name.
+REFERENCES: dict[StudyKind, tuple[str, ...]] = {
+    "trials": (),
+    "streams": (CONSTANT_VELOCITY, CONSTANT_CONTROLS, CLONED, STOCK, STOCK_FITTED, TRUE_WEIGHTS),
+    "drives": (ORACLE, UNIFORM, CONSTANT_VELOCITY, STOCK, PPO),
+}
+#: Rules that a kind has.
+RULES: dict[StudyKind, tuple[str, ...]] = {
+    "trials": (),
+    "streams": ("deadline", "lag", "fit_every"),
+    "drives": ("deadline", "window"),
+}
+
+_Deadline = Annotated[float, Field(ge=1e-3, le=1e6, allow_inf_nan=False, strict=True)]
+_Count = Annotated[int, Field(ge=2, le=10**6, strict=True)]
+
+
+class Rules(Strict):
+    """Rules by which units of a study are run.
+
+    Attributes:
+        deadline: time [s] in which an estimate has to be there; None for until the next sample.
+        lag: number of latest samples that count; None for all.
+        fit_every: HighwayEnv's drivers are fitted after each sample whose number is a multiple of
+            this one; None if they are not fitted.
+        window: number of latest samples from which the planner of a drive estimates.
+    """
+
+    deadline: _Deadline | None = None
+    lag: _Count | None = None
+    fit_every: _Count | None = None
+    window: _Count = 6
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The rules that a suite sets."""
+        return self.model_dump(exclude_unset=True)
