@@ -7,12 +7,12 @@ in an empty cache, draws of ``random`` whose equilibrium is certified locally, a
 time for it, of its certificate, and of an estimate by ``kkt_constrained`` from noisy samples.
 """
 
-import argparse
 import os
 import resource
 import tempfile
 import time
 
+import shared
 import numpy as np
 
 from olne_bench.envs.scenarios import Scenario, get_scenario
@@ -24,17 +24,16 @@ from olne_bench.games.olne import certify, solve_olne
 SIGMA = 0.01
 
 
-def main() -> None:
+def main(
+    players: tuple[int, ...] = (10, 20),
+    draws: int = 20,
+    estimates: int = 5,
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--players", type=int, nargs="+", default=[10, 20])
-    parser.add_argument("--draws", type=int, default=20, help="seeds 0, 1, ... per number")
-    parser.add_argument("--estimates", type=int, default=5, help="draws that are estimated")
-    arguments = parser.parse_args()
-    for num_players in arguments.players:
+    for num_players in players:
         with tempfile.TemporaryDirectory() as cache:
             os.environ["OLNE_BENCH_CACHE"] = cache
-            print(line(num_players, arguments.draws, arguments.estimates), flush=True)
+            print(line(num_players, draws, estimates), flush=True)
 
 
 def line(num_players: int, draws: int, estimates: int) -> str:
@@ -100,4 +99,4 @@ def used() -> float:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -8,12 +8,6 @@ NashOpt is included if it is installed (extra ``peers``). The results are ``perf
 ``perf.png``. ``scripts/optima.py`` checks whether the optima are as good.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
 import json
 import time
 from collections.abc import Callable
@@ -22,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import shared
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
@@ -51,20 +46,15 @@ SAME = 1e-4  # relative difference of objectives that counts as the same optimum
 ROAD_PERIOD = 12.0  # [m] after which the highway's pattern of five cars repeats
 
 
-def main() -> None:
+def main(out: Path = Path("results/perf"), sequences: int = 2, quick: bool = False) -> None:
     """Measure, write, print and draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/perf"))
-    parser.add_argument("--sequences", type=int, default=2, help="per noise level and view")
-    parser.add_argument("--quick", action="store_true", help="short horizons, few players")
-    options = parser.parse_args()
-    horizons = HORIZONS[:2] if options.quick else HORIZONS
-    players = PLAYERS[:2] if options.quick else PLAYERS
+    horizons = HORIZONS[:2] if quick else HORIZONS
+    players = PLAYERS[:2] if quick else PLAYERS
     results: dict[str, Any] = {"inverse": {}, "forward": {}}
     for name in ("two_player", "highway_overtaking"):
         scenario = get_scenario(name)
         truth = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
-        results["inverse"][name] = measure_inverse(scenario, truth, options.sequences)
+        results["inverse"][name] = measure_inverse(scenario, truth, sequences)
         results["forward"][name] = measure_forward(scenario, truth)
         print(f"{name} measured", flush=True)
     results["horizon"] = {
@@ -77,10 +67,10 @@ def main() -> None:
         "horizon, 5 players": slope(results["horizon"]["5"], "horizon"),
         "players": slope(results["players"], "players"),
     }
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "perf.json").write_text(json.dumps(results, indent=1) + "\n")
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "perf.json").write_text(json.dumps(results, indent=1) + "\n")
     print_tables(results)
-    draw(results, options.out / "perf.png")
+    draw(results, out / "perf.png")
 
 
 def milliseconds(solve: Callable[[], Any]) -> tuple[float, Any]:
@@ -378,4 +368,4 @@ def _line(axis: Any, rows: list[dict[str, Any]], key: str, colour: str, label: s
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

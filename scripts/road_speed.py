@@ -9,15 +9,11 @@ two levels of noise and both views, how many converged, and the median cosine er
 solvers (``warm_up``) is not counted, as in a run.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
 import time
 from itertools import product
+from typing import Annotated
 
+import shared
 import numpy as np
 
 from olne_bench.envs.scenarios import (
@@ -52,19 +48,18 @@ SIGMAS = (0.1, 0.5)
 BUDGET = 120.0  # [s]
 
 
-def main() -> None:
+def main(
+    draws: int = 10,
+    trials: int = 2,
+    estimators: tuple[Annotated[str, ESTIMATORS], ...] = tuple(ESTIMATORS),
+) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--trials", type=int, default=2, help="draws for each estimator")
-    parser.add_argument("--estimators", nargs="*", choices=ESTIMATORS, default=list(ESTIMATORS))
-    options = parser.parse_args()
     print("road          N  median ms  largest ms  certified")
     for name in ROADS:
-        print_draws(name, options.draws)
+        print_draws(name, draws)
     print("road         estimator         N  median ms  largest ms  converged  cosine error")
-    for name, estimator in product(ROADS, options.estimators):
-        print_trials(name, estimator, options.trials)
+    for name, estimator in product(ROADS, estimators):
+        print_trials(name, estimator, trials)
 
 
 def print_draws(name: str, draws: int) -> None:
@@ -126,4 +121,4 @@ def cosine_error(found: np.ndarray, true: np.ndarray) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -9,7 +9,6 @@ are stored ones, too: of seeds that are left out of the submission. With ``--rea
 ``results/submissions`` is forged in each way, and verified by running its trials.
 """
 
-import argparse
 import json
 import shutil
 import subprocess
@@ -17,10 +16,12 @@ import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import shared
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -64,43 +65,33 @@ SEEDS = (2, 20)  # noise draws of a submission
 Forge = Callable[[pd.DataFrame, float, np.random.Generator], pd.Index]
 
 
-def main() -> None:
+def main(times: int = 400, honest: int = 1500, real: bool = False) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--times", type=int, default=400, help="forgeries of each kind")
-    parser.add_argument("--honest", type=int, default=1500, help="honest submissions of each kind")
-    parser.add_argument("--real", action="store_true", help="forge and verify the example")
-    arguments = parser.parse_args()
     rng = np.random.default_rng(0)
-    if arguments.real:
-        real(rng)
+    if real:
+        real_runs(rng)
         return
     print("Forged rows: share of submissions in which one is run again")
-    for suite, (plugin, rivals) in CASES.items():
+    for suite, seeds in product(CASES, SEEDS):
+        plugin, rivals = CASES[suite]
         table = rows_of(suite, (plugin, *rivals))
-        for seeds in SEEDS:
-            part = table[table["seed"] < seeds].reset_index(drop=True)
-            for name, forge in FORGERIES.items():
-                for share in (0.05, 0.01):
-                    found, rows = found_rows(part, plugin, forge, share, arguments.times, rng)
-                    if rows > 1:
-                        what = (
-                            f"{suite}, {seeds} seeds: {name}, {share:.0%} ({rows} of {len(part)})"
-                        )
-                        say(what, found, arguments.times)
+        part = table[table["seed"] < seeds].reset_index(drop=True)
+        for name, share in product(FORGERIES, (0.05, 0.01)):
+            found, rows = found_rows(part, plugin, FORGERIES[name], share, times, rng)
+            what = f"{suite}, {seeds} seeds: {name}, {share:.0%} ({rows} of {len(part)})"
+            if rows > 1:
+                say(what, found, times)
     print("\nFresh salts: share of submissions that are refused")
     total = 0
-    for suite, (plugin, _) in CASES.items():
-        for seeds in SEEDS:
-            for known in (0.0, 0.01, 0.1, 1.0):
-                times = arguments.times if known else arguments.honest
-                second, refused = refused_rows(suite, plugin, seeds, known, times, rng)
-                kind = f"knows {known:.0%} of the noise" if known else "honest"
-                say(f"{suite}, {seeds} seeds: {kind}", refused, times)
-                if not known:
-                    say(f"{suite}, {seeds} seeds: honest, asked for a second test", second, times)
-                    total += refused
-    number = arguments.honest * len(CASES) * len(SEEDS)
+    for suite, seeds, known in product(CASES, SEEDS, (0.0, 0.01, 0.1, 1.0)):
+        number = times if known else honest
+        second, refused = refused_rows(suite, CASES[suite][0], seeds, known, number, rng)
+        kind = f"knows {known:.0%} of the noise" if known else "honest"
+        say(f"{suite}, {seeds} seeds: {kind}", refused, number)
+        if not known:
+            say(f"{suite}, {seeds} seeds: honest, asked for a second test", second, number)
+            total += refused
+    number = honest * len(CASES) * len(SEEDS)
     say(f"honest, all {number}", total, number)
 
 
@@ -294,7 +285,7 @@ def _played(trials: list[Trial], others: pd.DataFrame, first: int) -> pd.DataFra
 # Real runs.
 
 
-def real(rng: np.random.Generator) -> None:
+def real_runs(rng: np.random.Generator) -> None:
     """Forge the example in each way, and verify it."""
     print("Real runs of the example: exit code of olne-bench verify (0 accepted, 1 or 2 refused)")
     own = read_submission(EXAMPLE).name
@@ -332,4 +323,4 @@ def _forged(folder: Path, own: str, forge: Forge, rng: np.random.Generator) -> i
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)
