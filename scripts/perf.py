@@ -20,6 +20,7 @@ import shared
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 from rivals import CompactLayout, Outcome, PublishedLayout, StackedForward
 
 from olne_bench.envs.scenarios import get_scenario
@@ -75,9 +76,8 @@ def main(out: Path = Path("results/perf"), sequences: int = 2, quick: bool = Fal
 
 def milliseconds(solve: Callable[[], Any]) -> tuple[float, Any]:
     """Processor time of one call [ms], and its result."""
-    started = time.process_time()
-    result = solve()
-    return 1e3 * (time.process_time() - started), result
+    seconds, result = shared.timed(solve)
+    return 1e3 * seconds, result
 
 
 def measure_inverse(scenario: Scenario, truth: Equilibrium, sequences: int) -> dict[str, Any]:
@@ -157,14 +157,8 @@ def measure_forward(scenario: Scenario, truth: Equilibrium) -> dict[str, float]:
         weights = scenario.weights * np.exp(0.1 * rng.standard_normal(scenario.weights.shape))
         weights = game.check_weights(weights)
         warm = (game, truth.states, truth.controls, truth.costates, weights)
-        fast, _ = min(
-            (milliseconds(partial(newton_root, *warm, tolerance=1e-10)) for _ in range(3)),
-            key=lambda pair: pair[0],
-        )
-        slow, _ = min(
-            (milliseconds(partial(rival.solve, truth, weights)) for _ in range(3)),
-            key=lambda pair: pair[0],
-        )
+        both = partial(newton_root, *warm, tolerance=1e-10), partial(rival.solve, truth, weights)
+        fast, slow = (min(milliseconds(one)[0] for _ in range(3)) for one in both)
         ours.append(fast)
         theirs.append(slow)
         ratios.append(slow / fast)
@@ -349,22 +343,10 @@ def draw(results: dict[str, Any], path: Path) -> None:
 
 
 def _line(axis: Any, rows: list[dict[str, Any]], key: str, colour: str, label: str) -> None:
-    axis.plot(
-        [row[key] for row in rows],
-        [row["ours_ms_per_iteration"] for row in rows],
-        "o-",
-        color=colour,
-        label=label,
-    )
-    theirs = [row for row in rows if row["ipopt_ms_per_iteration"]]
-    axis.plot(
-        [row[key] for row in theirs],
-        [row["ipopt_ms_per_iteration"] for row in theirs],
-        "x--",
-        color=colour,
-        alpha=0.6,
-        label="IPOPT, compact layout",
-    )
+    table = pd.DataFrame(rows).set_index(key)
+    axis.plot(table["ours_ms_per_iteration"], "o-", color=colour, label=label)
+    theirs = table["ipopt_ms_per_iteration"].astype(float).dropna()
+    axis.plot(theirs, "x--", color=colour, alpha=0.6, label="IPOPT, compact layout")
 
 
 if __name__ == "__main__":

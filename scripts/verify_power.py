@@ -1,31 +1,21 @@
 """How often ``olne-bench verify`` finds forged rows, and how often it refuses honest ones.
 
     python scripts/verify_power.py
-    python scripts/verify_power.py --real
 
 Forgeries are made in stored rows of ``results/``: a forged row is found where ``verify`` would run
 it again. One estimator of the study stands for the plugin, all others for its rivals. Fresh trials
-are stored ones, too: of seeds that are left out of the submission. With ``--real``, the example in
-``results/submissions`` is forged in each way, and verified by running its trials.
+are stored ones, too: of seeds that are left out of the submission.
 """
 
-import json
-import shutil
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import shared
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-from pyarrow import parquet
 from scipy.stats import binomtest
 
 from olne_bench.bench.judge.metrics.declaration import declare
@@ -34,9 +24,7 @@ from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report.statistics.plausibility import implausible
 from olne_bench.bench.report.study import Study, study_of
-from olne_bench.bench.report.submission.boards import board_files
 from olne_bench.bench.report.submission.choose import choose
-from olne_bench.bench.report.submission.files import digest
 from olne_bench.bench.report.submission.fresh import (
     FIRST,
     LEVEL,
@@ -46,13 +34,9 @@ from olne_bench.bench.report.submission.fresh import (
     fresh_trials,
     has_truth,
 )
-from olne_bench.bench.report.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
-from olne_bench.bench.report.submission.parquet_rows import read_parquet
 from olne_bench.bench.report.submission.rows import Rows
-from olne_bench.bench.run.store_table import to_frame
 
 METRIC = declare(PositionError)
-EXAMPLE = Path("results/submissions/tempered_residual")
 PERFECT = 1e-12  # [m]
 #: Tables of studies, the estimator that stands for the plugin, and the rivals that it is sent with.
 CASES = {
@@ -65,12 +49,9 @@ SEEDS = (2, 20)  # noise draws of a submission
 Forge = Callable[[pd.DataFrame, float, np.random.Generator], pd.Index]
 
 
-def main(times: int = 400, honest: int = 1500, real: bool = False) -> None:
+def main(times: int = 400, honest: int = 1500) -> None:
     """Command line."""
     rng = np.random.default_rng(0)
-    if real:
-        real_runs(rng)
-        return
     print("Forged rows: share of submissions in which one is run again")
     for suite, seeds in product(CASES, SEEDS):
         plugin, rivals = CASES[suite]
@@ -280,46 +261,6 @@ def _played(trials: list[Trial], others: pd.DataFrame, first: int) -> pd.DataFra
         unit = units.setdefault((trial.salt, trial.seed), first + len(units))
         chosen.append(places[(trial.scenario.label, trial.sensor.label, trial.sigma, unit)])
     return others.iloc[chosen].assign(salt_id="fresh")
-
-
-# Real runs.
-
-
-def real_runs(rng: np.random.Generator) -> None:
-    """Forge the example in each way, and verify it."""
-    print("Real runs of the example: exit code of olne-bench verify (0 accepted, 1 or 2 refused)")
-    own = read_submission(EXAMPLE).name
-    kinds: dict[str, Forge | None] = {"honest": None} | FORGERIES
-    for name, forge in kinds.items():
-        with tempfile.TemporaryDirectory() as place:
-            folder = Path(place) / "submission"
-            shutil.copytree(EXAMPLE, folder)
-            if forge is not None and not _forged(folder, own, forge, rng):
-                continue
-            command = [sys.executable, "-m", "olne_bench", "verify", str(folder), "--seed", "0"]
-            ended = subprocess.run(command, capture_output=True, text=True)
-            said = (ended.stdout + ended.stderr).strip().splitlines()
-            told = [line.strip() for line in said if line.strip().startswith("DIFFERS")]
-            print(f"{name}: {ended.returncode}  {(told or said)[-1][:120]}", flush=True)
-
-
-def _forged(folder: Path, own: str, forge: Forge, rng: np.random.Generator) -> int:
-    """Forge 5 % of the rows of a submission, and its tables and manifest; the number of rows."""
-    arrow = read_parquet((folder / ROWS).read_bytes(), folder)
-    frame = to_frame(arrow)
-    lie = frame.assign(own=frame["estimator"] == own)
-    changed = forge(lie, 0.05, rng)
-    for name in ("status", "position_error"):
-        column = pa.array(lie[name], type=arrow.schema.field(name).type, from_pandas=True)
-        arrow = arrow.set_column(arrow.schema.get_field_index(name), name, column)
-    parquet.write_table(arrow, folder / ROWS)
-    suites = read_submission(EXAMPLE).suites(folder / PLUGINS)
-    for name, text in board_files(to_frame(arrow), study_of(suites)).items():
-        (folder / name).write_text(text, encoding="utf-8", newline="")
-    manifest = json.loads((folder / MANIFEST).read_text())
-    manifest["files"] = {name: digest((folder / name).read_bytes()) for name in manifest["files"]}
-    (folder / MANIFEST).write_text(json.dumps(manifest))
-    return len(changed)
 
 
 if __name__ == "__main__":
