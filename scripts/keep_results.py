@@ -39,6 +39,7 @@ PAGE, ALL = 1_600_000, 15_000_000  # [bytes] at most
 
 def main(runs: Path) -> int:
     """Copy, and say how large it is."""
+    runs = runs.resolve()
     for name, figures in FIGURES.items():
         if (runs / name).is_dir():
             call("-m", "olne_bench", "report", runs / name)
