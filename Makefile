@@ -101,61 +101,14 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo --no-cache
 
 # One process more than there are jobs, as some tests wait for other processes or for a limit.
 test: check
 	$(BIN)/python -m pytest --numprocesses $$(($(JOBS) + 1)) --dist worksteal
 
-# What the repository keeps of a study that was run: tables, some figures ($(2)), and the page where
-# it has fewer bytes. A script ($(3)) may take the place of a copy of the trials.
-PAGE_LIMIT := 1600000
-define keep
-	if [ -d $(OUT)/$(1) ]; then \
-		$(BIN)/olne-bench report $(OUT)/$(1) && \
-		rm -rf results/$(1) && \
-		mkdir -p results/$(1)/figures && \
-		cp $(addprefix $(OUT)/$(1)/,leaderboard.csv leaderboard.md wins.csv errors_by_noise.csv) results/$(1)/ && \
-		$(if $(3),$(BIN)/python scripts/$(3),cp) $(OUT)/$(1)/trials.parquet results/$(1)/trials.parquet && \
-		cp $(addprefix $(OUT)/$(1)/figures/,$(2)) results/$(1)/figures/ && \
-		$(BIN)/python scripts/fewer_colours.py results/$(1) && \
-		{ [ ! -f $(OUT)/$(1)/temperaments.csv ] || \
-			gzip -9nc $(OUT)/$(1)/temperaments.csv >results/$(1)/temperaments.csv.gz; } && \
-		find $(OUT)/$(1) -maxdepth 1 -name index.html -size -$(PAGE_LIMIT)c -exec cp {} results/$(1)/ \; ; \
-	fi
-endef
-
-# Its trials are too many to keep. The folder holds other results as well.
-define keep_calibration
-	if [ -d $(OUT)/calibration ]; then \
-		$(BIN)/olne-bench report $(OUT)/calibration && \
-		mkdir -p results/calibration/figures && \
-		cp $(addprefix $(OUT)/calibration/,leaderboard.csv leaderboard.md calibration.csv identifiability_by_noise.csv) \
-			results/calibration/ && \
-		cp $(addprefix $(OUT)/calibration/figures/,calibration_*.png widths_*.png identifiability_*.png ranks_two_player*.png) \
-			results/calibration/figures/ && \
-		$(BIN)/python scripts/known_cells.py $(OUT)/calibration && \
-		$(BIN)/python scripts/two_modes.py && \
-		$(BIN)/python scripts/fewer_colours.py results/calibration ; \
-	fi
-endef
-
-# Pictures of unknown speeds are left out, for size.
 results: setup
-	$(call keep,paper,*.png)
-	$(call keep,roads,errors_*.png trial_*.png confusion_*.png wins.png,fewer_columns.py)
-	rm -f results/roads/figures/*", unknown speeds.png"
-	if [ -d $(OUT)/roads ]; then cp $(OUT)/roads/comparisons.csv results/roads/ ; fi
-	if [ -d $(OUT)/predictions ]; then \
-		mkdir -p results/predictions && \
-		cp $(addprefix $(OUT)/predictions/,summary.csv over_time.csv comparisons.csv) results/predictions/ ; \
-	fi
-	$(call keep,field,errors_*.png)
-	$(call keep,sensors,errors_*.png)
-	$(call keep,parameters,errors_*.png,fewer_columns.py)
-	$(call keep,constrained,errors_*.png,fewer_columns.py)
-	$(call keep_calibration)
-	$(BIN)/python scripts/docs_tables.py
-	du -sk results | awk '{ if ($$1 > 14648) { print "results/ has " $$1 " KiB; at most 15 MB are kept"; exit 1 } }'
+	$(BIN)/python scripts/keep_results.py $(abspath $(OUT))
 
 clean:
 	rm -rf $(VENV) site *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -6,13 +6,9 @@ Cars' costs look at other cars (proximity), and any two cars have to keep a hard
 which no motion keeps it from the start on are infeasible, and are counted apart.
 """
 
-import argparse
-import os
-import sys
 import time
 
-os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
-
+import shared
 import numpy as np
 
 from olne_bench.envs.scenarios.intersection import Intersection
@@ -24,19 +20,15 @@ FAMILIES = (Intersection, Merge)
 LEAST_CERTIFIED = 0.97
 
 
-def main() -> int:
+def main(draws: int = 50, distance: float = 6.0) -> int:
     """Print one line for each road; the exit code says whether enough draws are certified."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=50, help="feasible draws of each road")
-    parser.add_argument("--distance", type=float, default=6.0, help="hard distance [m]")
-    options = parser.parse_args()
     total = 0
     for family in FAMILIES:
         certified, active, seed, infeasible = 0, 0, 0, 0
         seconds: list[float] = []
         lost: list[int] = []
-        plugin = family(distance=options.distance)
-        while len(seconds) < options.draws:
+        plugin = family(distance=distance)
+        while len(seconds) < draws:
             seed += 1
             count = plugin.count(seed)
             scenario = plugin.constrained(np.random.default_rng([seed, count, 0]), count)
@@ -54,13 +46,13 @@ def main() -> int:
                 lost.append(seed)
         total += certified
         print(
-            f"{family.name}: {certified} of {options.draws} certified, {active} with active "
+            f"{family.name}: {certified} of {draws} certified, {active} with active "
             f"constraints, {infeasible} infeasible; median {np.median(seconds):.2f} s with "
             f"certificate; not certified: seeds {lost}",
             flush=True,
         )
-    return 0 if total >= LEAST_CERTIFIED * len(FAMILIES) * options.draws else 1
+    return 0 if total >= LEAST_CERTIFIED * len(FAMILIES) * draws else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    shared.command(main)

@@ -9,14 +9,10 @@ with each sample of its window. Prints the median and the 95 % and 99 % percenti
 of all cycles: of the estimate, of the plan, and of both, in processor time and wall-clock time.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
 import time
+from typing import Annotated
 
+import shared
 import numpy as np
 from beliefs_here import RULES, Here, beliefs_here
 
@@ -31,18 +27,13 @@ LEVELS = (50, 95, 99)
 FIRST_SEED = 20_000_000  # of drives that compile what is needed; the next ones count
 
 
-def main() -> None:
+def main(drives: int = 10, road: Annotated[str, ROADS] = "highway", method: str = "map") -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--drives", type=int, default=10)
-    parser.add_argument("--road", choices=ROADS, default="highway")
-    parser.add_argument("--method", default="map")
-    given = parser.parse_args()
-    cycles_of(given.road, FIRST_SEED, given.method)
-    found = [cycles_of(given.road, FIRST_SEED + k, given.method) for k in range(given.drives)]
+    cycles_of(road, FIRST_SEED, method)
+    found = [cycles_of(road, FIRST_SEED + k, method) for k in range(drives)]
     times, warm = (np.concatenate(part) for part in zip(*found, strict=True))
     names = "".join(f"{level:>11}%" for level in LEVELS)
-    print(f"{given.road}, {given.method}: milliseconds, processor time / wall-clock time")
+    print(f"{road}, {method}: milliseconds, processor time / wall-clock time")
     print(f"cycles        number  part    {names}")
     for label, chosen in (("warm", times[warm]), ("all", times)):
         for part, own in (("estimate", chosen[:, 0]), ("plan", chosen[:, 1])):
@@ -88,4 +79,4 @@ def clock() -> np.ndarray:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

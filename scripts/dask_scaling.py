@@ -9,12 +9,13 @@ there are cores. With ``--costs`` the whole suite is estimated from what the tri
 or interrupted run took, by scenario and estimator.
 """
 
-import argparse
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import shared
 
 from olne_bench.bench.plan.draws import draws_source
 from olne_bench.bench.plan.load import load_suite
@@ -41,40 +42,37 @@ class Scaling:
     judged: float
 
 
-def main() -> None:
+def main(
+    suite: str = "roads",
+    scenario: tuple[str, ...] = (),
+    estimator: tuple[str, ...] = (),
+    seeds: int = 3,
+    workers: tuple[int, ...] = (1, 2, 4),
+    costs: Path | None = None,
+    cores: tuple[int, ...] = (1, 16, 64),
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--suite", default="roads")
-    parser.add_argument("--scenario", action="append", default=[])
-    parser.add_argument("--estimator", action="append", default=[])
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4])
-    parser.add_argument("--costs", type=Path, help="folder of a run of the suite")
-    parser.add_argument("--cores", type=int, nargs="+", default=[1, 16, 64])
-    options = parser.parse_args()
-    suite = load_suite(options.suite)
-    chosen = Selection(
-        scenarios=tuple(options.scenario), estimators=tuple(options.estimator), seeds=options.seeds
-    )
-    part = select(suite, chosen)
-    draws = draws_source(options.suite, suite)  # else each trial solves its draw
-    trials = [replace(trial, draws=draws) for trial in expand(part, options.seeds)]
+    whole = load_suite(suite)
+    chosen = Selection(scenarios=tuple(scenario), estimators=tuple(estimator), seeds=seeds)
+    part = select(whole, chosen)
+    draws = draws_source(suite, whole)  # else each trial solves its draw
+    trials = [replace(trial, draws=draws) for trial in expand(part, seeds)]
     _measured(trials, 2)  # compiles
-    print(f"{len(trials)} trials of {suite.name}, {os.cpu_count()} cores")
+    print(f"{len(trials)} trials of {whole.name}, {os.cpu_count()} cores")
     print("workers  trials/s  of ideal [%]  seconds a trial  start [s]")
     first = None
-    for workers in options.workers:
-        one = _measured(trials, workers)
-        first = first or one.rate / workers
-        ideal = first * min(workers, os.cpu_count() or 1)
+    for number in workers:
+        one = _measured(trials, number)
+        first = first or one.rate / number
+        ideal = first * min(number, os.cpu_count() or 1)
         share = 100 * one.rate / ideal
         each = one.judged / len(trials)
         print(
-            f"{workers:7}  {one.rate:8.2f}  {share:12.0f}  {each:15.3f}  {one.start:9.1f}",
+            f"{number:7}  {one.rate:8.2f}  {share:12.0f}  {each:15.3f}  {one.start:9.1f}",
             flush=True,
         )
-    if options.costs:
-        for line in _whole(suite, options.costs, options.cores):
+    if costs:
+        for line in _whole(whole, costs, cores):
             print(line)
 
 
@@ -88,7 +86,7 @@ def _measured(trials: list[Trial], workers: int) -> Scaling:
     return Scaling(number / (time.monotonic() - first), first - began, judged)
 
 
-def _whole(suite: Suite, folder: Path, cores: list[int]) -> Iterator[str]:
+def _whole(suite: Suite, folder: Path, cores: Sequence[int]) -> Iterator[str]:
     """What the whole suite takes, by the costs of a run in a folder."""
     with read_store(folder) as store:
         costs = store.costs()
@@ -105,4 +103,4 @@ def _whole(suite: Suite, folder: Path, cores: list[int]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

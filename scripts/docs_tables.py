@@ -2,13 +2,13 @@
 
     python scripts/docs_tables.py
 
-A table is between the comments ``<!-- table: NAME -->`` and ``<!-- end -->``, and is replaced.
-``TABLES`` has the names.
+A table is between the comments ``<!-- table: NAME -->`` and ``<!-- end -->``, and is replaced by
+what the function of that name returns.
 """
 
 import math
 import re
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -24,50 +24,23 @@ from olne_bench.envs.temperaments import TEMPERAMENTS
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
 PAPER = ["two_player", "highway_overtaking"]
-PAGES = (
-    "README.md",
-    "docs/estimators.md",
-    "docs/study.md",
-    "docs/highway.md",
-    "docs/unknowns.md",
-    "docs/constraints.md",
-    "docs/calibration.md",
-    "docs/learned.md",
-    "docs/online.md",
-    "docs/driving.md",
-)
-#: Columns of a leaderboard, and their heads in the table of constraints.
-_WORTH = {
-    "position_error_median": "Position error",
-    "cosine_error_median": "Cosine error",
-}
-#: Heads of the table of posteriors, and the columns that the script prints.
-_POSTERIOR = {
-    **{"View": 0, "Noise [m]": 1, "Draws": 2, "Mean cosine error": 3, "Covered [%]": 4},
-    **{"Control [%]": 5, "Weights within 95 % [%]": 8, "Least p of ranks": 9},
-    **{"Effective size": 11, "R-hat": 12, "Not converged [%]": 13, "Time [s]": 14},
-}
-#: What predicts in the table of online studies.
-_FORECASTS = (
-    *("map", "kkt_constrained", "uniform", "true_weights"),
-    *("constant_velocity", "stock", "stock_fitted"),
-)
-#: What predicts in the table of the roads, and the time of half of the samples [s].
-_PREDICT = (
-    *("true_weights", "map", "kkt_constrained", "constant_velocity", "constant_controls"),
-    *("stock", "stock_fitted"),
-)
-_HALF = 3.6
-#: Planners that know something, rivals, and columns in the table of tests of drives.
-_PLAYERS = ("oracle", "map", "kkt_constrained")
-_RIVALS = ("uniform", "constant_velocity")
-_TESTED = {"collision": "Collisions [%]", "cost": "Cost [%]", "fde_3s": "Error in 3 s [m]"}
-#: Marks what is significant.
-_STAR = r"\*"
+_NAMES = "estimators study highway unknowns constraints calibration learned online driving"
+PAGES = ("README.md", *(f"docs/{name}.md" for name in _NAMES.split()))
 #: Ends the labels of roads whose target speeds nobody tells.
 _UNKNOWN = ", unknown speeds"
-_PLACE = ("scenario", "sensor", "estimator")
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+Row = dict[Any, Any]
+#: Heads of a table, and what is below each: a column, or a text of a row.
+Columns = dict[str, str | Callable[[Row], str]]
+
+_PLACE: Columns = {"Scenario": "scenario", "Sensor": "sensor", "Estimator": "estimator"}
+_FAILURES: Columns = {"Failures": lambda row: f"{row['failures']} of {row['trials']}"}
+_END: Columns = _FAILURES | {"ms": lambda row: _number(1e3 * row["solve_seconds_median"])}
+_RANK: Columns = {"Rank": lambda row: _rank(row["position_error_rank"])}
+_POSITION: Columns = {"Position error [m]": "position_error_median"}
+_COSINE: Columns = {"Cosine error": "cosine_error_median"}
+_COVERED: Columns = {"Covered": "covers_truth_share"}
 
 
 def filled(page: str) -> str:
@@ -81,31 +54,19 @@ def filled(page: str) -> str:
 
 def paper() -> str:
     """The paper's two scenarios: one row per estimator, best first."""
-    board = _leaderboard("paper").sort_values(
+    board = _board("paper").sort_values(
         ["scenario", "sensor", "position_error_median"], ascending=[False, True, True]
     )
-    rows = [
-        [
-            *_place_and_errors(row),
-            _number(row["limit_ratio"]),
-            *_failures_and_time(row),
-        ]
-        for row in board.to_dict("records")
-    ]
-    heads = (
-        "Scenario, Sensor, Estimator, Position error [m], Cosine error, Error / bound, Failures, ms"
-    )
-    return _markdown(heads.split(", "), rows, left=3)
+    return _table(board, _PLACE | _POSITION | _COSINE | {"Error / bound": "limit_ratio"} | _END)
 
 
 def times() -> str:
     """Median time [ms] of one estimate: the paper's scenarios, and the median of the roads."""
-    board = _leaderboard("field")
+    board = _board("field")
     board["where"] = board["scenario"].where(board["scenario"].isin(PAPER), "roads")
     board["ms"] = 1e3 * board["solve_seconds_median"]
     wide = board.pivot_table("ms", "estimator", "where", "median")[[*PAPER, "roads"]]
-    rows = [[name, *map(_number, values)] for name, *values in wide.itertuples()]
-    return _markdown(["Estimator", *wide.columns], rows, left=1)
+    return _wide(["Estimator"], wide.map(_number))
 
 
 def coverage() -> str:
@@ -114,95 +75,55 @@ def coverage() -> str:
     trials = trials[trials["sigma"].isin([0.001, 0.005, 0.01, 0.02, 0.05, 0.1])]
     by = ["scenario", "sensor", "estimator"]
     wide = trials.dropna(subset="covers_truth").pivot_table("covers_truth", by, "sigma")
-    rows = [[*keys, *(f"{share:.0%}" for share in row)] for keys, *row in wide.itertuples()]
-    heads = ["Scenario", "Sensor", "Estimator", *(f"{sigma:g} m" for sigma in wide.columns)]
-    return _markdown(heads, rows, left=3)
+    return _wide(list(_PLACE), wide.map("{:.0%}".format).rename(columns="{:g} m".format))
 
 
 def exponents() -> str:
     """Exponents, with 95 % intervals, of the decrease of errors with the number of trajectories."""
-    table = pd.read_csv(RESULTS / "several_trajectories" / "exponents.csv")
-    table = table.rename(columns={"view": "sensor"})
+    table = _csv("several_trajectories", "exponents")
     bounds = table[["exponent", "exponent_low", "exponent_high"]].itertuples(index=False)
     table["shown"] = [f"{a:.2f} [{low:.2f}, {high:.2f}]" for a, low, high in bounds]
     by = ["sensor", "sigma"]
     wide = table.pivot_table("shown", by, "estimator", aggfunc="first")
-    limit = table.groupby(by)["limit_exponent"].first()
-    rows = [
-        [sensor, f"{sigma:g}", *cells, f"{limit[sensor, sigma]:.2f}"]
-        for (sensor, sigma), *cells in wide.itertuples()
-    ]
-    return _markdown(["Sensor", "Noise [m]", *wide.columns, "Cramér-Rao limit"], rows, left=1)
+    limit = table.groupby(by)["limit_exponent"].first().map("{:.2f}".format)
+    wide = wide.assign(**{"Cramér-Rao limit": limit}).rename("{:g}".format, level=1)
+    return _wide(["Sensor", "Noise [m]"], wide, left=1)
 
 
 def roads() -> str:
     """Suite ``roads``, full sensor, known target speeds: ranks and median errors."""
-    rows = [
-        [
-            row["scenario"],
-            row["estimator"],
-            _rank(row["position_error_rank"]),
-            _number(row["position_error_median"]),
-            _number(row["held_out_error_median"]),
-            _number(row["cosine_error_median"]),
-            _share(row["covers_truth_share"]),
-            *_failures_and_time(row),
-        ]
-        for row in _roads_seen_whole(unknown=False).to_dict("records")
-    ]
-    heads = (
-        "Road, Estimator, Rank, Position error [m], Held-out error [m], Cosine error, Covered, "
-        "Failures, ms"
-    )
-    return _markdown(heads.split(", "), rows, left=2)
+    held: Columns = {"Held-out error [m]": "held_out_error_median"}
+    start: Columns = {"Road": "scenario", "Estimator": "estimator"}
+    columns = start | _RANK | _POSITION | held | _COSINE | _COVERED | _END
+    return _table(_roads_seen_whole(unknown=False), columns)
 
 
 def roads_errors() -> str:
     """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with ranks."""
     board = _roads_seen_whole(unknown=False)
     board = board[board["scenario"] != "merging"]
-    shown = [
-        f"{_number(error)} ({_rank(rank)})"
-        for error, rank in zip(
-            board["position_error_median"], board["position_error_rank"], strict=True
-        )
-    ]
-    wide = board.assign(shown=shown).pivot_table("shown", "estimator", "scenario", aggfunc="first")
-    wide = wide.loc[estimator_order(list(wide.index))]
-    rows = [list(row) for row in wide.itertuples()]
-    return _markdown(["Estimator", *wide.columns], rows, left=1)
+    pairs = board[["position_error_median", "position_error_rank"]].itertuples(index=False)
+    board = board.assign(shown=[f"{_number(error)} ({_rank(rank)})" for error, rank in pairs])
+    wide = board.pivot_table("shown", "estimator", "scenario", aggfunc="first")
+    return _wide(["Estimator"], wide.loc[estimator_order(list(wide.index))])
 
 
 def roads_unknown() -> str:
     """Suite ``roads``, full sensor, unknown target speeds: ranks and median errors."""
-    rows = [
-        [
-            row["scenario"].removesuffix(_UNKNOWN),
-            row["estimator"],
-            _rank(row["position_error_rank"]),
-            _number(row["position_error_median"]),
-            _number(row["parameter_error_median"]),
-            _number(row["cosine_error_median"]),
-            *_failures_and_time(row),
-        ]
-        for row in _roads_seen_whole(unknown=True).to_dict("records")
-    ]
-    heads = (
-        "Road, Estimator, Rank, Position error [m], Error of target speeds [deviations], "
-        "Cosine error, Failures, ms"
-    )
-    return _markdown(heads.split(", "), rows, left=2)
+    start: Columns = {
+        "Road": lambda row: row["scenario"].removesuffix(_UNKNOWN),
+        "Estimator": "estimator",
+    }
+    speeds: Columns = {"Error of target speeds [deviations]": "parameter_error_median"}
+    columns = start | _RANK | _POSITION | speeds | _COSINE | _END
+    return _table(_roads_seen_whole(unknown=True), columns, left=2)
 
 
 def _roads_seen_whole(unknown: bool) -> pd.DataFrame:
     """The roads' board of the full sensor: target speeds unknown or known."""
-    board = _leaderboard("roads")
+    board = _board("roads")
     part = board["scenario"].str.endswith(_UNKNOWN) == unknown
     return board[part & (board["sensor"] == "full") & (board["trials"] > 0)]
-
-
-def _rank(rank: float) -> str:
-    return "–" if math.isnan(rank) else f"{rank:.0f}"
 
 
 def wins() -> str:
@@ -210,22 +131,16 @@ def wins() -> str:
 
     By position error; a star where the difference is significant.
     """
-    table = pd.read_csv(RESULTS / "roads" / "wins.csv")
-    whole = table[
-        (table["scenario"] == "all scenarios") & (table["error"] == "position_error")
-    ].to_dict("records")
-    shares = {(row["estimator"], row["other"]): (row["wins"], row["p_holm"]) for row in whole}
-    shares |= {(other, one): (1 - share, p) for (one, other), (share, p) in shares.items()}
-    names = estimator_order([name for pair in shares for name in pair])
-    rows = [[one, *(_won(shares.get((one, other))) for other in names)] for one in names]
+    table = _csv("roads", "wins")
+    whole = (table["scenario"] == "all scenarios") & (table["error"] == "position_error")
+    shown = {}
+    for row in table[whole].to_dict("records"):
+        one, other, share = row["estimator"], row["other"], row["wins"]
+        star = r"\*" if row["p_holm"] < SIGNIFICANCE else ""
+        shown[one, other], shown[other, one] = f"{share:.0%}{star}", f"{1 - share:.0%}{star}"
+    names = estimator_order([name for pair in shown for name in pair])
+    rows = [[one, *(shown.get((one, other), "") for other in names)] for one in names]
     return _markdown(["", *names], rows, left=1)
-
-
-def _won(found: tuple[float, float] | None) -> str:
-    if found is None:
-        return ""
-    share, p_holm = found
-    return f"{share:.0%}{_STAR if p_holm < SIGNIFICANCE else ''}"
 
 
 def recognised() -> str:
@@ -247,55 +162,42 @@ def recognised() -> str:
 
 def predictions() -> str:
     """Suite ``roads``, full sensor: errors of predictions after half of the samples, by road."""
-    table = pd.read_csv(RESULTS / "predictions" / "over_time.csv")
-    table = table[np.isclose(table["time"], _HALF)]
-    rows = []
-    for road, of in _lines(table, "scenario", "estimator").items():
-        for name in _PREDICT:
-            one, two, four = (_number(of[name][f"fde_{ahead}s"]) for ahead in (1, 2, 4))
-            rows.append([road, name, one, two, _with_interval(of[name], "fde_3s"), four])
-    return _markdown(["Road", "Prediction by", "1 s", "2 s", "3 s", "4 s"], rows, left=2)
+    names = ["true_weights", "map", "kkt_constrained", "constant_velocity", "constant_controls"]
+    names += ["stock", "stock_fitted"]
+    table = _csv("predictions", "over_time")
+    table = table[np.isclose(table["time"], 3.6) & table["estimator"].isin(names)]
+    order = [names.index(name) for name in table["estimator"]]
+    table = table.assign(order=order, road=pd.factorize(table["scenario"])[0])
+    columns: Columns = {"Road": "scenario", "Prediction by": "estimator"}
+    columns |= {f"{ahead} s": _interval_of(f"fde_{ahead}s", ahead == 3) for ahead in (1, 2, 3, 4)}
+    return _table(table.sort_values(["road", "order"]), columns)
 
 
 def prediction_tests() -> str:
     """Suite ``roads``, full sensor: whether predictions are better than HighwayEnv's drivers."""
-    return _tests_online(RESULTS / "predictions")
+    return _tests_online("predictions")
 
 
 def parameters() -> str:
     """Suite ``parameters``: errors of weights and unknowns, all noise levels together."""
-    board = _leaderboard("parameters")
-    board = board[board["cosine_error_median"].notna()]
-    rows = [
-        [
-            row["scenario"],
-            row["sensor"],
-            row["estimator"],
-            _number(row["cosine_error_median"]),
-            _number(row["parameter_error_median"]),
-            _share(row["covers_parameters_share"]),
-            *_failures_and_time(row),
-        ]
-        for row in board.to_dict("records")
-    ]
-    heads = "Scenario, Sensor, Estimator, Cosine error, Parameter error, Covered, Failures, ms"
-    return _markdown(heads.split(", "), rows, left=3)
+    board = _board("parameters")
+    errors: Columns = {"Parameter error": "parameter_error_median"}
+    errors |= {"Covered": "covers_parameters_share"}
+    return _table(board[board["cosine_error_median"].notna()], _PLACE | _COSINE | errors | _END)
 
 
 def constrained() -> str:
     """Suite ``constrained``, full sensor: median errors with the constraints and in ignorance."""
-    board = _leaderboard("constrained")
+    board = _board("constrained")
     board = board[board["sensor"] == "full"].set_index(["scenario", "estimator"])
+    columns = {"Position error": _POSITION["Position error [m]"]} | _COSINE | _FAILURES
     rows = []
     for scenario, name in board.index:
-        if (scenario, f"{name}, ignorant") not in board.index:
-            continue
-        pair = [board.loc[(scenario, one)] for one in (name, f"{name}, ignorant")]
-        cells = [_number(one[column]) for column in _WORTH for one in pair]
-        failures = [f"{one['failures']} of {one['trials']}" for one in pair]
-        rows.append([scenario, name, *cells, *failures])
-    heads = (*_WORTH.values(), "Failures")
-    both = [f"{head}{end}" for head in heads for end in ("", ", ignorant")]
+        if (scenario, f"{name}, ignorant") in board.index:
+            pair = [board.loc[(scenario, one)].to_dict() for one in (name, f"{name}, ignorant")]
+            cells = [_cell(one, how) for how in columns.values() for one in pair]
+            rows.append([scenario, name, *cells])
+    both = [f"{head}{end}" for head in columns for end in ("", ", ignorant")]
     return _markdown(["Scenario", "Estimator", *both], rows, left=2)
 
 
@@ -315,6 +217,12 @@ def claims() -> str:
 
 def posterior() -> str:
     """Of ``scripts/posterior_calibration.py``: a row for each view and noise level."""
+    # Heads, and the columns that the script prints.
+    shown = {
+        **{"View": 0, "Noise [m]": 1, "Draws": 2, "Mean cosine error": 3, "Covered [%]": 4},
+        **{"Control [%]": 5, "Weights within 95 % [%]": 8, "Least p of ranks": 9},
+        **{"Effective size": 11, "R-hat": 12, "Not converged [%]": 13, "Time [s]": 14},
+    }
     rows = []
     for scenario in ("two_player", "highway_overtaking", "highway", "merge"):
         path = RESULTS / "calibration" / f"{scenario}.txt"
@@ -322,89 +230,56 @@ def posterior() -> str:
             cells = re.split(r"\s{2,}", line)
             if cells[0] == "all":
                 cells.insert(1, "all")
-            rows.append([scenario, *(cells[place] for place in _POSTERIOR.values())])
-    heads = ["Scenario", *_POSTERIOR]
-    return _markdown(heads, rows, left=2)
+            rows.append([scenario, *(cells[place] for place in shown.values())])
+    return _markdown(["Scenario", *shown], rows, left=2)
 
 
 def regions() -> str:
     """Suite ``calibration``: coverage of 95 % regions with exact intervals, and their widths."""
-    table = _calibration()
-    cells = [
-        f"{_exact(row['covered_95'], row['trials'])}, {_number(row['width'])}"
-        for row in table.to_dict("records")
-    ]
-    return _by_level(table, cells)
+    rows = _calibration().to_dict("records")
+    cells = [f"{_exact(row['covered_95'], row['trials'])}, {_number(row['width'])}" for row in rows]
+    return _by_level(_calibration(), cells)
 
 
 def levels() -> str:
     """Suite ``calibration``: the probabilities of levels of regions, of weights, and of TARP."""
-    table = _calibration()
-    shown = table[["p_uniform", "p_weights", "p_tarp"]].map(_chance)
-    return _by_level(table, [", ".join(row) for row in shown.itertuples(index=False)])
+    shown = _calibration()[["p_uniform", "p_weights", "p_tarp"]].map(_chance)
+    return _by_level(_calibration(), [", ".join(row) for row in shown.itertuples(index=False)])
 
 
 def scores() -> str:
     """Suite ``calibration``: proper scores and cosine errors, all noise levels together."""
-    board = _leaderboard("calibration")
-    scored = ("energy_score_median", "crps_median", "held_out_log_score_median")
-    columns = [*scored, "cosine_error_mean"]
-    rows = [
-        [
-            *(row[key] for key in _PLACE),
-            *(_number(row[column]) for column in columns),
-            f"{row['failures']} of {row['trials']}",
-        ]
-        for row in _in_order(board[board["trials"] > 0]).to_dict("records")
-    ]
-    heads = (
-        "Scenario, Sensor, Estimator, Energy score, CRPS, Log score lost, Cosine error, Failures"
-    )
-    return _markdown(heads.split(", "), rows, left=3)
+    board = _board("calibration")
+    columns: Columns = {"Energy score": "energy_score_median", "CRPS": "crps_median"}
+    columns |= {"Log score lost": "held_out_log_score_median", "Cosine error": "cosine_error_mean"}
+    return _table(_in_order(board[board["trials"] > 0]), _PLACE | columns | _FAILURES)
 
 
 def gains() -> str:
     """Suite ``calibration``: mean cosine errors of ``posterior`` and its rivals, cell by cell."""
-    table = pd.read_csv(RESULTS / "calibration" / "posterior_gains.csv")
-    shown = ("posterior", "kkt_constrained", "map", "ridge", "uniform")
-    rows = [
-        [
-            row["scenario"],
-            row["sensor"],
-            f"{row['sigma']:g}",
-            f"{row['trials']}",
-            *(_number(row[name]) for name in shown),
-            f"{row['ratio']:.2f} [{row['ratio_low']:.2f}, {row['ratio_high']:.2f}]",
-            _chance(row["p_holm"]),
-        ]
-        for row in table.to_dict("records")
-    ]
-    heads = ["Scenario", "Sensor", "Noise [m]", "Trials", *shown, "Posterior / best rival", "p"]
-    return _markdown(heads, rows, left=2)
+    names = ("posterior", "kkt_constrained", "map", "ridge", "uniform")
+    columns: Columns = {"Scenario": "scenario", "Sensor": "sensor"}
+    columns |= {"Noise [m]": lambda row: f"{row['sigma']:g}"}
+    columns |= {"Trials": lambda row: str(row["trials"])} | {name: name for name in names}
+    columns["Posterior / best rival"] = lambda row: (
+        f"{row['ratio']:.2f} [{row['ratio_low']:.2f}, {row['ratio_high']:.2f}]"
+    )
+    columns["p"] = lambda row: _chance(row["p_holm"])
+    return _table(_csv("calibration", "posterior_gains"), columns)
 
 
 def identified() -> str:
     """Suite ``calibration``: share of weights that are identified, and what is left, by noise."""
-    table = pd.read_csv(RESULTS / "calibration" / "identifiability_by_noise.csv")
-    by = ["scenario", "sensor", "sigma"]
-    found = table.groupby(by)[["identified", "left"]].mean().reset_index()
-    cells = [f"{row['identified']:.0%}, {row['left']:.0%}" for row in found.to_dict("records")]
-    return _by_level(found, cells)
+    table = _csv("calibration", "identifiability_by_noise")
+    found = table.groupby(["scenario", "sensor", "sigma"])[["identified", "left"]].mean()
+    shown = [f"{known:.0%}, {left:.0%}" for known, left in found.itertuples(index=False)]
+    return _by_level(found.reset_index(), shown)
 
 
 def learned() -> str:
     """What is learned beside what solves games: errors, coverage, energy score and time."""
-    rows = [
-        [
-            *_place_and_errors(row),
-            _share(row["covers_truth_share"]),
-            _number(row["energy_score_median"]),
-            *_failures_and_time(row),
-        ]
-        for row in _in_order(_leaderboard("learned")).to_dict("records")
-    ]
-    heads = "Scenario, Sensor, Estimator, Position error [m], Cosine error, Covered, Energy score"
-    return _markdown([*heads.split(", "), "Failures", "ms"], rows, left=3)
+    columns = _PLACE | _POSITION | _COSINE | _COVERED | {"Energy score": "energy_score_median"}
+    return _table(_in_order(_board("learned")), columns | _END)
 
 
 def learned_errors() -> str:
@@ -413,64 +288,49 @@ def learned_errors() -> str:
     for scenario in PAPER:
         path = RESULTS / "learned" / f"errors_{scenario}.txt"
         table = pd.read_csv(path, sep=r"\s*\|\s*", engine="python")
-        draws = int(str(table.iloc[0, 0]).split()[-1])
         errors = [_number(table[f"cos {name}"].mean()) for name in ("neural", "map", "uniform")]
         shares = [
             f"{_share(table[name].mean())} [{table[name].min():.0%}, {table[name].max():.0%}]"
             for name in ("ellipsoid", "interval")
         ]
-        rows.append([scenario, str(draws), *errors, *shares])
+        rows.append([scenario, str(table.iloc[0, 0]).split()[-1], *errors, *shares])
     heads = "Scenario, Draws, neural_posterior, map, uniform, In 95 % ellipsoid, In 95 % interval"
     return _markdown(heads.split(", "), rows, left=1)
 
 
 def learned_online() -> str:
     """Predictions while samples come in, of what is learned and what is not."""
-    table = pd.read_csv(RESULTS / "learned" / "online_summary.csv")
-    rows = [
-        [
-            row["scenario"],
-            row["estimator"],
-            _number(row["cosine_error"]),
-            _number(row["fde_1s"]),
-            _with_interval(row, "fde_3s"),
-            _number(row["latency_50"]),
-        ]
-        for row in table.to_dict("records")
-    ]
-    heads = "Scenario, Prediction by, Cosine error, Error in 1 s [m], Error in 3 s [m], ms"
-    return _markdown(heads.split(", "), rows, left=2)
+    columns: Columns = {"Scenario": "scenario", "Prediction by": "estimator"}
+    columns |= {"Cosine error": "cosine_error", "Error in 1 s [m]": "fde_1s"}
+    columns |= {"Error in 3 s [m]": _interval_of("fde_3s"), "ms": "latency_50"}
+    return _table(_csv("learned", "online_summary"), columns)
 
 
 def online() -> str:
     """Median errors of predictions 3 s ahead while samples come in, by road."""
-    table = pd.read_csv(RESULTS / "online" / "summary.csv")
-    rows = [
-        [road, *(_with_interval(of[name], "fde_3s") for name in _FORECASTS)]
-        for road, of in _lines(table, "scenario", "estimator").items()
-    ]
-    return _markdown(["Road", *_FORECASTS], rows, left=1)
+    names = ["map", "kkt_constrained", "uniform", "true_weights"]
+    names += ["constant_velocity", "stock", "stock_fitted"]
+    table = _csv("online", "summary")
+    table["shown"] = [_interval_of("fde_3s")(row) for row in table.to_dict("records")]
+    wide = table.pivot_table("shown", "scenario", "estimator", aggfunc="first", sort=False)
+    return _wide(["Road"], wide[names])
 
 
 def online_tests() -> str:
     """Errors over those of constant velocity and of fitted drivers, and the time to be sure."""
-    return _tests_online(RESULTS / "online")
+    return _tests_online("online")
 
 
-def _tests_online(folder: Path) -> str:
-    table = pd.read_csv(folder / "comparisons.csv")
-    summary = _lines(pd.read_csv(folder / "summary.csv"), "scenario", "estimator")
+def _tests_online(study: str) -> str:
+    table, summary = _csv(study, "comparisons"), _csv(study, "summary")
     table["pair"] = table["estimator"] + " / " + table["other"]
-    rows = [
-        [
-            road,
-            *(f"{_number(row['ratio'])} (p {_chance(row['p_holm'])})" for row in of.values()),
-            _with_interval(summary[road]["map"], "half_time"),
-        ]
-        for road, of in _lines(table, "scenario", "pair").items()
-    ]
-    heads = ["Road", *dict.fromkeys(table["pair"]), "Half time of map [s]"]
-    return _markdown(heads, rows, left=1)
+    pairs = table[["ratio", "p_holm"]].itertuples(index=False)
+    table["shown"] = [f"{_number(ratio)} (p {_chance(p)})" for ratio, p in pairs]
+    wide = table.pivot_table("shown", "scenario", "pair", aggfunc="first", sort=False)
+    known = summary[summary["estimator"] == "map"].to_dict("records")
+    shown = _interval_of("half_time")
+    half = pd.Series([shown(row) for row in known], [row["scenario"] for row in known])
+    return _wide(["Road"], wide.assign(**{"Half time of map [s]": half}))
 
 
 def drives() -> str:
@@ -484,71 +344,54 @@ def stock_drives() -> str:
 
 
 def _drives(traffic: str) -> str:
-    table = pd.read_csv(RESULTS / "driving" / "summary.csv")
-    rows = [
-        [
-            row["road"],
-            row["planner"],
-            str(row["drives"]),
-            _exact(row["collision"], int(row["drives"])),
-            _percent(row, "regret"),
-            *(_number(row[name]) for name in ("progress", "jerk", "fde_3s")),
-            *(_number(row[name]) for name in ("cycle_50", "cycle_99")),
-        ]
-        for row in table[table["traffic"] == traffic].to_dict("records")
-    ]
-    heads = "Road, Planner, Drives, Collisions, Regret [%], Progress [m], Jerk [m/s^3]"
-    more = ["Error in 3 s [m]", "Cycle [ms]", "99 % [ms]"]
-    return _markdown([*heads.split(", "), *more], rows, left=2)
+    def regret(row: Row) -> str:
+        value, low, high = (100 * row[f"regret{end}"] for end in ("", "_low", "_high"))
+        return f"{value:.2f}" + ("" if math.isnan(low) else f" [{low:.2f}, {high:.2f}]")
 
-
-def _percent(row: dict[Hashable, Any], name: str) -> str:
-    """A share and its interval in hundredths, to two decimals."""
-    estimate, low, high = (100 * row[name + end] for end in ("", "_low", "_high"))
-    return f"{estimate:.2f}" + ("" if math.isnan(low) else f" [{low:.2f}, {high:.2f}]")
+    table = _csv("driving", "summary")
+    columns: Columns = {"Road": "road", "Planner": "planner"}
+    columns |= {"Drives": lambda row: str(row["drives"])}
+    columns |= {"Collisions": lambda row: _exact(row["collision"], int(row["drives"]))}
+    columns |= {"Regret [%]": regret, "Progress [m]": "progress", "Jerk [m/s^3]": "jerk"}
+    columns |= {"Error in 3 s [m]": "fde_3s", "Cycle [ms]": "cycle_50", "99 % [ms]": "cycle_99"}
+    return _table(table[table["traffic"] == traffic], columns)
 
 
 def drive_tests() -> str:
     """Paired differences of planners of the game to those that know nothing of the others."""
-    table = pd.read_csv(RESULTS / "driving" / "tests.csv")
-    table = table[(table["traffic"] == "nash") & table["planner"].isin(_PLAYERS)]
-    table["pair"] = table["column"].map(_TESTED) + ", less " + table["other"]
+    heads = {"collision": "Collisions [%]", "cost": "Cost [%]", "fde_3s": "Error in 3 s [m]"}
+    table = _csv("driving", "tests")
+    players = table["planner"].isin(["oracle", "map", "kkt_constrained"])
+    table = table[(table["traffic"] == "nash") & players]
+    table["pair"] = table["column"].map(heads) + ", less " + table["other"]
     table.loc[table["column"] != "fde_3s", "difference"] *= 100
-    pairs = [f"{head}, less {other}" for head in _TESTED.values() for other in _RIVALS]
-    rows = []
-    for (road, planner), part in table.groupby(["road", "planner"], sort=False):
-        of = part.set_index("pair").to_dict("index")
-        cells = [
-            f"{_number(of[pair]['difference'])} (p {_chance(of[pair]['p_holm'])})"
-            if pair in of
-            else "–"
-            for pair in pairs
-        ]
-        rows.append([str(road), str(planner), *cells])
-    return _markdown(["Road", "Planner", *pairs], rows, left=2)
+    numbers = table[["difference", "p_holm"]].itertuples(index=False)
+    table["shown"] = [f"{_number(difference)} (p {_chance(p)})" for difference, p in numbers]
+    rivals = ("uniform", "constant_velocity")
+    pairs = [f"{head}, less {other}" for head in heads.values() for other in rivals]
+    wide = table.pivot_table("shown", ["road", "planner"], "pair", aggfunc="first", sort=False)
+    return _wide(["Road", "Planner"], wide.reindex(columns=pairs).fillna("–"))
 
 
 TABLES: dict[str, Callable[[], str]] = {
-    table.__name__: table
-    for table in (
-        *(paper, times, coverage, exponents, claims),
-        *(roads_errors, roads, roads_unknown, wins, recognised, parameters, constrained),
-        *(posterior, regions, levels, scores, gains, identified),
-        *(learned, learned_errors, learned_online),
-        *(predictions, prediction_tests, online, online_tests),
-        *(drives, stock_drives, drive_tests),
-    )
+    name: found
+    for name, found in list(globals().items())
+    if getattr(found, "__module__", "") == __name__ and name[0] != "_" and name != "filled"
 }
 
 
-def _leaderboard(name: str) -> pd.DataFrame:
-    table = pd.read_csv(RESULTS / name / "leaderboard.csv")
+def _csv(study: str, name: str) -> pd.DataFrame:
+    table = pd.read_csv(RESULTS / study / f"{name}.csv")
     return table.rename(columns={"view": "sensor"})  # its name in tables before version 0.1
+
+
+def _board(study: str) -> pd.DataFrame:
+    return _csv(study, "leaderboard")
 
 
 def _calibration() -> pd.DataFrame:
     """Rows of ``calibration.csv``, the best known kinds of regions first."""
-    return _in_order(pd.read_csv(RESULTS / "calibration" / "calibration.csv"))
+    return _in_order(_csv("calibration", "calibration"))
 
 
 def _in_order(table: pd.DataFrame) -> pd.DataFrame:
@@ -562,35 +405,60 @@ def _by_level(table: pd.DataFrame, cells: list[str]) -> str:
 
     Scenarios have noise levels of their own, which are named with them.
     """
-    keys = [key for key in _PLACE if key in table]
+    keys = [key for key in _PLACE.values() if key in table]
     sigmas = {str(name): sorted(own["sigma"].unique()) for name, own in table.groupby("scenario")}
     most = max(map(len, sigmas.values()))
-    table = table.assign(cell=cells)
     rows = []
-    for labels, group in table.groupby(keys, sort=False):
+    for labels, group in table.assign(cell=cells).groupby(keys, sort=False):
         place = [str(label) for label in labels]
         told = sigmas[place[0]]
         cell = dict(zip(group["sigma"], group["cell"], strict=True))
         noise = ", ".join(f"{sigma:g}" for sigma in told)
         shown = [cell.get(sigma, "–") for sigma in told] + ["–"] * (most - len(told))
         rows.append([f"{place[0]}: {noise} m", *place[1:], *shown])
-    heads = [key.capitalize() for key in keys]
+    heads = [str(key).capitalize() for key in keys]
     heads += ["Least noise", *(["More"] * (most - 2)), "Most"][:most]
     return _markdown(heads, rows, left=len(keys))
 
 
-def _lines(table: pd.DataFrame, first: str, second: str) -> dict[str, dict[str, Any]]:
-    """Rows by two of their labels."""
-    return {
-        str(name): {str(row[second]): row for row in part.to_dict("records")}
-        for name, part in table.groupby(first, sort=False)
-    }
+def _table(table: pd.DataFrame, columns: Columns, left: int = 0) -> str:
+    """A line for each row; columns of texts are first, and stand on the left."""
+    rows = table.to_dict("records")
+    left = left or sum(isinstance(rows[0].get(how), str) for how in columns.values())
+    lines = ([_cell(row, how) for how in columns.values()] for row in rows)
+    return _markdown(list(columns), lines, left)
 
 
-def _with_interval(row: dict[Hashable, Any], name: str) -> str:
-    """A value with its interval."""
-    value, low, high = (_number(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
-    return f"{value} [{low}, {high}]"
+def _cell(row: Row, how: str | Callable[[Row], str]) -> str:
+    if callable(how):
+        return how(row)
+    value = row[how]
+    if isinstance(value, str):
+        return value
+    return _share(value) if how.endswith("_share") else _number(value)
+
+
+def _wide(heads: list[str], wide: pd.DataFrame, left: int = 0) -> str:
+    """A line for each row of texts, after the labels of its index."""
+    labels = [label if isinstance(label, tuple) else (label,) for label in wide.index]
+    rows = [[*map(str, label), *row] for label, row in zip(labels, wide.to_numpy(), strict=True)]
+    return _markdown([*heads, *map(str, wide.columns)], rows, left or len(heads))
+
+
+def _markdown(heads: list[str], rows: Iterable[list[str]], left: int) -> str:
+    rule = ["---" if k < left else "---:" for k in range(len(heads))]
+    cells = [[cell.replace("_", r"\_") for cell in row] for row in (heads, *rows)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (cells[0], rule, *cells[1:]))
+
+
+def _interval_of(name: str, interval: bool = True) -> Callable[[Row], str]:
+    """A value, with its interval."""
+
+    def shown(row: Row) -> str:
+        value, low, high = (_number(row.get(f"{name}{end}", 0)) for end in ("", "_low", "_high"))
+        return f"{value} [{low}, {high}]" if interval else value
+
+    return shown
 
 
 def _exact(share: float, trials: int) -> str:
@@ -605,35 +473,20 @@ def _chance(value: float) -> str:
     return "< 0.001" if value < 0.001 else f"{value:.2g}"
 
 
-def _place_and_errors(row: dict[Hashable, Any]) -> list[str]:
-    """Scenario, sensor and estimator, and the median errors of positions and weights."""
-    errors = [_number(row[f"{name}_error_median"]) for name in ("position", "cosine")]
-    return [*(row[name] for name in _PLACE), *errors]
-
-
-def _failures_and_time(row: dict[Hashable, Any]) -> tuple[str, str]:
-    """Failures of all trials, and the median time of an estimate [ms]."""
-    return f"{row['failures']} of {row['trials']}", _number(1e3 * row["solve_seconds_median"])
-
-
-def _number(value: float) -> str:
-    if math.isnan(value):
-        return "–"
-    if math.isinf(value):
-        return "∞"
-    if abs(value) < 1e-9:
-        return "0"
-    return f"{value:.0f}" if abs(value) >= 99.5 else f"{float(f'{value:.2g}'):g}"
+def _rank(rank: float) -> str:
+    return "–" if math.isnan(rank) else f"{rank:.0f}"
 
 
 def _share(value: float) -> str:
     return "–" if math.isnan(value) else f"{value:.0%}"
 
 
-def _markdown(heads: list[str], rows: list[list[str]], left: int) -> str:
-    rule = ["---" if k < left else "---:" for k in range(len(heads))]
-    cells = [[cell.replace("_", r"\_") for cell in row] for row in (heads, *rows)]
-    return "\n".join(f"| {' | '.join(row)} |" for row in (cells[0], rule, *cells[1:]))
+def _number(value: float) -> str:
+    if math.isnan(value) or math.isinf(value):
+        return "–" if math.isnan(value) else "∞"
+    if abs(value) < 1e-9:
+        return "0"
+    return f"{value:.0f}" if abs(value) >= 99.5 else f"{float(f'{value:.2g}'):g}"
 
 
 def main() -> None:

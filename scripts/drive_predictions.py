@@ -8,9 +8,10 @@ others expect. ``map`` estimates them from samples with noise of 0.1 m. Each of 
 Usage: python scripts/drive_predictions.py --seeds 20
 """
 
-import argparse
 from collections.abc import Sequence
+from typing import Annotated
 
+import shared
 import numpy as np
 from beliefs_here import RULES, Here, beliefs_here
 
@@ -30,17 +31,13 @@ KNOWN = ("truth", "map")
 KINDS = ("straight on", "one equilibrium", "planned again")
 
 
-def main() -> None:
+def main(seeds: int = 20, roads: tuple[Annotated[str, list(ROADS)], ...] = tuple(ROADS)) -> None:
     """Print a line for each road."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--roads", nargs="+", choices=list(ROADS), default=list(ROADS))
-    given = parser.parse_args()
     print("position error of others 3 s ahead [m]: median over drives of each drive's mean")
     print(f"{'road':14}{'known':7}{'drives':>7}" + "".join(f"{kind:>17}" for kind in KINDS))
-    for road in given.roads:
+    for road in roads:
         for known in KNOWN:
-            drives = (errors_of(road, seed, known) for seed in range(given.seeds))
+            drives = (errors_of(road, seed, known) for seed in range(seeds))
             found = [errors for errors in drives if errors]
             shown = "".join(f"{value:17.2f}" for value in np.median(found, axis=0))
             print(f"{road:14}{known:7}{len(found):7}{shown}", flush=True)
@@ -114,4 +111,4 @@ def shifted(values: np.ndarray, steps: int) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -9,14 +9,10 @@ random plans, how many only the latter find, the draws with such players, and th
 search for one game. Then which share of the players with a better response each part finds alone.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-import argparse
 import time
 from collections import Counter
 
+import shared
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -31,18 +27,13 @@ KNOTS = 5  # of a random plan
 SIZES = (0.1, 2.0)  # of random plans, in units of ``control_units``
 
 
-def main() -> None:
+def main(draws: int = 20, random: int = 200, scenarios: tuple[str, ...] = ()) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument("--random", type=int, default=200, help="random first plans of a player")
-    parser.add_argument("--scenarios", nargs="*", help="usually all without hard constraints")
-    options = parser.parse_args()
     print("scenario            draws  players  search  random  only random  games   ms")
     parts: Counter[str] = Counter()
     total = 0
-    for name in options.scenarios or unconstrained():
-        total += print_scenario(name, options.draws, options.random, parts)
+    for name in scenarios or unconstrained():
+        total += print_scenario(name, draws, random, parts)
     print("first plans           alone find, of all players with a better response")
     for part, found in parts.most_common():
         print(f"{part:20} {found:4} of {total}")
@@ -118,4 +109,4 @@ def random_plans(game: Game, solved: Equilibrium, player: int, count: int) -> np
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

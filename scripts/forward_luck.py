@@ -11,10 +11,10 @@ stationary in its states at the estimated weights. Five repeats of two players t
 minutes.
 """
 
-import argparse
 from collections import defaultdict
 from pathlib import Path
 
+import shared
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
@@ -61,20 +61,19 @@ def failures(trials: pd.DataFrame, scenario: str, repeats: int, consistent: bool
     return pd.DataFrame(table).T
 
 
-def main() -> None:
+def main(
+    folder: Path,
+    scenario: str = "two_player",
+    estimators: tuple[str, ...] = ("kkt_constrained", "kkt_residual"),
+    repeats: int = 5,
+    consistent_costates: bool = False,
+) -> None:
     """Read a run folder and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="run folder with trials.parquet")
-    parser.add_argument("--scenario", default="two_player")
-    parser.add_argument("--estimators", nargs="+", default=["kkt_constrained", "kkt_residual"])
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--consistent-costates", action="store_true")
-    arguments = parser.parse_args()
-    trials = pd.read_parquet(arguments.folder / "trials.parquet")
-    trials = trials[trials["estimator"].isin(arguments.estimators)]
-    table = failures(trials, arguments.scenario, arguments.repeats, arguments.consistent_costates)
+    trials = pd.read_parquet(folder / "trials.parquet")
+    trials = trials[trials["estimator"].isin(estimators)]
+    table = failures(trials, scenario, repeats, consistent_costates)
     print(table.to_string())
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -9,13 +9,13 @@ for. A plugin gets a fork of its own for each trial. Exit code 1 if a trial cost
 plugin) or more, or memory grows.
 """
 
-import argparse
 import sys
 import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
 
+import shared
 import psutil
 
 from olne_bench.bench.plan.load import load_suite
@@ -27,6 +27,7 @@ from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.store import open_store
 
+WARM = 500  # trials that are not measured
 LIMIT, FOREIGN_LIMIT = 2e-3, 12e-3  # [s]
 GROWTH = 20.0  # [MiB]
 SUITE = """
@@ -49,66 +50,50 @@ class Declines:
 """
 
 
-def main() -> None:
+def main(
+    trials: int = 10_000, jobs: int = 2, foreign: bool = False, dask: str | None = None
+) -> None:
     """Measure after all workers have started."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, default=10_000)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--foreign", action="store_true", help="with a plugin")
-    parser.add_argument("--dask", help="as for olne-bench run")
-    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         plugin, file = Path(folder, "plugin.py"), Path(folder, "cost.toml")
         plugin.write_text(PLUGIN)
         file.write_text(SUITE)
         suite = load_suite(str(file), (str(plugin),), describe_all)
-        chosen = Selection(estimators=("Declines" if arguments.foreign else "neural_posterior",))
-        part = select(suite, chosen)
-        model = list(expand(part))[-1]
-        warm = 500
-        trials = (replace(model, seed=seed) for seed in range(warm + arguments.trials))
-        if arguments.dask:
-            ended = run_on_dask(trials, cluster=arguments.dask)
-        else:
-            ended = run_trials(trials, jobs=arguments.jobs)
-        this = psutil.Process()
+        chosen = Selection(estimators=("Declines" if foreign else "neural_posterior",))
+        model = list(expand(select(suite, chosen)))[-1]
+        some = (replace(model, seed=seed) for seed in range(WARM + trials))
+        ended = run_on_dask(some, cluster=dask) if dask else run_trials(some, jobs=jobs)
         with open_store(Path(folder, "out")) as store:
-            text = suite.model_dump_json()
-            source = provenance(
-                suite=text, suite_text="", selection=chosen, seeds=1, executor="this script"
-            )
-            store.begin_run(source, [model])
+            source = {"suite": suite.model_dump_json(), "suite_text": "", "executor": "this script"}
+            store.begin_run(provenance(selection=chosen, seeds=1, **source), [model])
             for number, (trial, outcome) in enumerate(ended):
-                if number == warm:
-                    started, cpu, memory = time.monotonic(), _cpu(this), _memory(this)
+                if number == WARM:
+                    before = _used()
                 store.add(trial, outcome)
-                if number == warm + arguments.trials - 1:
-                    each = (time.monotonic() - started) / arguments.trials
-                    own, others = (
-                        (now - before) / arguments.trials
-                        for now, before in zip(_cpu(this), cpu, strict=True)
-                    )
-                    growth = {name: size - memory[name] for name, size in _memory(this).items()}
-    print(f"{1e3 * each:.2f} ms a trial")
-    print(f"computed: {1e3 * own:.2f} ms (driver), {1e3 * others:.2f} ms (referees and players)")
-    print(
-        "memory grew by " + ", ".join(f"{size:.1f} MiB ({name})" for name, size in growth.items())
-    )
-    limit = FOREIGN_LIMIT if arguments.foreign else LIMIT
-    sys.exit(each >= limit or max(growth.values()) > GROWTH)
+                if number == WARM + trials - 1:  # workers are still there
+                    used = {name: amount - before[name] for name, amount in _used().items()}
+    each, own, others = (1e3 * used.pop(name) / trials for name in ("wall", "own", "others"))
+    print(f"{each:.2f} ms a trial")
+    print(f"computed: {own:.2f} ms (driver), {others:.2f} ms (referees and players)")
+    print("memory grew by " + ", ".join(f"{size:.1f} MiB ({name})" for name, size in used.items()))
+    too_long = each >= 1e3 * (FOREIGN_LIMIT if foreign else LIMIT)
+    sys.exit(too_long or max(used.values()) > GROWTH)
 
 
-def _cpu(driver: psutil.Process) -> tuple[float, float]:
-    """Processor time [s] of the driver, and of all its workers together."""
-    workers = [child.cpu_times() for child in driver.children(recursive=True)]
-    return time.process_time(), sum(one.user + one.system for one in workers)
-
-
-def _memory(driver: psutil.Process) -> dict[str, float]:
-    """Memory [MiB] of the driver and of all workers together."""
-    workers = sum(child.memory_info().rss for child in driver.children(recursive=True))
-    return {"driver": driver.memory_info().rss / 2**20, "workers": workers / 2**20}
+def _used() -> dict[str, float]:
+    """Wall-clock and processor time [s], and memory [MiB], of the driver and of all its workers."""
+    this = psutil.Process()
+    workers = this.children(recursive=True)
+    times = [worker.cpu_times() for worker in workers]
+    sizes = sum(worker.memory_info().rss for worker in workers)
+    return {
+        "wall": time.monotonic(),
+        "own": time.process_time(),
+        "others": sum(one.user + one.system for one in times),
+        "driver": this.memory_info().rss / 2**20,
+        "workers": sizes / 2**20,
+    }
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

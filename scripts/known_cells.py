@@ -12,11 +12,11 @@ Wilcoxon test that ``posterior`` is closer to the truth than the maximum likelih
 correction over all cells. Writes both tables to ``--out``.
 """
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import shared
 import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, bootstrap, wilcoxon
@@ -31,19 +31,15 @@ RIVALS = (MLE, "map", "ridge", "uniform")
 SAMPLES = 2000
 
 
-def main() -> None:
+def main(run: Path, out: Path = FOLDER) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("run", type=Path, help="folder of the run")
-    parser.add_argument("--out", type=Path, default=FOLDER)
-    options = parser.parse_args()
-    with read_store(options.run) as store:
+    with read_store(run) as store:
         rows = store.frame()
     covered, gains = pd.DataFrame(_covered(rows)), pd.DataFrame(_gains(rows))
     gains["p_holm"] = holm(gains.pop("p").to_numpy())
-    options.out.mkdir(parents=True, exist_ok=True)
-    covered.to_csv(options.out / "likelihood_regions.csv", index=False)
-    gains.to_csv(options.out / "posterior_gains.csv", index=False)
+    out.mkdir(parents=True, exist_ok=True)
+    covered.to_csv(out / "likelihood_regions.csv", index=False)
+    gains.to_csv(out / "posterior_gains.csv", index=False)
     for table in (covered, gains):
         print(table.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
     better = gains["p_holm"] < SIGNIFICANCE
@@ -101,4 +97,4 @@ def _interval(first: pd.Series, second: pd.Series) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -7,7 +7,6 @@ of more noise draws, and with ``--copies`` of more scenarios. The report is made
 says of scenarios and metrics.
 """
 
-import argparse
 import json
 import resource
 import sqlite3
@@ -19,6 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
+import shared
 import numpy as np
 import pandas as pd
 
@@ -34,23 +34,22 @@ from olne_bench.bench.run.store_layout import COLUMNS, FILE_NAME, add_metric_col
 SEEDS = 1000  # more than the study has
 
 
-def main() -> None:
+def main(
+    trials: int = 1_000_000,
+    copies: int = 1,
+    suite: str = "paper",
+    table: Path = Path("results/paper/trials.parquet"),
+    figures: bool = False,
+) -> None:
     """Make the store and report on it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, default=1_000_000)
-    parser.add_argument("--copies", type=int, default=1, help="labels for each scenario")
-    parser.add_argument("--suite", default="paper", help="name of a suite")
-    parser.add_argument("--table", type=Path, default=Path("results/paper/trials.parquet"))
-    parser.add_argument("--figures", action="store_true", help="draw the figures as well")
-    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         started = time.monotonic()
-        suite = load_suite(arguments.suite)
-        _fill(Path(folder), suite, arguments.table, arguments.trials, arguments.copies)
+        rows_of = load_suite(suite)
+        _fill(Path(folder), rows_of, table, trials, copies)
         print(f"built in {time.monotonic() - started:.0f} s", flush=True)
         size = Path(folder, FILE_NAME).stat().st_size / 2**20
         command = [sys.executable, "-m", "olne_bench", "report", folder]
-        command += [] if arguments.figures else ["--no-figures"]
+        command += [] if figures else ["--no-figures"]
         started = time.monotonic()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         seconds = time.monotonic() - started
@@ -58,7 +57,7 @@ def main() -> None:
         computing, peak = used.ru_utime + used.ru_stime, used.ru_maxrss / 2**20
         page = Path(folder, "index.html").stat().st_size / 2**20
     print(
-        f"{arguments.trials} trials of {len(suite.scenarios) * arguments.copies} scenarios, "
+        f"{trials} trials of {len(rows_of.scenarios) * copies} scenarios, "
         f"{size:.0f} MiB: {seconds:.1f} s, of which {computing:.1f} s "
         f"computing, peak {peak:.2f} GiB, page {page:.2f} MiB"
     )
@@ -120,4 +119,4 @@ def _rows(
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

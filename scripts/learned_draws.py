@@ -9,11 +9,12 @@ uses. Draws without a certified equilibrium, and those beyond the limits of the 
 are left out and counted. FILE holds ``weights`` (D, N, K) and ``states`` (D, T, N, n).
 """
 
-import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
+import shared
 import numpy as np
 from posterior_draws import START_DEVIATIONS
 from tqdm import tqdm
@@ -30,15 +31,12 @@ _STREAM = 0x6C6561726E
 DRAWS = {"two_player": 20_000, "highway_overtaking": 10_000}
 
 
-def main() -> None:
+def main(
+    scenario: Annotated[str, sorted(DRAWS)], draws: int | None = None, out: Path | None = None
+) -> None:
     """Draw, write, and print how many there are and what they cost."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenario", choices=sorted(DRAWS))
-    parser.add_argument("--draws", type=int, help="number of truths")
-    parser.add_argument("--out", type=Path, help="default: runs/learned/SCENARIO.npz")
-    given = parser.parse_args()
-    out = given.out or Path("runs/learned") / f"{given.scenario}.npz"
-    write_draws(given.scenario, given.draws or DRAWS[given.scenario], out)
+    path = out or Path("runs/learned") / f"{scenario}.npz"
+    write_draws(scenario, draws or DRAWS[scenario], path)
 
 
 def write_draws(name: str, count: int, out: Path) -> None:
@@ -84,4 +82,4 @@ def _equilibrium(scenario: Scenario) -> np.ndarray | None:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

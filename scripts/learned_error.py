@@ -7,10 +7,11 @@ noise level: mean cosine errors, the mean energy score of samples, how often the
 the samples and their 95 % intervals hold the truth, and the median time of an estimate.
 """
 
-import argparse
 import time
 from collections.abc import Iterator
+from typing import Annotated
 
+import shared
 import numpy as np
 import scoringrules
 
@@ -28,16 +29,12 @@ FIRST = 700_000  # of seeds
 COLUMNS = ("cos neural", "cos map", "cos uniform", "energy", "ellipsoid", "interval", "ms")
 
 
-def main() -> None:
+def main(scenario: Annotated[str, sorted(SIGMAS)], draws: int = 100) -> None:
     """Draw, estimate, print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenario", choices=sorted(SIGMAS))
-    parser.add_argument("--draws", type=int, default=100)
-    given = parser.parse_args()
     print("view sigma draws", *COLUMNS, sep=" | ")
     found: dict[tuple[str, float], list[tuple[float, ...]]] = {}
-    for seed in range(FIRST, FIRST + given.draws):
-        for key, numbers in judged(given.scenario, seed):
+    for seed in range(FIRST, FIRST + draws):
+        for key, numbers in judged(scenario, seed):
             found.setdefault(key, []).append(numbers)
     for (view, sigma), rows in found.items():
         means = [*np.mean(rows, axis=0)[:-1], np.median(rows, axis=0)[-1]]
@@ -87,4 +84,4 @@ def numbers_of(
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

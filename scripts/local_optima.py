@@ -7,9 +7,9 @@ weights, which no estimator knows, and compares objectives. Prints how often tha
 and by how much.
 """
 
-import argparse
 from pathlib import Path
 
+import shared
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
@@ -36,18 +36,13 @@ def excess(trial: Trial, objective: float) -> float:
     return (objective - found.objective) / found.objective
 
 
-def main() -> None:
+def main(folder: Path, scenario: str = "two_player", largest_sigma: float = 0.02) -> None:
     """Read a run folder and compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="folder with trials.parquet of suite paper")
-    parser.add_argument("--scenario", default="two_player")
-    parser.add_argument("--largest-sigma", type=float, default=0.02)
-    arguments = parser.parse_args()
-    trials = pd.read_parquet(arguments.folder / "trials.parquet")
+    trials = pd.read_parquet(folder / "trials.parquet")
     trials = trials[
         trials["estimator"].eq("kkt_constrained")
-        & trials["scenario"].eq(arguments.scenario)
-        & trials["sigma"].between(0, arguments.largest_sigma, inclusive="right")
+        & trials["scenario"].eq(scenario)
+        & trials["sigma"].between(0, largest_sigma, inclusive="right")
     ]
     known = {trial.key: trial for trial in expand(load_suite("paper"))}
     keys = trials[list(KEY_COLUMNS)].astype(str).itertuples(index=False, name=None)
@@ -61,4 +56,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -7,14 +7,14 @@ in an empty cache, draws of ``random`` whose equilibrium is certified locally, a
 time for it, of its certificate, and of an estimate by ``kkt_constrained`` from noisy samples.
 """
 
-import argparse
 import os
 import resource
 import tempfile
-import time
 
+import shared
 import numpy as np
 
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.envs.scenarios import Scenario, get_scenario
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
@@ -24,17 +24,16 @@ from olne_bench.games.olne import certify, solve_olne
 SIGMA = 0.01
 
 
-def main() -> None:
+def main(
+    players: tuple[int, ...] = (10, 20),
+    draws: int = 20,
+    estimates: int = 5,
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--players", type=int, nargs="+", default=[10, 20])
-    parser.add_argument("--draws", type=int, default=20, help="seeds 0, 1, ... per number")
-    parser.add_argument("--estimates", type=int, default=5, help="draws that are estimated")
-    arguments = parser.parse_args()
-    for num_players in arguments.players:
+    for num_players in players:
         with tempfile.TemporaryDirectory() as cache:
             os.environ["OLNE_BENCH_CACHE"] = cache
-            print(line(num_players, arguments.draws, arguments.estimates), flush=True)
+            print(line(num_players, draws, estimates), flush=True)
 
 
 def line(num_players: int, draws: int, estimates: int) -> str:
@@ -67,12 +66,10 @@ def line(num_players: int, draws: int, estimates: int) -> str:
 
 def forward(scenario: Scenario) -> tuple[float, float, np.ndarray | None]:
     """Seconds of a solve and of its certificate, and its states if it is certified locally."""
-    start = time.process_time()
-    found = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
-    solved = time.process_time()
-    certificate = certify(scenario.game, found, scenario.weights)
-    end = time.process_time()
-    return solved - start, end - solved, found.states if certificate.local.passed else None
+    game, weights = scenario.game, scenario.weights
+    solve, found = shared.timed(lambda: solve_olne(game, weights, scenario.initial_state))
+    check, certificate = shared.timed(lambda: certify(game, found, weights))
+    return solve, check, found.states if certificate.local.passed else None
 
 
 def estimated(scenario: Scenario, states: np.ndarray, seed: int) -> tuple[float, float]:
@@ -80,12 +77,10 @@ def estimated(scenario: Scenario, states: np.ndarray, seed: int) -> tuple[float,
     rng = np.random.default_rng(seed)
     seen = Observation(states + SIGMA * rng.standard_normal(states.shape))
     problem = problem_of(scenario)
-    start = time.process_time()
-    estimate = KktConstrained().estimate(problem, seen, rng=rng, budget=600)
-    seconds = time.process_time() - start
-    truth, found = scenario.weights, estimate.weights
-    sizes = np.linalg.norm(truth, axis=1) * np.linalg.norm(found, axis=1)
-    return seconds, float(np.mean(1 - (truth * found).sum(axis=1) / sizes))
+    seconds, estimate = shared.timed(
+        lambda: KktConstrained().estimate(problem, seen, rng=rng, budget=600)
+    )
+    return seconds, cosine_error(estimate.weights, scenario.weights)
 
 
 def problem_of(scenario: Scenario) -> Problem:
@@ -100,4 +95,4 @@ def used() -> float:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -7,15 +7,11 @@ potential, the sum of all costs: IPOPT minimises it under all constraints, from 
 the same draws in turn, on one core; times are processor time.
 """
 
-import argparse
-import os
-import sys
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
-os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
-
+import shared
 import casadi as ca
 import numpy as np
 
@@ -123,20 +119,16 @@ def rows(draws: int, players: int) -> tuple[list[Row], int]:
     return found, seed
 
 
-def main() -> int:
+def main(draws: int = 50, players: Annotated[int, (3, 4)] = 3) -> int:
     """Print the figures; the exit code says whether all bars hold."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=50, help="feasible draws")
-    parser.add_argument("--players", type=int, default=3, choices=(3, 4))
-    options = parser.parse_args()
-    found, drawn = rows(options.draws, options.players)
+    found, drawn = rows(draws, players)
     median = 1e3 * float(np.median([row.seconds for row in found]))
     oracle = 1e3 * float(np.median([row.oracle_seconds for row in found]))
     certified = sum(row.certified for row in found)
     good = sum(row.as_good for row in found)
     lower = sum(row.cost < row.oracle_cost - SAME_COST for row in found)
     violation = max(row.violation for row in found)
-    print(f"feasible    {len(found)} of {drawn} draws, {options.players} players")
+    print(f"feasible    {len(found)} of {drawn} draws, {players} players")
     print(f"certified   {certified}, largest violation {violation:.1e}")
     print(f"oracle      {sum(np.isfinite(row.oracle_cost) for row in found)} converged")
     print(f"cost        {good} equal or lower, {lower} of them lower by more than {SAME_COST}")
@@ -148,9 +140,9 @@ def main() -> int:
                 f"{row.cost:.6g}, IPOPT {row.oracle_cost:.6g}"
             )
     enough = len(found) - len(found) // 1000
-    fast = median <= BARS[options.players] and oracle >= 8 * median
+    fast = median <= BARS[players] and oracle >= 8 * median
     return 0 if certified >= enough and good >= enough and violation <= 1e-8 and fast else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    shared.command(main)

@@ -9,16 +9,12 @@ full window, and the same of all updates, the first ones included. Each has proc
 other programs on the machine disturb little, and wall-clock time, which is what a car has.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+import shared
 import numpy as np
 
 from olne_bench.envs.recording import NoEquilibriumError, record
@@ -51,20 +47,17 @@ class Updates:
     valid: np.ndarray
 
 
-def main() -> None:
+def main(
+    lag: int = 10, draws: int = 20, methods: tuple[Annotated[str, METHODS], ...] = tuple(METHODS)
+) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--lag", type=int, default=10, help="latest samples that count")
-    parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument("--methods", nargs="*", choices=METHODS, default=list(METHODS))
-    options = parser.parse_args()
     names = " ".join(f"{level:>6}%" for level in LEVELS)
-    print(f"lag {options.lag}; milliseconds, processor time / wall-clock time")
+    print(f"lag {lag}; milliseconds, processor time / wall-clock time")
     print(f"game      players method           updates valid  warm: {names}   all: {names}")
     for scenario, players, sigma in GAMES:
-        motions = list(observed(scenario, players, sigma, options.draws))
-        for name in options.methods:
-            found = updates_of(name, motions, options.lag)
+        motions = list(observed(scenario, players, sigma, draws))
+        for name in methods:
+            found = updates_of(name, motions, lag)
             warm, everything = (
                 percentiles(part) for part in (found.times[found.warm], found.times)
             )
@@ -114,4 +107,4 @@ def percentiles(times: np.ndarray) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

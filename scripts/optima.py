@@ -9,10 +9,10 @@ the file, so that only ours are computed again. The squared error of the true tr
 well: where it differs, the noise was another draw, and the rivals are computed again.
 """
 
-import argparse
 from pathlib import Path
 from typing import Any
 
+import shared
 import numpy as np
 import pandas as pd
 from rivals import CompactLayout
@@ -33,28 +33,25 @@ TRUTH = "truth_objective"
 SAME, NOTHING = 1e-4, 1e-9  # relative and absolute difference of objectives of the same optimum
 
 
-def main() -> None:
+def main(
+    out: Path = Path("results/perf/optima.parquet"), every: int = 1, reference: bool = False
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/perf/optima.parquet"))
-    parser.add_argument("--every", type=int, default=1, help="use every n-th sequence")
-    parser.add_argument("--reference", action="store_true", help="solve missing IPOPT references")
-    options = parser.parse_args()
-    known = _read_kept(options.out)
+    known = _read_kept(out)
     rows = []
-    for trial in tqdm(sequences()[:: options.every], disable=None):
+    for trial in tqdm(sequences()[::every], disable=None):
         row: dict[str, Any] = dict(zip(KEY, key_of(trial), strict=True))
         row |= {"count": trial.count, TRUTH: _truth(trial), "ours": _joint(trial, "structured")}
         row |= _kept(known.get(key_of(trial)), row[TRUTH])
         if np.isnan(row["compact"]):
             row["compact"] = _compact(trial)
-        if np.isnan(row["ipopt"]) and options.reference:
+        if np.isnan(row["ipopt"]) and reference:
             row["ipopt"] = _joint(trial, "ipopt")
         rows.append(row)
     table = pd.DataFrame(rows)
-    if options.every == 1:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        table.to_parquet(options.out)
+    if every == 1:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        table.to_parquet(out)
     print_shares(table)
 
 
@@ -134,4 +131,4 @@ def _compact(trial: Trial) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -5,12 +5,11 @@
 Prints one line per claim with the measured value and its bounds; exit code 1 if one fails.
 """
 
-import argparse
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import shared
 import pandas as pd
 
 from olne_bench.bench.report.leaderboard import published_failures
@@ -83,17 +82,15 @@ def claims_of(folder: Path) -> list[Claim]:
     return [*failures(trials), *statistical_limit(trials), *data_fidelity(trials)]
 
 
-def main() -> None:
+def main(folder: Path) -> int:
     """Read a run folder and check all claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="run folder with trials.parquet")
-    claims = claims_of(parser.parse_args().folder)
+    claims = claims_of(folder)
     for claim in claims:
         verdict = "holds" if claim.holds else "FAILS"
         bounds = f"[{claim.low:g}, {claim.high:g}]"
         print(f"{verdict}  {claim.text:<75} {claim.value:>10.4g}  {bounds}")
-    sys.exit(not all(claim.holds for claim in claims))
+    return int(not all(claim.holds for claim in claims))
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -8,16 +8,11 @@ largest error of any parameter from exact motion, and of any weight; and the med
 that of the same problem in which the parameters are known. Times are of the processor.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
 import time
 from itertools import product
-from typing import Any
+from typing import Annotated, Any
 
+import shared
 import numpy as np
 
 from olne_bench.envs.equilibrium import certified_equilibrium
@@ -46,18 +41,14 @@ CASES: tuple[tuple[str, dict[str, Any], float], ...] = (
 )
 
 
-def main() -> None:
+def main(seeds: int = 40, estimator: Annotated[str, ESTIMATORS] = "kkt_constrained") -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=40)
-    parser.add_argument("--estimator", choices=ESTIMATORS, default="kkt_constrained")
-    options = parser.parse_args()
     print(
         "scenario        view     seeds  weights/bound  parameters/bound  exact: weight  "
         "parameter  time"
     )
     for (name, own, sigma), view in product(CASES, ("full", "partial")):
-        print_case(name, own, sigma, view, options.estimator, options.seeds)
+        print_case(name, own, sigma, view, estimator, seeds)
 
 
 def print_case(
@@ -156,4 +147,4 @@ def bound_of(scenario: Scenario, truth: Any, view: str, sigma: float) -> tuple[f
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -8,12 +8,6 @@ NashOpt is included if it is installed (extra ``peers``). The results are ``perf
 ``perf.png``. ``scripts/optima.py`` checks whether the optima are as good.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
 import json
 import time
 from collections.abc import Callable
@@ -22,9 +16,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import shared
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 from rivals import CompactLayout, Outcome, PublishedLayout, StackedForward
 
 from olne_bench.envs.scenarios import get_scenario
@@ -51,20 +47,15 @@ SAME = 1e-4  # relative difference of objectives that counts as the same optimum
 ROAD_PERIOD = 12.0  # [m] after which the highway's pattern of five cars repeats
 
 
-def main() -> None:
+def main(out: Path = Path("results/perf"), sequences: int = 2, quick: bool = False) -> None:
     """Measure, write, print and draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/perf"))
-    parser.add_argument("--sequences", type=int, default=2, help="per noise level and view")
-    parser.add_argument("--quick", action="store_true", help="short horizons, few players")
-    options = parser.parse_args()
-    horizons = HORIZONS[:2] if options.quick else HORIZONS
-    players = PLAYERS[:2] if options.quick else PLAYERS
+    horizons = HORIZONS[:2] if quick else HORIZONS
+    players = PLAYERS[:2] if quick else PLAYERS
     results: dict[str, Any] = {"inverse": {}, "forward": {}}
     for name in ("two_player", "highway_overtaking"):
         scenario = get_scenario(name)
         truth = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
-        results["inverse"][name] = measure_inverse(scenario, truth, options.sequences)
+        results["inverse"][name] = measure_inverse(scenario, truth, sequences)
         results["forward"][name] = measure_forward(scenario, truth)
         print(f"{name} measured", flush=True)
     results["horizon"] = {
@@ -77,17 +68,16 @@ def main() -> None:
         "horizon, 5 players": slope(results["horizon"]["5"], "horizon"),
         "players": slope(results["players"], "players"),
     }
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "perf.json").write_text(json.dumps(results, indent=1) + "\n")
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "perf.json").write_text(json.dumps(results, indent=1) + "\n")
     print_tables(results)
-    draw(results, options.out / "perf.png")
+    draw(results, out / "perf.png")
 
 
 def milliseconds(solve: Callable[[], Any]) -> tuple[float, Any]:
     """Processor time of one call [ms], and its result."""
-    started = time.process_time()
-    result = solve()
-    return 1e3 * (time.process_time() - started), result
+    seconds, result = shared.timed(solve)
+    return 1e3 * seconds, result
 
 
 def measure_inverse(scenario: Scenario, truth: Equilibrium, sequences: int) -> dict[str, Any]:
@@ -167,14 +157,8 @@ def measure_forward(scenario: Scenario, truth: Equilibrium) -> dict[str, float]:
         weights = scenario.weights * np.exp(0.1 * rng.standard_normal(scenario.weights.shape))
         weights = game.check_weights(weights)
         warm = (game, truth.states, truth.controls, truth.costates, weights)
-        fast, _ = min(
-            (milliseconds(partial(newton_root, *warm, tolerance=1e-10)) for _ in range(3)),
-            key=lambda pair: pair[0],
-        )
-        slow, _ = min(
-            (milliseconds(partial(rival.solve, truth, weights)) for _ in range(3)),
-            key=lambda pair: pair[0],
-        )
+        both = partial(newton_root, *warm, tolerance=1e-10), partial(rival.solve, truth, weights)
+        fast, slow = (min(milliseconds(one)[0] for _ in range(3)) for one in both)
         ours.append(fast)
         theirs.append(slow)
         ratios.append(slow / fast)
@@ -359,23 +343,11 @@ def draw(results: dict[str, Any], path: Path) -> None:
 
 
 def _line(axis: Any, rows: list[dict[str, Any]], key: str, colour: str, label: str) -> None:
-    axis.plot(
-        [row[key] for row in rows],
-        [row["ours_ms_per_iteration"] for row in rows],
-        "o-",
-        color=colour,
-        label=label,
-    )
-    theirs = [row for row in rows if row["ipopt_ms_per_iteration"]]
-    axis.plot(
-        [row[key] for row in theirs],
-        [row["ipopt_ms_per_iteration"] for row in theirs],
-        "x--",
-        color=colour,
-        alpha=0.6,
-        label="IPOPT, compact layout",
-    )
+    table = pd.DataFrame(rows).set_index(key)
+    axis.plot(table["ours_ms_per_iteration"], "o-", color=colour, label=label)
+    theirs = table["ipopt_ms_per_iteration"].astype(float).dropna()
+    axis.plot(theirs, "x--", color=colour, alpha=0.6, label="IPOPT, compact layout")
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

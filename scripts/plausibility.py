@@ -10,11 +10,11 @@ a cell of scenario, sensor, noise level and estimator. ``--times`` moves every e
 towards the truth: its error becomes this part of what it was.
 """
 
-import argparse
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
+import shared
 import pandas as pd
 
 from olne_bench.bench.judge.truth import true_recording
@@ -34,17 +34,12 @@ from olne_bench.envs.kept_draws import travelling
 LEVEL = ["scenario", "sensor", "estimator", "sigma"]
 
 
-def main() -> None:
+def main(rows: Path, suite: str | None = None, times: float = 1.0) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("rows", type=Path, help="folder of a run, or a table of trials")
-    parser.add_argument("--suite", help="suite of the table")
-    parser.add_argument("--times", type=float, default=1.0, help="factor on errors of weights")
-    given = parser.parse_args()
-    if given.suite:
-        trials, suites = pd.read_parquet(given.rows), [load_suite(given.suite)]
+    if suite:
+        trials, suites = pd.read_parquet(rows), [load_suite(suite)]
     else:
-        with read_store(given.rows) as store:
+        with read_store(rows) as store:
             trials, suites = store.frame(), [read_suite_json(run.suite) for run in store.runs()]
     study = _as_plugins(suites)
     draws = draws_of(suites[-1].name, suites[-1])
@@ -53,8 +48,8 @@ def main() -> None:
         judged = trials[
             drawn & (trials["sigma"] > 0) & trials["status"].isin(["ok", "failed_forward"])
         ]
-        if given.times != 1.0:
-            judged = _moved(judged, study, given.times)
+        if times != 1.0:
+            judged = _moved(judged, study, times)
         marked = implausible(judged, study)
         print(f"{marked.sum()} of {len(judged)} rows are marked, of {len(trials)} in all")
         if "weights" in judged and len(judged):
@@ -108,4 +103,4 @@ def _say_distances(rows: pd.DataFrame, study: Study) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -14,13 +14,15 @@ The column "control" says how many draws the score test at the truth holds at th
 depends on the noise alone, and its distribution is exact: where it is far from 95 %, so is luck.
 """
 
-import argparse
 import time
 from dataclasses import dataclass
 from itertools import product
+from typing import Annotated
 
+import shared
 import numpy as np
-from posterior_draws import SIGMAS, Draw, PosteriorOfDraws, draws
+from posterior_draws import SIGMAS, Draw, PosteriorOfDraws
+from posterior_draws import draws as drawn
 from scipy.special import chdtri
 from scipy.stats import binomtest, chisquare
 from tqdm import tqdm
@@ -68,32 +70,29 @@ class Outcome:
     seconds: float
 
 
-def main() -> None:
+def main(
+    scenario: Annotated[str, SIGMAS],
+    draws: int = 1000,
+    first: int = 0,
+    views: tuple[Annotated[str, sorted(VIEWS)], ...] = ("full", "partial"),
+    sigmas: tuple[float, ...] = (),
+    flat: bool = False,
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenario", choices=SIGMAS)
-    parser.add_argument("--draws", type=int, default=1000, help="of each sensor and noise")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first draw")
-    parser.add_argument("--views", nargs="+", default=["full", "partial"], choices=sorted(VIEWS))
-    parser.add_argument("--sigmas", nargs="+", type=float, help="usually three")
-    parser.add_argument(
-        "--flat", action="store_true", help="do not tell the sampler where starts come from"
-    )
-    options = parser.parse_args()
-    cells = list(product(options.views, options.sigmas or SIGMAS[options.scenario]))
+    cells = list(product(views, sigmas or SIGMAS[scenario]))
     known = [
-        list(draws(options.scenario, range(first, first + options.draws)))
-        for first in range(options.first, options.first + len(cells) * options.draws, options.draws)
+        list(drawn(scenario, range(start, start + draws)))
+        for start in range(first, first + len(cells) * draws, draws)
     ]
     if not all(known):
-        parser.error(f"no draw of {options.scenario} has a certified equilibrium")
+        raise SystemExit(f"no draw of {scenario} has a certified equilibrium")
     number = sum(map(len, known))
-    print(f"{options.scenario}: {number} of {len(cells) * options.draws} draws are certified")
+    print(f"{scenario}: {number} of {len(cells) * draws} draws are certified")
     print(_TITLES)
     every: list[Outcome] = []
     for (view, sigma), some in zip(cells, known, strict=True):
         bar = tqdm(some, disable=None, leave=False)
-        outcomes = [_outcome(one, view, sigma, flat=options.flat) for one in bar]
+        outcomes = [_outcome(one, view, sigma, flat=flat) for one in bar]
         print(f"{view:8}{sigma:7g}" + _line(outcomes), flush=True)
         every += outcomes
     print(f"{'all':15}" + _line(every))
@@ -188,4 +187,4 @@ def least_p(ranks: np.ndarray) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -7,34 +7,34 @@ them whose first one leaves a player a better response far away, and the seeds w
 equilibrium that is certified globally so far.
 """
 
-import argparse
 import time
+
+import shared
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.olne import Certificate, certify, solve_olne
 
 
-def main() -> None:
+def main(
+    draws: int = 100,
+    players: tuple[int, ...] = (2, 3, 4),
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=100, help="seeds 0, 1, ... per number")
-    parser.add_argument("--players", type=int, nargs="+", default=[2, 3, 4])
-    arguments = parser.parse_args()
-    if arguments.draws < 1:
-        parser.error(f"--draws must be at least 1, got {arguments.draws}")
-    if min(arguments.players) < 1:
-        parser.error(f"--players must be at least 1, got {arguments.players}")
+    if draws < 1:
+        raise SystemExit(f"--draws must be at least 1, got {draws}")
+    if min(players) < 1:
+        raise SystemExit(f"--players must be at least 1, got {players}")
 
-    for num_players in arguments.players:
+    for num_players in players:
         started = time.monotonic()
         local, better, without = 0, 0, []
-        for seed in range(arguments.draws):
+        for seed in range(draws):
             first, passed = certificates(num_players, seed)
             local += first.local.passed
             better += first.local.passed and not first.passed
             without += [] if passed else [seed]
         print(
-            f"{num_players} players: {local} of {arguments.draws} certified locally, {better} of "
+            f"{num_players} players: {local} of {draws} certified locally, {better} of "
             f"these with a better response far away, in {time.monotonic() - started:.0f} s; "
             f"without one certified globally so far: {without or 'none'}",
             flush=True,
@@ -54,4 +54,4 @@ def certificates(num_players: int, seed: int) -> tuple[Certificate, bool]:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -12,13 +12,13 @@ observation, and writes the chains' samples to results/calibration/references_SC
 ``--out`` has that file, the command goes on with it.
 """
 
-import argparse
 import time
 from dataclasses import dataclass
 from itertools import cycle, product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import shared
 import arviz
 import numpy as np
 import pandas as pd
@@ -55,25 +55,25 @@ class Reference:
     accepted: float
 
 
-def main() -> None:
+def main(
+    scenario: Annotated[str, SIGMAS],
+    observations: int = 10,
+    chains: int = 40,
+    steps: int = 500,
+    most: int = 4000,  # steps where chains disagree
+    out: Path = FOLDER,
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenario", choices=SIGMAS)
-    parser.add_argument("--observations", type=int, default=10)
-    parser.add_argument("--chains", type=int, default=40)
-    parser.add_argument("--steps", type=int, default=500)
-    parser.add_argument("--most", type=int, default=4000, help="steps where chains disagree")
-    parser.add_argument("--out", type=Path, default=FOLDER)
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / f"references_{options.scenario}.parquet"
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / f"references_{scenario}.parquet"
     rows: list[Any] = pd.read_parquet(path).to_dict("records") if path.exists() else []
     print("seed view    sigma   C2ST  peaks  R-hat   ESS  accepted  ESS of posterior  seconds")
-    cells = list(product(("full", "partial"), SIGMAS[options.scenario]))
-    some = draws(options.scenario, range(FIRST, FIRST + options.observations))
+    cells = list(product(("full", "partial"), SIGMAS[scenario]))
+    some = draws(scenario, range(FIRST, FIRST + observations))
     for number, (draw, (view, sigma)) in enumerate(zip(some, cycle(cells), strict=False)):
         if number == len(rows):
-            rows.append(_row(draw, view, sigma, options))
+            row = _row(draw, view, sigma, (chains, steps, most))
+            rows.append({"scenario": scenario} | row)
             # samples hardly repeat, so a dictionary of them would only take room
             pd.DataFrame(rows).to_parquet(path, compression="zstd", use_dictionary=False)
         print(rows[number]["line"], flush=True)
@@ -81,10 +81,10 @@ def main() -> None:
     print(f"C2ST: median {np.median(scores):.3f}, largest {np.max(scores):.3f}")
 
 
-def _row(draw: Draw, view: str, sigma: float, options: argparse.Namespace) -> dict[str, Any]:
+def _row(draw: Draw, view: str, sigma: float, lengths: tuple[int, int, int]) -> dict[str, Any]:
     """An observation with its reference; ``line`` is what is printed of it."""
     started = time.process_time()
-    estimate, reference, peaks = _both(draw, view, sigma, options)
+    estimate, reference, peaks = _both(draw, view, sigma, lengths)
     score = c2st(estimate, reference) if estimate.samples is not None else np.nan
     effective = estimate.extras.get("effective_sample_size", 0)
     line = (
@@ -94,7 +94,6 @@ def _row(draw: Draw, view: str, sigma: float, options: argparse.Namespace) -> di
         f"  {time.process_time() - started:7.0f}"
     )
     return {
-        "scenario": options.scenario,
         "seed": draw.seed,
         "view": view,
         "sigma": sigma,
@@ -107,7 +106,7 @@ def _row(draw: Draw, view: str, sigma: float, options: argparse.Namespace) -> di
 
 
 def _both(
-    draw: Draw, view: str, sigma: float, options: argparse.Namespace
+    draw: Draw, view: str, sigma: float, lengths: tuple[int, int, int]
 ) -> tuple[Estimate, Reference, int]:
     (problem, seen), seed = draw.seen(view, sigma), draw.seed
     # Four times as many fits as by default: repeated samples would give themselves away.
@@ -115,20 +114,20 @@ def _both(
     estimate = estimator.estimate(problem, seen, rng=np.random.default_rng(seed), budget=600.0)
     deadline = time.monotonic() + 24 * 3600.0
     density, peaks = estimator.peaks(problem, seen, deadline)
-    steps = options.steps
+    count, steps, most = lengths
     while True:
         chains = run_chains(
             density,
             peaks,
             np.random.default_rng([seed, 1]),
-            count=options.chains,
+            count=count,
             steps=steps,
-            thin=max(1, options.chains * steps // (8 * KEPT)),
+            thin=max(1, count * steps // (8 * KEPT)),
         )
         weights = density.chart.weights(chains.points[..., : density.chart.size])
         reference = _reference(chains, weights, seed)
         steps *= 2
-        if reference.r_hat < AGREED or steps > options.most:
+        if reference.r_hat < AGREED or steps > most:
             return estimate, reference, len(peaks)
 
 
@@ -158,4 +157,4 @@ def c2st(estimate: Estimate, reference: Reference) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -7,7 +7,6 @@ relative difference are shown. It also names trials whose status changed, and sa
 environment of the rows is the present one. Exit code 1 if any number differs.
 """
 
-import argparse
 import random
 import sys
 from collections.abc import Iterable
@@ -15,6 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import shared
 import numpy as np
 from pyarrow import parquet
 
@@ -27,23 +27,22 @@ from olne_bench.bench.run.executor import run_trials
 FREE = ("message", "extras", "solve_seconds", "trial_seconds")
 
 
-def main() -> None:
+def main(
+    table: Path,
+    suite: str,
+    estimator: tuple[str, ...] = (),
+    number: int = 40,
+    seed: int = 0,
+    jobs: int = 2,
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("table", type=Path, help="rows, as trials.parquet")
-    parser.add_argument("suite", help="their suite")
-    parser.add_argument("--estimator", action="append", help="only this one (repeatable)")
-    parser.add_argument("--number", type=int, default=40, help="number of rows")
-    parser.add_argument("--seed", type=int, default=0, help="seed of their choice")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    arguments = parser.parse_args()
-    rows = parquet.read_table(arguments.table).to_pylist()
-    if arguments.estimator:
-        rows = [row for row in rows if row["estimator"] in arguments.estimator]
-    chosen = random.Random(arguments.seed).sample(rows, min(arguments.number, len(rows)))
+    rows = parquet.read_table(table).to_pylist()
+    if estimator:
+        rows = [row for row in rows if row["estimator"] in estimator]
+    chosen = random.Random(seed).sample(rows, min(number, len(rows)))
     known = {_key(row): row for row in chosen}
-    trials = [t for t in in_order_of_plugins(load_suite(arguments.suite)) if t.key in known]
-    ended = list(run_trials(trials, jobs=arguments.jobs))
+    trials = [t for t in in_order_of_plugins(load_suite(suite)) if t.key in known]
+    ended = list(run_trials(trials, jobs=jobs))
     _say_environments(known.values(), trials)
     sys.exit(int(_compare(known, ended)))
 
@@ -96,4 +95,4 @@ def _numbers(value: Any) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

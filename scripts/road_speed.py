@@ -9,17 +9,14 @@ two levels of noise and both views, how many converged, and the median cosine er
 solvers (``warm_up``) is not counted, as in a run.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
-import time
+from functools import partial
 from itertools import product
+from typing import Annotated
 
+import shared
 import numpy as np
 
+from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.envs.scenarios import (
     get_scenario,
     highway,
@@ -52,19 +49,18 @@ SIGMAS = (0.1, 0.5)
 BUDGET = 120.0  # [s]
 
 
-def main() -> None:
+def main(
+    draws: int = 10,
+    trials: int = 2,
+    estimators: tuple[Annotated[str, ESTIMATORS], ...] = tuple(ESTIMATORS),
+) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--trials", type=int, default=2, help="draws for each estimator")
-    parser.add_argument("--estimators", nargs="*", choices=ESTIMATORS, default=list(ESTIMATORS))
-    options = parser.parse_args()
     print("road          N  median ms  largest ms  certified")
     for name in ROADS:
-        print_draws(name, options.draws)
+        print_draws(name, draws)
     print("road         estimator         N  median ms  largest ms  converged  cosine error")
-    for name, estimator in product(ROADS, options.estimators):
-        print_trials(name, estimator, options.trials)
+    for name, estimator in product(ROADS, estimators):
+        print_trials(name, estimator, trials)
 
 
 def print_draws(name: str, draws: int) -> None:
@@ -73,9 +69,9 @@ def print_draws(name: str, draws: int) -> None:
     times, certified = [], 0
     for seed in range(draws + 1):
         scenario = propose(np.random.default_rng([seed, players, 0]), players)
-        started = time.process_time()
-        found = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
-        times.append(1e3 * (time.process_time() - started))
+        start = scenario.game, scenario.weights, scenario.initial_state
+        seconds, found = shared.timed(partial(solve_olne, *start))
+        times.append(1e3 * seconds)
         certified += bool(seed and found.certificate.passed)
     median, largest = np.median(times[1:]), max(times[1:])
     print(
@@ -113,17 +109,12 @@ def run_trial(
     method = ESTIMATORS[estimator]()
     method.warm_up(problem)
     observation = Observation(observe(model, game.dynamics, noisy))
-    started = time.process_time()
-    estimate = method.estimate(problem, observation, rng=np.random.default_rng(seed), budget=BUDGET)
-    return 1e3 * (time.process_time() - started), estimate
-
-
-def cosine_error(found: np.ndarray, true: np.ndarray) -> float:
-    """Mean over players of one minus the cosine between weights (N, K)."""
-    dots = (found * true).sum(axis=1)
-    norms = np.linalg.norm(found, axis=1) * np.linalg.norm(true, axis=1)
-    return float(np.mean(1 - dots / norms))
+    rng = np.random.default_rng(seed)
+    seconds, estimate = shared.timed(
+        lambda: method.estimate(problem, observation, rng=rng, budget=BUDGET)
+    )
+    return 1e3 * seconds, estimate
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -9,9 +9,9 @@ have the same objective (to a relative 1e-6), how far their weights are apart, h
 one's objective is lower or higher, and the medians of their errors.
 """
 
-import argparse
 from pathlib import Path
 
+import shared
 import numpy as np
 import pandas as pd
 
@@ -19,15 +19,9 @@ KEY = ["scenario", "sensor", "sigma", "seed"]
 SAME, NOTHING = 1e-6, 1e-12  # relative and absolute difference of objectives
 
 
-def main() -> None:
+def main(runs: tuple[Path, ...], estimators: tuple[str, ...] = ("kkt_constrained",) * 2) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("runs", type=Path, nargs=2, help="folders of two runs")
-    parser.add_argument(
-        "--estimators", nargs=2, default=["kkt_constrained"] * 2, help="one from each run"
-    )
-    options = parser.parse_args()
-    first, second = map(_solved, options.runs, options.estimators)
+    first, second = map(_solved, runs, estimators)
     rows = first.merge(second, on=KEY, suffixes=("_1", "_2"))
     table = rows.groupby(KEY[:2]).apply(_compare)
     print(table.to_string(float_format=lambda value: f"{value:.3g}"))
@@ -69,4 +63,4 @@ def _apart(rows: pd.DataFrame) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

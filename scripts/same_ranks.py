@@ -12,11 +12,11 @@ within the other's interval in some 79 % of cases, as both are of draws; that sh
 Prints shares and what does not agree, and where one run's significant win is the other's loss.
 """
 
-import argparse
 from collections import defaultdict
 from itertools import combinations
 from pathlib import Path
 
+import shared
 import pandas as pd
 
 from olne_bench.bench.report.statistics.estimator_comparison import significant_wins
@@ -27,11 +27,9 @@ ERRORS = ("position_error", "cosine_error")
 NEGLIGIBLE = 1e-7  # errors below it are rounding
 
 
-def main() -> None:
+def main(runs: tuple[Path, ...]) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("runs", type=Path, nargs=2, help="folders of two runs")
-    folders = parser.parse_args().runs
+    folders = runs
     boards = [pd.read_csv(folder / "leaderboard.csv") for folder in folders]
     levels = [pd.read_csv(folder / "errors_by_noise.csv") for folder in folders]
     tests = [pd.read_csv(folder / "comparisons.csv") for folder in folders]
@@ -104,4 +102,4 @@ def _reaches(both: pd.DataFrame, least: str, most: str) -> pd.Series:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

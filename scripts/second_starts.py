@@ -9,11 +9,11 @@ the largest standard deviation of a weight over the weight. A rule that skips th
 this number would lose none of them: the share of sequences that it would speed up.
 """
 
-import argparse
 import time
 from itertools import islice
 from typing import Any
 
+import shared
 import numpy as np
 import pandas as pd
 from optima import KEY, key_of, observed, sequences
@@ -34,12 +34,9 @@ LOWER = 1e-4  # relative difference of objectives that counts as another optimum
 LIMIT = 60.0  # of one search [s]
 
 
-def main() -> None:
+def main(every: int = 1) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--every", type=int, default=1, help="use every n-th sequence")
-    options = parser.parse_args()
-    some = [trial for trial in sequences() if trial.sigma > 0][:: options.every]
+    some = [trial for trial in sequences() if trial.sigma > 0][::every]
     table = pd.DataFrame([_row(trial) for trial in tqdm(some, disable=None)])
     for key, rows in table.groupby(["scenario", "sensor"]):
         print(
@@ -98,4 +95,4 @@ def _deviation(problem: Problem, seen: Observation, found: JointSolution) -> flo
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

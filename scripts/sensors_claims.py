@@ -11,10 +11,9 @@ reach the bound there.
 Exit code 1 if a sensor is outside these limits.
 """
 
-import argparse
-import sys
 from collections.abc import Sequence
 
+import shared
 import numpy as np
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
@@ -46,21 +45,17 @@ SENSORS: dict[str, tuple[Layer, ...]] = {
 }
 
 
-def main() -> int:
+def main(draws: int = 200, sigma: float = 0.003) -> int:
     """Print a line per sensor; return 1 if one is outside the limits."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=200, help="noise draws per sensor")
-    parser.add_argument("--sigma", type=float, default=0.003, help="noise level")
-    arguments = parser.parse_args()
     recording, missed = record(get_scenario("two_player")), 0
-    print(f"sigma {arguments.sigma}, {arguments.draws} draws; bar {LOWEST} to {HIGHEST}")
+    print(f"sigma {sigma}, {draws} draws; bar {LOWEST} to {HIGHEST}")
     for name, layers in SENSORS.items():
-        errors, limits = measured(recording, layers, arguments.sigma, arguments.draws)
+        errors, limits = measured(recording, layers, sigma, draws)
         ratio = float(np.mean(errors) / np.mean(limits))
         spread = float(np.std(errors) / np.sqrt(len(errors)) / np.mean(limits))
         held = LOWEST <= ratio <= HIGHEST
         missed += not held
-        unit = np.mean(limits) / arguments.sigma**2
+        unit = np.mean(limits) / sigma**2
         print(
             f"{name:14} bound {unit:6.1f} sigma^2   error over bound {ratio:.2f} +- {spread:.2f}"
             f"   {'ok' if held else 'MISSED'}"
@@ -103,4 +98,4 @@ def measured(
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    shared.command(main)

@@ -10,10 +10,10 @@ noise draws. As a few draws with large errors dominate a mean, the exponent of t
 median is given as well. Trials without a valid estimate count as failures and are in no error.
 """
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+import shared
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -35,7 +35,7 @@ INTERVAL = (2.5, 97.5)  # percentiles
 TICKS = [digit * 10.0**power for power in range(-5, 1) for digit in (1, 2, 5)]
 
 
-def main(run: Path, out: Path) -> None:
+def main(run: Path, out: Path = Path("results/several_trajectories")) -> None:
     """Write ``errors.csv``, ``exponents.csv`` and ``errors.png``, and print the exponents."""
     with read_store(run) as store:
         trials, runs = to_frame(store.table()), store.runs()
@@ -152,8 +152,4 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("run", type=Path, help="folder of a run of the suite 'several'")
-    parser.add_argument("--out", type=Path, default=Path("results/several_trajectories"))
-    arguments = parser.parse_args()
-    main(arguments.run, arguments.out)
+    shared.command(main)

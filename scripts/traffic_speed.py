@@ -7,14 +7,15 @@ which the kinds of traffic take turns. ``--against`` names the folder ``src`` of
 this project, whose Nash traffic is measured too.
 """
 
-import argparse
 import os
 import subprocess
 import sys
 import time
 from pathlib import Path
 from statistics import median
+from typing import Annotated
 
+import shared
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 
@@ -32,29 +33,28 @@ SOURCES = Path(__file__).parents[1] / "src"
 IDLE = 1
 
 
-def main() -> None:
+def main(
+    steps: int = 60,
+    rounds: int = 3,
+    case: tuple[Annotated[str, CASES], ...] = (),
+    against: Path | None = None,
+    one: tuple[str, ...] = (),
+) -> None:
     """Print one line per case."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=60)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--case", choices=CASES, action="append")
-    parser.add_argument("--against", type=Path)
-    parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.one:
-        case, kind = given.one
-        print(_steps_per_second(case, kind, given.steps))
+    if one:
+        name, kind = one
+        print(_steps_per_second(name, kind, steps))
         return
     kinds = {"IDM": (IDM, SOURCES), "Nash": (NASH, SOURCES)}
-    if given.against:
-        kinds["Nash of the other version"] = (NASH, given.against)
-    for case in given.case or CASES:
+    if against:
+        kinds["Nash of the other version"] = (NASH, against)
+    for name in case or CASES:
         rates: dict[str, list[float]] = {label: [] for label in kinds}
-        for _ in range(given.rounds):
+        for _ in range(rounds):
             for label, (kind, sources) in kinds.items():
-                rates[label].append(_in_a_process(case, kind, sources, given.steps))
+                rates[label].append(_in_a_process(name, kind, sources, steps))
         text = ", ".join(f"{median(rates[label]):.1f} with {label}" for label in kinds)
-        print(f"{case}: steps/s: {text}", flush=True)
+        print(f"{name}: steps/s: {text}", flush=True)
 
 
 def _in_a_process(case: str, kind: str, sources: Path, steps: int) -> float:
@@ -81,4 +81,4 @@ def _steps_per_second(case: str, kind: str, steps: int) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -8,13 +8,13 @@ every tenth of the time, beside those of a driver that only follows its route. W
 to FILE as NumPy arrays.
 """
 
-import argparse
 import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import shared
 import numpy as np
 import torch
 from stable_baselines3 import PPO
@@ -35,12 +35,8 @@ LAST = 100  # episodes that are told of
 CHECKED = 100  # episodes of drivers that do not learn
 
 
-def main() -> None:
+def main(steps: int = 200_000, out: Path = FILE) -> None:
     """Train, write, and print how it went."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=200_000)
-    parser.add_argument("--out", type=Path, default=FILE)
-    given = parser.parse_args()
     torch.set_num_threads(1)
     begin = time.process_time()
     kind = {"net_arch": WIDTHS, "activation_fn": nn.SiLU, "log_std_init": -0.7}
@@ -48,9 +44,9 @@ def main() -> None:
     world = VecNormalize(make_vec_env(EgoEnv, 4, seed=0), norm_obs=False, gamma=SETTINGS["gamma"])
     model = PPO("MlpPolicy", world, seed=0, device="cpu", policy_kwargs=kind, **SETTINGS)
     print("steps  episodes  return  collisions", flush=True)
-    model.learn(given.steps, callback=Progress(given.steps // 10))
-    print(f"{given.steps} steps: {time.process_time() - begin:.0f} s of processor time")
-    write(model, given.out)
+    model.learn(steps, callback=Progress(steps // 10))
+    print(f"{steps} steps: {time.process_time() - begin:.0f} s of processor time")
+    write(model, out)
     drivers: dict[str, Callable[[np.ndarray], np.ndarray]] = {
         "ppo": lambda seen: model.predict(seen, deterministic=True)[0],
         "follows its route": lambda _: np.zeros(2),
@@ -108,4 +104,4 @@ def driven(driver: Callable[[np.ndarray], np.ndarray]) -> list[tuple[float, bool
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

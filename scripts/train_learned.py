@@ -7,13 +7,13 @@ gaps are drawn anew for each batch. A twentieth of the truths is held out: the n
 written is the one with the least loss there. The same command writes the same file on one machine.
 """
 
-import argparse
 import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import shared
 import numpy as np
 import torch
 from learned_draws import DRAWS, write_draws
@@ -43,28 +43,27 @@ REPEATS = 4
 GAPS = 0.2
 
 
-def main() -> None:
+def main(
+    scenario: Annotated[str, sorted(SETTINGS)],
+    draws: Path | None = None,
+    out: Path | None = None,
+    steps: int | None = None,
+) -> None:
     """Draw, train, write, and print the cost and the loss."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenario", choices=sorted(SETTINGS))
-    parser.add_argument("--draws", type=Path, help="default: runs/learned/SCENARIO.npz")
-    parser.add_argument("--out", type=Path, help="default: the package's own file")
-    parser.add_argument("--steps", type=int, help="default: 40,000 or 20,000")
-    given = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
-    steps = given.steps or STEPS[given.scenario]
-    draws = given.draws or Path("runs/learned") / f"{given.scenario}.npz"
+    steps = steps or STEPS[scenario]
+    draws = draws or Path("runs/learned") / f"{scenario}.npz"
     if not draws.exists():
-        write_draws(given.scenario, DRAWS[given.scenario], draws)
+        write_draws(scenario, DRAWS[scenario], draws)
     begin = time.process_time()
-    data = Data.read(given.scenario, draws)
+    data = Data.read(scenario, draws)
     network, loss = trained(data, steps)
-    out = given.out or Path("estimators") / f"neural_posterior.{given.scenario}.npz"
+    out = out or Path("estimators") / f"neural_posterior.{scenario}.npz"
     _write(data, network, out)
     seconds = time.process_time() - begin
     print(
-        f"{given.scenario}: {len(data.points)} truths, {steps * BATCH} observations, "
+        f"{scenario}: {len(data.points)} truths, {steps * BATCH} observations, "
         f"{seconds:.0f} s of processor time, loss {loss:.3f} on {len(data.held_out)} truths "
         f"(prior {data.prior_loss:.3f}), {out.stat().st_size / 1e3:.0f} kB"
     )
@@ -239,4 +238,4 @@ def _write(data: Data, network: nn.Sequential, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

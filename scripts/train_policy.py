@@ -8,11 +8,12 @@ and controls that are read off noisy samples have. The truths that are held out 
 same command writes the same file on one machine.
 """
 
-import argparse
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
+import shared
 import numpy as np
 import torch
 from learned_draws import DRAWS, write_draws
@@ -31,29 +32,28 @@ WIDTH, BATCH, STEPS = 128, 512, 12_000
 ERRORS = 0.1, 0.3
 
 
-def main() -> None:
+def main(
+    scenario: Annotated[str, sorted(DRAWS)],
+    draws: Path | None = None,
+    out: Path | None = None,
+    steps: int = STEPS,
+) -> None:
     """Draw, train, write, and print the cost and the loss."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenario", choices=sorted(DRAWS))
-    parser.add_argument("--draws", type=Path, help="default: runs/learned/SCENARIO.npz")
-    parser.add_argument("--out", type=Path, help="default: the package's own file")
-    parser.add_argument("--steps", type=int, default=STEPS)
-    given = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
-    path = given.draws or Path("runs/learned") / f"{given.scenario}.npz"
+    path = draws or Path("runs/learned") / f"{scenario}.npz"
     if not path.exists():
-        write_draws(given.scenario, DRAWS[given.scenario], path)
-    begin, game = time.process_time(), get_scenario(given.scenario, 0, weights=DIRICHLET).game
+        write_draws(scenario, DRAWS[scenario], path)
+    begin, game = time.process_time(), get_scenario(scenario, 0, weights=DIRICHLET).game
     with np.load(path) as file:
-        steps = Steps.of(game, file["states"])
-    network, loss = trained(steps, given.steps)
-    out = given.out or Path("bench/judge") / f"cloned_policy.{given.scenario}.npz"
-    _write(steps, network, game, out)
+        data = Steps.of(game, file["states"])
+    network, loss = trained(data, steps)
+    out = out or Path("bench/judge") / f"cloned_policy.{scenario}.npz"
+    _write(data, network, game, out)
     print(
-        f"{given.scenario}: {len(steps.states)} truths, {given.steps * BATCH} steps of players, "
+        f"{scenario}: {len(data.states)} truths, {steps * BATCH} steps of players, "
         f"{time.process_time() - begin:.0f} s of processor time, loss {loss:.4f} held out "
-        f"(last controls held: {steps.held_loss:.4f}), {out.stat().st_size / 1e3:.0f} kB"
+        f"(last controls held: {data.held_loss:.4f}), {out.stat().st_size / 1e3:.0f} kB"
     )
 
 
@@ -160,4 +160,4 @@ def _write(data: Steps, network: nn.Sequential, game: Game, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -10,11 +10,11 @@ samples are worth, and by how much chi-squared of the two optima differs: the sq
 sigma^2, at its least near each of them.
 """
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import shared
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -90,12 +90,10 @@ class Optimum:
     game: SolvedGame
 
 
-def main() -> None:
+def main(
+    out: Path = Path("results/calibration"), formats: tuple[Annotated[str, FORMATS], ...] = ("png",)
+) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/calibration"))
-    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=["png"])
-    options = parser.parse_args()
     case = case_of(sequence())
     problem, seen = case.problem, case.observations[0]
     sampled = Posterior().estimate(problem, seen, rng=np.random.default_rng(0), budget=120)
@@ -105,10 +103,10 @@ def main() -> None:
     optima = [optimum_near(case, modes, mode) for mode in (0, 1)]
     for line in [*lines_of(sampled, modes, optima, likely), truth_line(case, optima)]:
         print(line)
-    options.out.mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     with style.applied():
         figure = drawn(case, sampled.samples, modes, likely, [profile(case, o) for o in optima])
-        style.save(figure, options.out / "two_modes", options.formats)
+        style.save(figure, out / "two_modes", formats)
 
 
 def sequence() -> Trial:
@@ -317,4 +315,4 @@ def entries(modes: Modes) -> list[tuple[Artist, str]]:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

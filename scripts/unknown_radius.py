@@ -10,15 +10,11 @@ whose weights are all within 1e-5. Last, the median time of the processor, and t
 problem with a known distance.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
 import time
 from collections.abc import Callable
+from typing import Annotated
 
+import shared
 import numpy as np
 
 from olne_bench.envs.equilibrium import certified_equilibrium
@@ -39,30 +35,29 @@ ESTIMATORS: dict[str, Callable[[], KktConstrained | Bilevel | Ukf]] = {
 }
 
 
-def main() -> None:
+def main(
+    seeds: int = 50,
+    estimator: Annotated[str, ESTIMATORS] = "kkt_constrained",
+    views: tuple[Annotated[str, VIEWS], ...] = ("full", "partial"),
+) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--estimator", choices=ESTIMATORS, default="kkt_constrained")
-    parser.add_argument("--views", nargs="+", choices=VIEWS, default=["full", "partial"])
-    options = parser.parse_args()
     print(
         "view     draws  contact  median  largest  within 2 %  over deviation  exact: distance"
         "  weights   time  known"
     )
-    drawn = draws(options.seeds)
+    drawn = draws(seeds)
     touching = [(seed, scenario, truth) for seed, scenario, truth in drawn if truth.active.any()]
-    for view in options.views:
+    for view in views:
         errors, scaled, exact, times = [], [], [], []
         for seed, scenario, truth in touching:
-            method = ESTIMATORS[options.estimator]()
+            method = ESTIMATORS[estimator]()
             found, own_time = run(scenario, truth, method, view, SIGMA, seed)
             _, known_time = run(scenario, truth, method, view, SIGMA, seed, known=True)
             error, deviation = distance_of(scenario, found)
             errors.append(abs(error) / true_distance(scenario))
             scaled.append(error / deviation)
             times.append((own_time, known_time))
-            if options.estimator != "ukf":  # a filter needs noise
+            if estimator != "ukf":  # a filter needs noise
                 clean, _ = run(scenario, truth, method, view, 0.0, seed)
                 largest = np.abs(clean.weights - scenario.weights).max()
                 exact.append((abs(distance_of(scenario, clean)[0]), largest))
@@ -125,4 +120,4 @@ def distance_of(scenario: Scenario, found: Estimate) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

@@ -8,9 +8,9 @@ deviation (``estimators/unseen_starts.py``). Prints, for each road, noise level 
 players there are, the root mean square and the largest.
 """
 
-import argparse
 from collections.abc import Iterator
 
+import shared
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
@@ -46,23 +46,17 @@ def errors(seeds: int) -> Iterator[dict[str, object]]:
         away = (case.recordings[0].states[0] - start.mean) / start.deviation
         for player in np.flatnonzero(np.isfinite(start.deviation).all(axis=1)):
             for name, error in zip(problem.game.dynamics.state_names, away[player], strict=True):
-                yield {
-                    "road": trial.scenario.label,
-                    "sigma": trial.sigma,
-                    "state": name,
-                    "error": abs(error),
-                }
+                place = {"road": trial.scenario.label, "sigma": trial.sigma, "state": name}
+                yield place | {"error": abs(error)}
 
 
-def main() -> None:
+def main(seeds: int = 24) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=24)
-    table = pd.DataFrame(errors(parser.parse_args().seeds))
+    table = pd.DataFrame(errors(seeds))
     groups = table.groupby(["road", "sigma", "state"], sort=False)["error"]
     shown = groups.agg(players="size", rms=lambda e: np.sqrt(np.mean(e**2)), largest="max")
     print(shown.round(2).to_string())
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

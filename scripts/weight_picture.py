@@ -6,10 +6,10 @@ Both drivers start in the same place and have the same target speed. Only their 
 motions are open-loop Nash equilibria of the game with the other car.
 """
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
+import shared
 import matplotlib
 
 matplotlib.use("agg")
@@ -138,15 +138,12 @@ def _car(axes: Axes, state: np.ndarray, colour: str, alpha: float) -> None:
     axes.add_patch(body)
 
 
-def main() -> None:
+def main(out: Path) -> None:
     """Write the picture."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("out", type=Path, help="SVG or PNG file, replaced if it exists")
-    out = parser.parse_args().out
     with plt.rc_context({"svg.hashsalt": "weight"}):
         metadata = {"Date": None} if out.suffix == ".svg" else {}
         draw().savefig(out, dpi=150, metadata=metadata)
 
 
 if __name__ == "__main__":
-    main()
+    shared.command(main)

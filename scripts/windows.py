@@ -12,19 +12,15 @@ filters that peek. Its error is that of its own states. ``uniform`` is the game 
 from x_1 of the pre-solve, and ``constant_velocity`` drives straight on from its last state.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import argparse
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
+from typing import Annotated
 
+import shared
 import numpy as np
 
 from olne_bench.envs.recording import NoEquilibriumError, Recording, record
@@ -70,27 +66,6 @@ class Window:
         return self.problem.game
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, nargs="*", default=[8], help="that are seen")
-    parser.add_argument("--ahead", type=int, nargs="*", default=[8], help="steps after them")
-    parser.add_argument("--seeds", type=int, nargs="*", default=[30, 31, 32])
-    parser.add_argument("--players", type=int, nargs="*", default=[3, 4])
-    parser.add_argument("--roads", nargs="*", choices=ROADS, default=list(ROADS))
-    parser.add_argument("--sigmas", type=float, nargs="*", default=list(SIGMAS))
-    parser.add_argument("--methods", nargs="*", choices=METHODS, default=list(USUAL))
-    options = parser.parse_args()
-    steps = "".join(f"   ahead {step:2}:     largest" for step in options.ahead)
-    print(f"noise samples road         method               started  {steps}         time")
-    for road in options.roads:
-        played = list(recordings(road, product(options.seeds, options.players)))
-        for sigma, samples in product(options.sigmas, options.samples):
-            windows = list(some_windows(played, sigma, samples))
-            for name in options.methods:
-                print_line(road, sigma, name, windows, options.ahead)
-
-
 def recordings(road: str, draws: Iterator[tuple[int, int]]) -> Iterator[tuple[int, Recording]]:
     """The motion of each draw (seed, number of players) that can be played, with its seed."""
     for seed, players in draws:
@@ -112,7 +87,9 @@ def some_windows(
         yield Window(problem, y, recording.states, samples)
 
 
-def print_line(road: str, sigma: float, name: str, windows: list[Window], ahead: list[int]) -> None:
+def print_line(
+    road: str, sigma: float, name: str, windows: list[Window], ahead: Sequence[int]
+) -> None:
     """Run one method on all windows."""
     errors, times = [], []
     for window in windows:
@@ -186,5 +163,25 @@ METHODS: dict[str, Callable[[Window], np.ndarray | None]] = {
 USUAL = ("kkt_constrained", "map", "start", "uniform", "constant_velocity")
 
 
+def main(
+    samples: tuple[int, ...] = (8,),
+    ahead: tuple[int, ...] = (8,),
+    seeds: tuple[int, ...] = (30, 31, 32),
+    players: tuple[int, ...] = (3, 4),
+    roads: tuple[Annotated[str, ROADS], ...] = tuple(ROADS),
+    sigmas: tuple[float, ...] = tuple(SIGMAS),
+    methods: tuple[Annotated[str, METHODS], ...] = tuple(USUAL),
+) -> None:
+    """Measure and print."""
+    steps = "".join(f"   ahead {step:2}:     largest" for step in ahead)
+    print(f"noise samples road         method               started  {steps}         time")
+    for road in roads:
+        played = list(recordings(road, product(seeds, players)))
+        for sigma, count in product(sigmas, samples):
+            windows = list(some_windows(played, sigma, count))
+            for name in methods:
+                print_line(road, sigma, name, windows, ahead)
+
+
 if __name__ == "__main__":
-    main()
+    shared.command(main)

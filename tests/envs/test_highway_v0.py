@@ -95,7 +95,7 @@ def test_plan_replays_exactly_in_the_stock_environment(name):
 
 @pytest.mark.parametrize("name", ROAD_NAMES)
 def test_no_small_unilateral_deviation_gains(name):
-    """A few deviations; ``scripts/highway_deviations.py`` plays a thousand per scenario."""
+    """A few deviations of each player."""
     world = highway_v0.parallel_env(drawn(name))
     _, olne_returns = play(world)
     certificate = certified_equilibrium(drawn(name)).certificate

@@ -1,4 +1,4 @@
-"""A suite has the same rows however it is run: a short form of ``scripts/equal_rows.py``.
+"""A suite has the same rows however it is run.
 
 The rows of a Dask cluster are compared in ``test_cluster.py``.
 """

@@ -1,7 +1,4 @@
-"""Kills (-9) at random moments do not change the table of a run; a short test.
-
-``scripts/kill_test.py`` is the long test.
-"""
+"""Kills (-9) at random moments do not change the table of a run."""
 
 import time
 

@@ -1,0 +1,116 @@
+"""Copy what the repository keeps of the studies that were run: tables, some figures, small pages.
+
+    python scripts/keep_results.py runs
+
+A study that was not run stays as it is in ``results/``. The trials of large studies are kept small:
+who was run where, what became of it, and main errors, in single precision; anybody gets the rest
+from the same draws with the same command. Figures have 256 colours, a third of their bytes. Exit
+code 1 if ``results/`` has more than 15 MB.
+"""
+
+import gzip
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import shared
+import pyarrow as pa
+from PIL import Image
+from pyarrow import parquet
+
+from olne_bench.bench.run.store_table import parquet_options
+
+RESULTS = Path(__file__).parents[1] / "results"
+TABLES = ("leaderboard.csv", "leaderboard.md", "wins.csv", "errors_by_noise.csv")
+#: Figures of each study. Pictures of unknown speeds are left out, for size.
+FIGURES = {
+    "paper": ("*.png",),
+    "roads": ("errors_*.png", "trial_*.png", "confusion_*.png", "wins.png"),
+    **dict.fromkeys(("field", "sensors", "parameters", "constrained"), ("errors_*.png",)),
+    "calibration": ("calibration_*", "widths_*", "identifiability_*", "ranks_two_player*"),
+}
+SMALL = ("roads", "parameters", "constrained")
+LABELS = ["scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "count", "status"]
+NUMBERS = ["position_error", "held_out_error", "cosine_error", "parameter_error", "solve_seconds"]
+SHARES = ["covers_truth"]
+PAGE, ALL = 1_600_000, 15_000_000  # [bytes] at most
+
+
+def main(runs: Path) -> int:
+    """Copy, and say how large it is."""
+    runs = runs.resolve()
+    for name, figures in FIGURES.items():
+        if (runs / name).is_dir():
+            call("-m", "olne_bench", "report", runs / name)
+            keep(runs / name, RESULTS / name, figures)
+    if (runs / "calibration").is_dir():
+        call("scripts/known_cells.py", runs / "calibration")
+        call("scripts/two_modes.py")
+        fewer_colours(RESULTS / "calibration")
+    copy(runs / "roads", RESULTS / "roads", "comparisons.csv")
+    copy(runs / "predictions", RESULTS / "predictions", "summary.csv", "over_time.csv")
+    copy(runs / "predictions", RESULTS / "predictions", "comparisons.csv")
+    call("scripts/docs_tables.py")
+    size = sum(path.stat().st_size for path in RESULTS.rglob("*") if path.is_file())
+    print(f"results: {size / 1e6:.1f} MB of at most {ALL / 1e6:.0f}")
+    return int(size > ALL)
+
+
+def keep(run: Path, out: Path, figures: tuple[str, ...]) -> None:
+    """Copy a study."""
+    if run.name == "calibration":  # too many trials; the folder holds other results as well
+        copy(run, out, "leaderboard.*", "calibration.csv", "identifiability_by_noise.csv")
+    else:
+        shutil.rmtree(out, ignore_errors=True)
+        copy(run, out, *TABLES)
+        if run.name in SMALL:
+            fewer_columns(run / "trials.parquet", out / "trials.parquet")
+        else:
+            copy(run, out, "trials.parquet")
+        if (run / "temperaments.csv").exists():
+            text = (run / "temperaments.csv").read_bytes()
+            (out / "temperaments.csv.gz").write_bytes(gzip.compress(text, mtime=0))
+        if (run / "index.html").exists() and (run / "index.html").stat().st_size < PAGE:
+            copy(run, out, "index.html")
+    copy(run / "figures", out / "figures", *figures)
+    for path in (out / "figures").glob("*, unknown speeds.png"):
+        path.unlink()
+    fewer_colours(out)
+
+
+def copy(run: Path, out: Path, *patterns: str) -> None:
+    """Copy the files of a folder that are named so."""
+    for pattern in patterns:
+        for path in run.glob(pattern):
+            out.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, out)
+
+
+def call(*words: str | Path) -> None:
+    """Run a script or a module of this project."""
+    subprocess.run([sys.executable, *map(str, words)], check=True, cwd=RESULTS.parent)
+
+
+def fewer_columns(trials: Path, out: Path) -> None:
+    """Write the trials that are kept of a large study."""
+    known = parquet.read_schema(trials).names
+    kept = [name for name in (*LABELS, *NUMBERS, *SHARES) if name in known]
+    table = parquet.read_table(trials, columns=kept)
+    for name in set(NUMBERS) & set(kept):
+        place = table.schema.get_field_index(name)
+        table = table.set_column(place, name, table[name].cast(pa.float32()))
+    parquet.write_table(table, out, **parquet_options(table.schema))
+
+
+def fewer_colours(folder: Path) -> None:
+    """Store figures that have more colours with 256."""
+    for path in sorted(folder.rglob("*.png")):
+        with Image.open(path) as image:
+            if image.mode != "P":
+                few = image.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+                few.save(path, optimize=True)
+
+
+if __name__ == "__main__":
+    shared.command(main)
