@@ -70,7 +70,8 @@ def _lines(folder: Path, verdict: Verdict, seed: int) -> list[str]:
     how = "within 0.1 %" if verdict.because else "bit by bit"
     lines.append(f"  {again.same} of {again.total} rows run again are the same, {how}")
     if again.silent:
-        lines.append(f"  {again.silent} rows reached their time limit and were not compared")
+        many = ": too many" if again.too_silent else ""
+        lines.append(f"  {again.silent} rows reached their time limit and were not compared{many}")
     lines += _some("DIFFERS", again.differing)
     if again.differing and verdict.because:
         lines.append("  to see whether versions are the reason, run again with those that are here")

@@ -115,7 +115,7 @@ def rules_for(readable: Sequence[Path], listable: Sequence[Path], writable: Path
         _allow(rules, place, _READ_DIR)
     for device in _DEVICES:
         _allow(rules, Path(device), _READ_FILE | _WRITE_FILE)
-    _allow(rules, writable, rights)
+    _allow(rules, writable, rights & ~_EXECUTE)  # what was compiled there is loaded, not run
     return rules
 
 

@@ -14,6 +14,8 @@ from olne_bench.bench.report.submission.rows import Key, Rows, described, differ
 SLOWER = 4
 #: So many trials that reach their limit here, and did not before, are looked into at once.
 _LATE = 3
+#: So many rows that reached their limit are no reason to refuse.
+_FEW_SILENT = 3
 _TIMEOUT = "timeout"
 
 
@@ -35,6 +37,11 @@ class Repeated:
     def total(self) -> int:
         """Number of rows that were run again."""
         return self.same + len(self.differing) + self.silent
+
+    @property
+    def too_silent(self) -> bool:
+        """Whether so many rows say nothing that they may hide what rivals can do."""
+        return self.silent > max(_FEW_SILENT, self.total // 10)
 
 
 def repeat(trials: Iterable[Trial], rows: Rows, machine: Machine, *, exact: bool) -> Repeated:

@@ -84,7 +84,8 @@ class Verdict:
         """Whether something was compared and no check failed."""
         honest = all(one.accepted for one in self.fresh) and all(d.accepted for d in self.drawn)
         plausible = all(one.confirmed for one in self.implausible)
-        refused = self.repeated.differing or self.unjudged or not honest or not plausible
+        bad_rows = self.repeated.differing or self.repeated.too_silent or self.unjudged
+        refused = bad_rows or not honest or not plausible
         return self.repeated.same > 0 and not refused
 
 

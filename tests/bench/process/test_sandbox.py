@@ -480,3 +480,14 @@ def test_without_landlock_files_are_not_restricted(tmp_path, monkeypatch):
         *("TCP connections", "all other connections", "shared memory and queues"),
         "files' owners and times",
     )
+
+
+def run_what_it_wrote() -> int:
+    program = Path("program")
+    with os.fdopen(os.open(program, os.O_CREAT | os.O_WRONLY, 0o700), "w") as file:
+        file.write(f"#!{sys.executable}\n")
+    return subprocess.run([program.absolute()], check=False).returncode
+
+
+def test_it_runs_nothing_that_it_wrote(child):
+    refuses(child, run_what_it_wrote, kind=int)

@@ -459,6 +459,7 @@ def test_a_verdict_needs_something_that_speaks_for_it_and_nothing_against() -> N
         verdict(repeated=Repeated()),
         verdict(repeated=Repeated(silent=3), fresh=[fair]),
         verdict(repeated=Repeated(same=5, differing=["one"])),
+        verdict(repeated=Repeated(same=20, silent=4)),
         verdict(unjudged=["one"]),
         verdict(implausible=[replace(seen, confirmed=False)]),
         verdict(fresh=[fair, bad]),
