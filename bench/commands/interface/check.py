@@ -1,5 +1,7 @@
 """``olne-bench check``: does a plugin keep the rules of its kind?"""
 
+from typing import Any
+
 import click
 
 from olne_bench.bench.commands.options import BUDGET, memory_option
@@ -28,9 +30,7 @@ from olne_bench.plugins import KINDS
     help="Time limit of each estimate [s], for estimators.",
 )
 @memory_option("Memory limit of the plugin's process.")
-def check(
-    plugin: str, kind: str | None, parameters: tuple[str, ...], budget: float, memory: float
-) -> None:
+def check(**given: Any) -> None:
     """Check PLUGIN, FILE.py:CLASS or a name from 'olne-bench list'.
 
     PLUGIN is an estimator, scenario, sensor or metric. Each check prints one line. The exit code
@@ -39,4 +39,4 @@ def check(
     """
     from olne_bench.bench.commands.check import check as work
 
-    work(plugin, kind=kind, parameters=parameters, budget=budget, memory=memory)
+    work(**given)

@@ -1,6 +1,6 @@
 """``olne-bench compare``: what got better or worse from one run to another."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -19,9 +19,7 @@ from olne_bench.bench.commands.options import PATH
 )
 @click.option("--out", type=PATH, help="New CSV file for the table.")
 @click.option("--page", type=PATH, help="New .html file for a page that shows both runs.")
-def compare(
-    before: Path, after: Path, estimators: tuple[str, ...], out: Path | None, page: Path | None
-) -> None:
+def compare(**given: Any) -> None:
     """Compare two runs trial by trial, on the same noise.
 
     It compares the errors that rank estimators, and which trials fail. BEFORE and AFTER may be the
@@ -32,4 +30,4 @@ def compare(
     """
     from olne_bench.bench.commands.compare import compare as work
 
-    work(before, after=after, estimators=estimators, out=out, page=page)
+    work(**given)

@@ -1,6 +1,6 @@
 """``olne-bench confirm``: run fresh draws where rows are implausible."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -21,7 +21,7 @@ FEWEST = 20
 )
 @click.option("--jobs", type=JOBS, default=2, show_default=True)
 @memory_option("Memory limit of each worker process.")
-def confirm(folder: Path, trials: int, jobs: int, memory: float) -> None:
+def confirm(**given: Any) -> None:
     """Run fresh draws where rows of the run in RUN are implausible.
 
     Such rows have errors far below the statistical limit of their trial, and their estimator has no
@@ -32,4 +32,4 @@ def confirm(folder: Path, trials: int, jobs: int, memory: float) -> None:
     """
     from olne_bench.bench.commands.confirm import confirm as work
 
-    work(folder, trials=trials, jobs=jobs, memory=memory)
+    work(**given)

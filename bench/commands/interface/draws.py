@@ -1,6 +1,6 @@
 """``olne-bench draws``: solve the draws of a suite once, for all machines that run it."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,9 +13,7 @@ from olne_bench.bench.commands.options import JOBS, PATH
 @click.option("--jobs", type=JOBS, default=2, show_default=True, help="Number of processes.")
 @click.option("--scenario", multiple=True, help="Only this scenario (repeatable).")
 @click.option("--seeds", type=click.IntRange(1, 10**8), help="Only the first draws, this many.")
-def draws(
-    suite: str, out: Path | None, jobs: int, scenario: tuple[str, ...], seeds: int | None
-) -> None:
+def draws(**given: Any) -> None:
     """Solve all draws of SUITE and write them to a file, which 'olne-bench run' then uses.
 
     The file holds truths, equilibria and held-out starts. If it exists, the command goes on with it
@@ -23,4 +21,4 @@ def draws(
     """
     from olne_bench.bench.commands.draws import draws as work
 
-    work(suite, out=out, jobs=jobs, scenario=scenario, seeds=seeds)
+    work(**given)

@@ -1,6 +1,6 @@
 """``olne-bench estimate``: run an estimator on a recording, whose true weights may be unknown."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -38,16 +38,7 @@ from olne_bench.bench.commands.options import BUDGET, PATH, FiniteRange
     help="Time limit of the estimate [s].",
 )
 @click.option("--out", type=PATH, help="New CSV file for the weights.")
-def estimate(
-    recording: Path,
-    scenario: str | None,
-    seed: int | None,
-    estimator: str,
-    episode: int,
-    noise: float | None,
-    budget: float,
-    out: Path | None,
-) -> None:
+def estimate(**given: Any) -> None:
     """Estimate the weights of every player in RECORDING.
 
     Motion model, cost features and noise scales are those of the scenario. Target speeds, lanes
@@ -57,13 +48,4 @@ def estimate(
     """
     from olne_bench.bench.commands.estimate import estimate as work
 
-    work(
-        recording,
-        scenario=scenario,
-        seed=seed,
-        estimator=estimator,
-        episode=episode,
-        noise=noise,
-        budget=budget,
-        out=out,
-    )
+    work(**given)

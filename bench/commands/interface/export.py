@@ -1,6 +1,6 @@
 """``olne-bench export``: a recording's motion as CSV or CommonRoad, with a road file beside it."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,7 +13,7 @@ from olne_bench.bench.commands.options import PATH
     "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Episode to write."
 )
 @click.option("--out", type=PATH, required=True, help="New CSV or CommonRoad XML file.")
-def export(recording: Path, episode: int, out: Path) -> None:
+def export(**given: Any) -> None:
     """Write the motion in RECORDING as a table or a CommonRoad scenario.
 
     Lanes and the players' targets go to a TOML file of the same name beside it. Weights are not
@@ -21,4 +21,4 @@ def export(recording: Path, episode: int, out: Path) -> None:
     """
     from olne_bench.bench.commands.export import export as work
 
-    work(recording, episode=episode, out=out)
+    work(**given)

@@ -1,6 +1,6 @@
 """``olne-bench film``: one drive of a suite as a video."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -19,8 +19,8 @@ from olne_bench.bench.commands.options import PATH, memory_option
 @click.option("--planner", default="oracle", show_default=True, help="Who drives the ego.")
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True)
 @memory_option("Memory limit of the estimator's process.")
-def film(road: str, out: Path, suite: str, planner: str, seed: int, memory: float) -> None:
+def film(**given: Any) -> None:
     """Write one drive on ROAD as a video, with the ego's plan and what it expects of others."""
     from olne_bench.bench.commands.film import film as work
 
-    work(road, out, suite=suite, planner=planner, seed=seed, memory=memory)
+    work(**given)

@@ -1,7 +1,7 @@
 """``olne-bench import``: make a recording from a user's own tracks."""
 
 import math
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -80,19 +80,7 @@ class Window(NumberPair):
 @click.option("--flip-y", is_flag=True, help="Reverse the direction of y.")
 @click.option("--rotate", type=FiniteRange(), default=0.0, help="Then rotate the tracks [degrees].")
 @click.option("--shift", type=NumberPair(), default="0,0", help="Then shift them by x,y [m].")
-def import_tracks(
-    tracks: Path,
-    out: Path,
-    format_name: str,
-    road: Path | None,
-    window: tuple[float, float] | None,
-    players: str | None,
-    resample: float | None,
-    part: str | None,
-    flip_y: bool,
-    rotate: float,
-    shift: tuple[float, float],
-) -> None:
+def import_tracks(**given: Any) -> None:
     """Make a recording from TRACKS, whose true weights are unknown.
 
     Rows may be in any order. Cars that enter or leave have missing samples while they are not
@@ -101,16 +89,4 @@ def import_tracks(
     """
     from olne_bench.bench.commands.import_tracks import import_tracks as work
 
-    work(
-        tracks,
-        out=out,
-        format_name=format_name,
-        road=road,
-        window=window,
-        players=players,
-        resample=resample,
-        part=part,
-        flip_y=flip_y,
-        rotate=rotate,
-        shift=shift,
-    )
+    work(**given)

@@ -1,6 +1,6 @@
 """``olne-bench merge``: merge two runs into one."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,7 +13,7 @@ from olne_bench.bench.commands.options import PATH
 @click.option(
     "--out", type=PATH, help="New run folder for the result. Without it, FIRST gets the rows."
 )
-def merge(first: Path, second: Path, out: Path | None) -> None:
+def merge(**given: Any) -> None:
     """Add the trials of the run in SECOND to those of the run in FIRST.
 
     Both must be runs of the same suite, by the same rules; that of SECOND may have more estimators
@@ -22,4 +22,4 @@ def merge(first: Path, second: Path, out: Path | None) -> None:
     """
     from olne_bench.bench.commands.merge import merge as work
 
-    work(first, second=second, out=out)
+    work(**given)

@@ -1,6 +1,6 @@
 """``olne-bench record``: play a scenario's draws and write what happened."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -25,9 +25,7 @@ from olne_bench.bench.commands.options import PATH
     metavar="NAME=VALUE",
     help="An option of the scenario, such as num_players=3 (repeatable).",
 )
-def record(
-    scenario: str, seeds: int, out: Path, video: Path | None, options: tuple[str, ...]
-) -> None:
+def record(**given: Any) -> None:
     """Play SCENARIO at its equilibrium and write the recording.
 
     A draw without a certified equilibrium, locally or globally so far, is named in the summary and
@@ -35,4 +33,4 @@ def record(
     """
     from olne_bench.bench.commands.record import record as work
 
-    work(scenario, seeds=seeds, out=out, video=video, options=options)
+    work(**given)

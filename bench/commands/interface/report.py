@@ -1,6 +1,6 @@
 """``olne-bench report``: write the tables, page and figures of a run again."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -32,13 +32,7 @@ from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
     metavar="FILE.py[:CLASS]",
     help="A scenario or sensor of the run that may be loaded, to play it again (repeatable).",
 )
-def report(
-    folder: Path,
-    figures: bool,
-    formats: str,
-    playable: tuple[str, ...],
-    loaded: tuple[str, ...],
-) -> None:
+def report(**given: Any) -> None:
     """Write the tables, page and figures of the run in FOLDER again.
 
     A scenario or sensor that is a plugin is played again only if --plugin names it: a run folder
@@ -46,4 +40,4 @@ def report(
     """
     from olne_bench.bench.commands.report import report as work
 
-    work(folder, figures=figures, formats=formats, playable=playable, loaded=loaded)
+    work(**given)

@@ -1,6 +1,6 @@
 """``olne-bench status``: which trials of a run are done, failed, stale or missing."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -9,7 +9,7 @@ from olne_bench.bench.commands.options import PATH
 
 @click.command()
 @click.argument("folder", type=PATH)
-def status(folder: Path) -> None:
+def status(**given: Any) -> None:
     """Show how far the run in FOLDER is.
 
     done: the result is valid, or the estimator declined the trial. failed: there is no valid
@@ -20,4 +20,4 @@ def status(folder: Path) -> None:
     """
     from olne_bench.bench.commands.status import status as work
 
-    work(folder)
+    work(**given)

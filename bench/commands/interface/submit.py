@@ -1,6 +1,6 @@
 """``olne-bench submit``: pack a run for a pull request."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -12,7 +12,7 @@ from olne_bench.bench.commands.options import PATH
 @click.argument("folder", metavar="RUN", type=PATH)
 @click.option("--name", help="Name of the submission. Default: that of the run folder.")
 @click.option("--out", type=PATH, help=f"New folder. Default: {SUBMISSIONS}/NAME.")
-def submit(folder: Path, name: str | None, out: Path | None) -> None:
+def submit(**given: Any) -> None:
     """Pack the run in RUN for a pull request.
 
     The folder holds the rows, the leaderboard, the source of the estimators that are plugins, and
@@ -21,4 +21,4 @@ def submit(folder: Path, name: str | None, out: Path | None) -> None:
     """
     from olne_bench.bench.commands.submit import submit as work
 
-    work(folder, name=name, out=out)
+    work(**given)

@@ -1,6 +1,6 @@
 """``olne-bench verify``: check submissions."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -20,15 +20,7 @@ from olne_bench.bench.commands.options import JOBS, PATH, memory_option
 @click.option("--jobs", type=JOBS, default=2, show_default=True)
 @memory_option("Memory that a worker process may use.")
 @click.option("--page", type=PATH, help="New .html file for a page of the accepted submissions.")
-def verify(
-    folders: tuple[Path, ...],
-    sample: int | None,
-    seed: int | None,
-    strict: bool,
-    jobs: int,
-    memory: float,
-    page: Path | None,
-) -> None:
+def verify(**given: Any) -> None:
     """Check the submissions in FOLDER..., as 'olne-bench submit' packs them.
 
     A sample of the rows is run again and must come out the same: bit by bit, or, with other
@@ -40,4 +32,4 @@ def verify(
     """
     from olne_bench.bench.commands.verify import verify as work
 
-    work(folders, sample=sample, seed=seed, strict=strict, jobs=jobs, memory=memory, page=page)
+    work(**given)

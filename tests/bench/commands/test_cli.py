@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from dataclasses import dataclass, field
 from importlib import import_module
+from inspect import signature
 from types import SimpleNamespace
 
 import pandas as pd
@@ -283,6 +284,16 @@ def test_what_help_repeats_is_true():
 
     assert confirm.FEWEST == FEWEST
     assert list(import_tracks.FORMATS) == format_names()
+
+
+@pytest.mark.parametrize("module", [m for m in COMMANDS.values() if m != "interface.run"])
+def test_a_command_is_called_with_all_that_it_takes(module):
+    name = module.rpartition(".")[2]
+    if name == module:
+        return  # one file
+    command = getattr(import_module(f"olne_bench.bench.commands.{module}"), name)
+    work = getattr(import_module(f"olne_bench.bench.commands.{name}"), name)
+    assert {one.name for one in command.params} == set(signature(work).parameters)
 
 
 def test_help_has_a_sentence_on_every_command(capsys):
