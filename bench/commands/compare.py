@@ -12,7 +12,7 @@ from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.confirmations import confirmations_of
-from olne_bench.bench.report.escapes import csv_safe
+from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.measures import FAILURES
 from olne_bench.bench.report.statistics.run_comparison import compare_runs
 from olne_bench.bench.report.statistics.standing import plausible, said_of_standing, standings
@@ -44,8 +44,7 @@ def compare(
             + (f" that can be compared; {reasons[0]}" if reasons else "")
         )
     if out is not None:
-        with whole_file(out) as path:
-            csv_safe(table).to_csv(path, index=False)
+        write_csv(table, out)
     if page is not None:
         _write_page(page, first, second, names, table, study)
     click.echo(_format(table))

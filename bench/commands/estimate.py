@@ -13,7 +13,7 @@ from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimat
 from olne_bench.bench.judge.observe import sensor_model
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
-from olne_bench.bench.report.escapes import csv_safe
+from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.run.describing import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.text import one_line
@@ -22,7 +22,7 @@ from olne_bench.envs.tracks.explained import explain
 from olne_bench.envs.tracks.targets import DATA, Assumption
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.files import check_new_file, whole_file
+from olne_bench.files import check_new_file
 from olne_bench.games.game import Game
 from olne_bench.games.observation import ComponentView, FullView, View
 from olne_bench.plugins import ESTIMATOR, SCENARIO, is_built_in, loading, named_by_data
@@ -67,7 +67,7 @@ def estimate(
     table = _table(players, game.weight_names, fit)
     _say_result(table, players, fit, TOLD if noise else "from the roughness of the tracks")
     if out is not None:
-        _write(table, out)
+        write_csv(table, out, new=True)
 
 
 def _named(path: Path, scenario: str | None) -> str:
@@ -172,11 +172,6 @@ def _say_intervals(table: pd.DataFrame, fit: Fit) -> None:
 
 def _shown_end(value: float) -> str:
     return "?" if np.isnan(value) else f"{value:.3f}"
-
-
-def _write(table: pd.DataFrame, out: Path) -> None:
-    with whole_file(out, new=True) as path:
-        csv_safe(table).to_csv(path, index=False)
 
 
 def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View, np.ndarray]:

@@ -13,7 +13,8 @@ from olne_bench.envs.recorded import RecordedWorld
 from olne_bench.envs.recording import Recording
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.wrappers import World, wrap
-from olne_bench.estimators.protocol import Observation
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.game import Game
 from olne_bench.games.observation import View, observation_function
 from olne_bench.games.sensor import Layer, SensorModel
 
@@ -25,6 +26,17 @@ def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:
         ValueError: with a one-line message, if layers do not fit each other or the scenario.
     """
     return SensorModel.of(layers, scenario.game.dynamics, scenario.noise_scale)
+
+
+def problem_of(told: Game, model: SensorModel, sigma: float) -> Problem:
+    """What an estimator is told of a game that is seen through a sensor, with noise ``sigma``."""
+    return Problem(
+        told,
+        model.view,
+        sigma,
+        noise_scale=model.noise_scale,
+        noise_covariance=model.noise_covariance,
+    )
 
 
 def observe(

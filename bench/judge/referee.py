@@ -16,7 +16,7 @@ from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimat
 from olne_bench.bench.judge.likelihood import likelihood_ratio
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
-from olne_bench.bench.judge.observe import observe, observed, sensor_model
+from olne_bench.bench.judge.observe import observe, observed, problem_of, sensor_model
 from olne_bench.bench.judge.priors import exclusion
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimate
 from olne_bench.bench.judge.streams import stream
@@ -290,13 +290,7 @@ def shown(
         NoEquilibriumError: if the draw has no certified equilibrium.
     """
     recordings, model = true_recordings(draw), _model(draw, layers)
-    problem = Problem(
-        recordings[0].scenario.told,
-        model.view,
-        sigma,
-        noise_scale=model.noise_scale,
-        noise_covariance=model.noise_covariance,
-    )
+    problem = problem_of(recordings[0].scenario.told, model, sigma)
     return problem, observe(recordings, layers, sigma, seed)
 
 

@@ -5,7 +5,6 @@ the same: what both have in common has the same draws and noise.
 """
 
 import math
-from difflib import get_close_matches
 from typing import Any
 
 from olne_bench import plugins
@@ -123,8 +122,7 @@ def _check_names(suite: Suite, kind: plugins.Kind, new: list[str], known: list[s
     others = plugins.names(kind)
     for name in new:
         if name not in others:
-            nearest = get_close_matches(name, {*known, *others})
-            hint = f"; nearest: {', '.join(nearest)}" if nearest else ""
+            hint = plugins.nearest(name, dict.fromkeys([*known, *others]))
             raise UserError(
                 f"suite {suite.name!r} has no {kind.name} {shown(name)}; it has: "
                 f"{', '.join(known)}; known are also: "

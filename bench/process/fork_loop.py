@@ -18,7 +18,7 @@ import tempfile
 import traceback
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.metadata import distributions
 from importlib.util import find_spec
 from pathlib import Path
@@ -145,7 +145,12 @@ def _is_library(name: str) -> bool:
 
     It is not imported, and neither is what it belongs to. Its name is a plugin's word.
     """
-    top = name.partition(".")[0]
+    return _is_installed(name.partition(".")[0])
+
+
+@cache
+def _is_installed(top: str) -> bool:
+    """As ``_is_library``, of a name at the top: hundreds of modules share a few."""
     with suppress(BaseException):
         spec = find_spec(top)
         origin = None if spec is None else spec.origin

@@ -1,12 +1,14 @@
 """Escape names and messages of foreign origin for tables of all kinds."""
 
 import re
+from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from olne_bench.bench.text import FORMULA, csv_text, one_line
+from olne_bench.files import whole_file
 from olne_bench.visible import visible
 
 _FORMULA_PATTERN = f"^[{re.escape(''.join(FORMULA))}]"
@@ -30,6 +32,24 @@ def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
             for name in texts
         }
     )
+
+
+def write_csv(
+    table: pd.DataFrame, path: Path, digits: str | None = None, *, new: bool = False
+) -> None:
+    """Write a table as CSV, completely or not at all.
+
+    Args:
+        table: the table.
+        path: the file; it is replaced unless it has to be ``new``.
+        digits: format of numbers, such as ``%.4g``. Default: all digits.
+        new: refuse to replace a file.
+
+    Raises:
+        UserError: if it cannot be written.
+    """
+    with whole_file(path, new=new) as unfinished:
+        csv_safe(table).to_csv(unfinished, index=False, float_format=digits)
 
 
 def csv_safe_arrow(table: pa.Table) -> pa.Table:

@@ -9,7 +9,7 @@ hardly any are.
 
 import secrets
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import count, islice
 
 import numpy as np
@@ -20,7 +20,7 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declar
 from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.machine import Machine, run_all
+from olne_bench.bench.report.machine import Machine, row_of, run_all
 from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, quantile
 from olne_bench.bench.report.statistics.plausibility import implausible, places_of
 from olne_bench.bench.report.statistics.standing import KEY
@@ -87,7 +87,7 @@ def confirm(suspect: Suspect, number: int, machine: Machine) -> Confirmation:
     attempts = pd.DataFrame()
     for _ in range(_ROUNDS):
         chosen = list(islice(numbered, number - len(attempts)))
-        rows = pd.DataFrame(t.labels | asdict(o) | o.scores for t, o in run_all(chosen, machine))
+        rows = pd.DataFrame(row_of(*ended) for ended in run_all(chosen, machine))
         attempts = pd.concat([attempts, attempts_of(rows)], ignore_index=True)
         if len(attempts) >= number:
             break

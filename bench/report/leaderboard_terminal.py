@@ -90,3 +90,18 @@ def _short(value: float, digits: str = ".2g") -> str:
     if math.isnan(value):
         return "-"
     return "∞" if math.isinf(value) else f"{value:{digits}}"
+
+
+def format_summary(heading: str, summary: pd.DataFrame, failed: pd.DataFrame, unit: str) -> str:
+    """The summary of a study of streams or drives, and what failed in it.
+
+    Args:
+        heading: what the columns hold.
+        summary: columns to be shown.
+        failed: rows with another status than ``ok``.
+        unit: what a row is, in the plural.
+    """
+    shown = summary.to_string(index=False, float_format=lambda v: f"{v:.3g}", na_rep="-")
+    reasons = failed.groupby(["status", "message"])
+    told = [f"{len(part)} {unit} {status}: {message}" for (status, message), part in reasons]
+    return "\n".join([heading, shown, *told])

@@ -1,9 +1,10 @@
 """Run trials for a check: those that play them cannot tell it from a run."""
 
 from collections.abc import Generator, Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
@@ -26,6 +27,11 @@ class Machine:
     jobs: int
     memory: int
     hidden: Path
+
+
+def row_of(trial: Trial, outcome: Outcome) -> dict[str, Any]:
+    """The row of a trial, as tables have it."""
+    return trial.labels | asdict(outcome) | outcome.scores
 
 
 def run_all(

@@ -9,7 +9,7 @@ from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.load import suite_names
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.confirmations import confirmations_of
-from olne_bench.bench.report.escapes import csv_safe
+from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.figures import draw_figures, draw_wins
 from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.page.render import Extras, render_page
@@ -119,8 +119,7 @@ def _refuse_unknown(store: Store, places: Sequence[tuple[float, int]]) -> None:
 
 def _write_tables(tables: RunTables, study: Study, folder: Path) -> None:
     for name, table in tables.by_name().items():
-        with whole_file(folder / f"{name}.csv") as path:
-            csv_safe(table).to_csv(path, index=False)
+        write_csv(table, folder / f"{name}.csv")
     said = markdown_paragraphs(tables.paragraphs)
     for name, text in (
         ("leaderboard.md", markdown(tables.leaderboard, study) + said),

@@ -4,14 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from olne_bench.bench.report.driving import comparison_table, drive_table, episode_table
-from olne_bench.bench.report.escapes import csv_safe
+from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.figures.driving import draw_driving
+from olne_bench.bench.report.leaderboard_terminal import format_summary
 from olne_bench.bench.report.page.driving import driving_page
 from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
 from olne_bench.files import whole_file
 
+_HEADING = "regret of the mean cost of a step (standing costs 1); medians in m, m/s^3, ms; shares"
 _SHOWN = ["traffic", "road", "planner", "drives", "collisions", "regret", "progress", "jerk"]
 _SHOWN += ["fde_3s", "cycle_50", "cycle_99", "fallback", "late"]
 
@@ -32,15 +34,13 @@ def report_drives(folder: Path, formats: Sequence[str]) -> str:
         rows = episode_table(store, suite)
     if rows.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    with whole_file(folder / "episodes.csv") as path:
-        csv_safe(rows).to_csv(path, index=False)
+    write_csv(rows, folder / "episodes.csv")
     summary = drive_table(rows)
     if summary.empty:
         raise UserError(f"{folder}: no drive was driven; episodes.csv says why")
     tables = {"summary": summary, "tests": comparison_table(rows)}
     for name, table in tables.items():
-        with whole_file(folder / f"{name}.csv") as path:
-            csv_safe(table).to_csv(path, index=False)
+        write_csv(table, folder / f"{name}.csv")
     files: list[Path] = []
     if formats:
         (folder / "figures").mkdir(exist_ok=True)
@@ -48,13 +48,5 @@ def report_drives(folder: Path, formats: Sequence[str]) -> str:
     pictures = [file for file in files if file.suffix == ".png"]
     with whole_file(folder / "index.html") as path:
         path.write_text(driving_page(tables, pictures, runs, suite), encoding="utf-8")
-    lines = [
-        "regret of the mean cost of a step (standing costs 1); medians in m, m/s^3, ms; shares"
-    ]
-    shown = summary[_SHOWN]
-    lines.append(shown.to_string(index=False, float_format=lambda v: f"{v:.3g}", na_rep="-"))
-    failed = rows[rows["status"] != "ok"]
-    for (status, message), part in failed.groupby(["status", "message"]):
-        lines.append(f"{len(part)} drives {status}: {message}")
-    lines.append(f"{folder}: index.html is the page, episodes.csv has a row for each drive")
-    return "\n".join(lines)
+    said = format_summary(_HEADING, summary[_SHOWN], rows[rows["status"] != "ok"], "drives")
+    return f"{said}\n{folder}: index.html is the page, episodes.csv has a row for each drive"

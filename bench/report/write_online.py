@@ -7,8 +7,9 @@ import pandas as pd
 
 from olne_bench.bench.judge.online import ERROR_COLUMNS
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.report.escapes import csv_safe
+from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.figures.online import draw_online
+from olne_bench.bench.report.leaderboard_terminal import format_summary
 from olne_bench.bench.report.online import (
     comparison_table,
     over_time_table,
@@ -49,13 +50,9 @@ def report_streams(folder: Path, formats: Sequence[str]) -> str:
         raise UserError(f"no motion was followed in {folder} yet{f': {why}' if why else ''}")
     summary = write_online(rows, runs, suite, folder, formats).summary
     failed = rows[(rows["status"] != "ok") & ~rows["estimator"].isin(suite.references)]
-    lines = ["medians; latency in ms, half_time in s, errors of positions (fde) in m"]
-    shown = summary[_SHOWN]
-    lines.append(shown.to_string(index=False, float_format=lambda v: f"{v:.3g}", na_rep="-"))
-    for (status, message), part in failed.groupby(["status", "message"]):
-        lines.append(f"{len(part)} rows {status}: {message}")
-    lines.append(f"{folder}: index.html is the page, updates.csv has a row for each sample")
-    return "\n".join(lines)
+    heading = "medians; latency in ms, half_time in s, errors of positions (fde) in m"
+    said = format_summary(heading, summary[_SHOWN], failed, "rows")
+    return f"{said}\n{folder}: index.html is the page, updates.csv has a row for each sample"
 
 
 def write_online(
@@ -75,12 +72,9 @@ def write_online(
         formats: formats of ``figures/online_*``; if empty, none is drawn.
     """
     tables = OnlineTables(summary_table(rows), over_time_table(rows), comparison_table(rows))
-    for name, table, numbers in [
-        ("updates", rows, None),
-        *((name, table, _DIGITS) for name, table in tables.by_name().items()),
-    ]:
-        with whole_file(folder / f"{name}.csv") as path:
-            csv_safe(table).to_csv(path, index=False, float_format=numbers)
+    write_csv(rows, folder / "updates.csv")
+    for name, table in tables.by_name().items():
+        write_csv(table, folder / f"{name}.csv", _DIGITS)
     with whole_file(folder / "index.html") as path:
         path.write_text(online_page(tables, runs, suite), encoding="utf-8")
     if formats:

@@ -12,7 +12,7 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -472,12 +472,16 @@ def _find(kind: Kind, reference: str) -> Path | EntryPoint:
 
 def _unknown(kind: Kind, reference: object) -> PluginError:
     known = names(kind)
-    nearest = ", ".join(get_close_matches(str(reference), known))
-    said = f"; nearest: {nearest}" if nearest else ""
     return PluginError(
         f"unknown {kind.name} {reference!r}; known are: {', '.join(known)}, "
-        f"or a file path.py:ClassName{said}"
+        f"or a file path.py:ClassName{nearest(reference, known)}"
     )
+
+
+def nearest(name: object, known: Iterable[str]) -> str:
+    """The names that are most like another one, as the end of a message; empty if none is."""
+    found = ", ".join(get_close_matches(str(name), [*known]))
+    return f"; nearest: {found}" if found else ""
 
 
 def _owner(point: EntryPoint) -> str:

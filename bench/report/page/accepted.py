@@ -7,10 +7,9 @@ from typing import Any
 import pandas as pd
 
 from olne_bench.bench.plan.suite import Suite, read_suite_json
-from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.page.cards import FIELDS, card_of, measured_cost
-from olne_bench.bench.report.page.template import script, template
+from olne_bench.bench.report.page.template import csv_texts, script, table_rows, template
 from olne_bench.bench.report.submission.manifest import LEADERBOARD, PLUGINS, Submission
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.plugins import ESTIMATOR, is_built_in
@@ -56,9 +55,7 @@ def accepted_page(found: Sequence[Accepted]) -> str:
         for pair in _cards(one.submission, board)
     ]
     rows: list[dict[str, Any]] = [
-        {str(key): value for key, value in row.items()}
-        | {"colours": style.estimator_colours(row["estimator"])}
-        for row in table.to_dict("records")
+        row | {"colours": style.estimator_colours(row["estimator"])} for row in table_rows(table)
     ]
     return template("accepted.html").render(
         rows=rows,
@@ -66,7 +63,7 @@ def accepted_page(found: Sequence[Accepted]) -> str:
         cards=cards,
         fields=FIELDS,
         colours={c.label: style.estimator_colours(c.label.partition(" of ")[0]) for c, _ in cards},
-        data={"tables": {"accepted": csv_safe(table).to_csv(index=False)}},
+        data={"tables": csv_texts({"accepted": table})},
         script=script(("look", "save", "board", "accepted")),
     )
 

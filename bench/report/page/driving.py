@@ -7,9 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.report.escapes import csv_safe
-from olne_bench.bench.report.page.online import repeats, table_rows
-from olne_bench.bench.report.page.template import script, template
+from olne_bench.bench.report.page.template import csv_texts, repeats, script, table_rows, template
 from olne_bench.bench.run.provenance import Provenance
 
 
@@ -39,6 +37,6 @@ def driving_page(
         pictures=[b64encode(path.read_bytes()).decode() for path in pictures],
         command=repeats(runs[-1], suite),
         runs=list(runs),
-        data={"tables": {n: csv_safe(t).to_csv(index=False) for n, t in tables.items()}},
+        data={"tables": csv_texts(tables)},
         script=script(("look", "save", "online")),
     )

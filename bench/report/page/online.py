@@ -1,19 +1,16 @@
 """The page of a study of streams: errors over time, predictions, latencies."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from olne_bench.bench.plan.kinds import REFERENCES, STOCK_FITTED
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.page.template import script, template
+from olne_bench.bench.report.page.template import csv_texts, repeats, script, table_rows, template
 from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE
 from olne_bench.bench.run.provenance import Provenance
 
@@ -103,23 +100,9 @@ def online_page(tables: OnlineTables, runs: Sequence[Provenance], suite: Suite) 
         runs=list(runs),
         significance=SIGNIFICANCE,
         box={"w": _WIDTH, "h": _HEIGHT, "l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
-        data={"tables": {n: csv_safe(t).to_csv(index=False) for n, t in tables.by_name().items()}},
+        data={"tables": csv_texts(tables.by_name())},
         script=script(("look", "save", "online")),
     )
-
-
-def repeats(run: Provenance, suite: Suite) -> str:
-    """The command that repeats a run of a suite."""
-    words = [f"olne-bench run {suite.origin}", str(run.selection)]
-    if suite.name != suite.origin:
-        words.append(f"--kind {suite.kind}")
-    words += [f"--rule {name}={json.dumps(value)}" for name, value in suite.rules.given.items()]
-    return " ".join(word for word in [*words, "--out DIR"] if word)
-
-
-def table_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows of a table for a template."""
-    return [{str(k): v for k, v in row.items()} for row in table.to_dict("records")]
 
 
 def _look(name: str) -> tuple[str, str]:

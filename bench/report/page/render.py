@@ -9,13 +9,12 @@ from typing import Any
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.measures import FAILURES, in_leaderboard, primary
 from olne_bench.bench.report.page.cards import FIELDS, cards, measured_cost
 from olne_bench.bench.report.page.data import chart_data
 from olne_bench.bench.report.page.matrices import SEEN, driver_rows, win_rows
-from olne_bench.bench.report.page.template import script, template
+from olne_bench.bench.report.page.template import csv_texts, script, table_rows, template
 from olne_bench.bench.report.page.verdicts import verdicts
 from olne_bench.bench.report.parts import Parts, parts_of
 from olne_bench.bench.report.statistics.attempts import FLOOR
@@ -108,18 +107,18 @@ def render_page(
         title=extras.title or parts.outline.suite,
         description=_description(runs),
         script=script(SCRIPTS),
-        data=charts.content | {"tables": _texts(tables)},
+        data=charts.content | {"tables": csv_texts(tables.by_name())},
         colours={n: style.estimator_colours(n) for n in labels},
         verdicts=verdicts(table, tables.comparisons, study),
         rows=_board(table, metrics, first),
         metrics=metrics,
         primary=first,
-        changes=None if extras.changes is None else _rows(extras.changes),
+        changes=None if extras.changes is None else table_rows(extras.changes),
         paragraphs=tables.paragraphs,
         **_matrices(tables, labels),
-        comparisons=_rows(tables.comparisons),
+        comparisons=table_rows(tables.comparisons),
         weights=_weights(tables),
-        calibration=_rows(tables.calibration),
+        calibration=table_rows(tables.calibration),
         cards=[(card, measured_cost(table, card.label)) for card in cards(study, labels)],
         fields=FIELDS,
         trial_count=int(table["trials"].sum()),
@@ -139,18 +138,9 @@ def _matrices(tables: RunTables, labels: Sequence[str]) -> dict[str, Any]:
     return {"wins": win_rows(tables.wins, labels), "drivers": drivers, "seen": SEEN}
 
 
-def _texts(tables: RunTables) -> dict[str, str]:
-    """The tables as CSV, as in the run folder, to be saved from the page."""
-    return {name: csv_safe(table).to_csv(index=False) for name, table in tables.by_name().items()}
-
-
 def _description(runs: Sequence[Provenance]) -> str:
     """The suite's description, if it is known."""
     return str(json.loads(runs[-1].suite).get("description", "")) if runs else ""
-
-
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    return [{str(k): v for k, v in row.items()} for row in table.to_dict("records")]
 
 
 def _board(
@@ -168,7 +158,7 @@ def _board(
         }
     )
     bars = _bars(table, first) if first else [Bar(0.0, None, 0.0)] * len(table)
-    rows = [row | {"bar": bar} for row, bar in zip(_rows(table), bars, strict=True)]
+    rows = [row | {"bar": bar} for row, bar in zip(table_rows(table), bars, strict=True)]
     groups = list(dict.fromkeys((row["scenario"], row["sensor"]) for row in rows))
     place = {group: number for number, group in enumerate(groups)}
     return sorted(
@@ -196,13 +186,13 @@ def _weights(tables: RunTables) -> list[dict[str, Any]]:
     """Rows of the identifiability table, with ratios to the bound and what noise leaves."""
     key = ["scenario", "sensor", "player", "weight"]
     ratios: dict[tuple[Any, ...], dict[str, Any]] = {}
-    for row in _rows(tables.bound_ratios):
+    for row in table_rows(tables.bound_ratios):
         ratios.setdefault(tuple(row[k] for k in key), {})[row["estimator"]] = row
     noise: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for row in _rows(tables.identifiability_by_noise.sort_values("sigma")):
+    for row in table_rows(tables.identifiability_by_noise.sort_values("sigma")):
         noise.setdefault(tuple(row[k] for k in key), []).append(row)
     rows = []
-    for row in _rows(tables.identifiability):
+    for row in table_rows(tables.identifiability):
         place = tuple(row[k] for k in key)
         levels = noise.get(place, [])
         ends = levels if len(levels) < 2 else [levels[0], levels[-1]]

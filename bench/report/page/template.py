@@ -4,16 +4,20 @@ import gzip
 import json
 import math
 from base64 import b64encode
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.report.escapes import csv_safe
 from olne_bench.bench.report.page.numbers import human
+from olne_bench.bench.run.provenance import Provenance
 
 _FOLDER = Path(__file__).parent
 _DISTRIBUTION = "olne-bench"
@@ -40,6 +44,25 @@ def script(names: Iterable[str]) -> Markup:
     """Files of ``script/``, joined in one scope."""
     parts = Markup("\n").join(_own(f"script/{name}.js") for name in names)
     return Markup('"use strict";\n(async () => {\n') + parts + Markup("})();")
+
+
+def table_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of a table for a template."""
+    return [{str(k): v for k, v in row.items()} for row in table.to_dict("records")]
+
+
+def csv_texts(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
+    """Tables as CSV, as in the run folder, to be saved from the page."""
+    return {name: csv_safe(table).to_csv(index=False) for name, table in tables.items()}
+
+
+def repeats(run: Provenance, suite: Suite) -> str:
+    """The command that repeats a run of a suite."""
+    words = [f"olne-bench run {suite.origin}", str(run.selection)]
+    if suite.name != suite.origin:
+        words.append(f"--kind {suite.kind}")
+    words += [f"--rule {name}={json.dumps(value)}" for name, value in suite.rules.given.items()]
+    return " ".join(word for word in [*words, "--out DIR"] if word)
 
 
 def project_links() -> dict[str, str]:

@@ -4,11 +4,10 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,7 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.confirmations import Confirmation
 from olne_bench.bench.report.fresh_draws import FEWEST, confirm, suspects, trial_place
-from olne_bench.bench.report.machine import Machine
+from olne_bench.bench.report.machine import Machine, row_of
 from olne_bench.bench.report.measures import primary
 from olne_bench.bench.report.statistics.attempts import errors_of
 from olne_bench.bench.report.study import Study, study_of
@@ -239,7 +238,7 @@ class _Own:
         """Its errors with fresh salts."""
         if not trials:
             return FreshErrors(self.plugin, self.metric.name, 0, np.nan, np.nan, 1.0, decides=False)
-        table = pd.DataFrame([_row(trial, outcomes[trial.key]) for trial in trials])
+        table = pd.DataFrame([row_of(trial, outcomes[trial.key]) for trial in trials])
         return compare_fresh(self.rows, table, self.metric, self.families, level)
 
 
@@ -262,10 +261,6 @@ def _unjudged(trials: Iterable[Trial], outcomes: Mapping[Key, Outcome]) -> list[
         for trial in trials
         if outcomes[trial.key].status == "harness_error"
     ]
-
-
-def _row(trial: Trial, outcome: Outcome) -> dict[str, Any]:
-    return trial.labels | asdict(outcome) | outcome.scores
 
 
 def _submitted_errors(case: _Case, keys: Iterable[Key]) -> dict[Key, float]:

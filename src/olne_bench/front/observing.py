@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.judge.observe import sensor_model
+from olne_bench.bench.judge.observe import problem_of, sensor_model
 from olne_bench.bench.judge.referee import shown
 from olne_bench.bench.judge.truth import noise_seed
 from olne_bench.envs.scenarios import checked_seed
@@ -94,7 +94,7 @@ def problem(
     if isinstance(game, Scenario):
         told = game.told
         if noise_scale is None:
-            return _problem(told, sensor_model(game, layers), sigma)
+            return problem_of(told, sensor_model(game, layers), sigma)
     elif isinstance(game, Game):
         told = game
     else:
@@ -106,14 +106,7 @@ def problem(
             f"noise_scale must say how large the noise on {', '.join(names)} is, relative to "
             f"sigma, got {got}; a scenario has it: problem(scenario, ...), or scenario.noise_scale"
         )
-    return _problem(told, SensorModel.of(layers, told.dynamics, noise_scale), sigma)
-
-
-def _problem(game: Game, model: SensorModel, sigma: float) -> Problem:
-    covariance = model.noise_covariance
-    return Problem(
-        game, model.view, sigma, noise_scale=model.noise_scale, noise_covariance=covariance
-    )
+    return problem_of(told, SensorModel.of(layers, told.dynamics, noise_scale), sigma)
 
 
 def _check_sigma(sigma: object) -> None:

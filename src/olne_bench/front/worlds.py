@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from olne_bench.envs.highway_roads import ROAD_NAMES
 from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.worlds import make_world
 
 if TYPE_CHECKING:
     from olne_bench.envs.olne_v0 import OlneWorld
@@ -21,9 +22,8 @@ def parallel_env(scenario: str | Scenario = "highway", **arguments: Any) -> "Oln
         ValueError: on an unknown name, with the alternatives, or a scenario without limits.
     """
     if isinstance(scenario, Scenario):
-        module = scenario.world
-    else:
-        module = "highway_v0" if scenario in ROAD_NAMES else "olne_v0"
+        return make_world(scenario, **arguments)
+    module = "highway_v0" if scenario in ROAD_NAMES else "olne_v0"
     world: OlneWorld = import_module(f"olne_bench.envs.{module}").parallel_env(
         scenario, **arguments
     )

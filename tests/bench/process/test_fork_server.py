@@ -91,11 +91,13 @@ def test_parts_of_installed_plugins_are_no_libraries(monkeypatch):
     files = [PurePath("colorsys.py"), PurePath("olne_bench/x.py"), PurePath("two/one.py")]
     found = [SimpleNamespace(entry_points=[named], files=files)]
     monkeypatch.setattr(fork_loop, "distributions", lambda: found)
-    fork_loop._installed_plugins.cache_clear()
+    for cached in (fork_loop._installed_plugins, fork_loop._is_installed):
+        cached.cache_clear()
     assert not fork_loop._is_library("colorsys")
     assert fork_loop._is_library("json.decoder")
     assert not fork_loop._is_library("no_such_module")
-    fork_loop._installed_plugins.cache_clear()
+    for cached in (fork_loop._installed_plugins, fork_loop._is_installed):
+        cached.cache_clear()
 
 
 def test_a_server_that_is_killed_is_replaced(child):
