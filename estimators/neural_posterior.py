@@ -106,6 +106,7 @@ class NeuralPosterior:
         _networks()
 
 
+@lru_cache(maxsize=16)
 def game_key(game: Game) -> str:
     """Identifies a game; numbers count to six digits, as the last ones depend on the machine."""
     text = repr((game.players, game.constraints, game.dynamics.name, game.horizon, game.dt))

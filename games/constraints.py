@@ -16,7 +16,6 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import linprog
 
 from olne_bench.games.dynamics import Dynamics
 from olne_bench.games.features import Stage
@@ -290,6 +289,8 @@ def _check_agreement(own: Sequence[Constraint], dynamics: Dynamics, dt: float) -
     A, b = np.vstack(rows), np.concatenate(offsets)
     goal = np.eye(A.shape[1])[-1]
     bounds = [(None, None)] * (A.shape[1] - 1) + [(None, 1.0)]
+    from scipy.optimize import linprog  # it loads hundreds of modules, and few games need it
+
     solution = linprog(-goal, A_ub=A, b_ub=b, bounds=bounds)
     if solution.x is not None and solution.x[-1] <= 0:
         limiting = dict.fromkeys(

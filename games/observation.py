@@ -344,7 +344,7 @@ VIEWS: dict[str, View] = {
 
 def observation_size(view: View, dynamics: Components) -> int:
     """d, the number of observed components per player."""
-    return view.expected(ca.SX.sym("state", dynamics.state_size), dynamics).numel()
+    return int(observation_function(view, dynamics).numel_out(0))
 
 
 def observe(view: View, dynamics: Components, states: np.ndarray) -> np.ndarray:

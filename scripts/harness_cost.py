@@ -12,10 +12,12 @@ plugin) or more, or memory grows.
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import shared
+import numpy as np
 import psutil
 
 from olne_bench.bench.plan.load import load_suite
@@ -68,31 +70,36 @@ def main(
             store.begin_run(provenance(selection=chosen, seeds=1, **source), [model])
             for number, (trial, outcome) in enumerate(ended):
                 if number == WARM:
-                    before = _used()
+                    times, sizes = _times(), _sizes()
                 store.add(trial, outcome)
                 if number == WARM + trials - 1:  # workers are still there
-                    used = {name: amount - before[name] for name, amount in _used().items()}
-    each, own, others = (1e3 * used.pop(name) / trials for name in ("wall", "own", "others"))
+                    used = 1e3 * (_times() - times) / trials
+                    kept = {pid: size for pid, size in _sizes().items() if pid in sizes}
+    each, own, others = used
+    growth = max(size - sizes[pid] for pid, size in kept.items())
     print(f"{each:.2f} ms a trial")
     print(f"computed: {own:.2f} ms (driver), {others:.2f} ms (referees and players)")
-    print("memory grew by " + ", ".join(f"{size:.1f} MiB ({name})" for name, size in used.items()))
+    print(f"memory of {len(kept)} processes grew by {growth:.1f} MiB at most")
     too_long = each >= 1e3 * (FOREIGN_LIMIT if foreign else LIMIT)
-    sys.exit(too_long or max(used.values()) > GROWTH)
+    sys.exit(too_long or growth > GROWTH)
 
 
-def _used() -> dict[str, float]:
-    """Wall-clock and processor time [s], and memory [MiB], of the driver and of all its workers."""
-    this = psutil.Process()
-    workers = this.children(recursive=True)
-    times = [worker.cpu_times() for worker in workers]
-    sizes = sum(worker.memory_info().rss for worker in workers)
-    return {
-        "wall": time.monotonic(),
-        "own": time.process_time(),
-        "others": sum(one.user + one.system for one in times),
-        "driver": this.memory_info().rss / 2**20,
-        "workers": sizes / 2**20,
-    }
+def _times() -> np.ndarray:
+    """Wall-clock time, and processor time of the driver and of all its workers [s]."""
+    others = 0.0
+    for worker in psutil.Process().children(recursive=True):
+        with suppress(psutil.NoSuchProcess):  # a plugin's process lives for one trial
+            others += sum(worker.cpu_times()[:4])  # with that of its children that have ended
+    return np.array([time.monotonic(), time.process_time(), others])
+
+
+def _sizes() -> dict[int, float]:
+    """Memory [MiB] of the driver and each of its workers, by process id."""
+    found, this = {}, psutil.Process()
+    for worker in (this, *this.children(recursive=True)):
+        with suppress(psutil.NoSuchProcess):
+            found[worker.pid] = worker.memory_info().rss / 2**20
+    return found
 
 
 if __name__ == "__main__":

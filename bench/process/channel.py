@@ -9,6 +9,7 @@ import select
 import socket
 import struct
 import time
+from collections.abc import Iterable
 
 #: Largest frame that is accepted [bytes].
 LARGEST = 64 * 2**20
@@ -25,6 +26,14 @@ class GarbageError(Exception):
     """The other side has sent something that is not a frame."""
 
 
+def wait_for(channels: Iterable["Channel"], seconds: float) -> None:
+    """Return when there is something to read on any of some connections, or after ``seconds``."""
+    poll = select.poll()
+    for channel in channels:
+        poll.register(channel, select.POLLIN)
+    poll.poll(1e3 * seconds)
+
+
 class Channel:
     """One end of a connection."""
 
@@ -33,6 +42,9 @@ class Channel:
         end.setblocking(False)
         self._socket = end
         self._buffer = bytearray()
+        self._polls = {event: select.poll() for event in (select.POLLIN, select.POLLOUT)}
+        for event, poll in self._polls.items():
+            poll.register(end, event)
 
     def fileno(self) -> int:
         """Descriptor of the socket, for ``select`` and ``poll``."""
@@ -100,6 +112,4 @@ class Channel:
         return frame
 
     def _ready(self, event: int, seconds: float) -> bool:
-        poll = select.poll()
-        poll.register(self._socket, event)
-        return bool(poll.poll(max(0.0, 1e3 * seconds)))
+        return bool(self._polls[event].poll(max(0.0, 1e3 * seconds)))

@@ -6,11 +6,11 @@ lost: the process is replaced and the others continue.
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator
-from multiprocessing.connection import wait
 from pathlib import Path
 
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.process.channel import wait_for
 from olne_bench.bench.process.child import TICK
 from olne_bench.bench.run.referee_process import RefereeProcess
 
@@ -52,7 +52,7 @@ def run_trials(
         while busy := [referee for referee in referees if referee.trial is not None]:
             stopping = stop()
             if not stopping:
-                wait([referee.channel.fileno() for referee in busy], timeout=TICK)
+                wait_for([referee.channel for referee in busy], TICK)
             ended = []
             for referee in busy:
                 at_work = referee.trial

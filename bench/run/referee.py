@@ -23,7 +23,7 @@ class OtherCodeError(UserError):
     """This process has other code than the driver, so its rows would belong to another study."""
 
 
-#: Time [s] for reading the files of the code, once a process. No foreign code runs meanwhile.
+#: Time [s] for reading the files of the code, with the first trial. No foreign code runs meanwhile.
 _CODE_SECONDS = 300.0
 
 
@@ -35,6 +35,7 @@ class _Staff:
 
 
 _staff: _Staff | None = None
+_same_code: tuple[object, ...] | None = None  # what was checked last
 
 
 def check_code(trial: Trial) -> None:
@@ -43,9 +44,17 @@ def check_code(trial: Trial) -> None:
     Raises:
         OtherCodeError: if the code here is not the same.
     """
+    global _same_code
+    subject = (
+        *(trial.kind, trial.scenario, trial.sensor, trial.estimator, trial.metrics),
+        trial.versions,
+    )
+    if subject == _same_code:
+        return
     difference = trial.code_difference()
     if difference is not None:
         raise OtherCodeError(difference)
+    _same_code = subject
 
 
 def run_trial(
@@ -65,7 +74,8 @@ def run_trial(
     """
     global _staff
     if not checked:
-        announce("check of the code", _CODE_SECONDS)
+        if _staff is None:
+            announce("check of the code", _CODE_SECONDS)
         check_code(trial)
     if _staff is None:
         _staff = _Staff(

@@ -3,7 +3,6 @@
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from json import dumps
 from operator import itemgetter
 from pathlib import Path
@@ -101,7 +100,7 @@ class Store:
     def add(self, trial: Trial, outcome: Outcome) -> None:
         """Write the row of a finished trial and commit it."""
         self._make_columns(trial)
-        row = asdict(outcome)
+        row = dict(vars(outcome))
         scores, seconds = row.pop("scores"), row.pop("trial_seconds")
         row |= {name: scores.get(name) for name in self._metrics}
         row |= trial.labels | {"message": _shortened(outcome.message)}

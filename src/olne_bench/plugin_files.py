@@ -1,6 +1,5 @@
 """Load the file of a plugin under a unique module name, with the helper modules beside it."""
 
-import importlib
 import importlib.util
 import re
 import sys
@@ -13,6 +12,9 @@ from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
+
+#: Characters that no name of a module has.
+_NO_NAME = re.compile(r"[^0-9A-Za-z_]")
 
 
 class Home:
@@ -69,7 +71,7 @@ _homes: dict[str, Home] = {}
 def module_name(path: Path) -> str:
     """Name of the module made from a plugin's file, unique to the path."""
     digest = sha256(bytes(path)).hexdigest()[:12]
-    return f"olne_bench_plugin_{re.sub(r'[^0-9A-Za-z_]', '_', path.stem)}_{digest}"
+    return f"olne_bench_plugin_{_NO_NAME.sub('_', path.stem)}_{digest}"
 
 
 @lru_cache(maxsize=64)  # so that a plugin's module keeps its state
@@ -79,7 +81,7 @@ def load_file(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    importlib.invalidate_caches()  # files beside it may be newer than the cached listing
+    _forget_listing(path.parent)  # files beside it may be newer
     home = _homes[name] = Home(path.parent)
     sys.modules[name] = module  # dataclasses and pickle look for it there
     try:
@@ -89,6 +91,11 @@ def load_file(path: Path) -> ModuleType:
         sys.modules.pop(name, None)
         raise
     return module
+
+
+def _forget_listing(folder: Path) -> None:
+    """Have Python look again at what is in a folder; its other listings take long to make."""
+    sys.path_importer_cache.pop(str(folder), None)
 
 
 def at_home(plugin: object) -> AbstractContextManager[None]:
