@@ -7,6 +7,6 @@ import os
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # no greeting on import
 
-from olne_bench.envs.gym_ids import register_ids
+from olne_bench.envs.worlds.gym_ids import register_ids
 
 register_ids()

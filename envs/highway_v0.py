@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from olne_bench.envs.episode import Episode
-from olne_bench.envs.highway_roads import ROAD_NAMES, PlayersOnly, make_road
-from olne_bench.envs.layout import player_name
 from olne_bench.envs.olne_v0 import AecWorld, OlneWorld
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES, PlayersOnly, make_road
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.games.olne import Equilibrium
+from olne_bench.envs.worlds.episode import Episode
+from olne_bench.envs.worlds.layout import player_name
+from olne_bench.games.solve.olne import Equilibrium
 
 __all__ = ["HighwayWorld", "env", "parallel_env", "raw_env"]
 
@@ -36,7 +36,7 @@ class HighwayWorld(OlneWorld):
     there. The benchmark's figures and pages draw roads in the same way.
 
     Args:
-        scenario: one of ``envs.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.
+        scenario: one of ``envs.roads.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.
         **arguments: those of ``OlneWorld``.
 
     Raises:

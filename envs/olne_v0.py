@@ -14,17 +14,17 @@ from pettingzoo import ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from olne_bench.envs.episode import Episode
-from olne_bench.envs.equilibrium import NoEquilibriumError, certified_equilibrium
-from olne_bench.envs.kept_draws import keeping
-from olne_bench.envs.layout import ObservationLayout, player_index
 from olne_bench.envs.scenarios import Scenario, checked_seed, get_scenario
-from olne_bench.envs.spaces import Spaces, SpaceSize
-from olne_bench.games.olne import Certificate, Equilibrium
+from olne_bench.envs.solved.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.solved.kept_draws import keeping
+from olne_bench.envs.worlds.episode import Episode
+from olne_bench.envs.worlds.layout import ObservationLayout, player_index
+from olne_bench.envs.worlds.spaces import Spaces, SpaceSize
+from olne_bench.games.solve.olne import Certificate, Equilibrium
 from olne_bench.plugins import SCENARIO, is_built_in
 
 if TYPE_CHECKING:
-    from olne_bench.envs.rendering import Renderer
+    from olne_bench.envs.worlds.rendering import Renderer
 
 __all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
 
@@ -68,8 +68,8 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     ==================  ==========================  ============================================
 
     ``observation_layout`` splits an observation. ``state()`` returns the same numbers with
-    all players in the order of their indices. Both are exact; ``envs.wrappers`` adds noise and
-    partial views.
+    all players in the order of their indices. Both are exact; ``envs.worlds.wrappers`` adds noise
+    and partial views.
 
     **Action** of a player, for the unicycle (m = 2), held for one step of ``dt`` seconds:
 
@@ -390,7 +390,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         episode = self._latest_episode()
         human = self.render_mode == "human"
         expected = episode.truth.states if episode.truth else episode.states[None]
-        from olne_bench.envs.rendering import Renderer  # pygame takes a while to import
+        from olne_bench.envs.worlds.rendering import Renderer  # pygame takes a while to import
 
         return Renderer(
             episode.scenario, expected, fps=self.metadata["render_fps"] if human else None

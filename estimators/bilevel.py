@@ -8,11 +8,12 @@ weights. Its Jacobian is exact: by the implicit function theorem
 
     dz/d(theta, x_1) = -G_z^-1 G_(theta, x_1),
 
-one sweep of the structured factorisation of G_z (``games.elimination``, E7). Gauss-Newton steps in
-a trust region come from ``scipy.optimize.least_squares``; a step to a point without an equilibrium
-is rejected like one that does not decrease the error. This is the bilevel scheme of single-player
-inverse optimal control (Mombaur et al. 2010; Albrecht et al. 2011) with derivatives in place of a
-derivative-free search; the paper mentions it for games only in its derivative-free form.
+one sweep of the structured factorisation of G_z (``games.compiled.elimination``, E7). Gauss-Newton
+steps in a trust region come from ``scipy.optimize.least_squares``; a step to a point without an
+equilibrium is rejected like one that does not decrease the error. This is the bilevel scheme of
+single-player inverse optimal control (Mombaur et al. 2010; Albrecht et al. 2011) with derivatives
+in place of a derivative-free search; the paper mentions it for games only in its derivative-free
+form.
 
 With ``prior``, unknowns of the game pay for their distance to the means of their priors: the sum of
 their squared standardised values times sigma^2 is added. The optimum is then the most probable
@@ -38,7 +39,8 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from olne_bench.checks import check_count
-from olne_bench.estimators.forward_model import (
+from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
+from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
     first_games,
@@ -52,11 +54,10 @@ from olne_bench.estimators.forward_model import (
     uniform_weights,
     warm_up_games,
 )
-from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
-from olne_bench.estimators.simplex import Chart, RatioChart
-from olne_bench.estimators.white_noise import white_problem, with_white_noise
-from olne_bench.games.information import deviations_of, of_weights
-from olne_bench.games.native import elimination
+from olne_bench.estimators.shared.simplex import Chart, RatioChart
+from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
+from olne_bench.games.compiled.native import elimination
+from olne_bench.games.solve.information import deviations_of, of_weights
 
 #: Relative change of error and unknowns at which the search ends.
 _TOLERANCE = 1e-9

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from olne_bench.estimators.protocol import COVARIANCE, Estimate, Observation, Problem
-from olne_bench.games.unknowns import Parameters
+from olne_bench.games.model.unknowns import Parameters
 from olne_bench.plugins import ESTIMATOR, is_built_in, make, names
 
 

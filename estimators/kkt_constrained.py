@@ -9,10 +9,10 @@ problem is not convex: the five-player highway has optima with similar objective
 weights. So it is solved from several starts (``joint_starts``) and the lowest objective wins.
 
 Hard constraints of the game are equations of G: multipliers are estimated along with the states,
-and complementarity is relaxed to 1e-9 (``games.complementarity``).
+and complementarity is relaxed to 1e-9 (``games.compiled.complementarity``).
 
 Several trajectories share one theta (``joint_ipopt``). The covariance of the weights is the
-inverse of the Fisher information at the estimate (``games.information``).
+inverse of the Fisher information at the estimate (``games.solve.information``).
 
 IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which is
 the paper's own start, and the solution of the tied problem. It is also used if there is no
@@ -34,22 +34,27 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.checks import check_count
-from olne_bench.estimators.forward_model import Certainty, SolvedGame, likelihood_certainty
-from olne_bench.estimators.interior_point import joint_elimination
-from olne_bench.estimators.joint_ipopt import joint_solver, solve_joint_ipopt
-from olne_bench.estimators.joint_problem import JointPoint, JointSettings, JointSolution, inside
-from olne_bench.estimators.joint_starts import joint_attempts, largest_explicable
-from olne_bench.estimators.joint_stream import JointStream
 from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
-from olne_bench.estimators.stream import Samples, Stream, WindowStream
-from olne_bench.estimators.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
-from olne_bench.estimators.white_noise import white_problem, with_white_noise
-from olne_bench.games.constraints import refuse_constraints
-from olne_bench.games.elimination import Elimination
-from olne_bench.games.information import deviations_of, of_weights
-from olne_bench.games.native import NativeElimination
-from olne_bench.games.newton import Root
-from olne_bench.games.unknowns import refuse_unknowns
+from olne_bench.estimators.shared.forward_model import Certainty, SolvedGame, likelihood_certainty
+from olne_bench.estimators.shared.interior_point import joint_elimination
+from olne_bench.estimators.shared.joint_ipopt import joint_solver, solve_joint_ipopt
+from olne_bench.estimators.shared.joint_problem import (
+    JointPoint,
+    JointSettings,
+    JointSolution,
+    inside,
+)
+from olne_bench.estimators.shared.joint_starts import joint_attempts, largest_explicable
+from olne_bench.estimators.shared.joint_stream import JointStream
+from olne_bench.estimators.shared.stream import Samples, Stream, WindowStream
+from olne_bench.estimators.shared.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
+from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
+from olne_bench.games.compiled.elimination import Elimination
+from olne_bench.games.compiled.native import NativeElimination
+from olne_bench.games.model.constraints import refuse_constraints
+from olne_bench.games.model.unknowns import refuse_unknowns
+from olne_bench.games.solve.information import deviations_of, of_weights
+from olne_bench.games.solve.newton import Root
 
 _SOLVERS = ("structured", "ipopt")
 

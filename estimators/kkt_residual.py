@@ -28,12 +28,12 @@ from scipy.linalg import qr
 from scipy.optimize import nnls
 
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.trajectory_fit import TrajectoryFit, fit_trajectory, warm_up_fit
-from olne_bench.estimators.white_noise import white_problem, with_white_noise
-from olne_bench.games.features import Stage
-from olne_bench.games.game import Game
-from olne_bench.games.kkt import kkt_system
-from olne_bench.games.unknowns import only_weights
+from olne_bench.estimators.shared.trajectory_fit import TrajectoryFit, fit_trajectory, warm_up_fit
+from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
+from olne_bench.games.model.costs import Stage
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.unknowns import only_weights
+from olne_bench.games.solve.kkt import kkt_system
 
 
 @dataclass(frozen=True)

@@ -54,12 +54,12 @@ import numpy as np
 
 from olne_bench.estimators.kkt_residual import pre_filter, residual_weights
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.trajectory_fit import warm_up_fit
-from olne_bench.estimators.white_noise import white_problem, with_white_noise
-from olne_bench.games.game import Game
-from olne_bench.games.ipopt import QUIET
-from olne_bench.games.kkt import kkt_system
-from olne_bench.games.unknowns import only_weights
+from olne_bench.estimators.shared.trajectory_fit import warm_up_fit
+from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.unknowns import only_weights
+from olne_bench.games.solve.ipopt import QUIET
+from olne_bench.games.solve.kkt import kkt_system
 
 #: Largest inverse temperature at the start, relative to that of weights whose sum is one.
 _COLDEST = 1e9

@@ -28,11 +28,11 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.checks import check_count
-from olne_bench.estimators.forward_model import uniform_weights
-from olne_bench.estimators.mixture_network import MixtureNetwork
-from olne_bench.estimators.normal_chart import NormalChart
 from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observation
-from olne_bench.games.game import Game
+from olne_bench.estimators.shared.forward_model import uniform_weights
+from olne_bench.estimators.shared.mixture_network import MixtureNetwork
+from olne_bench.estimators.shared.normal_chart import NormalChart
+from olne_bench.games.model.game import Game
 
 #: Networks and the scenarios that they are called after, beside this file.
 _FILES = {path.stem.partition(".")[2]: path for path in Path(__file__).parent.glob("neural_*.npz")}

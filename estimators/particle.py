@@ -30,8 +30,8 @@ were drawn M at a time from proposals q_1 to q_J:
 
 J_r = de_r/ds is exact, by the implicit function theorem, and m is found by damped Gauss-Newton
 steps from the last one, from a particle, or from the most probable game so far, which the joint
-problem finds (``estimators.past_posterior``): whichever is the most probable. The first particles
-are drawn after the first quarter of the samples. No particle depends on later samples.
+problem finds (``estimators.shared.past_posterior``): whichever is the most probable. The first
+particles are drawn after the first quarter of the samples. No particle depends on later samples.
 
 Proposals have tails of Student's t; those of the last draws are kept, older ones forgotten. The
 weights (P2) come from exact games, so that a poor proposal costs effective sample size but no bias.
@@ -59,19 +59,20 @@ from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 
 from olne_bench.checks import check_count, check_number
-from olne_bench.estimators.belief import (
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.belief import (
     FollowedGames,
     Gaussian,
     LostError,
     hidden_positions,
     lost_estimate,
 )
-from olne_bench.estimators.forward_model import (
+from olne_bench.estimators.shared.forward_model import (
     scaled_samples,
     squared_error_of,
     warm_up_games,
 )
-from olne_bench.estimators.past_posterior import (
+from olne_bench.estimators.shared.past_posterior import (
     Games,
     Linearised,
     PastPeaks,
@@ -80,8 +81,7 @@ from olne_bench.estimators.past_posterior import (
     outset,
     unexplained,
 )
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.white_noise import assumed_sigma, white_problem, with_white_noise
+from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 
 #: Effective sample sizes, in units of ``count``, that end the draws for a measurement, for the last
 #: one, and below which a filter has failed.

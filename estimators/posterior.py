@@ -34,22 +34,22 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.checks import check_count, check_number
-from olne_bench.estimators.followed_games import FollowedGames
-from olne_bench.estimators.forward_model import (
+from olne_bench.estimators.map import probable_optima
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.followed_games import FollowedGames
+from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     squared_error_of,
     uniform_weights,
     warm_up_games,
 )
-from olne_bench.estimators.joint_problem import JointSolution
-from olne_bench.estimators.map import probable_optima
-from olne_bench.estimators.normal_chart import NormalChart
-from olne_bench.estimators.perturbed_fits import Fits, Peak, perturbed_fits
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.residual_density import climbed
-from olne_bench.estimators.unseen_starts import unseen_starts
-from olne_bench.estimators.white_noise import assumed_sigma, white_problem, with_white_noise
-from olne_bench.games.newton import Root
+from olne_bench.estimators.shared.joint_problem import JointSolution
+from olne_bench.estimators.shared.normal_chart import NormalChart
+from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits
+from olne_bench.estimators.shared.residual_density import climbed
+from olne_bench.estimators.shared.unseen_starts import unseen_starts
+from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
+from olne_bench.games.solve.newton import Root
 
 #: An effective sample size below this is reported as a failure.
 LEAST_EFFECTIVE = 400.0

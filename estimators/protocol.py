@@ -13,8 +13,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from olne_bench.games.game import Game
-from olne_bench.games.observation import View, observation_size, whitening
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import View, observation_size, whitening
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,15 @@ class Problem:
         sigma: noise level, at least 0. The Gaussian noise on observed component k of a player has
             the standard deviation ``sigma * noise_scale[k]``. It is independent between players and
             between times, and between components unless ``noise_covariance`` is given. Noise on an
-            angle is not wrapped (``games.observation``).
+            angle is not wrapped (``games.model.observation``).
         weight_floor: smallest weight allowed, given rows that sum to one.
         noise_scale: (d,) relative standard deviations, which make metres, radians and metres per
             second comparable: likelihoods divide residuals by them. Ones if empty, as in the paper.
         noise_covariance: (d, d) covariance of the noise on a player's components, relative to
             sigma^2, or None if they are independent. The squares of ``noise_scale`` are its
-            diagonal. ``estimators.white_noise`` turns it into independent noise.
+            diagonal. ``estimators.shared.white_noise`` turns it into independent noise.
         goes_on: whether players plan again all the time, each time T states ahead. A stream
-            (``estimators.stream``) then has no last sample, and what it has seen last is the
+            (``estimators.shared.stream``) then has no last sample, and what it has seen last is the
             beginning of a game of T states.
 
     Raises:

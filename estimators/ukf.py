@@ -10,13 +10,13 @@ Where this departs from the paper, and why:
   equilibrium is observed from an unknown initial state, so the filter's state is
   augmented by x_1 and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole
   horizon.
-- Weights live on a simplex, so the filter sees their log-ratios phi (``estimators.simplex``). Their
-  prior is Gaussian, around those of uniform weights, with the covariance of a uniform distribution
-  on the simplex times spread^2.
+- Weights live on a simplex, so the filter sees their log-ratios phi
+  (``estimators.shared.simplex``). Their prior is Gaussian, around those of uniform weights, with
+  the covariance of a uniform distribution on the simplex times spread^2.
 - The filter begins at the most probable game given the first quarter of the samples
-  (``estimators.past_posterior``), and returns to the most probable game so far when it is lost.
-  One that follows games from uniform weights on does not reach the equilibria of five players:
-  those near uniform weights end at folds on the way.
+  (``estimators.shared.past_posterior``), and returns to the most probable game so far when it is
+  lost. One that follows games from uniform weights on does not reach the equilibria of five
+  players: those near uniform weights end at folds on the way.
 
 With the state s = (phi, x_1), constant in time (Wan and van der Merwe 2000; numbers ours):
 
@@ -73,7 +73,8 @@ from filterpy.kalman import MerweScaledSigmaPoints
 from scipy.linalg import eigh
 
 from olne_bench.checks import check_number
-from olne_bench.estimators.belief import (
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.belief import (
     Gaussian,
     LateError,
     LostError,
@@ -81,20 +82,19 @@ from olne_bench.estimators.belief import (
     lost_estimate,
     symmetric_root,
 )
-from olne_bench.estimators.forward_model import (
+from olne_bench.estimators.shared.forward_model import (
     scaled_samples,
     squared_error_of,
     warm_up_games,
 )
-from olne_bench.estimators.past_posterior import (
+from olne_bench.estimators.shared.past_posterior import (
     Outset,
     PastPeaks,
     PastPosterior,
     outset,
     unexplained,
 )
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.white_noise import assumed_sigma, white_problem, with_white_noise
+from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 
 #: Factor by which the set shrinks if a sigma point has no equilibrium, and how often at most.
 _SHRINK, _MOST_SHRINKS = 0.5, 12

@@ -25,12 +25,12 @@ import numpy as np
 
 from olne_bench.estimators.bilevel import Bilevel
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.features import ControlEffort, Proximity, Stage, StateDeviation
-from olne_bench.games.game import Game, Player
-from olne_bench.games.observation import VIEWS
-from olne_bench.games.olne import solve_olne
-from olne_bench.games.unknowns import Unknown
+from olne_bench.games.model.costs import ControlEffort, Proximity, Stage, StateDeviation
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.observation import VIEWS
+from olne_bench.games.model.unknowns import Unknown
+from olne_bench.games.solve.olne import solve_olne
 
 SIGMA = 0.02  # noise of every component of a state [m, rad, m/s]
 WEIGHTS = np.full((2, 4), 0.25)  # the true ones

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from olne_bench.bench.judge.beliefs import EstimatedBeliefs, EstimateRules
-from olne_bench.bench.judge.referee import Answer, PlayerTask
+from olne_bench.bench.judge.trials import Answer, PlayerTask
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.run.stream_player import begin, update
 from olne_bench.envs.drive.cars import ROADS, STEP

@@ -13,8 +13,8 @@ import numpy as np
 
 from olne_bench.envs.scenarios.intersection import Intersection
 from olne_bench.envs.scenarios.merge import Merge
-from olne_bench.games.constrained import check_start
-from olne_bench.games.olne import solve_olne
+from olne_bench.games.solve.constrained import check_start
+from olne_bench.games.solve.olne import solve_olne
 
 FAMILIES = (Intersection, Merge)
 LEAST_CERTIFIED = 0.97

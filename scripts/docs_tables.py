@@ -19,7 +19,7 @@ from scipy.stats import binomtest
 
 from olne_bench.bench.report.figures.style import estimator_order
 from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE
-from olne_bench.envs.temperaments import TEMPERAMENTS
+from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"

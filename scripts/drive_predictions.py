@@ -22,9 +22,9 @@ from olne_bench.envs.drive.nash_traffic import REPLAN
 from olne_bench.envs.drive.planner import EgoPlan, GamePlanner, Mind
 from olne_bench.envs.drive.seen import seen
 from olne_bench.envs.drive.world import DriveWorld
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.newton import newton_root
-from olne_bench.games.olne import RESIDUAL_TOLERANCE
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.solve.newton import newton_root
+from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE
 
 AHEAD = 3 * REPLAN  # 3 s
 KNOWN = ("truth", "map")

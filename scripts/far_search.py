@@ -3,7 +3,7 @@
     python scripts/far_search.py [--draws 20] [--random 200] [--scenarios roundabout random ...]
 
 Each draw's game is solved, as far as its local certificate asks. Then better responses of every
-player are looked for from the plans of ``games.far_search`` and from random ones. A line per
+player are looked for from the plans of ``games.solve.far_search`` and from random ones. A line per
 scenario: draws, players of all draws, how many of these have a better response by the search and by
 random plans, how many only the latter find, the draws with such players, and the median time of the
 search for one game. Then which share of the players with a better response each part finds alone.
@@ -17,10 +17,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from olne_bench.envs.scenarios import get_scenario, is_family, scenario_names
-from olne_bench.games.best_response import best_responses
-from olne_bench.games.far_search import MOST_STEPS, control_units, far_responses, first_plans
-from olne_bench.games.game import Game
-from olne_bench.games.olne import CERTIFICATE_TOLERANCE, Equilibrium, solve_olne
+from olne_bench.games.model.game import Game
+from olne_bench.games.solve.best_response import best_responses
+from olne_bench.games.solve.far_search import MOST_STEPS, control_units, far_responses, first_plans
+from olne_bench.games.solve.olne import CERTIFICATE_TOLERANCE, Equilibrium, solve_olne
 
 RANDOM_STEPS = 200  # of a response to a random plan
 KNOTS = 5  # of a random plan

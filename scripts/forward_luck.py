@@ -21,8 +21,8 @@ from tqdm import tqdm
 
 from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.games.kkt import consistent_costates
-from olne_bench.games.nearest_root import nearest_root
+from olne_bench.games.solve.kkt import consistent_costates
+from olne_bench.games.solve.nearest_root import nearest_root
 
 PERTURBATION = 1e-13
 

@@ -24,7 +24,7 @@ from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.cluster import run_on_dask
-from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.store import open_store

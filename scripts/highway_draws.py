@@ -12,8 +12,8 @@ from importlib import import_module
 
 import numpy as np
 
-from olne_bench.envs.highway_roads import ROAD_NAMES
-from olne_bench.envs.playability import rejection
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES
+from olne_bench.envs.roads.playability import rejection
 
 SIZES = {
     "highway": (3, 4, 5, 6, 7, 8),

@@ -20,9 +20,13 @@ import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
 
 from olne_bench.envs import highway_v0
-from olne_bench.envs.equilibrium import certified_equilibrium
-from olne_bench.envs.highway_roads import MAX_ACCELERATION, POLICY_FREQUENCY, SIMULATION_FREQUENCY
+from olne_bench.envs.roads.highway_roads import (
+    MAX_ACCELERATION,
+    POLICY_FREQUENCY,
+    SIMULATION_FREQUENCY,
+)
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
 
 PLAYERS = 5
 RESETS = range(1, 6)  # seeds

@@ -21,8 +21,8 @@ from tqdm import tqdm
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.true_weights import DIRICHLET
-from olne_bench.games.olne import solve_olne
+from olne_bench.envs.scenarios.true_weights import DIRICHLET
+from olne_bench.games.solve.olne import solve_olne
 
 #: Distinguishes these random numbers from those of all studies.
 _STREAM = 0x6C6561726E

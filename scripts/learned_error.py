@@ -20,8 +20,8 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.neural_posterior import NeuralPosterior
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import VIEWS, observe
-from olne_bench.games.olne import solve_olne
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.olne import solve_olne
 
 #: Noise levels of the suite ``calibration``.
 SIGMAS = {"two_player": (0.01, 0.03, 0.1), "highway_overtaking": (0.005, 0.02, 0.05)}

@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from olne_bench.bench.judge.referee import case_of
+from olne_bench.bench.judge.trials import case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial, expand
-from olne_bench.estimators.joint_ipopt import solve_joint_ipopt
-from olne_bench.estimators.joint_problem import JointPoint
+from olne_bench.estimators.shared.joint_ipopt import solve_joint_ipopt
+from olne_bench.estimators.shared.joint_problem import JointPoint
 
 #: Objectives with a smaller relative difference are the same optimum.
 SAME = 1e-6

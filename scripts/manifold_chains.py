@@ -33,8 +33,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from tqdm import tqdm
 
-from olne_bench.estimators.perturbed_fits import Peak, counts_of
-from olne_bench.estimators.residual_density import Density, Places
+from olne_bench.estimators.shared.perturbed_fits import Peak, counts_of
+from olne_bench.estimators.shared.residual_density import Density, Places
 
 #: Of differential evolution: the length, over the root of twice the number of coordinates, which is
 #: best for a normal density; the share of steps of length 1; and the noise, as a share of the

@@ -18,8 +18,8 @@ from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.envs.scenarios import Scenario, get_scenario
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import VIEWS
-from olne_bench.games.olne import certify, solve_olne
+from olne_bench.games.model.observation import VIEWS
+from olne_bench.games.solve.olne import certify, solve_olne
 
 SIGMA = 0.01
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from olne_bench.envs.scenarios.merging import Merging
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError
-from olne_bench.games.constrained import as_root, certify_constrained, variational_solution
-from olne_bench.games.equilibrium import CERTIFICATE_TOLERANCE
+from olne_bench.games.model.equilibrium import CERTIFICATE_TOLERANCE
+from olne_bench.games.solve.constrained import as_root, certify_constrained, variational_solution
 
 STEPS, DT, DISTANCE = 41, 0.075, 0.16
 SAME_COST = 1e-6

@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from olne_bench.games.dynamics import numeric_step
-from olne_bench.games.game import Game
-from olne_bench.games.stage_costs import stage_costs
+from olne_bench.games.model.dynamics import numeric_step
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.stage_costs import stage_costs
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # one of its own dependencies is deprecated

@@ -17,13 +17,13 @@ from typing import Annotated
 import shared
 import numpy as np
 
-from olne_bench.envs.recording import NoEquilibriumError, record
+from olne_bench.envs.recordings.recording import NoEquilibriumError, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.protocol import Problem
-from olne_bench.estimators.stream import warm_up_stream
-from olne_bench.games.observation import VIEWS
+from olne_bench.estimators.shared.stream import warm_up_stream
+from olne_bench.games.model.observation import VIEWS
 
 METHODS = {"map": Map(), "kkt_constrained": KktConstrained()}
 #: Scenario, players and noise level.

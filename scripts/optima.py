@@ -18,14 +18,14 @@ import pandas as pd
 from rivals import CompactLayout
 from tqdm import tqdm
 
-from olne_bench.bench.judge.referee import case_of
+from olne_bench.bench.judge.trials import case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
-from olne_bench.estimators.forward_model import squared_error_of
-from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.trajectory_fit import fit_trajectory
+from olne_bench.estimators.shared.forward_model import squared_error_of
+from olne_bench.estimators.shared.joint_problem import JointPoint
+from olne_bench.estimators.shared.trajectory_fit import fit_trajectory
 
 KEY = ["scenario", "sensor", "sigma", "seed"]
 RIVALS = ("ipopt", "compact")

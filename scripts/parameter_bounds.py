@@ -15,19 +15,19 @@ from typing import Annotated, Any
 import shared
 import numpy as np
 
-from olne_bench.envs.equilibrium import certified_equilibrium
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
 from olne_bench.estimators.bilevel import Bilevel
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.games.information import (
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.information import (
     deviations_of,
     joint_weight_covariance,
     observation_sensitivity,
     of_weights,
 )
-from olne_bench.games.observation import VIEWS, observe
 
 ESTIMATORS: dict[str, type[KktConstrained | Bilevel]] = {
     "kkt_constrained": KktConstrained,

@@ -25,18 +25,18 @@ from rivals import CompactLayout, Outcome, PublishedLayout, StackedForward
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.estimators.interior_point import solve_joint
-from olne_bench.estimators.joint_problem import JointPoint
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.trajectory_fit import fit_trajectory, guess_states
-from olne_bench.games.batch import solve_batch
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.game import Game
-from olne_bench.games.native import elimination
-from olne_bench.games.newton import Root, newton_root
-from olne_bench.games.observation import VIEWS, View, observe
-from olne_bench.games.olne import RESIDUAL_TOLERANCE, Equilibrium, solve_olne
+from olne_bench.estimators.shared.interior_point import solve_joint
+from olne_bench.estimators.shared.joint_problem import JointPoint
+from olne_bench.estimators.shared.trajectory_fit import fit_trajectory, guess_states
+from olne_bench.games.compiled.native import elimination
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import VIEWS, View, observe
+from olne_bench.games.solve.batch import solve_batch
+from olne_bench.games.solve.newton import Root, newton_root
+from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE, Equilibrium, solve_olne
 
 HORIZONS = (25, 50, 100, 200, 400)
 PLAYERS = (2, 3, 5, 8, 12)

@@ -29,7 +29,7 @@ from olne_bench.bench.report.statistics.plausibility import (
 )
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.run.store import read_store
-from olne_bench.envs.kept_draws import travelling
+from olne_bench.envs.solved.kept_draws import travelling
 
 LEVEL = ["scenario", "sensor", "estimator", "sigma"]
 

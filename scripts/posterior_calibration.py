@@ -28,17 +28,17 @@ from scipy.stats import binomtest, chisquare
 from tqdm import tqdm
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
-from olne_bench.envs.recording import Recording
-from olne_bench.estimators.forward_model import (
+from olne_bench.envs.recordings.recording import Recording
+from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
     sample_sensitivity,
     scaled_samples,
 )
-from olne_bench.estimators.protocol import Problem
-from olne_bench.games.information import of_seen
-from olne_bench.games.observation import VIEWS
-from olne_bench.games.simplex import theta_tangent
+from olne_bench.games.model.observation import VIEWS
+from olne_bench.games.model.simplex import theta_tangent
+from olne_bench.games.solve.information import of_seen
 
 LEVEL = 0.95
 BINS = 10  # of the ranks' histogram

@@ -12,14 +12,14 @@ import numpy as np
 from tqdm import tqdm
 
 from olne_bench.bench.judge.observe import observe, sensor_model
-from olne_bench.envs.recording import NoEquilibriumError, Recording, record
+from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.true_weights import DIRICHLET
-from olne_bench.estimators.followed_games import FollowedGames, StartPrior
+from olne_bench.envs.scenarios.true_weights import DIRICHLET
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import VIEWS
+from olne_bench.estimators.shared.followed_games import FollowedGames, StartPrior
+from olne_bench.games.model.observation import VIEWS
 
 #: Standard deviations of starts: x, y [m], heading [rad], speed [m/s].
 START_DEVIATIONS = {

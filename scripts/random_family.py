@@ -12,7 +12,7 @@ import time
 import shared
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games.olne import Certificate, certify, solve_olne
+from olne_bench.games.solve.olne import Certificate, certify, solve_olne
 
 
 def main(

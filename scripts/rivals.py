@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from olne_bench.estimators.joint_ipopt import joint_solver
-from olne_bench.estimators.joint_problem import JointPoint
-from olne_bench.estimators.trajectory_fit import observation_parameters, squared_error
-from olne_bench.games.features import Stage
-from olne_bench.games.game import Game, trajectory_symbols
-from olne_bench.games.ipopt import QUIET
-from olne_bench.games.kkt import kkt_system
-from olne_bench.games.newton import Root
-from olne_bench.games.observation import View, observation_size
-from olne_bench.games.olne import Equilibrium
+from olne_bench.estimators.shared.joint_ipopt import joint_solver
+from olne_bench.estimators.shared.joint_problem import JointPoint
+from olne_bench.estimators.shared.trajectory_fit import observation_parameters, squared_error
+from olne_bench.games.model.costs import Stage
+from olne_bench.games.model.game import Game, trajectory_symbols
+from olne_bench.games.model.observation import View, observation_size
+from olne_bench.games.solve.ipopt import QUIET
+from olne_bench.games.solve.kkt import kkt_system
+from olne_bench.games.solve.newton import Root
+from olne_bench.games.solve.olne import Equilibrium
 
 #: Time after which a rival is stopped [s].
 TIME_LIMIT = 30.0

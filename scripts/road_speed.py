@@ -30,8 +30,8 @@ from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.particle import Particle
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.ukf import Ukf
-from olne_bench.games.observation import VIEWS, observe
-from olne_bench.games.olne import solve_olne
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.olne import solve_olne
 
 ROADS = {
     "highway": (highway.propose, 5),

@@ -17,10 +17,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 TESTS = (
-    "tests/games/test_newton.py",
-    "tests/games/test_elimination.py",
-    "tests/games/test_row_functions.py",
-    "tests/estimators/test_interior_point.py",
+    "tests/games/solve/test_newton.py",
+    "tests/games/compiled/test_elimination.py",
+    "tests/games/compiled/test_row_functions.py",
+    "tests/estimators/shared/test_interior_point.py",
 )
 #: The code of games on lanes is a megabyte long, and five players test no more than two.
 LEFT_OUT = "not lanes and not highway"
@@ -91,7 +91,7 @@ def runtime(compiler: str, name: str) -> str:
 def run_planted(environment: dict[str, str]) -> "subprocess.CompletedProcess[str]":
     """Run a process that reads beyond an array, in code compiled like ours."""
     visible = '__attribute__((visibility("default"))) '
-    code = f"from olne_bench.games import compiler\ncompiler.load({visible + SAMPLE!r}).sample(7)\n"
+    code = f"from olne_bench.games.compiled import compiler\ncompiler.load({visible + SAMPLE!r}).sample(7)\n"
     command = [sys.executable, "-c", code]
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
 

@@ -20,15 +20,15 @@ from optima import KEY, key_of, observed, sequences
 from tqdm import tqdm
 
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.estimators.forward_model import SolvedGame, likelihood_certainty
-from olne_bench.estimators.interior_point import joint_elimination
-from olne_bench.estimators.joint_problem import JointSettings, JointSolution
-from olne_bench.estimators.joint_starts import Search, starts
 from olne_bench.estimators.kkt_constrained import solver_tolerance
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.white_noise import with_white_noise
-from olne_bench.games.information import of_weights
-from olne_bench.games.newton import Root
+from olne_bench.estimators.shared.forward_model import SolvedGame, likelihood_certainty
+from olne_bench.estimators.shared.interior_point import joint_elimination
+from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
+from olne_bench.estimators.shared.joint_starts import Search, starts
+from olne_bench.estimators.shared.white_noise import with_white_noise
+from olne_bench.games.solve.information import of_weights
+from olne_bench.games.solve.newton import Root
 
 LOWER = 1e-4  # relative difference of objectives that counts as another optimum
 LIMIT = 60.0  # of one search [s]

@@ -18,7 +18,7 @@ import numpy as np
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.observe import observe, sensor_model
-from olne_bench.envs.recording import Recording, record
+from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.sensors.correlated import Correlated
 from olne_bench.envs.sensors.drop import Drop
@@ -27,13 +27,13 @@ from olne_bench.envs.sensors.partial import Partial
 from olne_bench.envs.sensors.range_bearing import RangeBearing
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Problem
-from olne_bench.games.information import (
+from olne_bench.games.model.sensor import Layer
+from olne_bench.games.solve.information import (
     cosine_error_limit,
     joint_weight_covariance,
     observation_sensitivity,
     of_seen,
 )
-from olne_bench.games.sensor import Layer
 
 LOWEST, HIGHEST = 0.8, 1.4
 SENSORS: dict[str, tuple[Layer, ...]] = {

@@ -23,9 +23,9 @@ from train_learned import EVERY, HELD_OUT, layer_arrays
 
 from olne_bench.bench.judge.cloned_policy import policy_inputs
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.true_weights import DIRICHLET
+from olne_bench.envs.scenarios.true_weights import DIRICHLET
 from olne_bench.estimators.neural_posterior import game_key
-from olne_bench.games.game import Game
+from olne_bench.games.model.game import Game
 
 WIDTH, BATCH, STEPS = 128, 512, 12_000
 #: Largest errors of states and last controls that it is shown, in units of their spread.

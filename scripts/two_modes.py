@@ -24,21 +24,21 @@ from matplotlib.patches import Ellipse
 from scipy.cluster.vq import kmeans2
 from scipy.special import chdtri
 
-from olne_bench.bench.judge.referee import Case, case_of
+from olne_bench.bench.judge.trials import Case, case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import FORMATS
-from olne_bench.estimators.forward_model import SolvedGame, game_at
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import probable_optima
 from olne_bench.estimators.posterior import Posterior
-from olne_bench.estimators.profile_intervals import OneHeld
-from olne_bench.estimators.profile_likelihood import least_error, least_error_in
 from olne_bench.estimators.protocol import Estimate
-from olne_bench.estimators.simplex import RatioChart
-from olne_bench.games.newton import Root
-from olne_bench.games.root_following import follow_root
+from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
+from olne_bench.estimators.shared.profile_intervals import OneHeld
+from olne_bench.estimators.shared.profile_likelihood import least_error, least_error_in
+from olne_bench.estimators.shared.simplex import RatioChart
+from olne_bench.games.solve.newton import Root
+from olne_bench.games.solve.root_following import follow_root
 
 SUITE, SCENARIO, SENSOR, SIGMA, SEED = "paper", "two_player", "partial", 0.007, 31
 #: The weight of which the profile is drawn, and where.

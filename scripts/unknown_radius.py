@@ -17,15 +17,15 @@ from typing import Annotated
 import shared
 import numpy as np
 
-from olne_bench.envs.equilibrium import certified_equilibrium
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
 from olne_bench.estimators.bilevel import Bilevel
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.ukf import Ukf
-from olne_bench.games.equilibrium import Equilibrium
-from olne_bench.games.observation import VIEWS, observe
+from olne_bench.games.model.equilibrium import Equilibrium
+from olne_bench.games.model.observation import VIEWS, observe
 
 SIGMA, CLOSE, EXACT = 0.005, 0.02, 1e-5
 ESTIMATORS: dict[str, Callable[[], KktConstrained | Bilevel | Ukf]] = {

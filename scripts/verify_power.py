@@ -33,10 +33,11 @@ from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report.statistics.plausibility import implausible
 from olne_bench.bench.report.study import Study, study_of
-from olne_bench.bench.report.submission.boards import board_files
-from olne_bench.bench.report.submission.choose import choose
-from olne_bench.bench.report.submission.files import digest
-from olne_bench.bench.report.submission.fresh import (
+from olne_bench.bench.run.store_table import to_frame
+from olne_bench.bench.submission.boards import board_files
+from olne_bench.bench.submission.choose import choose
+from olne_bench.bench.submission.files import digest
+from olne_bench.bench.submission.fresh import (
     FIRST,
     LEVEL,
     SECOND,
@@ -45,10 +46,9 @@ from olne_bench.bench.report.submission.fresh import (
     fresh_trials,
     has_truth,
 )
-from olne_bench.bench.report.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
-from olne_bench.bench.report.submission.parquet_rows import read_parquet
-from olne_bench.bench.report.submission.rows import Rows
-from olne_bench.bench.run.store_table import to_frame
+from olne_bench.bench.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
+from olne_bench.bench.submission.parquet_rows import read_parquet
+from olne_bench.bench.submission.rows import Rows
 
 METRIC = declare(PositionError)
 EXAMPLE = Path("results/submissions/tempered_residual")

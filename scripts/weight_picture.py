@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from matplotlib.transforms import Affine2D
 
-from olne_bench.envs.driving import FAST, Driver, driving_scenario
-from olne_bench.envs.highway_roads import DT, road_network, route
-from olne_bench.envs.playability import rejection
-from olne_bench.games.olne import Equilibrium, solve_olne
+from olne_bench.envs.roads.highway_roads import DT, road_network, route
+from olne_bench.envs.roads.playability import rejection
+from olne_bench.envs.roads.road_scenario import FAST, Driver, driving_scenario
+from olne_bench.games.solve.olne import Equilibrium, solve_olne
 
 LANE_WIDTH = 4.0  # [m], HighwayEnv's
 ROAD = (53.0, 172.0)  # [m], the part that is shown

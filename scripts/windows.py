@@ -23,21 +23,21 @@ from typing import Annotated
 import shared
 import numpy as np
 
-from olne_bench.envs.recording import NoEquilibriumError, Recording, record
+from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording, record
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators.belief import LostError, first_game
 from olne_bench.estimators.bilevel import Bilevel
-from olne_bench.estimators.forward_model import warm_up_games
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Estimator, Observation, Problem
-from olne_bench.estimators.trajectory_fit import fit_trajectory
+from olne_bench.estimators.shared.belief import LostError, first_game
+from olne_bench.estimators.shared.forward_model import warm_up_games
+from olne_bench.estimators.shared.trajectory_fit import fit_trajectory
 from olne_bench.estimators.ukf import Ukf
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.game import Game
-from olne_bench.games.observation import VIEWS
-from olne_bench.games.olne import solve_olne
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import VIEWS
+from olne_bench.games.solve.olne import solve_olne
 
 ROADS = ("highway", "merge", "two_way", "roundabout", "intersection")
 SIGMAS = (0.1, 0.3)  # [m]

@@ -8,10 +8,10 @@ from functools import cache
 import pytest
 from hypothesis import settings
 
-from olne_bench.envs.recording import Recording, record
+from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games import compiler as compiler_module
-from olne_bench.games.native import elimination
+from olne_bench.games.compiled import compiler as compiler_module
+from olne_bench.games.compiled.native import elimination
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=8)
 settings.load_profile("reproducible")

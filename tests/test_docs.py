@@ -17,7 +17,7 @@ from PIL import Image
 
 from olne_bench.bench.commands import COMMANDS
 from olne_bench.bench.commands.cli import cli, main
-from olne_bench.envs import wrappers
+from olne_bench.envs.worlds import wrappers
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"

@@ -16,9 +16,9 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
-from olne_bench.games.game import Game, Player
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.model.game import Game, Player
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ from typing import ClassVar
 
 import casadi as ca
 
-from olne_bench.games.observation import View
+from olne_bench.games.model.observation import View
 
 
 @dataclass(frozen=True)

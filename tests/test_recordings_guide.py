@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.commands.cli import main
-from olne_bench.envs.recording_file import read_recording
+from olne_bench.envs.recordings.recording_file import read_recording
 from olne_bench.envs.tracks.road_file import read_road_file
 
 ROOT = Path(__file__).parent.parent

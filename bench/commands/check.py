@@ -4,8 +4,8 @@ import sys
 
 import click
 
-from olne_bench.bench.commands.conformance import identify, run_checks
 from olne_bench.bench.commands.options import name_and_value
+from olne_bench.bench.conformance.conforms import identify, run_checks
 from olne_bench.plugins import absolute
 
 

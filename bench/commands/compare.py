@@ -19,7 +19,7 @@ from olne_bench.bench.report.statistics.standing import plausible, said_of_stand
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import read_store
-from olne_bench.envs.kept_draws import travelling
+from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file, whole_file
 

@@ -21,7 +21,7 @@ from olne_bench.bench.report.fresh_draws import (
 from olne_bench.bench.report.machine import Machine
 from olne_bench.bench.report.study import study_of
 from olne_bench.bench.run.store import Store, read_store
-from olne_bench.envs.kept_draws import travelling
+from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 
 

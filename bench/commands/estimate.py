@@ -12,9 +12,9 @@ from olne_bench.bench.commands.recordings import read_episode
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
 from olne_bench.bench.judge.observe import sensor_model
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
+from olne_bench.bench.judge.trials import PlayerFault, PlayerTask
 from olne_bench.bench.report.escapes import write_csv
-from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.text import one_line
 from olne_bench.envs.tracks.checks import FEWEST_STEPS
@@ -23,8 +23,8 @@ from olne_bench.envs.tracks.targets import DATA, Assumption
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.files import check_new_file
-from olne_bench.games.game import Game
-from olne_bench.games.observation import ComponentView, FullView, View
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import ComponentView, FullView, View
 from olne_bench.plugins import ESTIMATOR, SCENARIO, is_built_in, loading, named_by_data
 
 #: Least noise level of positions [m]: smaller deviations are rounding.

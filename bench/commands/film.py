@@ -6,18 +6,18 @@ import click
 import numpy as np
 
 from olne_bench import plugins
-from olne_bench.bench.judge.driving import driven
+from olne_bench.bench.judge.drives import driven
 from olne_bench.bench.plan.change import changed
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import Trial, expand
-from olne_bench.bench.run.describing import describe_all
-from olne_bench.bench.run.fitting import check_kind
+from olne_bench.bench.run.check_sensors import check_kind
+from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.envs.drive.cars import STEP
 from olne_bench.envs.drive.first_cars import NoDriveError
 from olne_bench.envs.drive.pictures import picture
-from olne_bench.envs.video import SUFFIXES, check_format, write_video
+from olne_bench.envs.worlds.video import SUFFIXES, check_format, write_video
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file
 

@@ -7,14 +7,14 @@ import numpy as np
 from scipy.special import ndtri
 
 from olne_bench.bench.judge.estimate_check import CheckedEstimate
-from olne_bench.estimators.forward_model import game_at
-from olne_bench.estimators.profile_intervals import profile_intervals
 from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Observation, Problem
-from olne_bench.estimators.trajectory_fit import guess_controls
-from olne_bench.estimators.white_noise import with_white_noise
-from olne_bench.games.kkt import consistent_costates
-from olne_bench.games.newton import newton_root
-from olne_bench.games.observation import observe
+from olne_bench.estimators.shared.forward_model import game_at
+from olne_bench.estimators.shared.profile_intervals import profile_intervals
+from olne_bench.estimators.shared.trajectory_fit import guess_controls
+from olne_bench.estimators.shared.white_noise import with_white_noise
+from olne_bench.games.model.observation import observe
+from olne_bench.games.solve.kkt import consistent_costates
+from olne_bench.games.solve.newton import newton_root
 
 #: Residuals above this multiple of the noise level are not noise.
 FAR_ABOVE_NOISE = 2.0
@@ -75,7 +75,7 @@ class Fit:
         """(N, K, 2) ends of 95 % intervals of the weights, from what the estimator claims.
 
         From samples they are quantiles, from a covariance normal ones, and for a likelihood region
-        the referee's own profile (``estimators.profile_intervals``): NaN where an end is not
+        the referee's own profile (``estimators.shared.profile_intervals``): NaN where an end is not
         found. None if the estimator claims nothing. As for standard errors, a residual above the
         noise level is used in its place.
         """

@@ -17,11 +17,11 @@ from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.statistics.standing import said_of_standing
 from olne_bench.bench.report.study import study_of
 from olne_bench.bench.report.tables import tabulate
-from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import read_store
-from olne_bench.envs.kept_draws import travelling
+from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 
 

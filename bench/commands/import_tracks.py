@@ -6,7 +6,7 @@ import click
 import numpy as np
 
 from olne_bench.bench.text import one_line
-from olne_bench.envs.recording_file import write_recording
+from olne_bench.envs.recordings.recording_file import write_recording
 from olne_bench.envs.tracks.frames import Frame
 from olne_bench.envs.tracks.grid import Excerpt
 from olne_bench.envs.tracks.reading import read_tracks

@@ -9,11 +9,11 @@ from tqdm import tqdm
 
 from olne_bench import plugins
 from olne_bench.bench.commands.options import name_and_value
-from olne_bench.envs.recording import NoEquilibriumError, Recording, film
-from olne_bench.envs.recording import record as play
-from olne_bench.envs.recording_file import of_recordings, write_recording
+from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording, film
+from olne_bench.envs.recordings.recording import record as play
+from olne_bench.envs.recordings.recording_file import of_recordings, write_recording
 from olne_bench.envs.scenarios import Scenario, get_scenario, is_family, scenario_options
-from olne_bench.envs.video import SUFFIXES, check_format, write_video
+from olne_bench.envs.worlds.video import SUFFIXES, check_format, write_video
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file
 

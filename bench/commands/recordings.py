@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from olne_bench.envs.recording_file import RecordingFile, read_recording
+from olne_bench.envs.recordings.recording_file import RecordingFile, read_recording
 from olne_bench.envs.tracks.checks import check_positions, check_steps, check_units
 from olne_bench.envs.tracks.table import STATE_NAMES
 from olne_bench.errors import UserError

@@ -90,11 +90,11 @@ def _report_text(
     with read_store(folder) as store:
         kind = last_suite(store.runs(), folder).kind
     if kind == "streams":
-        from olne_bench.bench.report.write_online import report_streams
+        from olne_bench.bench.report.write_streams import report_streams
 
         return report_streams(folder, formats)
     if kind == "drives":
-        from olne_bench.bench.report.write_driving import report_drives
+        from olne_bench.bench.report.write_drives import report_drives
 
         return report_drives(folder, formats)
     from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes

@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from olne_bench.bench.commands.defaults import SUBMISSIONS
-from olne_bench.bench.report.submission.manifest import check_name
-from olne_bench.bench.report.submission.pack import pack
+from olne_bench.bench.submission.manifest import check_name
+from olne_bench.bench.submission.pack import pack
 
 
 def submit(folder: Path, name: str | None, out: Path | None) -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.submission.drawn import REFERENCE, DrawnErrors
-from olne_bench.bench.report.submission.fresh import FreshErrors
-from olne_bench.bench.report.submission.manifest import read_submission
-from olne_bench.bench.report.submission.verify import Limits, Verdict
-from olne_bench.bench.report.submission.verify import verify as check
+from olne_bench.bench.submission.drawn import REFERENCE, DrawnErrors
+from olne_bench.bench.submission.fresh import FreshErrors
+from olne_bench.bench.submission.manifest import read_submission
+from olne_bench.bench.submission.verify import Limits, Verdict
+from olne_bench.bench.submission.verify import verify as check
 from olne_bench.files import check_new_file, whole_file
 
 #: Number of differing rows that are shown.
@@ -43,7 +43,7 @@ def verify(
 
 
 def _write_page(place: Path, accepted: dict[Path, Verdict]) -> None:
-    from olne_bench.bench.report.page.accepted import Accepted, accepted_page  # slow to import
+    from olne_bench.bench.submission.accepted_page import Accepted, accepted_page  # slow to import
 
     found = [
         Accepted(read_submission(folder), _summary(verdict)) for folder, verdict in accepted.items()

@@ -7,9 +7,9 @@ from typing import Protocol
 import numpy as np
 
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
-from olne_bench.bench.judge.online import StreamPlayer
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
+from olne_bench.bench.judge.streams import StreamPlayer
+from olne_bench.bench.judge.trials import PlayerFault, PlayerTask
 from olne_bench.envs.drive.cars import (
     Car,
     Road,
@@ -20,9 +20,9 @@ from olne_bench.envs.drive.cars import (
 )
 from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.envs.drive.planner import Mind
-from olne_bench.envs.driving import NOISE_SCALE
+from olne_bench.envs.roads.road_scenario import NOISE_SCALE
 from olne_bench.estimators.protocol import Problem
-from olne_bench.games.observation import VIEWS
+from olne_bench.games.model.observation import VIEWS
 
 
 @dataclass(frozen=True)

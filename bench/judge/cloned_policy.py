@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from olne_bench.estimators.neural_posterior import game_key
-from olne_bench.estimators.small_network import Layers, layers_of, output
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.game import Game
+from olne_bench.estimators.shared.small_network import Layers, layers_of, output
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.game import Game
 
 #: Inputs and outputs beyond so many of their spreads do not occur in training.
 FARTHEST = 12.0

@@ -15,7 +15,7 @@ from olne_bench.bench.judge.raw_estimate import (
 from olne_bench.bench.process.messages import Array, unpack
 from olne_bench.bench.text import clip
 from olne_bench.estimators.protocol import COVARIANCE, REGIONS, SAMPLES, Problem
-from olne_bench.games.game import Game
+from olne_bench.games.model.game import Game
 
 #: How far a covariance may be from symmetric and positive semi-definite, as a share of its
 #: largest entry.

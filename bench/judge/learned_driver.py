@@ -11,7 +11,7 @@ import numpy as np
 
 from olne_bench.envs.drive.cars import Car
 from olne_bench.envs.drive.ego_view import EgoView
-from olne_bench.estimators.small_network import Layers, layers_of, output
+from olne_bench.estimators.shared.small_network import Layers, layers_of, output
 
 
 class LearnedDriver:

@@ -11,13 +11,13 @@ from itertools import islice
 
 import numpy as np
 
-from olne_bench.envs import kept_draws
-from olne_bench.envs.recording import NoEquilibriumError, Recording
-from olne_bench.games.batch import solve_batch
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.newton import Root
-from olne_bench.games.olne import Certificate, certify
-from olne_bench.games.root_following import follow_root
+from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
+from olne_bench.envs.solved import kept_draws
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.solve.batch import solve_batch
+from olne_bench.games.solve.newton import Root
+from olne_bench.games.solve.olne import Certificate, certify
+from olne_bench.games.solve.root_following import follow_root
 
 #: Standard deviations of starts: positions relative to the least distance between two players
 #: (1 m for a single player), speeds relative to their mean.
@@ -108,7 +108,7 @@ def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Ro
     """Roots of the game at other weights, from the recordings' initial states.
 
     Each root is followed from a known root at those weights, while the initial state moves. If that
-    fails, it is followed from the recording's own motion (``games.root_following``).
+    fails, it is followed from the recording's own motion (``games.solve.root_following``).
 
     Args:
         recordings: the motions at the true weights, all of one game.

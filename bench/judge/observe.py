@@ -1,7 +1,8 @@
 """Observations of recordings: a recording is played again and seen through sensors.
 
-The wrappers of ``envs.wrappers`` are applied to a world that plays the recording
-(``envs.recorded``), so an observation equals what the wrapped world showed, bit for bit.
+The wrappers of ``envs.worlds.wrappers`` are applied to a world that plays the recording
+(``envs.recordings.recorded_world``), so an observation equals what the wrapped world showed, bit
+for bit.
 """
 
 from collections.abc import Sequence
@@ -9,14 +10,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from olne_bench.envs.recorded import RecordedWorld
-from olne_bench.envs.recording import Recording
+from olne_bench.envs.recordings.recorded_world import RecordedWorld
+from olne_bench.envs.recordings.recording import Recording
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.wrappers import World, wrap
+from olne_bench.envs.worlds.wrappers import World, wrap
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.game import Game
-from olne_bench.games.observation import View, observation_function
-from olne_bench.games.sensor import Layer, SensorModel
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import View, observation_function
+from olne_bench.games.model.sensor import Layer, SensorModel
 
 
 def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:

@@ -11,11 +11,11 @@ from scipy.optimize import least_squares
 
 from olne_bench.bench.judge.cloned_policy import driven, policy_of
 from olne_bench.estimators.protocol import Problem
-from olne_bench.estimators.trajectory_fit import guess_states
-from olne_bench.estimators.window_starts import drive_alone
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.observation import observe
-from olne_bench.games.olne import solve_olne
+from olne_bench.estimators.shared.trajectory_fit import guess_states
+from olne_bench.estimators.shared.window_starts import drive_alone
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.observation import observe
+from olne_bench.games.solve.olne import solve_olne
 
 #: Number of latest samples that tell the present state.
 _RECENT = 5
@@ -87,7 +87,10 @@ def drive_as_stock(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray:
     Returns:
         States (T, N, n); those of past samples are read off them.
     """
-    from olne_bench.envs.stock_drivers import StockDriver, drive_stock  # slow, and for roads only
+    from olne_bench.envs.roads.stock_drivers import (  # slow, and for roads only
+        StockDriver,
+        drive_stock,
+    )
 
     states, _ = _until_now(problem, seen)
     drivers = [StockDriver(float(speed)) for speed in states[-1, :, 3]]
@@ -107,7 +110,7 @@ def drive_as_fitted(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray
     Returns:
         States (T, N, n); None before the second sample, as one says nothing about a driver.
     """
-    from olne_bench.envs.stock_fit import predict_by_fit  # slow, and for roads only
+    from olne_bench.envs.roads.stock_fit import predict_by_fit  # slow, and for roads only
 
     if len(seen) == 1:
         return None

@@ -3,8 +3,8 @@
 from olne_bench import plugins
 from olne_bench.bench.plan.entries import EstimatorEntry
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.estimators.prior_mass import LEAST_MASS, excluded_weight
 from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.shared.prior_mass import LEAST_MASS, excluded_weight
 
 #: Estimators with a Dirichlet prior, whose parameter is their ``alpha``.
 WITH_PRIOR = ("map", "posterior")

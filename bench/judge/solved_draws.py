@@ -1,12 +1,12 @@
-"""Solve the draws of a suite, for a file that travels (``envs.draws_file``)."""
+"""Solve the draws of a suite, for a file that travels (``envs.solved.draws_file``)."""
 
 from dataclasses import dataclass
 
 from olne_bench.bench.judge.truth import Draw, held_out_recordings, true_recordings
 from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.envs import kept_draws
-from olne_bench.envs.draws_file import Draws
-from olne_bench.envs.recording import NoEquilibriumError
+from olne_bench.envs.recordings.recording import NoEquilibriumError
+from olne_bench.envs.solved import kept_draws
+from olne_bench.envs.solved.draws_file import Draws
 
 
 @dataclass(frozen=True)

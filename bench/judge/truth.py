@@ -9,22 +9,22 @@ import numpy as np
 
 from olne_bench.bench.judge.metrics.judged import HeldOut
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
-from olne_bench.bench.judge.streams import stream
+from olne_bench.bench.judge.seeds import stream
 from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.envs.recording import Recording, record
+from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.games.batch import solve_batch
-from olne_bench.games.information import (
+from olne_bench.games.model.sensor import SensorModel
+from olne_bench.games.solve.batch import solve_batch
+from olne_bench.games.solve.information import (
     cosine_error_limit,
     joint_weight_covariance,
     observation_sensitivity,
     of_seen,
     of_weights,
 )
-from olne_bench.games.nearest_root import Prediction, predict
-from olne_bench.games.newton import Root
-from olne_bench.games.sensor import SensorModel
+from olne_bench.games.solve.nearest_root import Prediction, predict
+from olne_bench.games.solve.newton import Root
 
 #: Number of other initial states from which predictions are judged.
 HELD_OUT = 5
@@ -180,7 +180,7 @@ def unit_cosine_limit(
 ) -> float | None:
     """Expected cosine error of an efficient estimator at sigma = 1; None if not identifiable.
 
-    Multiply it by sigma^2 (``games.information.cosine_error_limit``).
+    Multiply it by sigma^2 (``games.solve.information.cosine_error_limit``).
 
     Args:
         draw: the truth.

@@ -1,4 +1,4 @@
-"""The file of a suite's solved draws (``envs.draws_file``): where it is, and which one it is."""
+"""The file of a suite's solved draws (``envs.solved.draws_file``): where and which one it is."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -6,8 +6,8 @@ from pathlib import Path
 
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.envs.draws_file import Draws, OtherDrawsError, read_draws
-from olne_bench.envs.draws_folder import DRAWS_SUFFIX, shipped_draws
+from olne_bench.envs.solved.draws_file import Draws, OtherDrawsError, read_draws
+from olne_bench.envs.solved.draws_folder import DRAWS_SUFFIX, shipped_draws
 
 
 @dataclass(frozen=True)

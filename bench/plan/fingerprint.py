@@ -21,7 +21,7 @@ from olne_bench.bench.plan.source_summary import Summary, summarised
 _OF_NO_RESULT = {
     "olne_bench",
     "olne_bench.catalogue",
-    "olne_bench.envs.gym_ids",
+    "olne_bench.envs.worlds.gym_ids",
     "olne_bench.bench.process.child",
 }
 _NO_DATA = {".py", ".pyc", ".pyo", ".so", ".pyd"}

@@ -28,7 +28,8 @@ class Outcome:
         message: one line; empty if there is nothing to say.
         cosine_limit: the cosine error expected of an efficient estimator (Cramer-Rao bound).
         published_forward: 1 if the published study's prediction step finds a root at the estimated
-            weights; 0 if only another search finds one, or none does (``games.nearest_root``).
+            weights; 0 if only another search finds one, or none does
+            (``games.solve.nearest_root``).
         observation_error: mean absolute position noise [m] of the observation.
         objective: what the estimator minimised.
         truth_objective: sum of squared observation errors of the true trajectory, each over its

@@ -3,9 +3,9 @@
 Comments, formatting and docstrings do not count. Digests are the same in all versions of Python.
 
 Reading all sources takes seconds, which every process of a run would spend again. So summaries are
-kept in a folder beside that of compiled libraries (``games.compiler``), with the same name and the
-suffix ``-sources``. A file's name is a digest of the source and of Python's version. Files that
-belong to another user or are writable by others are not read.
+kept in a folder beside that of compiled libraries (``games.compiled.compiler``), with the same name
+and the suffix ``-sources``. A file's name is a digest of the source and of Python's version. Files
+that belong to another user or are writable by others are not read.
 """
 
 import ast
@@ -19,7 +19,7 @@ from typing import Any
 
 import msgspec
 
-from olne_bench.games.compiler import kept_folder, why_foreign
+from olne_bench.games.compiled.compiler import kept_folder, why_foreign
 
 #: Changes with what a summary holds.
 _FORMAT = 3

@@ -35,7 +35,7 @@ from olne_bench.bench.plan.values import (
     shown,
 )
 from olne_bench.errors import UserError
-from olne_bench.games.published import PUBLISHED_ITERATIONS
+from olne_bench.games.solve.published import PUBLISHED_ITERATIONS
 
 MOST_ENTRIES = 1000
 #: Ends the name of a suite that the options of a run have changed, as it is another study.
@@ -65,7 +65,7 @@ class Suite(Strict):
             killed.
         root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
             estimated weights. Default: those of the published study. 0: the path of roots from
-            the true weights is followed instead (``games.nearest_root.predict``).
+            the true weights is followed instead (``games.solve.nearest_root.predict``).
         trajectories: number of trajectories of each trial, unless a scenario sets its own.
         estimators: names, or tables with parameters.
         metrics: names, or tables with parameters; a file need not list the built-in ones.

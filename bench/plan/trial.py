@@ -57,7 +57,7 @@ class Trial:
         estimator: estimator with parameters and label.
         metrics: what the estimate is scored by.
         count: number of trials of the study that this one stands for.
-        time_limit: wall-clock seconds for each of its stages (``bench.judge.referee``).
+        time_limit: wall-clock seconds for each of its stages (``bench.judge.trials``).
         root_iterations: as in ``Suite``.
         salt: seeds the streams of noise and draws, together with the seed.
         versions: versions of the code to run it with.

@@ -4,7 +4,7 @@ Published weights are constants that anyone can look up, and return for any obse
 """
 
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry
-from olne_bench.envs.true_weights import DIRICHLET, MODERATE, PUBLISHED
+from olne_bench.envs.scenarios.true_weights import DIRICHLET, MODERATE, PUBLISHED
 from olne_bench.errors import UserError
 from olne_bench.plugins import ESTIMATOR, SCENARIO, is_built_in, make
 

@@ -13,7 +13,7 @@ from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioE
 from olne_bench.bench.plan.fingerprint import LENGTH, data_beside, fingerprint, modules_used
 from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.process.arithmetic import arithmetic
-from olne_bench.games.native import backend
+from olne_bench.games.compiled.native import backend
 from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
@@ -21,15 +21,15 @@ _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
 #: scenario, and no version covers a report or a command.
 _OURS = {"olne_bench": _PACKAGES}
 #: Modules that play a scenario, and modules that let a sensor see it.
-_AT_WORK = {SCENARIO: ("envs.recording",), SENSOR: ("envs.wrappers",)}
+_AT_WORK = {SCENARIO: ("envs.recordings.recording",), SENSOR: ("envs.worlds.wrappers",)}
 #: What makes a row of each kind of study, with all that it imports.
 _JUDGES: dict[StudyKind, tuple[str, ...]] = {
     "trials": (
-        *("bench.judge.referee", "bench.run.player"),
+        *("bench.judge.trials", "bench.run.player"),
         *("bench.run.player_process", "bench.run.metric_process"),
     ),
-    "streams": ("bench.judge.online", "bench.run.stream_player", "bench.run.stream_process"),
-    "drives": ("bench.judge.driving", "bench.run.stream_player", "bench.run.stream_process"),
+    "streams": ("bench.judge.streams", "bench.run.stream_player", "bench.run.stream_process"),
+    "drives": ("bench.judge.drives", "bench.run.stream_player", "bench.run.stream_process"),
 }
 #: Another version of one of these may round differently, or draw other numbers.
 _LIBRARIES = (

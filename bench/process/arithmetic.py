@@ -2,7 +2,7 @@
 
 NumPy and OpenBLAS have several versions of a function and take the widest that the processor
 offers. Their last digits differ. Native code is compiled for x86-64 with AVX2 and FMA
-(``games.compiler``); here the two libraries are held to the same kind.
+(``games.compiled.compiler``); here the two libraries are held to the same kind.
 """
 
 import os

@@ -32,7 +32,7 @@ from olne_bench.bench.process.family import (
     kill_descendants,
 )
 from olne_bench.bench.process.sandbox import allow_reading, enforce, restrict, rules_for
-from olne_bench.games.compiler import backend
+from olne_bench.games.compiled.compiler import backend
 
 #: Folders of Python's modules and of installed ones, as ``sysconfig`` names them.
 _LIBRARIES = ("stdlib", "platstdlib", "purelib", "platlib")

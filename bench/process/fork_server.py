@@ -21,7 +21,7 @@ from olne_bench.bench.process.family import has_ended, kill_family
 from olne_bench.bench.process.fork_loop import Order, as_request
 from olne_bench.bench.process.reachable import Reach
 from olne_bench.errors import UserError
-from olne_bench.games.compiler import reader_environment
+from olne_bench.games.compiled.compiler import reader_environment
 from olne_bench.visible import visible
 
 #: How long a server may take for an answer once it has started [s].

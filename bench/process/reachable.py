@@ -16,8 +16,8 @@ from pathlib import Path
 
 import olne_bench
 from olne_bench import plugins
-from olne_bench.envs.draws_folder import DRAWS_SUFFIX, draws_folder, shipped_draws
-from olne_bench.games.compiler import shared_folders
+from olne_bench.envs.solved.draws_folder import DRAWS_SUFFIX, draws_folder, shipped_draws
+from olne_bench.games.compiled.compiler import shared_folders
 
 #: What programs of a Linux system need: libraries, headers, fonts, time zones, names of users.
 _SYSTEM = (

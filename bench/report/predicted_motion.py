@@ -15,10 +15,10 @@ import pandas as pd
 from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.report.not_drawn import NotDrawnError
-from olne_bench.envs.recording import Recording
-from olne_bench.games.game import Game
-from olne_bench.games.nearest_root import nearest_root, predict
-from olne_bench.games.root_following import follow_weights
+from olne_bench.envs.recordings.recording import Recording
+from olne_bench.games.model.game import Game
+from olne_bench.games.solve.nearest_root import nearest_root, predict
+from olne_bench.games.solve.root_following import follow_weights
 
 _ITERATIONS = 60  # of IPOPT
 _TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known

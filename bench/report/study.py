@@ -7,15 +7,15 @@ from typing import Any, TypeVar
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declaration_from
 from olne_bench.bench.judge.observe import sensor_model
-from olne_bench.bench.judge.referee import layers_of
+from olne_bench.bench.judge.trials import layers_of
 from olne_bench.bench.judge.truth import Draw, noise_seed, true_recording
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.truths import has_drawn_truths, is_foreign
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.envs.recording import NoEquilibriumError
+from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.errors import UserError
-from olne_bench.games.sensor import SensorModel
+from olne_bench.games.model.sensor import SensorModel
 
 #: Errors raised if a label is of another version, or its truth cannot be computed.
 UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)

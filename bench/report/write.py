@@ -19,7 +19,7 @@ from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.tables import RunTables, tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import Store, read_store
-from olne_bench.envs.kept_draws import travelling
+from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 from olne_bench.files import whole_file
 

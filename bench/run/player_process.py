@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
+from olne_bench.bench.judge.trials import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.process.child import (
     ATTEMPTS,
     Child,
@@ -18,7 +18,7 @@ from olne_bench.bench.process.child import (
     StartError,
     TimedOutError,
 )
-from olne_bench.bench.run.describing import LOAD_LIMIT
+from olne_bench.bench.run.describe_plugins import LOAD_LIMIT
 from olne_bench.bench.run.player import (
     BUDGET,
     Answered,

@@ -4,8 +4,8 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from olne_bench.bench.judge.online import judge_stream
-from olne_bench.bench.judge.referee import judge
+from olne_bench.bench.judge.streams import judge_stream
+from olne_bench.bench.judge.trials import judge
 from olne_bench.bench.plan.draws import opened
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
@@ -15,7 +15,7 @@ from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.bench.text import describe_error
-from olne_bench.envs.kept_draws import travelling
+from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 
 
@@ -101,7 +101,7 @@ def _judged(trial: Trial, staff: _Staff) -> Outcome:
         return judge_stream(trial, staff.follower, announce)
     if trial.kind == "drives":
         # It imports HighwayEnv, which takes longer than all else that a referee imports.
-        from olne_bench.bench.judge.driving import judge_drive
+        from olne_bench.bench.judge.drives import judge_drive
 
         return judge_drive(trial, staff.follower, announce)
     return judge(trial, staff.player, staff.metrics, announce)

@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from olne_bench.bench.judge.referee import all_seconds, own_seconds
+from olne_bench.bench.judge.trials import all_seconds, own_seconds
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.process.channel import Channel

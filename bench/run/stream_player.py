@@ -12,7 +12,7 @@ from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, read_estim
 from olne_bench.bench.run.player import Answered, Prepared, changes, describe_problem
 from olne_bench.bench.text import clip
 from olne_bench.estimators.protocol import Problem
-from olne_bench.estimators.stream import Stream, as_stream_estimator, warm_up_stream
+from olne_bench.estimators.shared.stream import Stream, as_stream_estimator, warm_up_stream
 
 
 @dataclass

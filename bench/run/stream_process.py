@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask
+from olne_bench.bench.judge.trials import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.process.child import DiedError
 from olne_bench.bench.run.player import Answered, Prepared
 from olne_bench.bench.run.player_process import PlayerProcess, faults_of

@@ -11,18 +11,18 @@ from typing import Any, TypeGuard, cast
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.driving import RoadFamily
-from olne_bench.envs.highway_roads import DT, SIMULATION_FREQUENCY
+from olne_bench.envs.roads.highway_roads import DT, SIMULATION_FREQUENCY
+from olne_bench.envs.roads.road_scenario import RoadFamily
+from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 from olne_bench.envs.scenarios import highway, intersection, merge, roundabout, two_way
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.temperaments import TEMPERAMENTS
-from olne_bench.envs.true_weights import DIRICHLET, TEMPERED
-from olne_bench.games.constraints import Constraint
-from olne_bench.games.dynamics import bicycle
-from olne_bench.games.features import ControlEffort, StateDeviation
-from olne_bench.games.game import Game, Player
-from olne_bench.games.lanes import Lane, LaneKeeping
-from olne_bench.games.unknowns import Unknown
+from olne_bench.envs.scenarios.true_weights import DIRICHLET, TEMPERED
+from olne_bench.games.model.constraints import Constraint
+from olne_bench.games.model.costs import ControlEffort, StateDeviation
+from olne_bench.games.model.dynamics import bicycle
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.lanes import Lane, LaneKeeping
+from olne_bench.games.model.unknowns import Unknown
 
 FRAMES = 3  # of the simulator in a step
 STEP = FRAMES / SIMULATION_FREQUENCY  # [s], 0.2

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from olne_bench.envs.drive.cars import MOTION, STEP, STEPS, Car
-from olne_bench.games.features import CarProximity, Feature, Stage
+from olne_bench.games.model.costs import CarProximity, Feature, Stage
 
 #: Lengths ahead, or widths beside, from which on another car counts as nothing.
 RANGE = 5.0

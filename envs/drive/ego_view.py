@@ -10,8 +10,8 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.drive.cars import Car
 from olne_bench.envs.drive.seen import NEAREST
-from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING
-from olne_bench.games.lanes import ArcLane, SineLane, StraightLane
+from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
+from olne_bench.games.model.lanes import ArcLane, SineLane, StraightLane
 
 #: Distances [m] along the route at which the ego looks ahead.
 _AHEAD = (0.0, 5.0, 10.0, 20.0, 40.0)

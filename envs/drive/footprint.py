@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.games.features import Stage
+from olne_bench.games.model.costs import Stage
 
 #: A car is inside two circles, in the middles of its front and its rear half.
 _OFFSET = Vehicle.LENGTH / 4

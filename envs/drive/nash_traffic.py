@@ -15,13 +15,13 @@ import numpy as np
 from olne_bench.envs.drive.cars import FIRST_STEP, STEP, Car, drive_game
 from olne_bench.envs.drive.footprint import CarsApart
 from olne_bench.envs.drive.gaps import gaps
-from olne_bench.envs.highway_roads import MAX_ACCELERATION, MAX_STEERING
-from olne_bench.games.constrained import variational_solution
-from olne_bench.games.continuation import coupled_features
-from olne_bench.games.free_drive import grown_plans
-from olne_bench.games.game import Game
-from olne_bench.games.newton import unpack
-from olne_bench.games.olne import solve_olne
+from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
+from olne_bench.games.model.game import Game
+from olne_bench.games.solve.constrained import variational_solution
+from olne_bench.games.solve.continuation import coupled_features
+from olne_bench.games.solve.free_drive import grown_plans
+from olne_bench.games.solve.newton import unpack
+from olne_bench.games.solve.olne import solve_olne
 
 #: States of a plan: 4 s.
 HORIZON = round(4.0 / STEP) + 1

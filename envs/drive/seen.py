@@ -6,7 +6,7 @@ import numpy as np
 
 from olne_bench.envs.drive.cars import Car
 from olne_bench.envs.drive.world import DriveWorld
-from olne_bench.envs.driving import NOISE_SCALE
+from olne_bench.envs.roads.road_scenario import NOISE_SCALE
 
 #: Other cars that an ego looks at: the nearest ones.
 NEAREST = 4

@@ -16,10 +16,10 @@ from olne_bench.envs.drive.cars import FRAMES, ROADS, STEP, STEPS, WEIGHTS, Car,
 from olne_bench.envs.drive.first_cars import NASH, STOCK, TRAFFIC, first_cars, rng_of
 from olne_bench.envs.drive.gaps import gap
 from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts
-from olne_bench.envs.highway_roads import SIMULATION_FREQUENCY, PlayersOnly, make_road
-from olne_bench.envs.stock_drivers import StockDriver, stock_car, stock_route
-from olne_bench.envs.true_weights import TEMPERED
-from olne_bench.games.lanes import StraightLane
+from olne_bench.envs.roads.highway_roads import SIMULATION_FREQUENCY, PlayersOnly, make_road
+from olne_bench.envs.roads.stock_drivers import StockDriver, stock_car, stock_route
+from olne_bench.envs.scenarios.true_weights import TEMPERED
+from olne_bench.games.model.lanes import StraightLane
 
 _ENTRIES = 3  # proposals from which cars may enter at one time
 _FREE = 8.0  # least gap [m] of a car that enters

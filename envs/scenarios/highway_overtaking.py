@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
-from olne_bench.envs.true_weights import PublishedOrDrawn
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.features import ControlEffort, Proximity, StateDeviation
-from olne_bench.games.game import Game, Player
+from olne_bench.envs.scenarios.true_weights import PublishedOrDrawn
+from olne_bench.games.model.costs import ControlEffort, Proximity, StateDeviation
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.game import Game, Player
 
 HORIZON = 20
 DT = 1.0  # [s]

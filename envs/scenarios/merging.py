@@ -10,20 +10,20 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from olne_bench.envs.player_numbers import PlayerNumber, player_number, player_range
+from olne_bench.envs.scenarios.player_numbers import PlayerNumber, player_number, player_range
 from olne_bench.envs.scenarios.scenario import Limits, NoEquilibriumError, Scenario
-from olne_bench.envs.true_weights import (
+from olne_bench.envs.scenarios.true_weights import (
     DIRICHLET,
     MODERATE,
     PUBLISHED,
     check_kind,
     flat_dirichlet,
 )
-from olne_bench.games.constraints import Distance
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.features import ControlEffort, Tracking
-from olne_bench.games.game import Game, Player
-from olne_bench.games.unknowns import Unknown
+from olne_bench.games.model.constraints import Distance
+from olne_bench.games.model.costs import ControlEffort, Tracking
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.unknowns import Unknown
 
 HORIZON = 41
 DT = 3.0 / (HORIZON - 1)  # [s]

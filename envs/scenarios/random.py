@@ -11,11 +11,11 @@ import numpy as np
 
 from olne_bench.checks import as_text, check_whole
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
+from olne_bench.envs.scenarios.true_weights import DIRICHLET, MODERATE, check_kind, flat_dirichlet
 from olne_bench.envs.scenarios.two_player import WIDE_LIMITS
-from olne_bench.envs.true_weights import DIRICHLET, MODERATE, check_kind, flat_dirichlet
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
-from olne_bench.games.game import Game, Player
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.game import Game, Player
 
 HORIZON = 25
 DT = 0.25  # [s]

@@ -6,15 +6,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from olne_bench.envs.driving import (
+from olne_bench.envs.roads.highway_roads import road_network, route
+from olne_bench.envs.roads.road_scenario import (
     TOWN,
     Driver,
     RoadFamily,
     draw_weights,
     driving_scenario,
 )
-from olne_bench.envs.highway_roads import road_network, route
-from olne_bench.envs.player_numbers import PlayerNumber
+from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
 PLAYERS = (2, 4)

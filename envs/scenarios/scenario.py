@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.games.game import Game
-from olne_bench.games.unknowns import Parameters
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.unknowns import Parameters
 
 #: Standard deviations beyond which a normal prior has no mass: its tails have 1e-15.
 FARTHEST = 8.0

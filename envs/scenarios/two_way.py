@@ -5,17 +5,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from olne_bench.envs.driving import (
+from olne_bench.envs.roads.highway_roads import road_network, route
+from olne_bench.envs.roads.road_scenario import (
     FAST,
     Driver,
     RoadFamily,
     draw_weights,
     driving_scenario,
 )
-from olne_bench.envs.highway_roads import road_network, route
-from olne_bench.envs.player_numbers import PlayerNumber
+from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.games.lanes import StraightLane
+from olne_bench.games.model.lanes import StraightLane
 
 PLAYERS = (3, 5)
 OWN, PASSING, ONCOMING = ("a", "b", 1), ("a", "b", 0), ("b", "a", 0)

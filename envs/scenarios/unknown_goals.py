@@ -9,11 +9,11 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.scenarios.true_weights import PUBLISHED
 from olne_bench.envs.scenarios.two_player import TwoPlayer
-from olne_bench.envs.true_weights import PUBLISHED
-from olne_bench.games.features import FinalGoal
-from olne_bench.games.game import Player
-from olne_bench.games.unknowns import Unknown
+from olne_bench.games.model.costs import FinalGoal
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.unknowns import Unknown
 
 DEVIATION = 0.2  # [m] of each coordinate of a goal, around the published one
 REACH = 0.6  # [m] largest deviation

@@ -1,1 +1,1 @@
-"""Sensors by name: one class per file, whose ``layers`` are those of ``games.sensor``."""
+"""Sensors by name: one class per file, whose ``layers`` are those of ``games.model.sensor``."""

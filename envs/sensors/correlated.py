@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from olne_bench.games.sensor import CorrelatedNoise, CovarianceNoise, Layer
+from olne_bench.games.model.sensor import CorrelatedNoise, CovarianceNoise, Layer
 
 
 @dataclass(frozen=True)

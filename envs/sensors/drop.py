@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from olne_bench.games.sensor import Drops, Layer
+from olne_bench.games.model.sensor import Drops, Layer
 
 
 @dataclass(frozen=True)

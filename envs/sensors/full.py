@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from olne_bench.games.observation import FullView
-from olne_bench.games.sensor import Layer
+from olne_bench.games.model.observation import FullView
+from olne_bench.games.model.sensor import Layer
 
 
 @dataclass(frozen=True)

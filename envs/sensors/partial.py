@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from olne_bench.games.observation import ComponentView
-from olne_bench.games.sensor import Layer
+from olne_bench.games.model.observation import ComponentView
+from olne_bench.games.model.sensor import Layer
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from olne_bench.envs.tracks.table import (
     read_columns,
 )
 from olne_bench.errors import UserError, bad_input
-from olne_bench.games.lanes import StraightLane
+from olne_bench.games.model.lanes import StraightLane
 
 DESCRIPTION = "highD: NN_tracks.csv, with NN_recordingMeta.csv beside it; lanes from its markings"
 _NUMBERS = ("frame", "x", "y", "width", "height", "xVelocity", "yVelocity")

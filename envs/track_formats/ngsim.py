@@ -19,7 +19,7 @@ from olne_bench.envs.tracks.table import (
     player_names,
     read_columns,
 )
-from olne_bench.games.lanes import StraightLane
+from olne_bench.games.model.lanes import StraightLane
 
 DESCRIPTION = "NGSIM: trajectories in feet, CSV or text; --part chooses a Location"
 FOOT = 0.3048  # [m]

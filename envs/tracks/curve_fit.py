@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from olne_bench.envs.tracks.road import FARTHEST
-from olne_bench.games.lanes import ArcLane, Lane, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, StraightLane
 
 TOLERANCE = 0.1  # [m], largest distance between a curve and the points
 MOST_POINTS = 10_000  # of a lane; more take minutes

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from olne_bench.envs.driving import RoadFamily
-from olne_bench.envs.recording_file import RecordingFile
+from olne_bench.envs.recordings.recording_file import RecordingFile
+from olne_bench.envs.roads.road_scenario import RoadFamily
 from olne_bench.envs.scenarios import (
     check_options,
     get_scenario,
@@ -33,9 +33,9 @@ from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import RoadFile
 from olne_bench.envs.tracks.targets import Assumption, Known, Targets, check_told
 from olne_bench.errors import UserError
-from olne_bench.games.features import ControlEffort, Feature, FinalGoal, StateDeviation
-from olne_bench.games.game import Player
-from olne_bench.games.lanes import LaneKeeping, StraightLane
+from olne_bench.games.model.costs import ControlEffort, Feature, FinalGoal, StateDeviation
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.lanes import LaneKeeping, StraightLane
 
 START_TOLERANCE = 0.25  # [m] from a drawn player's start, in addition to three times the noise
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.recording_file import RecordingFile
+from olne_bench.envs.recordings.recording_file import RecordingFile
 from olne_bench.envs.track_formats.commonroad import commonroad_io
 from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane

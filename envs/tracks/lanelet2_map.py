@@ -12,7 +12,7 @@ from olne_bench.envs.tracks.road import FARTHEST, MOST_MAP_BYTES, Road, RoadLane
 from olne_bench.envs.tracks.table import plain_float
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input
-from olne_bench.games.lanes import Lane
+from olne_bench.games.model.lanes import Lane
 
 FOR_CARS = ("road", "highway")  # subtypes; a lanelet without one is a road
 MEET = 0.05  # [m], largest distance between the ends of two borders that meet

@@ -13,7 +13,7 @@ import numpy as np
 
 from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane, locate
-from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 
 HEADING_UNIT = 0.3  # [rad], heading deviation that costs as much as a metre
 CHANGE = 25.0  # cost of a lane change
@@ -153,7 +153,7 @@ def shortened(curve: Lane, length: float) -> Lane:
     """The first ``length`` metres of a curve.
 
     Raises:
-        TypeError: on a curve of another kind than those of ``games.lanes``.
+        TypeError: on a curve of another kind than those of ``games.model.lanes``.
     """
     if isinstance(curve, StraightLane):
         return StraightLane(curve.start, curve.direction, length)

@@ -6,9 +6,8 @@ from itertools import count
 
 import numpy as np
 
-from olne_bench.envs.highway_roads import ROAD_NAMES, road_network
-from olne_bench.envs.lane_curves import lane_curve
-from olne_bench.envs.layout import player_name
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES, road_network
+from olne_bench.envs.roads.lane_curves import lane_curve
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import (
@@ -18,9 +17,10 @@ from olne_bench.envs.tracks.road_file import (
     curve_entry,
     lane_entries,
 )
-from olne_bench.games.features import FinalGoal, StateDeviation
-from olne_bench.games.game import Player
-from olne_bench.games.lanes import Lane, LaneKeeping
+from olne_bench.envs.worlds.layout import player_name
+from olne_bench.games.model.costs import FinalGoal, StateDeviation
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.lanes import Lane, LaneKeeping
 
 _BESIDE = 1.5  # largest gap between a lane's end and a following lane, in lane widths
 

@@ -7,8 +7,8 @@ import numpy as np
 from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane, locate
 from olne_bench.errors import UserError, bad_input
-from olne_bench.games.game import Player
-from olne_bench.games.lanes import LaneKeeping
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.lanes import LaneKeeping
 
 MARGIN = 1.0  # [m], largest distance beside a lane
 TOLERATED = 0.2  # share of a car's samples that may be off the road, or against the lanes

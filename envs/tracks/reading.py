@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from olne_bench.envs.recording_file import RecordingFile
-from olne_bench.envs.recording_metadata import EpisodeEntry, Metadata, library_versions
+from olne_bench.envs.recordings.recording_file import RecordingFile
+from olne_bench.envs.recordings.recording_metadata import EpisodeEntry, Metadata, library_versions
 from olne_bench.envs.track_formats import get_format
 from olne_bench.envs.tracks.checks import check_positions, check_table, check_units
 from olne_bench.envs.tracks.frames import Frame

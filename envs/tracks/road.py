@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 from olne_bench.visible import visible
 
 DEFAULT_WIDTH = 4.0  # [m]
@@ -153,7 +153,7 @@ def _located(line: np.ndarray, positions: np.ndarray) -> Place:
 
 
 def curve_points(curve: Lane) -> np.ndarray:
-    """Points (P, 2) on a curve of ``games.lanes``, from its start to its end.
+    """Points (P, 2) on a curve of ``games.model.lanes``, from its start to its end.
 
     Raises:
         TypeError: on a curve of another kind.

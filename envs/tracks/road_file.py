@@ -39,7 +39,7 @@ from olne_bench.envs.tracks.road import (
 from olne_bench.envs.tracks.table import listed
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input, whole_file
-from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 
 #: Largest road file [bytes]; reading more takes minutes.
 MOST_BYTES = 2 * 10**6
@@ -53,7 +53,7 @@ class _Strict(BaseModel):
 
 
 class StraightEntry(_Strict):
-    """``games.lanes.StraightLane`` as plain numbers."""
+    """``games.model.lanes.StraightLane`` as plain numbers."""
 
     kind: Literal["straight"] = "straight"
     start: _Pair
@@ -66,7 +66,7 @@ class StraightEntry(_Strict):
 
 
 class SineEntry(_Strict):
-    """``games.lanes.SineLane`` as plain numbers."""
+    """``games.model.lanes.SineLane`` as plain numbers."""
 
     kind: Literal["sine"] = "sine"
     start: _Pair
@@ -83,7 +83,7 @@ class SineEntry(_Strict):
 
 
 class ArcEntry(_Strict):
-    """``games.lanes.ArcLane`` as plain numbers."""
+    """``games.model.lanes.ArcLane`` as plain numbers."""
 
     kind: Literal["arc"] = "arc"
     centre: _Pair
@@ -225,7 +225,7 @@ def write_road_file(path: Path, content: RoadFile) -> None:
 
 
 def curve_entry(curve: Lane) -> StraightEntry | SineEntry | ArcEntry:
-    """A curve of ``games.lanes`` as plain numbers.
+    """A curve of ``games.model.lanes`` as plain numbers.
 
     Raises:
         TypeError: on a curve of another kind.

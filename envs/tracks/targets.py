@@ -10,9 +10,9 @@ from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import PlayerEntry, RoadFile, route_curves
 from olne_bench.errors import UserError
-from olne_bench.games.features import Feature, FinalGoal, StateDeviation
-from olne_bench.games.game import Player
-from olne_bench.games.lanes import LaneKeeping
+from olne_bench.games.model.costs import Feature, FinalGoal, StateDeviation
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.lanes import LaneKeeping
 
 FILE, DRAW, SCENARIO, DATA = "file", "draw", "scenario", "data"
 

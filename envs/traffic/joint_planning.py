@@ -21,7 +21,7 @@ from olne_bench.envs.traffic.surroundings import (
     planning_groups,
 )
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
-from olne_bench.games.reference_game import Plan, ReferenceGame, Situation
+from olne_bench.games.solve.reference_game import Plan, ReferenceGame, Situation
 
 MAX_SHIFTS = 3  # plan steps for which an old plan may be used
 BETWEEN = 3  # number of points between two plan steps at which contact is checked

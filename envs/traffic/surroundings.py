@@ -8,7 +8,7 @@ from highway_env.vehicle.objects import Landmark, RoadObject
 from olne_bench.envs.traffic.lanes_ahead import points_along_lanes
 from olne_bench.envs.traffic.planning_vehicle import PlanningVehicle
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS
-from olne_bench.games.reference_game import FAR_AWAY
+from olne_bench.games.solve.reference_game import FAR_AWAY
 
 MAX_PLAYERS = 5  # in one game
 NEIGHBOURHOOD = 50.0  # [m] around a vehicle in which others plan with it

@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Temperament:
-    """A driver's cost weights, in the units of ``games.reference_game.Units``.
+    """A driver's cost weights, in the units of ``games.solve.reference_game.Units``.
 
     Attributes:
         proximity: weight of proximity to others.
@@ -27,7 +27,7 @@ class Temperament:
 
     @property
     def weights(self) -> np.ndarray:
-        """Weights (5,) in the order of ``games.reference_game.WEIGHT_NAMES``."""
+        """Weights (5,) in the order of ``games.solve.reference_game.WEIGHT_NAMES``."""
         return np.array([self.proximity, self.speed, self.acceleration, self.turning, self.lane])
 
 

@@ -16,15 +16,15 @@ from typing import Any
 #: Public names, and the modules that define them. ``__init__.pyi`` says the same to type checkers.
 _HOMES = {
     "Estimate": "estimators.protocol",
-    "Game": "games.game",
+    "Game": "games.model.game",
     "NoEquilibriumError": "envs.scenarios.scenario",
     "NoRootError": "front.games",
     "Observation": "estimators.protocol",
-    "Player": "games.game",
+    "Player": "games.model.game",
     "Problem": "estimators.protocol",
     "Scenario": "envs.scenarios.scenario",
-    "Unknown": "games.unknowns",
-    "certify": "games.olne",
+    "Unknown": "games.model.unknowns",
+    "certify": "games.solve.olne",
     "compare": "front.comparing",
     "estimate": "front.estimating",
     "fisher_information": "front.games",
@@ -40,12 +40,12 @@ _HOMES = {
 }
 #: Public modules under shorter names. ``estimators`` can be called, too.
 _MODULES = {
-    "constraints": "games.constraints",
-    "costs": "games.features",
-    "dynamics": "games.dynamics",
+    "constraints": "games.model.constraints",
+    "costs": "games.model.costs",
+    "dynamics": "games.model.dynamics",
     "estimators": "estimators",
     "metrics": "bench.judge.metrics.formulas",
-    "views": "games.observation",
+    "views": "games.model.observation",
 }
 
 __all__ = ["__version__", *sorted({*_HOMES, *_MODULES})]

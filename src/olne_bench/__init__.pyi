@@ -18,14 +18,12 @@ from olne_bench.front.observing import problem as problem
 from olne_bench.front.studies import read as read
 from olne_bench.front.studies import run as run
 from olne_bench.front.worlds import parallel_env as parallel_env
-from olne_bench.games import constraints as constraints
-from olne_bench.games import dynamics as dynamics
-from olne_bench.games import features as costs
-from olne_bench.games import observation as views
-from olne_bench.games.game import Game as Game
-from olne_bench.games.game import Player as Player
-from olne_bench.games.olne import certify as certify
-from olne_bench.games.unknowns import Unknown as Unknown
+from olne_bench.games.model import constraints, costs, dynamics
+from olne_bench.games.model import observation as views
+from olne_bench.games.model.game import Game as Game
+from olne_bench.games.model.game import Player as Player
+from olne_bench.games.model.unknowns import Unknown as Unknown
+from olne_bench.games.solve.olne import certify as certify
 
 __version__: str
 __all__ = [

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.commands.cli import main
-from olne_bench.bench.judge.referee import Answer, PlayerFault, PlayerTask, judge
+from olne_bench.bench.judge.trials import Answer, PlayerFault, PlayerTask, judge
 from olne_bench.bench.plan import fingerprint, versions
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial

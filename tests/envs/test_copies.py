@@ -11,9 +11,9 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 from olne_bench.envs import highway_v0, olne_v0
-from olne_bench.envs.highway_roads import ROAD_NAMES
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.wrappers import AWGN, DropSamples, Float32, PartialObservation
+from olne_bench.envs.worlds.wrappers import AWGN, DropSamples, Float32, PartialObservation
 
 SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
 

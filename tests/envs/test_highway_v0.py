@@ -14,9 +14,14 @@ from highway_env.vehicle.kinematics import Vehicle
 from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, seed_test
 
 from olne_bench.envs import highway_v0
-from olne_bench.envs.equilibrium import certified_equilibrium
-from olne_bench.envs.highway_roads import DT, POLICY_FREQUENCY, ROAD_NAMES, SIMULATION_FREQUENCY
+from olne_bench.envs.roads.highway_roads import (
+    DT,
+    POLICY_FREQUENCY,
+    ROAD_NAMES,
+    SIMULATION_FREQUENCY,
+)
 from olne_bench.envs.scenarios import Scenario, check_options, get_scenario
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
 
 SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
 SEEDS = (0, 1, 2)

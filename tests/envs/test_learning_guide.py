@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from olne_bench.envs.gym_ids import GYM_IDS
-from olne_bench.envs.highway_roads import ROAD_NAMES
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES
+from olne_bench.envs.worlds.gym_ids import GYM_IDS
 
 pytestmark = pytest.mark.learners
 

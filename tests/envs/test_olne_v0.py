@@ -19,12 +19,12 @@ from pettingzoo.test import (
 from pettingzoo.test.state_test import state_test
 
 from olne_bench.envs import olne_v0
-from olne_bench.envs.recording import NoEquilibriumError, record
+from olne_bench.envs.recordings.recording import NoEquilibriumError, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
-from olne_bench.games.dynamics import DOUBLE_INTEGRATOR, rollout
-from olne_bench.games.features import ControlEffort, StateDeviation
-from olne_bench.games.game import Game, Player
+from olne_bench.games.model.costs import ControlEffort, StateDeviation
+from olne_bench.games.model.dynamics import DOUBLE_INTEGRATOR, rollout
+from olne_bench.games.model.game import Game, Player
 
 GAMES = {
     "two_player": ("two_player", {}),

@@ -12,10 +12,10 @@ from olne_bench.envs.sensors.drop import Drop
 from olne_bench.envs.sensors.full import Full
 from olne_bench.envs.sensors.partial import Partial
 from olne_bench.envs.sensors.range_bearing import RangeBearing
-from olne_bench.envs.wrappers import AWGN, DropSamples, Gaps, PartialObservation, wrap
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.observation import VIEWS, RangeBearingView
-from olne_bench.games.sensor import CorrelatedNoise, CovarianceNoise, Drops, GapsLayer
+from olne_bench.envs.worlds.wrappers import AWGN, DropSamples, Gaps, PartialObservation, wrap
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.observation import VIEWS, RangeBearingView
+from olne_bench.games.model.sensor import CorrelatedNoise, CovarianceNoise, Drops, GapsLayer
 
 ONES = np.ones(4)
 

@@ -9,7 +9,7 @@ from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.highway_roads import road_network
+from olne_bench.envs.roads.highway_roads import road_network
 from olne_bench.envs.traffic import (
     NashVehicle,
     Temperament,
@@ -25,7 +25,7 @@ from olne_bench.envs.traffic.surroundings import (
     planning_groups,
     predicted_positions,
 )
-from olne_bench.games.reference_game import FAR_AWAY, ReferenceGame
+from olne_bench.games.solve.reference_game import FAR_AWAY, ReferenceGame
 
 SIZES = {
     "highway-v0": {"vehicles_count": 8},

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from olne_bench.envs import olne_v0
-from olne_bench.envs.equilibrium import certified_equilibrium
-from olne_bench.envs.kept_draws import read, write
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.intersection import Intersection
 from olne_bench.envs.scenarios.merging import Merging
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError
-from olne_bench.games.constraints import ControlBound, Distance, StateBound
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
+from olne_bench.envs.solved.kept_draws import read, write
+from olne_bench.games.model.constraints import ControlBound, Distance, StateBound
 
 PAIR = ("distance", "player_0", "player_1")
 

@@ -7,10 +7,10 @@ import pytest
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.residual_density import Places
-from olne_bench.games.game import Game
-from olne_bench.games.observation import VIEWS, observe
-from olne_bench.games.olne import solve_olne
+from olne_bench.estimators.shared.residual_density import Places
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.olne import solve_olne
 
 Seen = Callable[..., tuple[Problem, list[Observation], np.ndarray]]
 

@@ -8,10 +8,10 @@ import pytest
 
 from olne_bench.estimators import bilevel
 from olne_bench.estimators.bilevel import Bilevel, OuterResiduals
-from olne_bench.estimators.forward_model import Certainty, first_games, squared_error_of
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation
-from olne_bench.estimators.simplex import RatioChart
+from olne_bench.estimators.shared.forward_model import Certainty, first_games, squared_error_of
+from olne_bench.estimators.shared.simplex import RatioChart
 
 RNG = np.random.default_rng(0)
 

@@ -12,12 +12,12 @@ from olne_bench.estimators.kkt_residual import KktResidual
 from olne_bench.estimators.maxent_residual import MaxentResidual
 from olne_bench.estimators.protocol import Estimator, Observation, Problem
 from olne_bench.estimators.ukf import Ukf
-from olne_bench.games.constraints import Distance
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.features import ControlEffort, FinalGoal, StateDeviation
-from olne_bench.games.game import Game, Player
-from olne_bench.games.observation import VIEWS, observe
-from olne_bench.games.olne import solve_olne
+from olne_bench.games.model.constraints import Distance
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, StateDeviation
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.olne import solve_olne
 
 WEIGHTS = np.array([[0.2, 0.3, 0.5], [0.45, 0.3, 0.25]])
 START = np.array([[-1.0, 0.0, 0.1, 0.3], [0.1, -1.0, 1.5, 0.25]])

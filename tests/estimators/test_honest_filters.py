@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from olne_bench.estimators.forward_model import uniform_weights
 from olne_bench.estimators.particle import Particle
 from olne_bench.estimators.protocol import Observation
+from olne_bench.estimators.shared.forward_model import uniform_weights
 from olne_bench.estimators.ukf import Ukf
 
 FILTERS = {"ukf": Ukf, "particle": Particle}

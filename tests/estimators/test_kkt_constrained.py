@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from olne_bench.envs.recording import record
+from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators import joint_starts as module
 from olne_bench.estimators.bilevel import Bilevel
-from olne_bench.estimators.joint_problem import JointSolution, Status
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import VIEWS, observe
-from olne_bench.games.olne import solve_olne
+from olne_bench.estimators.shared import joint_starts as module
+from olne_bench.estimators.shared.joint_problem import JointSolution, Status
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.olne import solve_olne
 
 RNG = np.random.default_rng(0)
 

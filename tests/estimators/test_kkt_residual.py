@@ -6,8 +6,8 @@ import pytest
 
 from olne_bench.estimators.kkt_residual import KktResidual, pre_filter, residual_weights
 from olne_bench.estimators.protocol import Observation
-from olne_bench.games.kkt import kkt_system
-from olne_bench.games.olne import solve_olne
+from olne_bench.games.solve.kkt import kkt_system
+from olne_bench.games.solve.olne import solve_olne
 
 
 def estimate(problem, observations):

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from olne_bench.envs.recording import record
+from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.maxent_residual import (
     Curvature,
@@ -15,10 +15,10 @@ from olne_bench.estimators.maxent_residual import (
     packed,
 )
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.game import Game
-from olne_bench.games.kkt import kkt_system
-from olne_bench.games.observation import VIEWS, observe
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.kkt import kkt_system
 
 RNG = np.random.default_rng(0)
 

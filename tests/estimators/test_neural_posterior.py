@@ -9,9 +9,9 @@ import pytest
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.neural_posterior import NeuralPosterior, game_key, network_of
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.stream import Windows
-from olne_bench.games.observation import VIEWS, ComponentView, RangeBearingView
-from olne_bench.games.olne import solve_olne
+from olne_bench.estimators.shared.stream import Windows
+from olne_bench.games.model.observation import VIEWS, ComponentView, RangeBearingView
+from olne_bench.games.solve.olne import solve_olne
 
 SIGMAS = {"two_player": 0.03, "highway_overtaking": 0.02}
 FIRST = 900_000  # of seeds; networks are trained on draws of another stream
@@ -153,7 +153,7 @@ def test_the_pass_in_numpy_is_that_of_pytorch() -> None:
         layer = torch.nn.Linear(matrix.shape[1], matrix.shape[0])
         layer.weight.data, layer.bias.data = torch.from_numpy(matrix), torch.from_numpy(offset)
         layers += [layer, torch.nn.SiLU()]
-    from olne_bench.estimators.mixture_network import encoded
+    from olne_bench.estimators.shared.mixture_network import encoded
 
     inputs = encoded(
         observation.y[None],

@@ -6,13 +6,6 @@ from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal, multivariate_t, norm
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators.belief import Gaussian, LostError
-from olne_bench.estimators.forward_model import (
-    SolvedGame,
-    expected_samples,
-    play_batch,
-    scaled_samples,
-)
 from olne_bench.estimators.particle import (
     Particle,
     _Proposal,
@@ -22,11 +15,18 @@ from olne_bench.estimators.particle import (
     widening,
 )
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.simplex import from_log_ratios
-from olne_bench.games.game import Game, Player
-from olne_bench.games.newton import Root
-from olne_bench.games.observation import VIEWS, observe
-from olne_bench.games.olne import solve_olne
+from olne_bench.estimators.shared.belief import Gaussian, LostError
+from olne_bench.estimators.shared.forward_model import (
+    SolvedGame,
+    expected_samples,
+    play_batch,
+    scaled_samples,
+)
+from olne_bench.estimators.shared.simplex import from_log_ratios
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.newton import Root
+from olne_bench.games.solve.olne import solve_olne
 
 COUNT = 2000
 

@@ -9,19 +9,19 @@ import pytest
 from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.raw_estimate import read_estimate
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators.forward_model import (
+from olne_bench.estimators.posterior import Posterior
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
     sample_sensitivity,
     scaled_samples,
 )
-from olne_bench.estimators.posterior import Posterior
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.features import ControlEffort, FinalGoal, Proximity
-from olne_bench.games.game import Game, Player
-from olne_bench.games.observation import VIEWS, observe
-from olne_bench.games.olne import solve_olne
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.solve.olne import solve_olne
 
 QUICK = Posterior(first=200, more=100, most=800, enough=400, count=800)
 

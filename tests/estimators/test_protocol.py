@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from olne_bench.envs.recording import record
+from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.trajectory_fit import fit_trajectory
-from olne_bench.games.observation import VIEWS
+from olne_bench.estimators.shared.trajectory_fit import fit_trajectory
+from olne_bench.games.model.observation import VIEWS
 from olne_bench.plugins import ESTIMATOR, PluginError, make, names
 
 RNG = np.random.default_rng(0)

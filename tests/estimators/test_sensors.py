@@ -5,22 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from olne_bench.envs.recorded import RecordedWorld
-from olne_bench.envs.recording import record
+from olne_bench.envs.recordings.recorded_world import RecordedWorld
+from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.wrappers import Float32, wrap
+from olne_bench.envs.worlds.wrappers import Float32, wrap
 from olne_bench.estimators.bilevel import Bilevel
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.kkt_residual import KktResidual
 from olne_bench.estimators.maxent_residual import MaxentResidual
 from olne_bench.estimators.particle import Particle
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.trajectory_fit import guess_states
+from olne_bench.estimators.shared.trajectory_fit import guess_states
+from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
 from olne_bench.estimators.ukf import Ukf
 from olne_bench.estimators.uniform import Uniform
-from olne_bench.estimators.white_noise import white_problem, with_white_noise
-from olne_bench.games.observation import ComponentView, FullView, RangeBearingView, observe
-from olne_bench.games.sensor import CorrelatedNoise, Drops, SensorModel
+from olne_bench.games.model.observation import ComponentView, FullView, RangeBearingView, observe
+from olne_bench.games.model.sensor import CorrelatedNoise, Drops, SensorModel
 
 RECORDING = record(get_scenario("two_player"))
 GAME = RECORDING.scenario.game

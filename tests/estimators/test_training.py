@@ -13,8 +13,8 @@ import pytest
 
 from olne_bench.bench.judge.cloned_policy import Policy
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators.mixture_network import MixtureNetwork
 from olne_bench.estimators.neural_posterior import game_key
+from olne_bench.estimators.shared.mixture_network import MixtureNetwork
 
 pytestmark = pytest.mark.learners
 

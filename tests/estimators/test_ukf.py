@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from olne_bench.estimators.belief import Gaussian, LostError
+from olne_bench.estimators.shared.belief import Gaussian, LostError
 from olne_bench.estimators.ukf import (
     _MOST_AT_ONCE,
     Ukf,
@@ -162,7 +162,7 @@ def test_all_of_the_budget_is_for_games(seen, monkeypatch):
         left.append(deadline - time.monotonic())
         raise LostError("enough")
 
-    monkeypatch.setattr("olne_bench.estimators.past_posterior.FollowedGames", stop)
+    monkeypatch.setattr("olne_bench.estimators.shared.past_posterior.FollowedGames", stop)
     begin = time.monotonic()
     result = Ukf().estimate(problem, observation, rng=RNG, budget=1000.0)
     assert (result.converged, result.message) == (False, "enough")

@@ -11,15 +11,15 @@ from olne_bench.estimators.ignorant import Ignorant
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Estimate, Estimator, Observation, Problem
 from olne_bench.estimators.ukf import Ukf
-from olne_bench.games.constraints import Distance
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.equilibrium import Equilibrium
-from olne_bench.games.features import ControlEffort, FinalGoal, StateDeviation
-from olne_bench.games.game import Game, Player
-from olne_bench.games.information import identifiability, observation_sensitivity
-from olne_bench.games.observation import VIEWS, observe
-from olne_bench.games.olne import solve_olne
-from olne_bench.games.unknowns import Unknown
+from olne_bench.games.model.constraints import Distance
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, StateDeviation
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.equilibrium import Equilibrium
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.model.unknowns import Unknown
+from olne_bench.games.solve.information import identifiability, observation_sensitivity
+from olne_bench.games.solve.olne import solve_olne
 
 DRAWN = get_scenario("merging", 6, unknown_radius=True, weights="moderate")
 DRIVING = np.array([[0.7, -0.05, 0, 0.6], [-1, -0.02, 0, 0.63], [-2.4, -0.08, 0.05, 0.5]])

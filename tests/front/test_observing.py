@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import olne_bench as ob
-from olne_bench.bench.judge.referee import case_of
+from olne_bench.bench.judge.trials import case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import expand
 from olne_bench.envs.scenarios.two_player import TwoPlayer

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
-from olne_bench.games.game import Game, Player
-from olne_bench.games.olne import Equilibrium, solve_olne
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.solve.olne import Equilibrium, solve_olne
 
 GoalGame = Callable[..., Game]
 

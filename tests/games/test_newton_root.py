@@ -2,9 +2,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from olne_bench.games.game import Game
-from olne_bench.games.newton import newton_root
-from olne_bench.games.olne import Equilibrium
+from olne_bench.games.model.game import Game
+from olne_bench.games.solve.newton import newton_root
+from olne_bench.games.solve.olne import Equilibrium
 
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games import olne
-from olne_bench.games.best_response import best_response, best_responses
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.kkt import kkt_system
-from olne_bench.games.native import NativeElimination, Stop, elimination, plain_elimination
-from olne_bench.games.newton import Root, rows
+from olne_bench.games.compiled.native import NativeElimination, Stop, elimination, plain_elimination
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.solve import olne
+from olne_bench.games.solve.best_response import best_response, best_responses
+from olne_bench.games.solve.kkt import kkt_system
+from olne_bench.games.solve.newton import Root, rows
 
 NAMES = {"two_player": None, "random": 3, "two_way": 0}
 

@@ -6,17 +6,17 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from olne_bench.games.batch import solve_batch
-from olne_bench.games.constraints import Constraint, ControlBound, Distance
-from olne_bench.games.dynamics import UNICYCLE
-from olne_bench.games.equilibrium import Equilibrium
-from olne_bench.games.features import ControlEffort, FinalGoal, StateDeviation
-from olne_bench.games.game import Game, Player
-from olne_bench.games.information import trajectory_sensitivity
-from olne_bench.games.native import elimination, interior_elimination, plain_elimination
-from olne_bench.games.newton import pack
-from olne_bench.games.olne import solve_olne
-from olne_bench.games.unknowns import Unknown
+from olne_bench.games.compiled.native import elimination, interior_elimination, plain_elimination
+from olne_bench.games.model.constraints import Constraint, ControlBound, Distance
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, StateDeviation
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.equilibrium import Equilibrium
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.unknowns import Unknown
+from olne_bench.games.solve.batch import solve_batch
+from olne_bench.games.solve.information import trajectory_sensitivity
+from olne_bench.games.solve.newton import pack
+from olne_bench.games.solve.olne import solve_olne
 
 APART: Any = Unknown("distance", "m", 0.3, 0.7, 0.45, 0.1)
 GENTLE: Any = Unknown("strongest", "m/s^2", 0.1, 0.5, 0.3, 0.1)

@@ -481,7 +481,7 @@ EXCEPTIONS = [
         "OwnNoEquilibriumError",
         "crash",
         "mine",
-        "from olne_bench.envs.recording import NoEquilibriumError as E\nraise E('mine')",
+        "from olne_bench.envs.recordings.recording import NoEquilibriumError as E\nraise E('mine')",
     ),
     Hostile("Interrupts", "crash", "KeyboardInterrupt", "raise KeyboardInterrupt"),
     Hostile("Leaves", "crash", "GeneratorExit: early", "raise GeneratorExit('early')"),
@@ -799,7 +799,7 @@ STATE = [
         from olne_bench.bench import text
         from olne_bench.bench.judge import raw_estimate
         from olne_bench.bench.process import messages
-        from olne_bench.games import observation
+        from olne_bench.games.model import observation
         text.clip = raw_estimate.is_plain_number = messages.unpack = None
         observation.FullView.sense = lambda *args: 0.0
         """,
@@ -830,7 +830,7 @@ STATE = [
         "crash",
         "PermissionError",
         """
-        from olne_bench.games import compiler
+        from olne_bench.games.compiled import compiler
         Path(compiler.__file__).with_name("x.pyc").write_bytes(b"x")
         """,
     ),
@@ -853,7 +853,7 @@ STATE = [
         "ok",
         "",
         module="""
-        import olne_bench.games.newton as newton
+        import olne_bench.games.solve.newton as newton
         import olne_bench.bench.run.player as player
         newton.newton_root = None
         np.linalg.solve = None

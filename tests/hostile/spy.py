@@ -103,7 +103,7 @@ def _redrawn(problem, observation, shape):
 
 def _with(secrets, problem):
     """Draws again with every salt that was found."""
-    from olne_bench.bench.judge.streams import stream
+    from olne_bench.bench.judge.seeds import stream
     from olne_bench.envs.scenarios import get_scenario
 
     options = {"num_players": problem.game.num_players}

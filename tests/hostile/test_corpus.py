@@ -7,8 +7,8 @@ from corpus import HEADER, Hostile
 from running import Run, write
 
 from olne_bench.bench.process.sandbox import restrictions
-from olne_bench.bench.run import describing
-from olne_bench.bench.run.describing import describe_all
+from olne_bench.bench.run import describe_plugins as describing
+from olne_bench.bench.run.describe_plugins import describe_all
 
 GROUPS = {
     name: [one for one in group if one.status != "refused"]

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.referee import PlayerTask
+from olne_bench.bench.judge.trials import PlayerTask
 from olne_bench.bench.process.sandbox import landlock_version
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.run.stream_process import StreamProcess
-from olne_bench.envs.draws_folder import draws_folder, shipped_draws
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.solved.draws_folder import draws_folder, shipped_draws
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import FullView
+from olne_bench.games.model.observation import FullView
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or landlock_version() < 6, reason="needs Landlock, Linux 6.12 or later"

@@ -16,7 +16,7 @@ class {name}:
         return replace(get_scenario("two_player"), name="{name}")
 """
 SENSOR = """
-from olne_bench.games.observation import FullView
+from olne_bench.games.model.observation import FullView
 class {name}:
     name = "{name}"
     def layers(self):

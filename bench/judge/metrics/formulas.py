@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import chdtr
 
-from olne_bench.games.simplex import simplex_tangent
+from olne_bench.games.model.simplex import simplex_tangent
 
 _SINGULAR = 1e-14  # variances, relative to the largest one
 _EXACT = 1e-9  # errors of weights, which sum to one
@@ -36,7 +36,7 @@ def identifiable_cosine_error(
     """Cosine errors without the errors in directions that the data do not identify.
 
     Each player's weights are scaled to sum to one, and their error is projected onto the
-    identified directions (``games.information.identifiability``). The result equals
+    identified directions (``games.solve.information.identifiability``). The result equals
     ``cosine_error`` if all directions are identified.
 
     Args:

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged
-from olne_bench.bench.judge.streams import generator_of
+from olne_bench.bench.judge.seeds import generator_of
 
 #: Samples that predict, evenly spaced among those of the estimate.
 SAMPLES = 100

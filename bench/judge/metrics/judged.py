@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from olne_bench.bench.judge.estimate_check import CheckedEstimate
-from olne_bench.envs.recording import Recording
+from olne_bench.envs.recordings.recording import Recording
 
 
 @dataclass(frozen=True)

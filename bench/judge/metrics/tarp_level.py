@@ -3,7 +3,7 @@
 import numpy as np
 
 from olne_bench.bench.judge.metrics.judged import Judged
-from olne_bench.bench.judge.streams import generator_of
+from olne_bench.bench.judge.seeds import generator_of
 
 
 class TarpLevel:

@@ -9,7 +9,7 @@ from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.statistics.recognition import NOBODY, confusion_table, drivers
 from olne_bench.bench.report.study import USUAL, Study
-from olne_bench.envs.temperaments import TEMPERAMENTS
+from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 
 _MOST_LEVELS = 5
 _WIDTH, _HEIGHT = 1.25, 0.95  # [inch] of a panel

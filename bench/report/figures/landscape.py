@@ -18,8 +18,8 @@ from olne_bench.bench.report.figures.series import Series, contenders, sensors_i
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.predicted_motion import estimated_weights
 from olne_bench.bench.report.study import USUAL, Study
-from olne_bench.envs.scene import player_colour
-from olne_bench.games.features import Stage
+from olne_bench.envs.worlds.scene import player_colour
+from olne_bench.games.model.costs import Stage
 
 _CELLS = 160  # along the longer side of the slice
 _LEVELS = 11

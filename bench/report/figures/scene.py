@@ -18,12 +18,12 @@ from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.predicted_motion import predict_again
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
-from olne_bench.envs.recording import Recording
-from olne_bench.envs.scene import car_outline, is_on_road
-from olne_bench.games.observation import FullView
+from olne_bench.envs.recordings.recording import Recording
+from olne_bench.envs.worlds.scene import car_outline, is_on_road
+from olne_bench.games.model.observation import FullView
 
 if TYPE_CHECKING:
-    from olne_bench.envs.road_shapes import LaneShape
+    from olne_bench.envs.roads.road_shapes import LaneShape
 
 _MARGIN = 0.12  # of the extent, on each side
 _LEAST_MARGIN = 0.05  # of the larger extent
@@ -214,7 +214,7 @@ def scene_of(trials: pd.DataFrame, study: Study = USUAL) -> Scene:
 
 
 def _lanes(road: str, low: np.ndarray, high: np.ndarray) -> "tuple[LaneShape, ...]":
-    from olne_bench.envs.road_shapes import lane_shapes  # HighwayEnv is slow to import
+    from olne_bench.envs.roads.road_shapes import lane_shapes  # HighwayEnv is slow to import
 
     return tuple(lane_shapes(road, low, high))
 

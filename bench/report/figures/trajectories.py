@@ -16,7 +16,7 @@ from olne_bench.bench.report.figures.scene import Scene, scene_of
 from olne_bench.bench.report.figures.series import Series, contenders, sensors_in, split
 from olne_bench.bench.report.figures.telling import telling_level
 from olne_bench.bench.report.study import USUAL, Study
-from olne_bench.envs.scene import player_colour
+from olne_bench.envs.worlds.scene import player_colour
 
 #: Most sequences in one panel, as in the paper.
 MOST_SEQUENCES = 40

@@ -22,7 +22,7 @@ from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.statistics.attempts import FLOOR, attempts_of, errors_of, measured
 from olne_bench.bench.report.statistics.wins import win_counts, win_table
 from olne_bench.bench.report.study import USUAL, Study
-from olne_bench.envs.scene import player_colour
+from olne_bench.envs.worlds.scene import player_colour
 
 _METRIC = declare(PositionError)
 _ENOUGH = 0.5  # share of the draws that both must predict
@@ -51,7 +51,7 @@ class Choice:
 
 def is_road(label: str, study: Study) -> bool:
     """Whether HighwayEnv plays the scenario with this label."""
-    from olne_bench.envs.highway_roads import ROAD_NAMES  # HighwayEnv is slow to import
+    from olne_bench.envs.roads.highway_roads import ROAD_NAMES  # HighwayEnv is slow to import
 
     entry = study.scenarios.get(label)
     return entry is not None and entry.name in ROAD_NAMES

@@ -20,7 +20,7 @@ from olne_bench.bench.report.page.numbers import rounded
 from olne_bench.bench.report.page.scenes import Place, scene_data
 from olne_bench.bench.report.parts import Outline, Parts, of_each, parts_of
 from olne_bench.bench.report.study import USUAL, Study
-from olne_bench.envs.scene import PLAYER_COLOURS
+from olne_bench.envs.worlds.scene import PLAYER_COLOURS
 
 #: Largest number of points on the whole page; of more trials, an even selection is drawn.
 _MOST_POINTS = 14_000

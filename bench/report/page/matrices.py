@@ -7,7 +7,7 @@ import pandas as pd
 
 from olne_bench.bench.report.statistics.recognition import NOBODY
 from olne_bench.bench.report.statistics.wins import ALL
-from olne_bench.envs.temperaments import TEMPERAMENTS
+from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 
 _PLACE = ["scenario", "sensor", "estimator"]
 

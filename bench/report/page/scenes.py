@@ -15,7 +15,7 @@ from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import USUAL, Study
 
 if TYPE_CHECKING:
-    from olne_bench.envs.road_shapes import LaneShape
+    from olne_bench.envs.roads.road_shapes import LaneShape
 
 #: Approximate number of coordinates and of predictions on the whole page.
 _MOST_COORDINATES = 160_000

@@ -18,9 +18,9 @@ from olne_bench.bench.judge.truth import Draw, sensitivities_of, true_recording
 from olne_bench.bench.report.leaderboard import LIMIT_SIGMA
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
-from olne_bench.envs.recording import Recording
-from olne_bench.games.information import Identifiability, identifiability
-from olne_bench.games.sensor import SensorModel
+from olne_bench.envs.recordings.recording import Recording
+from olne_bench.games.model.sensor import SensorModel
+from olne_bench.games.solve.information import Identifiability, identifiability
 
 #: Noise level [m] at which weights are classified as identified or not.
 REFERENCE_SIGMA = LIMIT_SIGMA

@@ -13,7 +13,7 @@ from olne_bench.bench.judge.truth import sensitivities_of, true_recording
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.statistics.identifiability import cells
 from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study
-from olne_bench.games.information import identifiability
+from olne_bench.games.solve.information import identifiability
 
 #: Draws of a family that count, from the first on.
 MOST_DRAWS = 10

@@ -26,9 +26,9 @@ from olne_bench.bench.judge.truth import sensitivities_of, true_recording
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.study import UNKNOWN_HERE, Study
-from olne_bench.games.game import Game
-from olne_bench.games.information import in_theta
-from olne_bench.games.simplex import simplex_tangent, theta_tangent
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.simplex import simplex_tangent, theta_tangent
+from olne_bench.games.solve.information import in_theta
 
 #: Chance that a row, or a cell, of an efficient estimator is marked.
 LEVEL = 1e-6

@@ -1,4 +1,4 @@
-"""Who is recognised: results by the temperament of drivers (``envs.temperaments``).
+"""Who is recognised: results by the temperament of drivers (``envs.roads.temperaments``).
 
 A temperament is a function of a scenario's options and the seed of its draw, so that no game is
 solved here. An estimate recognises a driver if its weights have the largest density under the
@@ -19,9 +19,9 @@ from olne_bench.bench.report.statistics.attempts import attempts_of, quantile
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.statistics.intervals import share_interval
 from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study
+from olne_bench.envs.roads.temperaments import TEMPERAMENTS, checked_shares, recognised
 from olne_bench.envs.scenarios import check_options
-from olne_bench.envs.temperaments import TEMPERAMENTS, checked_shares, recognised
-from olne_bench.envs.true_weights import TEMPERED
+from olne_bench.envs.scenarios.true_weights import TEMPERED
 from olne_bench.plugins import SCENARIO, is_built_in
 
 #: Recognised temperament of a driver whose trial has no valid weights.

@@ -9,7 +9,7 @@ import pandas as pd
 
 from olne_bench import plugins
 from olne_bench.bench.judge.metrics import BUILT_IN
-from olne_bench.bench.judge.referee import Case, case_at, judge_case
+from olne_bench.bench.judge.trials import Case, case_at, judge_case
 from olne_bench.bench.judge.truth import Draw
 from olne_bench.bench.plan.entries import MetricEntry
 from olne_bench.bench.plan.outcome import FAILURES, Outcome
@@ -27,7 +27,7 @@ from olne_bench.front.in_process import (
     chosen_estimator,
 )
 from olne_bench.front.sensing import ChosenSensor, chosen_sensor
-from olne_bench.games.published import PUBLISHED_ITERATIONS
+from olne_bench.games.solve.published import PUBLISHED_ITERATIONS
 from olne_bench.plugins import METRIC
 
 if TYPE_CHECKING:

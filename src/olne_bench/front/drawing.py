@@ -9,10 +9,10 @@ from olne_bench.bench.judge.truth import Draw, given_draw, true_recording
 from olne_bench.bench.plan.draws import draws_path
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.learn import labelled
-from olne_bench.envs.draws_file import Draws, read_draws
-from olne_bench.envs.kept_draws import travelling
 from olne_bench.envs.scenarios import check_options, checked_seed
 from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.solved.draws_file import Draws, read_draws
+from olne_bench.envs.solved.kept_draws import travelling
 
 #: Salt of the suite ``quick``, whose draws and noise are meant unless another suite is named.
 SALT = "quick"

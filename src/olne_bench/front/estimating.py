@@ -12,11 +12,11 @@ from olne_bench.bench.commands.fit import Fit
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.estimators.protocol import Observation, Problem, check_observation
-from olne_bench.estimators.trajectory_fit import guess_controls
+from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.front.games import solve_olne
 from olne_bench.front.in_process import chosen_estimator, estimated_here
 from olne_bench.front.observing import Seen
-from olne_bench.games.equilibrium import Equilibrium
+from olne_bench.games.model.equilibrium import Equilibrium
 
 
 @dataclass(frozen=True, repr=False)

@@ -3,11 +3,11 @@
 import numpy as np
 
 from olne_bench.estimators.protocol import Problem
-from olne_bench.games import olne
-from olne_bench.games.equilibrium import Equilibrium
-from olne_bench.games.game import Game
-from olne_bench.games.information import observation_sensitivity
-from olne_bench.games.olne import RESIDUAL_TOLERANCE
+from olne_bench.games.model.equilibrium import Equilibrium
+from olne_bench.games.model.game import Game
+from olne_bench.games.solve import olne
+from olne_bench.games.solve.information import observation_sensitivity
+from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE
 
 
 class NoRootError(ValueError):

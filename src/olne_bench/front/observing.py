@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from olne_bench.bench.judge.observe import problem_of, sensor_model
-from olne_bench.bench.judge.referee import shown
+from olne_bench.bench.judge.trials import shown
 from olne_bench.bench.judge.truth import noise_seed
 from olne_bench.envs.scenarios import checked_seed
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.front.drawing import DrawnScenario, place_of
 from olne_bench.front.sensing import chosen_sensor
-from olne_bench.games.game import Game
-from olne_bench.games.sensor import SensorModel
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.sensor import SensorModel
 
 
 @dataclass(frozen=True, repr=False)

@@ -6,8 +6,8 @@ from typing import Any
 
 from olne_bench import plugins
 from olne_bench.bench.plan.entries import PluginEntry, SensorEntry
-from olne_bench.games.observation import View
-from olne_bench.games.sensor import GapsLayer, Layer, NoiseLayer
+from olne_bench.games.model.observation import View
+from olne_bench.games.model.sensor import GapsLayer, Layer, NoiseLayer
 
 
 @dataclass(frozen=True)

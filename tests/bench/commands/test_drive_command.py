@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from olne_bench.bench.report.driving import COLUMNS
+from olne_bench.bench.report.drive_tables import COLUMNS
 
 #: HighwayEnv's drivers need no game, and no compiler.
 QUICK = ["run", "driving_stock", "--estimator", "stock", "--scenario", "two_way", "--jobs", 1]

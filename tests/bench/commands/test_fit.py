@@ -10,7 +10,7 @@ from olne_bench.bench.commands.fit import Fit
 from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Problem
-from olne_bench.games.observation import FullView
+from olne_bench.games.model.observation import FullView
 
 GAME = get_scenario("two_player").game
 

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.referee import case_of
+from olne_bench.bench.judge.trials import case_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import expand
-from olne_bench.bench.report.online import COLUMNS
+from olne_bench.bench.report.stream_tables import COLUMNS
 from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import read_store
 

@@ -9,10 +9,10 @@ import pytest
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.plan.versions import Versions
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.submission.again import Repeated
-from olne_bench.bench.report.submission.drawn import DrawnErrors
-from olne_bench.bench.report.submission.fresh import LEVEL, FreshErrors
-from olne_bench.bench.report.submission.verify import Limits, Verdict
+from olne_bench.bench.submission.again import Repeated
+from olne_bench.bench.submission.drawn import DrawnErrors
+from olne_bench.bench.submission.fresh import LEVEL, FreshErrors
+from olne_bench.bench.submission.verify import Limits, Verdict
 
 module = import_module("olne_bench.bench.commands.verify")
 
@@ -98,7 +98,7 @@ def test_numbers_have_limits(checked, option, value, code):
 
 def test_a_page_shows_who_was_accepted(checked, monkeypatch, tmp_path, capsys):
     shown = []
-    page = import_module("olne_bench.bench.report.page.accepted")
+    page = import_module("olne_bench.bench.submission.accepted_page")
     monkeypatch.setattr(module, "read_submission", lambda folder: folder.name)
     monkeypatch.setattr(page, "accepted_page", lambda found: shown.extend(found) or "a page")
     place = tmp_path / "page.html"

@@ -7,9 +7,9 @@ from olne_bench.bench.judge.cloned_policy import Policy, driven, policy_of
 from olne_bench.bench.judge.predictions import drive_as_cloned, drive_on
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Problem
-from olne_bench.games.game import Game
-from olne_bench.games.observation import VIEWS
-from olne_bench.games.olne import solve_olne
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import VIEWS
+from olne_bench.games.solve.olne import solve_olne
 
 NAMES = ("two_player", "highway_overtaking")
 FIRST = 900_000  # of seeds; policies are trained on draws of another stream

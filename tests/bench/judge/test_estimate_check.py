@@ -11,7 +11,7 @@ from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Problem
-from olne_bench.games.observation import FullView
+from olne_bench.games.model.observation import FullView
 
 
 @pytest.fixture(scope="module")

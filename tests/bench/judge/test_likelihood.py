@@ -9,11 +9,11 @@ from olne_bench.bench.judge import likelihood
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
 from olne_bench.bench.judge.likelihood import likelihood_ratio
 from olne_bench.bench.judge.raw_estimate import read_estimate
-from olne_bench.bench.judge.referee import Case, case_of, predict_from_start
+from olne_bench.bench.judge.trials import Case, case_of, predict_from_start
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import expand
 from olne_bench.estimators.kkt_constrained import KktConstrained
-from olne_bench.games.newton import Root
+from olne_bench.games.solve.newton import Root
 
 
 def judged(seed: int) -> tuple[Case, CheckedEstimate, Root]:

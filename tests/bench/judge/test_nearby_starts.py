@@ -16,13 +16,13 @@ from olne_bench.bench.judge.truth import (
     unit_cosine_limit,
 )
 from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.envs.recording import NoEquilibriumError, Recording
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.nearest_root import Prediction
-from olne_bench.games.newton import Root, newton_root
-from olne_bench.games.observation import FullView
-from olne_bench.games.olne import solve_olne
-from olne_bench.games.root_following import follow_root
+from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.observation import FullView
+from olne_bench.games.solve.nearest_root import Prediction
+from olne_bench.games.solve.newton import Root, newton_root
+from olne_bench.games.solve.olne import solve_olne
+from olne_bench.games.solve.root_following import follow_root
 
 TWO = Draw.of(ScenarioEntry(name="two_player"), 0, "")
 THREE_TIMES = Draw.of(ScenarioEntry(name="two_player", trajectories=3), 0, "")

@@ -11,8 +11,8 @@ from olne_bench.bench.judge.predictions import (
 )
 from olne_bench.envs.scenarios.highway import propose
 from olne_bench.estimators.protocol import Problem
-from olne_bench.games.dynamics import rollout
-from olne_bench.games.observation import VIEWS
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.observation import VIEWS
 
 SEEN = 8
 

@@ -89,4 +89,4 @@ def test_names_for_gymnasium_do_not_count():
     scenario = {"scene": Path(olne_bench.envs.__file__).parent / "scene.py"}
     roots = {"olne_bench.envs": Path(olne_bench.__file__).parents[1]}
     found = modules_used(scenario, roots, own=None)
-    assert "olne_bench.envs" in found and "olne_bench.envs.gym_ids" not in found
+    assert "olne_bench.envs" in found and "olne_bench.envs.worlds.gym_ids" not in found

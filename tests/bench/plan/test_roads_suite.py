@@ -4,9 +4,9 @@ from olne_bench.bench.judge import truth
 from olne_bench.bench.judge.truth import Draw, held_out_recordings, true_recording
 from olne_bench.bench.plan.draws import about, draws_of, draws_path
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.envs import equilibrium, kept_draws
-from olne_bench.envs.driving import MAX_DRAWS
-from olne_bench.envs.highway_roads import ROAD_NAMES
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES
+from olne_bench.envs.roads.road_scenario import MAX_DRAWS
+from olne_bench.envs.solved import equilibrium, kept_draws
 
 ROADS = load_suite("roads")
 
@@ -28,7 +28,7 @@ def test_the_fast_see_forty_draws_and_the_slow_twenty() -> None:
 
 
 def test_the_draws_that_come_with_it_are_small_and_those_of_the_present_code(monkeypatch) -> None:
-    """If this fails after a change of draws: raise the version of ``envs.draws_file``."""
+    """If this fails after a change of draws: raise the version of ``envs.solved.draws_file``."""
     draws = draws_of("roads", ROADS)
     assert draws is not None and draws.about == about(ROADS)
     assert draws_path("roads").stat().st_size < 2.5e6

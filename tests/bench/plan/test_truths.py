@@ -7,7 +7,7 @@ import pytest
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry
 from olne_bench.bench.plan.load import load_suite, suite_names
 from olne_bench.bench.plan.truths import drawn_twin, has_drawn_truths, is_foreign
-from olne_bench.envs.recording import NoEquilibriumError
+from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
 
 FIXED = {"paper", "quick", "sensors", "several"}

@@ -23,7 +23,7 @@ from olne_bench.bench.process import sandbox
 from olne_bench.bench.process.child import Child, RaisedError
 from olne_bench.bench.process.sandbox import landlock_version, restrictions
 from olne_bench.bench.process.system_calls import _LOCKING, _REFUSED, _WITHOUT_EFFECT
-from olne_bench.envs.draws_folder import shipped_draws
+from olne_bench.envs.solved.draws_folder import shipped_draws
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or landlock_version() < 6, reason="needs Landlock, Linux 6.12 or later"

@@ -16,7 +16,7 @@ from olne_bench.bench.judge.truth import true_recording
 from olne_bench.bench.plan.entries import EstimatorEntry, PluginEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.report.study import Study
 from olne_bench.envs import highway_v0
-from olne_bench.games.root_following import follow_root
+from olne_bench.games.solve.root_following import follow_root
 from olne_bench.plugins import ESTIMATOR, names
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.driving import COLUMNS, comparison_table, drive_table
-from olne_bench.bench.report.figures.driving import figure_of
+from olne_bench.bench.report.drive_tables import COLUMNS, comparison_table, drive_table
+from olne_bench.bench.report.figures.drives import figure_of
 
 DRIVES = 10
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.online import (
+from olne_bench.bench.report.stream_tables import (
     COLUMNS,
     comparison_table,
     over_time_table,

@@ -9,7 +9,7 @@ import pytest
 from olne_bench.bench.run import player
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.observation import FullView
+from olne_bench.games.model.observation import FullView
 
 PLUGIN = """
 from types import SimpleNamespace

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from olne_bench.bench.judge.referee import own_seconds
+from olne_bench.bench.judge.trials import own_seconds
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, expand

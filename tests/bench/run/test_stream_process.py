@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.referee import PlayerFault, PlayerTask
+from olne_bench.bench.judge.trials import PlayerFault, PlayerTask
 from olne_bench.bench.process.messages import unpack
 from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Problem
-from olne_bench.games.observation import VIEWS
+from olne_bench.games.model.observation import VIEWS
 
 PLUGIN = """
 import os, threading, time

@@ -7,7 +7,7 @@ import pytest
 from olne_bench.envs.drive.cars import MOTION, STEP
 from olne_bench.envs.drive.footprint import CarsApart
 from olne_bench.envs.drive.gaps import gap
-from olne_bench.games.features import Stage
+from olne_bench.games.model.costs import Stage
 
 
 def margin_of(apart: CarsApart) -> ca.Function:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games.unknowns import with_unknowns
+from olne_bench.games.model.unknowns import with_unknowns
 from olne_bench.plugins import PluginError
 
 

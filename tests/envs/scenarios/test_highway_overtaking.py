@@ -3,7 +3,7 @@
 import numpy as np
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games.features import ControlEffort, Proximity, StateDeviation
+from olne_bench.games.model.costs import ControlEffort, Proximity, StateDeviation
 
 #: px, py, speed, px of the lane, target speed, weight of the proximity.
 PUBLISHED = np.array(

@@ -5,7 +5,7 @@ import pytest
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.random import LIMITS, RADIUS_RANGE, SPEED_RANGE, WEIGHT_RANGE
-from olne_bench.envs.scene import goals
+from olne_bench.envs.worlds.scene import goals
 
 
 def between(angles: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from olne_bench.envs.driving import DT, HORIZON, Driver
-from olne_bench.envs.highway_roads import ROAD_NAMES
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES
+from olne_bench.envs.roads.road_scenario import DT, HORIZON, Driver
 from olne_bench.envs.scenarios import (
     highway,
     intersection,
@@ -18,7 +18,7 @@ from olne_bench.envs.scenarios import (
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.tracks.of_scenario import highway_road
 from olne_bench.envs.tracks.road import RoadLane, curve_points, locate
-from olne_bench.games.lanes import ArcLane, Lane, LaneKeeping, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, LaneKeeping, StraightLane
 
 FAMILIES = {
     "highway": highway,

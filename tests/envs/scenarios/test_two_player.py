@@ -5,7 +5,7 @@ import pytest
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
 
 
 def test_two_players_cross_at_a_right_angle() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from olne_bench.envs.tracks.curve_fit import TOLERANCE, curves_through
 from olne_bench.envs.tracks.road import RoadLane, locate
-from olne_bench.games.lanes import ArcLane, Lane, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, StraightLane
 
 
 def arc(radius: float, begin: float, end: float, count: int) -> np.ndarray:

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
 
-from olne_bench.envs.recording import Recording
-from olne_bench.envs.recording_file import RecordingFile, of_recordings
+from olne_bench.envs.recordings.recording import Recording
+from olne_bench.envs.recordings.recording_file import RecordingFile, of_recordings
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.tracks import explained as module
 from olne_bench.envs.tracks.explained import explain
@@ -22,9 +22,9 @@ from olne_bench.envs.tracks.road_file import RoadFile, write_road_file
 from olne_bench.errors import UserError
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.games.features import ControlEffort, FinalGoal, StateDeviation
-from olne_bench.games.game import Game
-from olne_bench.games.observation import FullView
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, StateDeviation
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import FullView
 
 #: Every road, with few players.
 ROADS = {"highway": 3, "merge": 2, "roundabout": 2, "intersection": 2, "two_way": 3}

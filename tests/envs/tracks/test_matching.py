@@ -10,7 +10,7 @@ from olne_bench.envs.tracks.matching import driven, route
 from olne_bench.envs.tracks.motion import Motion, roughness
 from olne_bench.envs.tracks.of_scenario import highway_road
 from olne_bench.envs.tracks.road import Road, RoadLane
-from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 
 EAST, NORTH = (1.0, 0.0), (0.0, 1.0)
 

@@ -7,9 +7,9 @@ from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.on_road import MARGIN, check_on_road, lane_warnings
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.errors import UserError
-from olne_bench.games.features import StateDeviation
-from olne_bench.games.game import Player
-from olne_bench.games.lanes import ArcLane, LaneKeeping, StraightLane
+from olne_bench.games.model.costs import StateDeviation
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.lanes import ArcLane, LaneKeeping, StraightLane
 
 WIDTH = 4.0
 EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 100.0)

@@ -6,7 +6,7 @@ import pytest
 
 from olne_bench.envs.tracks.matching import shortened
 from olne_bench.envs.tracks.road import Road, RoadLane, curve_points, locate
-from olne_bench.games.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 
 STRAIGHT = StraightLane((1.0, 2.0), (0.6, 0.8), 10.0)
 SINE = SineLane(StraightLane((0.0, 0.0), (1.0, 0.0), 20.0), 2.0, np.pi / 20, -np.pi / 2)

@@ -15,7 +15,7 @@ from olne_bench.envs.tracks.road_file import (
     write_road_file,
 )
 from olne_bench.errors import UserError
-from olne_bench.games.lanes import LaneKeeping, StraightLane
+from olne_bench.games.model.lanes import LaneKeeping, StraightLane
 
 
 def test_a_scenario_comes_back_from_its_file(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import RoadFile
 from olne_bench.envs.tracks.targets import Known, Targets, check_told
 from olne_bench.errors import UserError
-from olne_bench.games.features import ControlEffort, FinalGoal, Proximity, StateDeviation
-from olne_bench.games.game import Player
-from olne_bench.games.lanes import LaneKeeping, StraightLane
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.lanes import LaneKeeping, StraightLane
 
 EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 100.0)
 NORTH = StraightLane((100.0, 0.0), (0.0, 1.0), 100.0)

@@ -9,7 +9,7 @@ from olne_bench.envs.traffic.joint_planning import plan_together
 from olne_bench.envs.traffic.report import TrafficReport
 from olne_bench.envs.traffic.surroundings import NUM_OTHERS
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
-from olne_bench.games.reference_game import FAR_AWAY, Plan
+from olne_bench.games.solve.reference_game import FAR_AWAY, Plan
 
 LENGTH, WIDTH = 5.0, 2.0  # [m] of a car
 NOBODY = np.full((NUM_OTHERS, STEPS, 2), FAR_AWAY)

@@ -8,7 +8,7 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.traffic.pursuit import PURSUIT_TIME, pursuit_controls
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS
-from olne_bench.games.dynamics import bicycle, rollout
+from olne_bench.games.model.dynamics import bicycle, rollout
 
 CAR = bicycle(rear_axle=Vehicle.LENGTH / 2)
 

@@ -18,7 +18,7 @@ from olne_bench.envs.traffic.surroundings import (
     predicted_positions,
 )
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
-from olne_bench.games.reference_game import FAR_AWAY
+from olne_bench.games.solve.reference_game import FAR_AWAY
 
 TIMES = PLAN_STEP * np.arange(1, STEPS + 1)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, VehiclePlan
-from olne_bench.games.dynamics import bicycle, rollout
+from olne_bench.games.model.dynamics import bicycle, rollout
 
 
 def test_a_shifted_plan_is_the_rest_and_a_step_of_coasting() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.report.figures.online import draw_online, figure_of
+from olne_bench.bench.report.figures.streams import draw_online, figure_of
 
 
 def rows(estimators: list[str]) -> pd.DataFrame:

@@ -10,8 +10,8 @@ from olne_bench.bench.report.figures.panels import scene_panels
 from olne_bench.bench.report.figures.scene import scene_of
 from olne_bench.bench.report.figures.telling import telling_trial
 from olne_bench.bench.report.not_drawn import NotDrawnError
-from olne_bench.envs.road_shapes import LaneShape
-from olne_bench.envs.scene import PLAYER_COLOURS, player_colour
+from olne_bench.envs.roads.road_shapes import LaneShape
+from olne_bench.envs.worlds.scene import PLAYER_COLOURS, player_colour
 
 
 def test_a_family_shows_one_draw(usual, make_trials):

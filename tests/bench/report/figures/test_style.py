@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from olne_bench.bench.report.figures import style
-from olne_bench.envs.scene import PLAYER_COLOURS
+from olne_bench.envs.worlds.scene import PLAYER_COLOURS
 from olne_bench.plugins import ESTIMATOR, names
 
 

@@ -6,7 +6,7 @@ import pandas as pd
 from olne_bench.bench.report.figures import trajectories
 from olne_bench.bench.report.figures.scene import scene_of
 from olne_bench.bench.report.figures.series import contenders, split
-from olne_bench.envs.scene import player_colour
+from olne_bench.envs.worlds.scene import player_colour
 
 
 def titles(figure):

@@ -12,7 +12,7 @@ from olne_bench.bench.judge.truth import sensitivities_of, true_recording
 from olne_bench.bench.plan.entries import EstimatorEntry, PluginEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.report.statistics.plausibility import MOST_DRAWS, chance, implausible
 from olne_bench.bench.report.study import Study
-from olne_bench.games.information import joint_weight_covariance
+from olne_bench.games.solve.information import joint_weight_covariance
 
 SEEDS, LEVELS = 12, (0.0, 0.003, 0.01)
 STUDY = Study(

@@ -13,8 +13,8 @@ from olne_bench.bench.report.statistics.recognition import (
     temperament_table,
 )
 from olne_bench.bench.report.study import Study
+from olne_bench.envs.roads.temperaments import TEMPERAMENTS, checked_shares, recognised
 from olne_bench.envs.scenarios import check_options
-from olne_bench.envs.temperaments import TEMPERAMENTS, checked_shares, recognised
 
 OPTIONS = {"weights": "temperaments", "num_players": [2, 4]}
 ROAD = ScenarioEntry(name="intersection", label="road", options=OPTIONS, family=True)

@@ -18,15 +18,15 @@ from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import Versions, environment_version
 from olne_bench.bench.report.confirmations import Confirmation
 from olne_bench.bench.report.study import study_of
-from olne_bench.bench.report.submission.again import Repeated
-from olne_bench.bench.report.submission.boards import board_files
-from olne_bench.bench.report.submission.drawn import DrawnErrors
-from olne_bench.bench.report.submission.files import digest
-from olne_bench.bench.report.submission.fresh import FreshErrors
-from olne_bench.bench.report.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
-from olne_bench.bench.report.submission.pack import _plugin_places
-from olne_bench.bench.report.submission.rows import read_rows
-from olne_bench.bench.report.submission.verify import Verdict, plugins_alone
+from olne_bench.bench.submission.again import Repeated
+from olne_bench.bench.submission.boards import board_files
+from olne_bench.bench.submission.drawn import DrawnErrors
+from olne_bench.bench.submission.files import digest
+from olne_bench.bench.submission.fresh import FreshErrors
+from olne_bench.bench.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
+from olne_bench.bench.submission.pack import _plugin_places
+from olne_bench.bench.submission.rows import read_rows
+from olne_bench.bench.submission.verify import Verdict, plugins_alone
 from olne_bench.errors import UserError
 
 SUITE = """
@@ -123,8 +123,8 @@ def verify(folder: Path, *options: object) -> int:
 def fewer(monkeypatch) -> None:
     """Fewer fresh trials: ``test_fresh`` has their number."""
     for name in ("FIRST", "SECOND"):
-        monkeypatch.setattr(f"olne_bench.bench.report.submission.verify.{name}", 10)
-    monkeypatch.setattr("olne_bench.bench.report.submission.drawn.PAIRS", 3)
+        monkeypatch.setattr(f"olne_bench.bench.submission.verify.{name}", 10)
+    monkeypatch.setattr("olne_bench.bench.submission.drawn.PAIRS", 3)
 
 
 def test_what_is_packed_is_accepted_and_holds_all_that_is_needed(packed: Path, capsys) -> None:
@@ -414,7 +414,7 @@ def test_plugins_of_one_name_go_to_folders_of_their_own(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("beyond", [0, 1])
 def test_a_submission_has_a_size(tmp_path: Path, monkeypatch, beyond: int) -> None:
-    from olne_bench.bench.report.submission import pack as packing
+    from olne_bench.bench.submission import pack as packing
 
     (tmp_path / "a").write_bytes(b"x" * 60)
     (tmp_path / "b").mkdir()
@@ -433,7 +433,7 @@ def test_a_submission_has_a_size(tmp_path: Path, monkeypatch, beyond: int) -> No
 
 
 def test_a_submission_has_a_number_of_rows(run: Path, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr("olne_bench.bench.report.submission.pack.MOST_ROWS", 11)
+    monkeypatch.setattr("olne_bench.bench.submission.pack.MOST_ROWS", 11)
     assert call("submit", run, "--name", "a", "--out", tmp_path / "a") == 2
     assert "has 12 rows, at most 11 are allowed" in capsys.readouterr().err
 

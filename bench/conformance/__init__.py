@@ -1,0 +1,1 @@
+"""Checks of plugins: whether one keeps the rules of its kind."""

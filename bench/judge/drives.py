@@ -1,0 +1,312 @@
+"""The referee of drives: an ego among others, whose planner sees noisy samples of them.
+
+Drives are paired: all planners begin at the same start, and the same cars have the same noise. What
+the ego does changes what the others do.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from olne_bench.bench.judge.beliefs import (
+    Beliefs,
+    EstimatedBeliefs,
+    EstimateRules,
+    TrueBeliefs,
+    UniformBeliefs,
+)
+from olne_bench.bench.judge.learned_driver import LearnedDriver
+from olne_bench.bench.judge.seeds import stream
+from olne_bench.bench.judge.streams import StreamPlayer
+from olne_bench.bench.judge.trials import Announce, PlayerTask, silent
+from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, PPO, STOCK
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.text import clip
+from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car
+from olne_bench.envs.drive.costs import EgoCost
+from olne_bench.envs.drive.first_cars import NASH, NoDriveError
+from olne_bench.envs.drive.gaps import gap
+from olne_bench.envs.drive.planner import (
+    CONSTRAINED,
+    EgoPlan,
+    GamePlanner,
+    StraightOnPlanner,
+)
+from olne_bench.envs.drive.seen import seen
+from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.estimators.protocol import Problem
+
+#: How far ahead predictions are scored [s].
+AHEAD = (1.0, 2.0, 3.0)
+ERROR_COLUMNS = tuple(f"fde_{ahead:g}s" for ahead in AHEAD)
+_CYCLES = (50, 95, 99)
+
+#: Deadlines that an update may spend: it counts late then, and is worth little after that.
+_BUDGET = 2
+#: Time [s] for a drive, beside twice that after which a player is killed: its first plans may have
+#: to wait for a compiler.
+_DRIVE_SECONDS = 1200.0
+
+
+@dataclass(frozen=True)
+class DriveRow:
+    """What became of one drive.
+
+    Attributes:
+        status: ``ok``; ``skipped`` if no start was found, or the estimator declines; otherwise why
+            there were no further estimates (``plan.outcome.STATUSES``). The ego then drove on with
+            what it had.
+        message: one line; empty if there is nothing to say.
+        collision: whether the ego collided.
+        collision_time: when [s].
+        cost: mean over the steps of what the drive cost the ego, 0 to 1 (``envs.drive.costs``).
+        progress: way that the ego drove [m].
+        jerk: root of the mean square of the ego's jerk [m/s^3].
+        gap: smallest gap to another car [m].
+        cycle_50, cycle_95, cycle_99: percentiles of the time of a cycle, estimate and plan [ms].
+        fallback: share of cycles without a plan that keeps the distance.
+        late, failed: shares of samples whose estimate was late, or no valid one.
+        errors: distance [m] between predicted and driven positions of others, mean over all.
+        plans_solved, plans_apart, plans_kept, plans_braked: plans of the others (``PlanCounts``).
+        entered, left, others_collided: other cars that came, went, and collided without the ego.
+    """
+
+    status: str
+    message: str = ""
+    collision: bool | None = None
+    collision_time: float | None = None
+    cost: float | None = None
+    progress: float | None = None
+    jerk: float | None = None
+    gap: float | None = None
+    cycle_50: float | None = None
+    cycle_95: float | None = None
+    cycle_99: float | None = None
+    fallback: float | None = None
+    late: float | None = None
+    failed: float | None = None
+    errors: dict[str, float] = field(default_factory=dict)
+    plans_solved: int | None = None
+    plans_apart: int | None = None
+    plans_kept: int | None = None
+    plans_braked: int | None = None
+    entered: int | None = None
+    left: int | None = None
+    others_collided: int | None = None
+
+
+#: Sees each step before it is driven: the world, and the ego's plan if it has one.
+Watch = Callable[[DriveWorld, EgoPlan | None], None]
+
+
+def setting(scenario: ScenarioEntry) -> tuple[str, str, str]:
+    """Road, traffic (``envs.drive.first_cars.TRAFFIC``), and how hidden weights are drawn."""
+    options = scenario.options
+    return scenario.name, options.get("traffic", NASH), options.get("weights", WEIGHTS[0])
+
+
+def judge_drive(trial: Trial, player: StreamPlayer, announce: Announce = silent) -> Outcome:
+    """Judge a drive; its row is JSON text in ``extras``.
+
+    A seed without a start is ``skipped``.
+
+    Args:
+        trial: the drive.
+        player: runs estimators.
+        announce: called with the time that the drive may take [s].
+    """
+    announce("drive", _DRIVE_SECONDS + 2 * trial.time_limit)
+    try:
+        row = driven(trial, player)
+    except NoDriveError as error:
+        return Outcome("skipped", clip(str(error)))
+    return Outcome(row.status, row.message, extras=msgspec.json.encode(asdict(row)).decode())
+
+
+def driven(trial: Trial, player: StreamPlayer, watch: Watch | None = None) -> DriveRow:
+    """Let a planner drive.
+
+    Args:
+        trial: the drive.
+        player: runs estimators.
+        watch: sees each step.
+
+    Raises:
+        NoDriveError: if the seed has no start.
+    """
+    drive = _Drive(trial, player, watch is not None)
+    while not drive.world.over:
+        drive.cycle(watch)
+    if watch is not None:
+        watch(drive.world, None)
+    return drive.row()
+
+
+class _Drive:
+    """One drive and its log."""
+
+    def __init__(self, trial: Trial, player: StreamPlayer, pictures: bool) -> None:
+        self._trial = trial
+        road, traffic, weights = setting(trial.scenario)
+        self.world = DriveWorld(
+            road,
+            trial.seed,
+            traffic=traffic,
+            weights=weights,
+            stock_ego=trial.reference == STOCK,
+            pictures=pictures,
+        )
+        self._noise = stream(trial.salt, "drive", *_paired(trial))
+        self._beliefs = _beliefs(trial, player)
+        straight_on = trial.reference == CONSTANT_VELOCITY
+        self._planner = StraightOnPlanner() if straight_on else GamePlanner()
+        self._driver = LearnedDriver(self.world.cars[0]) if trial.reference == PPO else None
+        self._cost = EgoCost(self.world.cars[0])
+        self._motion: list[dict[int, np.ndarray]] = []
+        self._controls: list[np.ndarray] = []
+        self._plans: list[EgoPlan] = []
+        self._cycles: list[float] = []
+
+    def cycle(self, watch: Watch | None) -> None:
+        """See the others, plan, and drive a step."""
+        world, states = self.world, self.world.states()
+        self._motion.append(_by_number(world.cars, states))
+        plan, control = None, None
+        if self._trial.reference != STOCK:
+            cars, samples = seen(world, self._trial.sigma, self._rng)
+            began = perf_counter()
+            plan, control = self._planned(cars, samples)
+            self._cycles.append(perf_counter() - began)
+        if watch is not None:
+            watch(world, plan)
+        world.advance(control)
+        self._controls.append(world.ego_control(states[0]) if control is None else control)
+
+    def _rng(self, car: Car) -> np.random.Generator:
+        """Draws the noise of a car at this step."""
+        return np.random.default_rng([self._noise, self.world.step, car.number])
+
+    def _planned(self, cars: list[Car], samples: np.ndarray) -> tuple[EgoPlan | None, np.ndarray]:
+        """What the ego does next (2,), and the plan that it is a part of if there is one."""
+        if self._driver is not None:
+            return None, self._driver.control(samples)
+        self._beliefs.see(cars, samples)
+        plan = self._planner.plan(self._beliefs.minds(cars), samples)
+        self._plans.append(plan)
+        return plan, plan.control
+
+    def row(self) -> DriveRow:
+        """The row, once the drive is over."""
+        world = self.world
+        self._motion.append(_by_number(world.cars, world.states()))
+        motion = [np.stack(list(states.values())) for states in self._motion]
+        speeds = np.array([states[0, 3] for states in motion])
+        way = np.diff([states[0, :2] for states in motion], axis=0)
+        fault = getattr(self._beliefs, "fault", None)
+        counts = world.counts
+        return DriveRow(
+            status="ok" if fault is None else fault.status,
+            message="" if fault is None else clip(str(fault)),
+            collision=world.crashed,
+            collision_time=world.step * STEP if world.crashed else None,
+            cost=self._cost.of_drive(motion, self._controls, world.crashed),
+            progress=float(np.linalg.norm(way, axis=1).sum()),
+            jerk=float(np.sqrt(np.mean((np.diff(speeds, 2) / STEP**2) ** 2)))
+            if len(speeds) > 2
+            else None,
+            gap=self._smallest_gap(motion),
+            **self._shares(),
+            errors=prediction_errors(self._plans, self._motion),
+            plans_solved=counts.plans.solved,
+            plans_apart=counts.plans.apart,
+            plans_kept=counts.plans.kept,
+            plans_braked=counts.plans.braked,
+            entered=counts.entered,
+            left=counts.left,
+            others_collided=counts.collided,
+        )
+
+    def _smallest_gap(self, motion: list[np.ndarray]) -> float | None:
+        if self.world.crashed:
+            return 0.0
+        found = [gap(states[0], states[1:]).min() for states in motion if len(states) > 1]
+        return float(min(found)) if found else None
+
+    def _shares(self) -> dict[str, Any]:
+        """Times of cycles, and shares of what went wrong in them."""
+        if not self._cycles:
+            return {}
+        cycles = np.percentile(1e3 * np.array(self._cycles), _CYCLES)
+        shares: dict[str, Any] = {
+            f"cycle_{level}": float(value) for level, value in zip(_CYCLES, cycles, strict=True)
+        }
+        if self._plans:
+            shares["fallback"] = float(np.mean([plan.kind != CONSTRAINED for plan in self._plans]))
+        if isinstance(self._beliefs, EstimatedBeliefs):
+            updates = max(1, self._beliefs.updates)
+            shares["late"] = self._beliefs.late / updates
+            shares["failed"] = self._beliefs.failed / updates
+        return shares
+
+
+def _paired(trial: Trial) -> tuple[str | float, ...]:
+    """What a planner's drive has in common with all other planners'."""
+    return (*setting(trial.scenario), trial.sigma, trial.seed)
+
+
+def _beliefs(trial: Trial, player: StreamPlayer) -> Beliefs:
+    road = ROADS[trial.scenario.name]
+    if trial.reference == ORACLE:
+        return TrueBeliefs()
+    if trial.reference:
+        return UniformBeliefs(road)
+    rules = EstimateRules(trial.rules.window, trial.sigma, trial.rules.deadline or STEP)
+    return EstimatedBeliefs(player, partial(_asked, trial, rules), road, rules)
+
+
+def _asked(trial: Trial, rules: EstimateRules, problem: Problem) -> PlayerTask:
+    label = trial.estimator.label
+    return PlayerTask(
+        reference=trial.estimator.name,
+        parameters=trial.estimator.parameters,
+        plugin=trial.plugin,
+        problem=problem,
+        lag=rules.window,
+        seed=stream(trial.salt, "estimator of a drive", *_paired(trial), label),
+        time_limit=trial.time_limit,
+        budget=_BUDGET * rules.deadline,
+    )
+
+
+def _by_number(cars: list[Car], states: np.ndarray) -> dict[int, np.ndarray]:
+    return {car.number: state for car, state in zip(cars, states, strict=True)}
+
+
+def prediction_errors(
+    plans: list[EgoPlan], motion: list[dict[int, np.ndarray]]
+) -> dict[str, float]:
+    """Mean distance [m] of others from where the ego expected them, by column.
+
+    Args:
+        plans: of each step from the first one on.
+        motion: state of each car by its number, at each step.
+    """
+    errors: dict[str, float] = {}
+    for ahead, column in zip(AHEAD, ERROR_COLUMNS, strict=True):
+        steps = round(ahead / STEP)
+        found = [
+            float(np.linalg.norm(plan.states[steps, place, :2] - later[number][:2]))
+            for plan, later in zip(plans, motion[steps:], strict=False)
+            for place, number in enumerate(plan.numbers)
+            if place and number in later and steps < len(plan.states)
+        ]
+        if found:
+            errors[column] = float(np.mean(found))
+    return errors

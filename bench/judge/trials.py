@@ -1,0 +1,436 @@
+"""The referee judges trials: it plays a scenario, lets sensors observe, and scores an estimate.
+
+Only the referee knows the truth. An estimator runs in another process (``Player``), which receives
+a problem and observations and nothing else.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from olne_bench import plugins
+from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.likelihood import likelihood_ratio
+from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
+from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
+from olne_bench.bench.judge.observe import observe, observed, problem_of, sensor_model
+from olne_bench.bench.judge.priors import exclusion
+from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimate
+from olne_bench.bench.judge.seeds import stream
+from olne_bench.bench.judge.truth import (
+    Draw,
+    held_out,
+    held_out_samples,
+    noise_seed,
+    predict_from_start,
+    true_recordings,
+    unit_cosine_limit,
+)
+from olne_bench.bench.judge.weight_levels import weight_levels
+from olne_bench.bench.plan.entries import MetricEntry, SensorEntry
+from olne_bench.bench.plan.outcome import Outcome
+from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.text import clip, describe_error
+from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.model.observation import FullView, View, whitening
+from olne_bench.games.model.sensor import Layer, SensorModel
+
+Announce = Callable[[str, float], None]
+
+#: Longest time that a player may take in all: this many time limits, plus this time [s] for the
+#: start of its process.
+_PLAYER_LIMITS, _PLAYER_START = 10, 1000.0
+#: Least time limit [s] of the referee's own work, as machines may be busy.
+_OWN_SECONDS = 60.0
+
+
+@dataclass(frozen=True)
+class PlayerTask:
+    """All that a player process is told before it is asked for estimates.
+
+    Attributes:
+        reference: name or file of the estimator.
+        parameters: parameters of the estimator.
+        plugin: identifies an estimator that is a plugin; empty for a built-in one.
+        problem: what is known about the game.
+        seed: seed of the estimator's random numbers.
+        time_limit: time [s] for set-up, and again for each estimate.
+        homes: files of plugins whose classes the problem contains.
+        observations: one for each trajectory; none if samples are handed out one by one.
+        lag: number of latest samples that count then; None for all.
+        budget: time [s] that an estimate after a sample is told to keep to; None for a share of the
+            time limit.
+    """
+
+    reference: str
+    parameters: dict[str, Any]
+    plugin: str
+    problem: Problem
+    seed: int
+    time_limit: float
+    homes: tuple[str, ...] = ()
+    observations: tuple[Observation, ...] = ()
+    lag: int | None = None
+    budget: float | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer of a player.
+
+    Attributes:
+        declined: why the estimator declines the problem; None if it does not.
+        estimate: the unchecked estimate.
+        seconds: time from sending the observations to receiving the estimate [s].
+    """
+
+    declined: str | None = None
+    estimate: RawEstimate | None = None
+    seconds: float = 0.0
+
+
+class PlayerFault(Exception):  # noqa: N818 (names whose fault it is)
+    """A player gave no answer.
+
+    Attributes:
+        status: status of the trial.
+        seconds: as in ``Answer``, if an invalid estimate was returned.
+    """
+
+    def __init__(self, status: str, message: str, seconds: float | None = None) -> None:
+        super().__init__(message)
+        self.status, self.seconds = status, seconds
+
+
+class Player(Protocol):
+    """Runs an estimator."""
+
+    def estimate(self, task: PlayerTask) -> Answer:
+        """The estimator's answer.
+
+        Raises:
+            PlayerFault: if there is none.
+        """
+
+
+class ForeignMetrics(Protocol):
+    """Computes metrics that are foreign code."""
+
+    def score(
+        self, metric: MetricEntry, case: Judged, homes: Sequence[str], seconds: float
+    ) -> float | None:
+        """The score of a trial; None if the metric does not apply.
+
+        Raises:
+            MetricError: if the metric fails or returns no valid score.
+        """
+
+
+@dataclass(frozen=True)
+class Case:
+    """The truth of a trial and its observations.
+
+    Attributes:
+        draw: draw of the scenario.
+        recordings: the true motions, one for each trajectory.
+        problem: what an estimator is told.
+        observations: what it is shown.
+        outcome: the fields that are known before the estimate.
+    """
+
+    draw: Draw
+    recordings: tuple[Recording, ...]
+    problem: Problem
+    observations: tuple[Observation, ...]
+    outcome: Outcome
+
+
+def silent(stage: str, seconds: float) -> None:
+    """An ``Announce`` that does nothing."""
+
+
+def judge(
+    trial: Trial, player: Player, foreign: ForeignMetrics, announce: Announce = silent
+) -> Outcome:
+    """Judge a trial.
+
+    What goes wrong outside the player is a ``harness_error``, never an estimator's failure.
+
+    Args:
+        trial: what to judge.
+        player: runs the estimator.
+        foreign: computes foreign metrics.
+        announce: called with the name of each stage (set-up, estimate, scoring) as it begins, and
+            the time that it may take [s].
+    """
+    announce("set-up", own_seconds(trial))
+    try:
+        case = case_of(trial)
+    except NoEquilibriumError as error:
+        return Outcome("skipped", clip(str(error)))
+    except BaseException as error:  # a scenario or a sensor may be foreign code
+        return Outcome("harness_error", f"set-up: {describe_error(error)}")
+    return judge_case(trial, case, player, foreign, announce)
+
+
+def judge_case(
+    trial: Trial,
+    case: Case,
+    player: Player,
+    foreign: ForeignMetrics,
+    announce: Announce = silent,
+) -> Outcome:
+    """Judge a trial whose truth and observations are known; arguments as of ``judge``."""
+    excluded = exclusion(trial.estimator, case.recordings[0].scenario)
+    if excluded:
+        return replace(case.outcome, status="invalid", message=clip(excluded))
+    announce("estimate", longest_seconds(trial))
+    try:
+        answer = player.estimate(_task(trial, case))
+    except PlayerFault as fault:
+        message = clip(str(fault))
+        return replace(
+            case.outcome, status=fault.status, message=message, solve_seconds=fault.seconds
+        )
+    if answer.declined is not None or answer.estimate is None:
+        return replace(case.outcome, status="skipped", message=answer.declined or "")
+    announce("scoring", own_seconds(trial) + len(trial.metrics) * trial.time_limit)
+    outcome = replace(case.outcome, solve_seconds=answer.seconds)
+    try:
+        estimate = check_estimate(answer.estimate, case.problem)
+        return _scored(estimate, trial, case, outcome, foreign)
+    except InvalidEstimateError as error:
+        return replace(outcome, status="invalid", message=clip(str(error)))
+    except (Exception, SystemExit) as error:
+        return replace(outcome, status="harness_error", message=f"scoring: {describe_error(error)}")
+
+
+def own_seconds(trial: Trial) -> float:
+    """Time limit of the referee's own stages [s]; foreign code gets no more than the trial's."""
+    return trial.time_limit if trial.home_plugins else max(trial.time_limit, _OWN_SECONDS)
+
+
+def longest_seconds(trial: Trial) -> float:
+    """Longest time [s] that a player may take in all."""
+    return _PLAYER_LIMITS * trial.time_limit + _PLAYER_START
+
+
+def all_seconds(trial: Trial) -> float:
+    """Longest time [s] that all stages of a trial may take together."""
+    metrics = len(trial.metrics) * trial.time_limit
+    return 3 * own_seconds(trial) + longest_seconds(trial) + metrics
+
+
+def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
+    """The layers of a sensor, the innermost first.
+
+    Raises:
+        PluginError: if one cannot be constructed.
+    """
+    made = [plugins.make(plugins.SENSOR, entry.name, entry.parameters) for entry in sensor.layers]
+    return tuple(layer for one in made for layer in _layers(one))
+
+
+def _layers(sensor: Any) -> tuple[Layer, ...]:
+    with plugins.at_home(sensor):
+        return tuple(sensor.layers())
+
+
+def case_of(trial: Trial) -> Case:
+    """The truth of a trial and its observations.
+
+    Raises:
+        NoEquilibriumError: if its scenario has no certified equilibrium.
+    """
+    draw = Draw.of(trial.scenario, trial.seed, trial.salt)
+    return case_at(draw, layers_of(trial.sensor), trial)
+
+
+def case_at(draw: Draw, layers: tuple[Layer, ...], trial: Trial) -> Case:
+    """The case of a trial on a draw, seen through layers of a sensor.
+
+    Raises:
+        NoEquilibriumError: if the draw has no certified equilibrium.
+    """
+    seed = noise_seed(trial.scenario, trial.sigma, trial.seed, trial.salt)
+    problem, observations = shown(draw, layers, trial.sigma, seed)
+    model, recordings = _model(draw, layers), true_recordings(draw)
+    seen = [one.y for one in observations] if model.may_miss else None
+    limit = unit_cosine_limit(draw, model, seen)
+    outcome = Outcome(
+        status="ok",
+        observation_error=_observation_error(
+            recordings[0], model, observations[0], trial.sigma, seed
+        ),
+        truth_objective=sum(
+            _squared_error(expected, model, seen)
+            for expected, seen in zip(_expected(draw, model.view), observations, strict=True)
+        ),
+        cosine_limit=None if limit is None else trial.sigma**2 * limit,
+    )
+    return Case(draw, recordings, problem, observations, outcome)
+
+
+def shown(
+    draw: Draw, layers: tuple[Layer, ...], sigma: float, seed: int
+) -> tuple[Problem, tuple[Observation, ...]]:
+    """What an estimator is told and shown of a draw.
+
+    Args:
+        draw: the truth.
+        layers: layers of the sensor.
+        sigma: noise level [m].
+        seed: seed of the noise, from ``noise_seed``.
+
+    Raises:
+        NoEquilibriumError: if the draw has no certified equilibrium.
+    """
+    recordings, model = true_recordings(draw), _model(draw, layers)
+    problem = problem_of(recordings[0].scenario.told, model, sigma)
+    return problem, observe(recordings, layers, sigma, seed)
+
+
+def _task(trial: Trial, case: Case) -> PlayerTask:
+    return PlayerTask(
+        reference=trial.estimator.name,
+        parameters=trial.estimator.parameters,
+        plugin=trial.plugin,
+        homes=trial.home_plugins,
+        problem=case.problem,
+        observations=case.observations,
+        seed=stream(trial.salt, "estimator", *trial.key),
+        time_limit=trial.time_limit,
+    )
+
+
+def _scored(
+    estimate: CheckedEstimate,
+    trial: Trial,
+    case: Case,
+    outcome: Outcome,
+    foreign: ForeignMetrics,
+) -> Outcome:
+    """Score a well-formed estimate."""
+    true_weights = case.recordings[0].scenario.weights
+    levels = weight_levels(true_weights, estimate) if trial.sigma else None
+    outcome = replace(
+        outcome,
+        message=estimate.message,
+        weights=estimate.weights.tolist(),
+        unknowns=_listed(estimate.parameters),
+        weight_levels=_listed(levels),
+        objective=estimate.objective,
+        extras=estimate.extras,
+    )
+    judged = Judged(case.recordings, estimate, prediction=None, sigma=trial.sigma)
+    if not estimate.converged:
+        message = estimate.message or "the estimator gives no reason"
+        outcome = replace(outcome, status="not_converged", message=message)
+        return _with_scores(outcome, judged, trial, foreign)
+    theta = estimate.theta(case.problem.game)
+    prediction = predict_from_start(case.draw, theta, trial.root_iterations)
+    outcome = replace(outcome, published_forward=int(prediction.published))
+    if prediction.root is None:
+        message = "no root of the game found at the estimated weights"
+        outcome = replace(outcome, status="failed_forward", message=message)
+        return _with_scores(outcome, judged, trial, foreign)
+    judged = replace(
+        judged,
+        prediction=prediction.root.states,
+        held_out=partial(_held_out, case.draw, theta, trial.root_iterations),
+        held_out_samples=partial(_held_out_samples, case, trial, estimate),
+        likelihood_ratio=Once(
+            partial(
+                likelihood_ratio,
+                *(case.problem, case.observations, case.recordings),
+                *(estimate, prediction.root),
+            )
+        ),
+    )
+    return _with_scores(outcome, judged, trial, foreign)
+
+
+def _listed(array: np.ndarray | None) -> list[list[float]] | None:
+    return None if array is None else array.tolist()
+
+
+def _with_scores(
+    outcome: Outcome, judged: Judged, trial: Trial, foreign: ForeignMetrics
+) -> Outcome:
+    """The outcome with the scores of all metrics."""
+    scores: dict[str, float | None] = {}
+    notes = [outcome.message] if outcome.message else []
+    for entry in trial.metrics:
+        if plugins.is_built_in(plugins.METRIC, entry.name):
+            metric = plugins.make(plugins.METRIC, entry.name, entry.parameters)
+            scores |= score_all([metric], judged)
+        elif not (entry.declaration.get("needs_prediction") and judged.prediction is None):
+            try:
+                found = foreign.score(entry, judged, trial.home_plugins, trial.time_limit)
+                scores[entry.column] = found
+            except MetricError as error:  # concerns this metric only
+                notes.append(clip(str(error)))
+    return replace(outcome, scores=scores, message=clip("; ".join(notes)))
+
+
+def _held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
+    try:
+        return held_out(draw, theta, root_iterations)
+    except NoEquilibriumError:  # nothing near this draw to predict
+        return None
+
+
+def _held_out_samples(
+    case: Case, trial: Trial, estimate: CheckedEstimate, most: int
+) -> np.ndarray | None:
+    game = case.problem.game
+    samples = estimate.sampled_theta(game, most)
+    if samples is None:
+        return None
+    try:
+        theta = estimate.theta(game)
+        return held_out_samples(case.draw, theta, samples, trial.root_iterations)
+    except NoEquilibriumError:  # nothing near this draw to predict
+        return None
+
+
+def _observation_error(
+    recording: Recording, model: SensorModel, observation: Observation, sigma: float, seed: int
+) -> float:
+    """Mean absolute position noise [m] of the full state under the trial's noise."""
+    names = model.view.component_names(recording.scenario.game.dynamics)
+    y = observation.y
+    if model.may_miss or not {"px", "py"} <= set(names):
+        (full,) = observe((recording,), (FullView(),), sigma, seed)
+        names, y = recording.scenario.game.dynamics.state_names, full.y
+    places = [names.index("px"), names.index("py")]
+    return float(np.mean(np.abs(recording.states[..., :2] - y[..., places])))
+
+
+def _squared_error(expected: np.ndarray, model: SensorModel, observation: Observation) -> float:
+    """Sum of squared observation errors of the true motion, whitened by the noise at sigma = 1."""
+    root = _whitening(model.covariance)
+    return float(np.nansum(((expected - observation.y) @ root.T) ** 2))
+
+
+# A process judges trials of one draw and sensor in a row.
+
+
+@lru_cache(maxsize=64)
+def _model(draw: Draw, layers: tuple[Layer, ...]) -> SensorModel:
+    return sensor_model(true_recordings(draw)[0].scenario, layers)
+
+
+@lru_cache(maxsize=64)
+def _expected(draw: Draw, view: View) -> tuple[np.ndarray, ...]:
+    """(T, N, d) noise-free observations of each trajectory."""
+    return tuple(observed(view, one)[:-1] for one in true_recordings(draw))
+
+
+@lru_cache(maxsize=64)
+def _whitening(covariance: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    return whitening(np.array(covariance))

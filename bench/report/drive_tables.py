@@ -1,0 +1,199 @@
+"""Tables of drives: a line for each road, traffic and planner, and paired tests."""
+
+from dataclasses import fields
+from itertools import product
+from typing import Any
+
+import msgspec
+import numpy as np
+import pandas as pd
+from scipy.stats import binomtest, bootstrap, permutation_test
+
+from olne_bench.bench.judge.drives import ERROR_COLUMNS, DriveRow, setting
+from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, REFERENCES, UNIFORM
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.report.statistics.attempts import attempts_of
+from olne_bench.bench.report.statistics.estimator_comparison import holm, permutation_p
+from olne_bench.bench.run.store import Store
+from olne_bench.envs.drive.cars import ROADS
+
+_PLACE = ("road", "traffic", "weights")
+_TOLD = tuple(one.name for one in fields(DriveRow) if one.name != "errors")
+#: Columns of a row: what identifies the drive and its planner, what became of it, and its errors.
+COLUMNS = (*_PLACE, "sigma", "seed", "salt_id", "planner", *_TOLD, *ERROR_COLUMNS)
+_TEXTS = (*_PLACE, "salt_id", "planner", "status", "message", "collision")
+_COUNTS = (
+    *("plans_solved", "plans_apart", "plans_kept", "plans_braked"),
+    *("entered", "left", "others_collided"),
+)
+
+#: What drives of a line have in common, besides the planner; ``all`` stands for all roads.
+GROUP = ["road", "traffic", "sigma"]
+ALL_ROADS = "all"
+_PAIR = ["where", "traffic", "sigma", "weights", "salt_id", "seed"]
+
+#: Columns whose medians are shown, and whose largest values.
+_MEDIANS = ("cost", "progress", "jerk", "gap", "cycle_50", *ERROR_COLUMNS)
+_MEANS = ("fallback", "late", "failed")
+#: Columns that are compared, and with which planners.
+_TESTED, RIVALS = ("collision", "cost", ERROR_COLUMNS[-1]), (UNIFORM, CONSTANT_VELOCITY)
+
+_CONFIDENCE = 0.95
+_LEAST = 6  # drives, for an interval or a test
+_RESAMPLES = 4999  # of a bootstrap
+#: Sign changes of a test: its smallest p-value is 1e-4, which is significant in some hundred lines
+#: after Holm. So many at a time, to keep memory small.
+_SIGN_CHANGES, _BATCH = 19_999, 2000
+_ROUNDING = 1e-9  # of costs
+
+
+def episode_table(store: Store, suite: Suite) -> pd.DataFrame:
+    """A row for each drive in a store, with ``COLUMNS``.
+
+    Args:
+        store: drives that ended.
+        suite: says what scenarios are.
+    """
+    rows: list[dict[str, Any]] = []
+    for batch in store.batches():
+        for record in batch.to_pylist():
+            place = dict(zip(_PLACE, setting(suite.scenario(record["scenario"])), strict=True))
+            known = msgspec.json.decode(record["extras"]) if record["extras"] else {}
+            errors = known.pop("errors", {})
+            rows.append(record | place | {"planner": record["estimator"]} | known | errors)
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    numbers = [name for name in COLUMNS if name not in (*_TEXTS, *_COUNTS, "seed")]
+    return table.astype(dict.fromkeys(numbers, float) | dict.fromkeys(_COUNTS, "Int64"))
+
+
+def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """A line for each road, traffic, noise level and planner, and for all roads together.
+
+    Columns: ``drives``; ``collisions``, ``collision`` (their share) with ``collision_low`` and
+    ``collision_high`` (95 %, Clopper and Pearson); ``regret``, the mean over drives of cost less
+    that of the oracle in the same drive, with ``regret_low`` and ``regret_high`` (95 %, bootstrap);
+    medians of cost, progress [m], jerk [m/s^3], gap [m], cycles [ms] and errors of predictions [m];
+    ``cycle_95`` and ``cycle_99``, medians of each drive's percentile; means of the shares
+    ``fallback``, ``late`` and ``failed``.
+
+    Args:
+        rows: of drives, as ``episode_table`` makes them.
+    """
+    whole = _with_all_roads(attempts_of(rows))
+    lines = []
+    for key, part in whole.groupby([*GROUP, "planner"], sort=False):
+        oracle = _of(whole, key[:-1], ORACLE)
+        line = dict(zip([*GROUP, "planner"], key, strict=True)) | {"drives": len(part)}
+        line |= _collisions(part) | _regret(part, oracle)
+        line |= {name: part[name].median() for name in (*_MEDIANS, "cycle_95", "cycle_99")}
+        line |= {name: part[name].mean() for name in _MEANS}
+        lines.append(line)
+    return pd.DataFrame(lines)
+
+
+def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Paired tests of planners against ``RIVALS``: collisions, cost and errors of predictions.
+
+    Columns: ``column``; the group; ``planner`` and ``other``; ``pairs``; ``difference``, the mean
+    of the planner less the other; ``p`` of a paired permutation test, exact for
+    collisions; ``p_holm``, adjusted after Holm for all lines of the table that have a p-value.
+
+    Args:
+        rows: of drives, as ``episode_table`` makes them.
+    """
+    whole = _with_all_roads(attempts_of(rows))
+    lines = []
+    for key, part in whole.groupby(GROUP, sort=False):
+        planners = list(dict.fromkeys(part["planner"]))
+        for column, other, planner in product(_TESTED, RIVALS, planners):
+            if planner in (other, CONSTANT_VELOCITY):
+                continue
+            pairs = _paired(_of(whole, key, planner), _of(whole, key, other), column)
+            if len(pairs):
+                labels = dict(zip(GROUP, key, strict=True))
+                found = {"planner": planner, "other": other} | _tested(pairs)
+                lines.append({"column": column} | labels | found)
+    table = pd.DataFrame(
+        lines, columns=["column", *GROUP, "planner", "other", "pairs", "difference", "p"]
+    )
+    known = table["p"].notna()
+    table["p_holm"] = np.nan
+    table.loc[known, "p_holm"] = holm(table.loc[known, "p"].to_numpy(float))
+    return table
+
+
+def _with_all_roads(judged: pd.DataFrame) -> pd.DataFrame:
+    """Rows with their road in the column ``where``; each again as one of ``ALL_ROADS``.
+
+    They are in the order of roads, and of planners: the oracle, estimators, the others.
+    """
+    rank = {name: k for k, name in enumerate(REFERENCES["drives"])}  # the oracle first
+    placed = judged.assign(
+        where=judged["road"],
+        place=judged["road"].map(list(ROADS).index),
+        rank=judged["planner"].map(lambda name: rank.get(name, 0.5)),
+    )
+    placed = placed.sort_values(["place", "rank", "planner", "seed"], kind="stable")
+    if placed["road"].nunique() < 2:
+        return placed
+    return pd.concat([placed, placed.assign(road=ALL_ROADS)])
+
+
+def _of(rows: pd.DataFrame, key: tuple, planner: str) -> pd.DataFrame:
+    chosen = rows["planner"] == planner
+    for name, value in zip(GROUP, key, strict=True):
+        chosen &= rows[name] == value
+    return rows[chosen]
+
+
+def _paired(first: pd.DataFrame, second: pd.DataFrame, column: str) -> np.ndarray:
+    """Differences (D,) between the drives in which both have a value."""
+    values = [rows.set_index(_PAIR)[column].astype(float) for rows in (first, second)]
+    joined = pd.concat(values, axis=1, join="inner").dropna().to_numpy(float)
+    return joined[:, 0] - joined[:, 1]
+
+
+def _collisions(part: pd.DataFrame) -> dict[str, float]:
+    hit, count = int(part["collision"].astype(bool).sum()), len(part)
+    interval = binomtest(hit, count).proportion_ci(_CONFIDENCE, method="exact")
+    return {
+        "collisions": hit,
+        "collision": hit / count,
+        "collision_low": float(interval.low),
+        "collision_high": float(interval.high),
+    }
+
+
+def _regret(part: pd.DataFrame, oracle: pd.DataFrame) -> dict[str, float]:
+    regrets = _paired(part, oracle, "cost")
+    low = high = np.nan
+    if len(regrets) >= _LEAST and np.ptp(regrets) > _ROUNDING:
+        found = bootstrap(
+            (regrets,),
+            np.mean,
+            confidence_level=_CONFIDENCE,
+            method="percentile",
+            n_resamples=_RESAMPLES,
+            rng=np.random.default_rng(0),
+        ).confidence_interval
+        low, high = float(found.low), float(found.high)
+    mean = float(regrets.mean()) if len(regrets) else np.nan
+    return {"regret": mean, "regret_low": low, "regret_high": high}
+
+
+def _tested(differences: np.ndarray) -> dict[str, float]:
+    p = np.nan
+    if len(differences) >= _LEAST and not np.any(differences % 1):  # collisions, or all ties
+        p = permutation_p(differences.astype(int))
+    elif len(differences) >= _LEAST:
+        found = permutation_test(
+            (differences, np.zeros_like(differences)),
+            lambda one, other, axis: np.mean(one - other, axis=axis),
+            permutation_type="samples",
+            vectorized=True,
+            batch=_BATCH,
+            n_resamples=_SIGN_CHANGES,
+            rng=np.random.default_rng(0),
+        )
+        p = float(found.pvalue)
+    return {"pairs": len(differences), "difference": float(differences.mean()), "p": p}

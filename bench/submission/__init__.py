@@ -1,0 +1,1 @@
+"""Submissions: pack, choose what to repeat, verify."""

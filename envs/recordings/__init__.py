@@ -1,0 +1,1 @@
+"""Recordings of motions, their files, and worlds that play them."""

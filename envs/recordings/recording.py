@@ -1,0 +1,116 @@
+"""Recordings: the motion of a world, with its ground truth."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from olne_bench.envs.olne_v0 import OlneWorld
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.solved.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.worlds.of_scenario import make_world
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.solve.newton import Root
+from olne_bench.games.solve.olne import Certificate
+
+__all__ = ["NoEquilibriumError", "Recording", "film", "record"]
+
+#: How far a world may deviate from the equilibrium [m], [rad], [m/s]: rounding only.
+PLAY_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One episode.
+
+    Attributes:
+        scenario: the scenario that was played, ground truth included.
+        states: (T, N, n) states that the world reported.
+        controls: (T-1, N, m) controls that the world was given.
+        costates: (T-1, N, n) costates of the equilibrium.
+        extra_state: (N, n) state at T+1, one step beyond the horizon with zero controls. It is
+            computed, as the episode is over by then.
+        certificate: evidence that the motion is an equilibrium.
+    """
+
+    scenario: Scenario
+    states: np.ndarray
+    controls: np.ndarray
+    costates: np.ndarray
+    extra_state: np.ndarray
+    certificate: Certificate
+
+    @property
+    def root(self) -> Root:
+        """The motion as a root of the first-order conditions, as the certificate confirms."""
+        return Root(self.states, self.controls, self.costates, residual=0.0)
+
+
+def record(scenario: Scenario) -> Recording:
+    """Play a scenario's equilibrium in its PettingZoo world.
+
+    Raises:
+        NoEquilibriumError: if the equilibrium is not certified or exceeds the scenario's limits, or
+            if the world does not play it exactly, as after a collision.
+        ValueError: on a scenario without ``limits``.
+    """
+    truth = certified_equilibrium(scenario)
+    world = make_world(scenario)
+    steps = list(_episode(world))
+    world.close()
+    states = np.stack([now for now, _ in steps])
+    if len(states) < len(truth.states):
+        raise NoEquilibriumError(
+            f"players of {scenario.name!r} leave the world at step {len(states)} of "
+            f"{len(truth.states)} of their equilibrium"
+        )
+    deviation = np.abs(states - truth.states).max()
+    if not deviation < PLAY_TOLERANCE:
+        raise NoEquilibriumError(
+            f"the world plays {scenario.name!r} up to {deviation:.1e} away from its equilibrium"
+        )
+    game = scenario.game
+    coast = np.zeros((1, *game.control_shape[1:]))
+    return Recording(
+        scenario=scenario,
+        states=states,
+        controls=np.stack([action for _, action in steps if action is not None]),
+        costates=truth.costates,
+        extra_state=rollout(game.dynamics, states[-1], coast, game.dt)[-1],
+        certificate=truth.certificate,
+    )
+
+
+def film(scenario: Scenario) -> Iterator[np.ndarray]:
+    """The frames (height, width, 3) uint8 of a scenario's equilibrium, one per state.
+
+    Raises:
+        NoEquilibriumError: as ``record``.
+    """
+    world = make_world(scenario, render_mode="rgb_array")
+    try:
+        for _ in _episode(world):
+            frame = world.render()
+            assert frame is not None, "worlds render arrays in this mode"
+            yield frame
+    finally:
+        world.close()
+
+
+def _episode(world: OlneWorld) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
+    """States (N, n) and the controls (N, m) that follow them; None at the end.
+
+    It ends with the game, or when the first player leaves.
+    """
+    _, infos = world.reset()
+    players = world.agents
+    while world.agents == players:
+        controls = np.stack([infos[player]["olne_action"] for player in players])
+        yield _states(world, len(players)), controls
+        *_, infos = world.step(dict(zip(players, controls, strict=True)))
+    yield _states(world, len(players)), None
+
+
+def _states(world: OlneWorld, num_players: int) -> np.ndarray:
+    """States (N, n) without the time that the world appends."""
+    return world.state()[:-1].reshape(num_players, -1)

@@ -1,0 +1,1 @@
+"""HighwayEnv's roads and who drives there."""

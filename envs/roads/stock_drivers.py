@@ -1,0 +1,176 @@
+"""HighwayEnv's stock drivers, as its users predict traffic: IDM for speeds, MOBIL for lane changes.
+
+The Intelligent Driver Model (Treiber et al. 2000) and MOBIL (Kesting et al. 2007) are HighwayEnv's
+own, in its frames. Cars know their routes, as the players of a game do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from highway_env.road.road import LaneIndex, Road
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
+
+from olne_bench.envs.roads.highway_roads import (
+    SIMULATION_FREQUENCY,
+    SUB_STEPS,
+    make_road,
+    road_network,
+)
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.lanes import ArcLane, Lane, LaneKeeping, SineLane, StraightLane
+
+#: Distance [m] between points of a route, and to it of lanes that are part of it.
+_SPACING, _ON_ROUTE = 0.25, 0.3
+#: A route that ends straight goes straight on, as that of a player does [m].
+_STRAIGHT_ON = 300.0
+
+
+@dataclass(frozen=True)
+class StockDriver:
+    """Parameters of one driver; the defaults are HighwayEnv's.
+
+    Attributes:
+        target_speed: [m/s].
+        time_gap: wanted time to the car in front [s].
+        jam_distance: wanted distance to a car in front that stands, from centre to centre [m].
+        acceleration: comfortable acceleration [m/s^2].
+        braking: comfortable deceleration [m/s^2].
+    """
+
+    target_speed: float
+    time_gap: float = IDMVehicle.TIME_WANTED
+    jam_distance: float = IDMVehicle.DISTANCE_WANTED
+    acceleration: float = IDMVehicle.COMFORT_ACC_MAX
+    braking: float = -IDMVehicle.COMFORT_ACC_MIN
+
+
+def drive_stock(
+    name: str, game: Game, states: np.ndarray, drivers: Sequence[StockDriver], steps: int
+) -> np.ndarray:
+    """Let stock drivers drive on from given states.
+
+    Args:
+        name: name of the road.
+        game: says which lanes each player keeps.
+        states: (N, 4) px [m], py [m], heading [rad], speed [m/s].
+        drivers: a driver for each player.
+        steps: number of the game's steps.
+
+    Returns:
+        States (steps + 1, N, 4), the given ones first.
+    """
+    road = _empty_road(name)
+    cars = [
+        stock_car(road, state, driver, route)
+        for state, driver, route in zip(states, drivers, routes(name, game), strict=True)
+    ]
+    road.vehicles = list(cars)
+    motion = [states]
+    for _ in range(steps):
+        _advance(road)
+        motion.append(_states(cars))
+    return np.stack(motion)
+
+
+def drive_among(
+    name: str, game: Game, player: int, start: np.ndarray, driver: StockDriver, others: np.ndarray
+) -> np.ndarray:
+    """Let one stock driver drive among cars that move as recorded.
+
+    Args:
+        name: name of the road.
+        game: says which lanes the player keeps.
+        player: index of the player.
+        start: (4,) state to start from.
+        driver: the player's driver.
+        others: (n, N, 4) recorded states of all players.
+
+    Returns:
+        States (n, 4) of the player.
+    """
+    road = _empty_road(name)
+    car = stock_car(road, start, driver, routes(name, game)[player])
+    motion = [start]
+    for now in others[:-1]:
+        rest = np.delete(now, player, axis=0)
+        recorded = [Vehicle(road, [px, py], heading, speed) for px, py, heading, speed in rest]
+        road.vehicles = [car, *recorded]
+        _advance(road)
+        motion.append(_states([car])[0])
+    return np.stack(motion)
+
+
+def routes(name: str, game: Game) -> tuple[tuple[LaneIndex, ...], ...]:
+    """The lanes of a road's network that each player keeps, in the order in which they come."""
+    found = []
+    for player in game.players:
+        (keeping,) = (one for one in player.task if isinstance(one, LaneKeeping))
+        found.append(stock_route(name, keeping.route))
+    return tuple(found)
+
+
+@lru_cache(maxsize=256)
+def stock_route(name: str, lanes: tuple[Lane, ...]) -> tuple[LaneIndex, ...]:
+    """The lanes of a road's network along a route, in the order in which they come."""
+    points = np.vstack([_points(lane) for lane in lanes[:-1]] + [_points(lanes[-1], _STRAIGHT_ON)])
+    placed = []
+    for index, lane in road_network(name).lanes_dict().items():
+        own = [lane.position(share * lane.length, 0) for share in (0.1, 0.5, 0.9)]
+        distances = np.linalg.norm(points - np.array(own)[:, None], axis=2)
+        if (distances.min(axis=1) < _ON_ROUTE).all():
+            where = distances.argmin(axis=1)
+            if where[0] < where[-1]:  # not a lane in the opposite direction
+                placed.append((int(where[1]), index))
+    return tuple(index for _, index in sorted(placed))
+
+
+def _points(lane: Lane, straight_on: float = 0.0) -> np.ndarray:
+    assert isinstance(lane, StraightLane | SineLane | ArcLane), "HighwayEnv's lanes are such"
+    numbers, farther = lane.general(), straight_on * isinstance(lane, StraightLane)
+    along = np.arange(0, lane.length + farther, _SPACING)
+    return np.array([numbers.point(float(value)) for value in along])
+
+
+def _empty_road(name: str) -> Road:
+    """The road as HighwayEnv makes it, which may have rules of way."""
+    made = _template(name)
+    return type(made)(network=made.network, np_random=np.random.RandomState(0))
+
+
+@lru_cache(maxsize=8)
+def _template(name: str) -> Road:
+    return make_road(name).road
+
+
+def stock_car(
+    road: Road, state: np.ndarray, driver: StockDriver, route: tuple[LaneIndex, ...]
+) -> IDMVehicle:
+    """A car (px [m], py [m], heading [rad], speed [m/s]) that HighwayEnv drives along a route."""
+    px, py, heading, speed = (float(value) for value in state)
+    car = IDMVehicle(road, [px, py], heading, speed, target_speed=driver.target_speed)
+    car.route = _ahead(car.lane_index, route)
+    car.TIME_WANTED, car.DISTANCE_WANTED = driver.time_gap, driver.jam_distance
+    car.COMFORT_ACC_MAX, car.COMFORT_ACC_MIN = driver.acceleration, -driver.braking
+    return car
+
+
+def _ahead(here: LaneIndex, route: tuple[LaneIndex, ...]) -> list[LaneIndex]:
+    """The rest of a route from the stretch of road where a car is; nothing if it is elsewhere."""
+    stretches = [index[:2] for index in route]
+    return list(route[stretches.index(here[:2]) :]) if here[:2] in stretches else []
+
+
+def _advance(road: Road) -> None:
+    """One step of the game: the simulator's frames."""
+    for _ in range(SUB_STEPS):
+        for car in road.vehicles:
+            if isinstance(car, IDMVehicle):
+                car.act()
+        road.step(1 / SIMULATION_FREQUENCY)
+
+
+def _states(cars: Sequence[Vehicle]) -> np.ndarray:
+    return np.array([[*car.position, car.heading, car.speed] for car in cars])

@@ -1,0 +1,1 @@
+"""Equilibria of scenarios, solved once and kept."""

@@ -1,0 +1,1 @@
+"""What worlds are made of: spaces, layouts, sensors as wrappers, pictures."""

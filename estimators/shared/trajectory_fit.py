@@ -1,0 +1,219 @@
+"""The pre-solve (eqn. pre_solve): the dynamically feasible trajectory of highest likelihood.
+
+It initialises the joint method and is the pre-filter of the KKT-residual baseline.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from olne_bench.games.compiled.row_functions import RowFunction
+from olne_bench.games.model.costs import StateDeviation
+from olne_bench.games.model.dynamics import Dynamics, dynamics_errors
+from olne_bench.games.model.game import Game, Player, trajectory_symbols
+from olne_bench.games.model.observation import View, observation_size
+from olne_bench.games.solve.ipopt import QUIET
+
+#: Passes of the filter over positions before a heading is read off them.
+_HEADING_PASSES = 8
+
+#: Number of samples from which a gap at the beginning or the end is extrapolated.
+_LINE = 4
+
+#: Where whole samples are missing, there may be many best fits, among which IPOPT wanders. This
+#: weight on squared controls decides for the calmest of them, and moves fits by millimetres only.
+_CALM = 1e-4
+
+#: Some 50 iterations lead to a best fit, but where much noise hides headings a thousand may not.
+_OPTIONS = QUIET | {"ipopt.max_iter": 200}
+
+
+@dataclass(frozen=True)
+class TrajectoryFit:
+    """States (S, N, n) and controls (S-1, N, m) that explain S observations best."""
+
+    states: np.ndarray
+    controls: np.ndarray
+    converged: bool
+    message: str
+
+
+def fit_trajectory(
+    game: Game, view: View, y: np.ndarray, noise_scale: Sequence[float] = ()
+) -> TrajectoryFit:
+    """Least squares subject to the dynamics, without equilibrium conditions.
+
+    Where whole samples of a player are missing, many motions fit the others: the calmest is meant.
+
+    Args:
+        game: gives the dynamics; its horizon is not used.
+        view: the observation model.
+        y: (S, N, d) observations, NaN where missing.
+        noise_scale: (d,) relative standard deviations of the observations; ones if empty.
+    """
+    steps = len(y)
+    solver = _fit_solver(_motion_of(game), view, steps)
+    gaps = np.isnan(y).all(axis=2).any()
+    states = guess_states(game, view, y)
+    controls = np.zeros((steps - 1, *game.control_shape[1:]))
+    solution = solver(
+        x0=np.concatenate([states.ravel(), controls.ravel()]),
+        p=np.append(observation_parameters(y, noise_scale), _CALM if gaps else 0.0),
+        lbg=0,
+        ubg=0,
+    )
+    point = np.array(solution["x"]).ravel()
+    stats = solver.stats()
+    return TrajectoryFit(
+        states=point[: states.size].reshape(states.shape),
+        controls=point[states.size :].reshape(controls.shape),
+        converged=bool(stats["success"]),
+        message=str(stats["return_status"]),
+    )
+
+
+def warm_up_fit(game: Game, view: View, steps: int) -> None:
+    """Build the solver for sequences of that many steps ahead of its first use."""
+    _fit_solver(_motion_of(game), view, steps)
+
+
+def _motion_of(game: Game) -> Game:
+    """A game of the same motion and number of players; games that differ in costs share it."""
+    any_cost = Player((StateDeviation(game.dynamics.state_names[0]),))
+    return Game((any_cost,) * game.num_players, game.dynamics, 2, game.dt)
+
+
+def squared_error(game: Game, view: View, states: ca.SX, y: ca.SX, precision: ca.SX) -> ca.SX:
+    """Sum |precision (y - h(x))|^2 on flat symbols of matching order."""
+    expected = [
+        view.expected(state, game.dynamics)
+        for state in ca.vertsplit(states, game.dynamics.state_size)
+    ]
+    return ca.sumsqr(precision * (y - ca.vertcat(*expected)))
+
+
+def observation_parameters(y: np.ndarray, noise_scale: Sequence[float] = ()) -> np.ndarray:
+    """Values of the symbols ``(y, precision)`` of ``squared_error``.
+
+    Missing samples have the precision zero, all others one over their noise scale (d,).
+    """
+    seen = np.isfinite(y)
+    precision = seen / np.array(noise_scale or 1.0)
+    return np.concatenate([np.where(seen, y, 0.0).ravel(), precision.ravel()])
+
+
+def guess_states(game: Game, view: View, y: np.ndarray) -> np.ndarray:
+    """States (S, N, n) read off the observations, for solvers to start from.
+
+    Observed components are used unchanged; gaps are interpolated, and extrapolated before the first
+    and after the last sample. An unobserved heading points to the next position, after smoothing,
+    as noise on positions would turn it. An unobserved speed is the displacement along the heading
+    per time step, divided by dt; other unobserved components are zero.
+    """
+    names = game.dynamics.state_names
+    observed = view.read_off(y, game.dynamics)
+    states = np.zeros((*y.shape[:2], len(names)))
+    for name, samples in observed.items():
+        states[..., names.index(name)] = _fill_gaps(samples)
+    hidden_heading = "heading" in names and "heading" not in observed
+    positions = smoothed(states[..., :2], _HEADING_PASSES if hidden_heading else 0)
+    steps = np.diff(positions, axis=0) / game.dt
+    if hidden_heading:
+        heading = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=0)
+        states[..., names.index("heading")] = np.concatenate([heading, heading[-1:]])
+    if "speed" in names and "speed" not in observed:
+        heading = states[:-1, :, names.index("heading")]
+        speed = steps[..., 0] * np.cos(heading) + steps[..., 1] * np.sin(heading)
+        states[..., names.index("speed")] = np.concatenate([speed, speed[-1:]])
+    return states
+
+
+def smoothed(states: np.ndarray, passes: int) -> np.ndarray:
+    """States (S, ...) after passes of the filter (1, 2, 1)/4 over time; the ends move along."""
+    states = np.array(states, dtype=float)
+    for _ in range(passes if len(states) > 2 else 0):
+        inner = (states[:-2] - 2 * states[1:-1] + states[2:]) / 4
+        states[1:-1] += inner
+        states[0] += inner[0]
+        states[-1] += inner[-1]
+    return states
+
+
+def guess_controls(game: Game, states: np.ndarray) -> np.ndarray:
+    """Controls (S-1, N, m) under which states (S, N, n) nearly follow each other.
+
+    One linear least-squares step from zero controls, which is exact where controls enter the
+    motion linearly. A control without effect on the motion there is zero.
+    """
+    steps, players, n = len(states) - 1, *states.shape[1:]
+    m = game.dynamics.control_size
+    coasting, effects = np.split(
+        _coasting(game.dynamics, game.dt)(states[:-1].reshape(-1, n)), [n], axis=1
+    )
+    missing = states[1:].reshape(-1, n) - coasting
+    effects = effects.reshape(-1, m, n)  # transposed Jacobians
+    normal = effects @ effects.transpose(0, 2, 1)
+    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-12
+    normal += ridge[:, None, None] * np.eye(m)
+    controls = np.linalg.solve(normal, effects @ missing[..., None])
+    return controls.reshape(steps, players, m)
+
+
+@lru_cache(maxsize=32)
+def _coasting(dynamics: Dynamics, dt: float) -> RowFunction:
+    """State (n,) -> next state (n,) under zero controls, and the Jacobian (n m,) in them."""
+    n, m = dynamics.state_size, dynamics.control_size
+    state, control = ca.SX.sym("x", n), ca.SX.sym("u", m)
+    step = dynamics.step(state, control, dt)
+    both = ca.vertcat(step, ca.vec(ca.jacobian(step, control)))
+    at_zero = ca.substitute(both, control, ca.SX.zeros(m))
+    return RowFunction(ca.Function("coasting", [state], [ca.densify(at_zero)]), None)
+
+
+def _fill_gaps(samples: np.ndarray) -> np.ndarray:
+    """Linear interpolation over time of (S, N) samples; a player never seen gets zeros.
+
+    Ends are extrapolated along the line through the nearest few samples.
+    """
+    if np.isfinite(samples).all():
+        return samples
+    filled = np.zeros_like(samples)
+    times = np.arange(len(samples))
+    for player, column in enumerate(samples.T):
+        seen = times[np.isfinite(column)]
+        if not seen.size:
+            continue
+        filled[:, player] = np.interp(times, seen, column[seen])
+        for near, missing in (
+            (seen[:_LINE], times < seen[0]),
+            (seen[-_LINE:], times > seen[-1]),
+        ):
+            if missing.any():
+                line = np.polyfit(near, column[near], min(1, len(near) - 1))
+                filled[missing, player] = np.polyval(line, times[missing])
+    return filled
+
+
+@lru_cache(maxsize=32)
+def _fit_solver(game: Game, view: View, steps: int) -> ca.Function:
+    states, state_blocks = trajectory_symbols("x", (steps, *game.state_shape[1:]))
+    controls, control_blocks = trajectory_symbols("u", (steps - 1, *game.control_shape[1:]))
+    y = ca.SX.sym("y", steps * game.num_players * observation_size(view, game.dynamics))
+    precision, calm = ca.SX.sym("precision", y.numel()), ca.SX.sym("calm")
+    by_player = [
+        dynamics_errors(game.dynamics, own_states, own_controls, game.dt)
+        for own_states, own_controls in zip(
+            zip(*state_blocks, strict=True), zip(*control_blocks, strict=True), strict=True
+        )
+    ]
+    errors = [error for errors in zip(*by_player, strict=True) for error in errors]
+    problem = {
+        "x": ca.vertcat(states, controls),
+        "p": ca.vertcat(y, precision, calm),
+        "f": squared_error(game, view, states, y, precision) + calm * ca.sumsqr(controls),
+        "g": ca.vertcat(*errors),
+    }
+    return ca.nlpsol("trajectory_fit", "ipopt", problem, _OPTIONS)

@@ -1,0 +1,1 @@
+"""A game as compiled functions: derivatives by CasADi, linear algebra in C."""

@@ -1,0 +1,111 @@
+"""CasADi functions that are evaluated for every row of NumPy arrays, compiled where possible.
+
+CasADi writes the functions as C, and a loop over the rows is compiled with them
+(``games.compiled.compiler``). Where native code does not work, CasADi's own ``map`` does the same.
+"""
+
+import ctypes
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from olne_bench.games.compiled import compiler
+from olne_bench.games.compiled.buffered import BufferedFunction, require_dense
+
+_LOOP = """
+__attribute__((visibility("default")))
+int rows_{name}(int count, const double *const *arguments, double *result) {{
+    static const int sizes[] = {{{sizes}}};
+    const double *arg[{sz_arg}];
+    double *res[{sz_res}], w[{sz_w}];
+    int iw[{sz_iw}];
+    for (int row = 0; row < count; ++row) {{
+        for (int i = 0; i < {n_in}; ++i)
+            arg[i] = arguments[i] + (long)row * sizes[i];
+        res[0] = result + (long)row * {size_out};
+        if ({name}(arg, res, iw, w, 0))
+            return 1;
+    }}
+    return 0;
+}}
+"""
+
+
+class RowFunction:
+    """Evaluates a CasADi function for every row of its arguments.
+
+    Args:
+        function: has one result. A matrix (n, m) among arguments and result is a row of n * m
+            numbers, column by column.
+        library: holds the compiled loop; None evaluates the function with CasADi.
+
+    Raises:
+        ValueError: if an argument or the result has structural zeros.
+    """
+
+    def __init__(self, function: ca.Function, library: ctypes.CDLL | None) -> None:
+        require_dense(function)
+        self._function = function
+        self._sizes = [function.nnz_in(i) for i in range(function.n_in())]
+        self._size = function.nnz_out(0)
+        self._loop = None if library is None else library[f"rows_{function.name()}"]
+        self._pointers = (ctypes.c_void_p * len(self._sizes))()
+        self._mapped = lru_cache(maxsize=64)(self._map)
+
+    def __call__(self, *arguments: np.ndarray) -> np.ndarray:
+        """The results (R, size) of arguments (R, ...) with R rows each.
+
+        Raises:
+            ValueError: if an argument has the wrong number of entries.
+        """
+        count = len(arguments[0])
+        if not count:
+            return np.empty((0, self._size))
+        rows = [
+            np.ascontiguousarray(argument, dtype=float).reshape(count, size)
+            for argument, size in zip(arguments, self._sizes, strict=True)
+        ]
+        if self._loop is None:
+            return self._mapped(count)(*self._as_casadi(rows)).reshape(count, self._size)
+        result = np.empty((count, self._size))
+        for index, argument in enumerate(rows):
+            self._pointers[index] = argument.ctypes.data
+        if self._loop(count, self._pointers, ctypes.c_void_p(result.ctypes.data)):
+            raise ValueError(f"{self._function} cannot be evaluated")
+        return result
+
+    def _as_casadi(self, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Rows as ``BufferedFunction`` takes those of a mapped function."""
+        columns = [self._function.size1_in(i) for i in range(len(rows))]
+        return [row.reshape(-1, size) for row, size in zip(rows, columns, strict=True)]
+
+    def _map(self, count: int) -> BufferedFunction:
+        return BufferedFunction(self._function.map(count))
+
+
+def row_functions(functions: Sequence[ca.Function]) -> list[RowFunction]:
+    """Row functions that share one compiled library; each function needs a name of its own."""
+    generator = ca.CodeGenerator("rows", {"casadi_int": "int"})
+    for function in functions:
+        generator.add(function)
+    loops = [_LOOP.format(**_numbers(function)) for function in functions]
+    head = "#define CASADI_SYMBOL_EXPORT static"
+    library = compiler.load("\n".join([head, generator.dump(), *loops]))
+    return [RowFunction(function, library) for function in functions]
+
+
+def _numbers(function: ca.Function) -> dict[str, object]:
+    """What the C loop of a function is made of; arrays have at least one entry."""
+    sizes = [function.nnz_in(i) for i in range(function.n_in())]
+    room = {
+        name: max(1, getattr(function, name)()) for name in ("sz_arg", "sz_res", "sz_w", "sz_iw")
+    }
+    return {
+        "name": function.name(),
+        "sizes": ", ".join(map(str, sizes)),
+        "n_in": len(sizes),
+        "size_out": function.nnz_out(0),
+        **room,
+    }

@@ -1,0 +1,219 @@
+"""Cost features as data.
+
+A feature is one basis function of a player's cost (Peters et al. 2021, eqn. runexp-cost). It is a
+frozen dataclass that holds its parameters and gives its cost as a CasADi
+expression, for a running stage (t < T) and for the final state (t = T). To add a feature, write a
+dataclass with these two methods; nothing has to be registered.
+
+Solvers put symbols in the place of the numbers that a feature holds (``games.model.numbers``). So
+its methods calculate with them, by CasADi, and do not decide by them.
+"""
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import casadi as ca
+
+from olne_bench.games.model.dynamics import Dynamics
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a feature of one player may depend on in one time step.
+
+    Attributes:
+        player: index of the player whose cost is written.
+        states: one (n,) symbol per player.
+        control: (m,) symbol of this player's control; None at the final step.
+        dynamics: the motion model, which names the components.
+        dt: step [s], a number or a symbol.
+    """
+
+    player: int
+    states: tuple[ca.SX, ...]
+    control: ca.SX | None
+    dynamics: Dynamics
+    dt: ca.SX | float
+
+    def own_state(self, component: str) -> ca.SX:
+        """This player's state component of that name."""
+        return self.states[self.player][self.dynamics.state_names.index(component)]
+
+    def own_control(self, component: str) -> ca.SX:
+        """This player's control component of that name (running stages only)."""
+        assert self.control is not None, "the final step has no control"
+        return self.control[self.dynamics.control_names.index(component)]
+
+    def position(self, player: int) -> ca.SX:
+        """Position (2,) [m] of any player."""
+        return self.states[player][:2]
+
+
+class Feature(Hashable, Protocol):
+    """One basis function of a player's cost."""
+
+    @property
+    def name(self) -> str:
+        """Name of the feature and, for a preference, of its weight."""
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        """Cost of a step t < T."""
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        """Cost of the last state, t = T."""
+
+
+@runtime_checkable
+class Resizable(Protocol):
+    """A feature whose structure has a size, such as a route that has a number of lanes.
+
+    Solvers bring all of a game to the largest, so that games which differ in sizes share them.
+    """
+
+    @property
+    def size(self) -> int:
+        """How large this feature is."""
+
+    def resized(self, size: int) -> Feature:
+        """An equal feature whose structure depends on the given size alone."""
+
+
+@dataclass(frozen=True)
+class Proximity:
+    """``scale * sum_j -log(|p_i - p_j|^2 + offset)``: keep away from the other players.
+
+    Eqn. runexp-prox-cost of the paper. The offset keeps the cost finite where players meet; its
+    default is that of the published experiments.
+    """
+
+    scale: float = 0.1
+    offset: float = 0.1
+    name: str = "proximity"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        own = stage.position(stage.player)
+        others = [j for j in range(len(stage.states)) if j != stage.player]
+        return self.scale * sum(
+            -ca.log(ca.sumsqr(own - stage.position(j)) + self.offset) for j in others
+        )
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
+class CarProximity:
+    """``scale * sum_j -log(q_ij + offset)``: ``Proximity`` for cars, in metres.
+
+    ``q_ij`` is the squared distance to player j, measured in lengths along and widths across the
+    player's own heading, so that a car beside it in the next lane is far and one ahead is near.
+    The states need a ``heading``.
+
+    Attributes:
+        length: unit of distance along the heading [m].
+        width: unit of distance across the heading [m].
+        offset: keeps the cost finite where players meet.
+    """
+
+    length: float
+    width: float
+    scale: float = 1.0
+    offset: float = 0.1
+    name: str = "proximity"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        heading = stage.own_state("heading")
+        along, across = ca.cos(heading), ca.sin(heading)
+        own = stage.position(stage.player)
+        total: ca.SX | float = 0.0
+        for j in range(len(stage.states)):
+            if j == stage.player:
+                continue
+            dx, dy = ca.vertsplit(stage.position(j) - own)
+            ahead = (dx * along + dy * across) / self.length
+            beside = (dy * along - dx * across) / self.width
+            total -= ca.log(ahead**2 + beside**2 + self.offset)
+        return self.scale * total
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
+class StateDeviation:
+    """``scale * (state component - target)^2`` at every step.
+
+    With ``speed`` it is eqn. runexp-vel-cost; with ``px`` it keeps a lane, with ``heading`` a
+    direction. Angles are not wrapped: a target must lie on the branch of the player's heading.
+    """
+
+    component: str
+    target: float = 0.0
+    scale: float = 1.0
+
+    @property
+    def name(self) -> str:
+        return self.component
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * (stage.own_state(self.component) - self.target) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """``StateDeviation`` with a scale of its own for the last step."""
+
+    component: str
+    target: float = 0.0
+    scale: float = 1.0
+    final_scale: float = 1.0
+
+    @property
+    def name(self) -> str:
+        return self.component
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * (stage.own_state(self.component) - self.target) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.final_scale * (stage.own_state(self.component) - self.target) ** 2
+
+
+@dataclass(frozen=True)
+class ControlEffort:
+    """``scale * (dt * control component)^2``: eqns. runexp-yawrate-cost and runexp-accel-cost.
+
+    The published experiments penalise the change within one step, hence the factor dt.
+    """
+
+    component: str
+    scale: float = 1.0
+
+    @property
+    def name(self) -> str:
+        return self.component
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * (stage.dt * stage.own_control(self.component)) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return 0.0
+
+
+@dataclass(frozen=True)
+class FinalGoal:
+    """``scale * |p_T - goal|^2`` at the last step only: eqn. runexp-goal-cost."""
+
+    goal: tuple[float, float]
+    scale: float = 100.0
+    name: str = "goal"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return 0.0
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * ca.sumsqr(stage.position(stage.player) - ca.vertcat(*self.goal))

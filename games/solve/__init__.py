@@ -1,0 +1,1 @@
+"""Solvers of games: equilibria, their certificates, responses and information."""

@@ -1,0 +1,371 @@
+"""Identifiability of a game's weights: Fisher information and Cramer-Rao bound.
+
+The equilibrium trajectory is a function of (theta, x_1) through G(z; theta, x_1) = 0, so by the
+implicit function theorem dz/d(theta, x_1) = -G_z^{-1} G_(theta, x_1). With white Gaussian noise of
+standard deviation sigma on h(x), the Fisher information of (theta, x_1) is J'J / sigma^2, where J
+is the sensitivity of all expected observations; other noise is whitened first. Missing samples have
+no rows in J, so the information is that of the actual observation. Weights lie on the simplex (each
+row sums to one), so the bound is taken on its tangent space, with x_1 as a nuisance parameter.
+
+Some weights hardly affect the motion, or not at all. Whether the data identify a weight is judged
+against what is known without data: a uniform distribution on the simplex, whose variance is
+1 / (K (K + 1)) in every direction.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from olne_bench.games.compiled.elimination import Elimination
+from olne_bench.games.compiled.row_functions import RowFunction
+from olne_bench.games.model.dynamics import Dynamics
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import View, whitening
+from olne_bench.games.model.simplex import theta_tangent
+from olne_bench.games.solve.newton import linearised
+
+#: Above this condition number of the information matrix some weights are not identifiable.
+_LARGEST_CONDITION = 1e14
+
+_IDENTIFIED_BELOW = 0.5  # of the prior variance of a direction
+UNOBSERVED_ABOVE = 0.99  # of the prior variance of an unknown
+_BLIND = 1e-9  # squared part of a weight in directions without any information
+
+
+def trajectory_sensitivity(
+    game: Game,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+    solver: Elimination | None = None,
+) -> np.ndarray:
+    """d(states)/d(theta, x_1) at an equilibrium, (T*N*n, N*K + N*n), all in C order.
+
+    Args:
+        game: the game.
+        states: (T, N, n) of the equilibrium.
+        controls: (T-1, N, m).
+        costates: (T-1, N, n).
+        weights: (N, K).
+        solver: the game's elimination; built if None.
+
+    Raises:
+        ValueError: if G_z is singular; the equilibrium is then not a function of (theta, x_1).
+    """
+    solver = linearised(game, states, controls, costates, weights, solver)
+    columns = solver.sensitivities()[:, : states[0].size].reshape(states.size, -1)
+    return np.hstack([columns[:, states[0].size :], columns[:, : states[0].size]])
+
+
+def observation_sensitivity(
+    game: Game,
+    view: View,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+    *,
+    noise_scale: Sequence[float] | np.ndarray | None = None,
+    noise_covariance: Sequence[Sequence[float]] | np.ndarray | None = None,
+    solver: Elimination | None = None,
+) -> np.ndarray:
+    """d(h(states))/d(theta, x_1) at an equilibrium, (T*N*d, N*K + N*n), all in C order.
+
+    The arguments are those of ``trajectory_sensitivity``. The rows are divided by ``noise_scale``
+    (d,), the relative standard deviations of the noise on a player's observed components, each one
+    by default. For correlated noise, ``noise_covariance`` (d, d) relative to sigma^2 replaces it:
+    the rows of one player and step are whitened together.
+
+    Raises:
+        ValueError: if G_z is singular or the covariance is not positive definite.
+    """
+    sensitivity = trajectory_sensitivity(game, states, controls, costates, weights, solver)
+    rows = states.reshape(-1, game.dynamics.state_size)
+    by_state = _view_jacobian(game.dynamics, view)(rows)
+    by_state = by_state.reshape(len(rows), rows.shape[1], -1).transpose(0, 2, 1)
+    if noise_covariance is not None:
+        by_state = whitening(noise_covariance) @ by_state
+    elif noise_scale is not None:
+        by_state = by_state / np.asarray(noise_scale)[:, None]
+    observed = by_state @ sensitivity.reshape(*rows.shape, -1)
+    return observed.reshape(-1, sensitivity.shape[1])
+
+
+def weight_covariance(
+    game: Game,
+    view: View,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+    *,
+    noise_scale: np.ndarray | None = None,
+    noise_covariance: np.ndarray | None = None,
+) -> np.ndarray | None:
+    """Cramer-Rao bound of the weights (N*K, N*K) for unit noise; None if not identifiable.
+
+    Multiply by sigma^2. The arguments are those of ``observation_sensitivity``.
+    """
+    sensitivity = observation_sensitivity(
+        game,
+        view,
+        states,
+        controls,
+        costates,
+        weights,
+        noise_scale=noise_scale,
+        noise_covariance=noise_covariance,
+    )
+    return joint_weight_covariance(game, [sensitivity])
+
+
+def of_seen(sensitivity: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The rows of an ``observation_sensitivity`` whose samples in y (T, N, d) are not missing.
+
+    With correlated noise, only whole blocks (d,) may be missing.
+    """
+    return sensitivity[np.isfinite(y).ravel()]
+
+
+def joint_weight_covariance(
+    game: Game,
+    sensitivities: Sequence[np.ndarray],
+    *,
+    unobserved: np.ndarray | None = None,
+    prior_scale: float = 0.0,
+) -> np.ndarray | None:
+    """Cramer-Rao bound of weights that several trajectories share, for unit noise.
+
+    Each trajectory has its own unknown initial state. Where the game has unknowns, their
+    standardised values stand behind the weights of each player: (N*(K+U), N*(K+U)).
+
+    Args:
+        game: the game.
+        sensitivities: ``observation_sensitivity`` of each trajectory, without the rows of missing
+            samples (``of_seen``).
+        unobserved: (N, U) which unknowns are left out, as they do not show.
+        prior_scale: standard deviation of the noise, if the priors of the game's unknowns count;
+            the result is then the inverse of the information of both, not a bound.
+
+    Returns:
+        (N*K, N*K), or None if not identifiable.
+    """
+    tangent = theta_tangent(game)
+    if unobserved is not None:
+        tangent = tangent[:, ~tangent[in_theta(game, unobserved)].any(axis=0)]
+    observed = _on_tangent(tangent, sensitivities)
+    information = observed.T @ observed
+    unknowns = np.tile(np.arange(len(tangent) // game.num_players), game.num_players)
+    of_unknowns = tangent[unknowns >= game.num_weights].any(axis=0)
+    information[np.diag_indices(tangent.shape[1])] += prior_scale**2 * of_unknowns
+    # The information matrix is symmetric: its eigenvalues give condition and inverse at once.
+    values, vectors = np.linalg.eigh(information)
+    if not values[-1] < _LARGEST_CONDITION * values[0]:
+        return None
+    lifted = tangent @ vectors[: tangent.shape[1]]
+    return np.asarray((lifted / values) @ lifted.T)
+
+
+def in_theta(game: Game, parameters: np.ndarray) -> np.ndarray:
+    """(N*(K+U),) booleans at the places of parameters (N, U) in theta."""
+    return np.pad(parameters, [(0, 0), (game.num_weights, 0)]).ravel()
+
+
+def unobserved_unknowns(
+    game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
+) -> np.ndarray:
+    """Which unknowns (N, U) the trajectories tell nothing about at a noise level.
+
+    They leave nearly all of the variance of its prior (``UNOBSERVED_ABOVE``).
+
+    Args:
+        game: the game.
+        sensitivities: as for ``joint_weight_covariance``.
+        sigma: noise level, above 0.
+    """
+    if not game.parameters.count:
+        return game.parameters.used
+    left = identifiability(game, sensitivities, sigma=sigma).parameter_left
+    return np.asarray(left > UNOBSERVED_ABOVE)  # NaN compares false
+
+
+def deviations_of(game: Game, covariance: np.ndarray | None) -> np.ndarray | None:
+    """Standard deviations (N, U) of a game's unknowns in their units, NaN where there is none.
+
+    Args:
+        game: the game.
+        covariance: (N*(K+U), N*(K+U)) of theta, or None.
+
+    Returns:
+        None if there is no covariance, or if the game has no unknowns.
+    """
+    if covariance is None or not game.parameters.count:
+        return None
+    variances = np.diag(covariance).reshape(game.num_players, -1)[:, game.num_weights :]
+    return np.asarray(np.sqrt(variances) * game.parameters.deviations)
+
+
+def of_weights(game: Game, covariance: np.ndarray | None) -> np.ndarray | None:
+    """The part (N*K, N*K) of a covariance of theta that belongs to the weights."""
+    if covariance is None:
+        return None
+    count, own = game.num_weights, game.num_weights + game.parameters.count
+    kept = np.arange(len(covariance)) % own < count
+    return covariance[np.ix_(kept, kept)]
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What observations at one noise level say about each player's weights.
+
+    Attributes:
+        bound: (N, K) Cramer-Rao bound, as a standard deviation; infinite where the bound does not
+            exist.
+        left: (N, K) share of a weight's prior variance that the data leave, in [0, 1]; the prior
+            is Gaussian with the mean and covariance of the uniform distribution on the simplex.
+        projections: (N, K, K) orthogonal projections on the identified directions of the simplex:
+            those whose posterior variance is below half of the prior variance.
+        parameter_bound: (N, U) bound of each unknown over its prior's standard deviation; NaN where
+            a column stands for nothing.
+        parameter_left: (N, U) share of an unknown's prior variance that the data leave.
+    """
+
+    bound: np.ndarray
+    left: np.ndarray
+    projections: np.ndarray
+    parameter_bound: np.ndarray
+    parameter_left: np.ndarray
+
+    @property
+    def identified(self) -> np.ndarray:
+        """(N, K) whether the bound is below the standard deviation without any data."""
+        count = self.bound.shape[1]
+        return self.bound**2 < (1 - 1 / count) / (count * (count + 1))
+
+    @property
+    def parameters_identified(self) -> np.ndarray:
+        """(N, U) whether the bound of an unknown is below its prior's standard deviation."""
+        return self.parameter_bound < 1
+
+
+def identifiability(
+    game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
+) -> Identifiability:
+    """Which weights the trajectories identify at a noise level; the information may be singular.
+
+    All other weights, the game's unknowns and the initial state of each trajectory are unknown,
+    too.
+
+    Args:
+        game: the game, with its unknowns.
+        sensitivities: as for ``joint_weight_covariance``.
+        sigma: noise level, above 0.
+    """
+    tangent = theta_tangent(game)
+    observed = _on_tangent(tangent, sensitivities)
+    free, count = tangent.shape[1], game.num_weights
+    # With the columns of x_1 in front, the weights' block of the triangular factor is the root of
+    # their information with x_1 unknown.
+    nuisance_first = np.hstack([observed[:, free:], observed[:, :free]])
+    _, triangle = np.linalg.qr(nuisance_first)
+    players, width = game.num_players, count + game.parameters.count
+    weights = np.arange(players * width).reshape(players, width)[:, :count]
+    own = [np.flatnonzero(tangent[rows].any(axis=0)) for rows in weights]
+    prior = np.ones(free)  # precisions: unknowns are standardised
+    prior[np.concatenate(own)] = count * (count + 1.0)
+    posterior, deviations = _posterior_and_bound(triangle[-free:, -free:] / sigma, tangent, prior)
+    deviations = deviations.reshape(players, width)
+    variances = np.einsum("ij,jk,ik->i", tangent, posterior, tangent).reshape(players, width)
+    before = np.ones(width)
+    before[:count] = (1 - 1 / count) / (count * (count + 1.0))
+    left = (variances / before).clip(0.0, 1.0)
+    used = game.parameters.used
+    return Identifiability(
+        bound=deviations[:, :count],
+        left=left[:, :count],
+        projections=np.stack(
+            [
+                _identified(
+                    tangent[np.ix_(rows, columns)],
+                    posterior[np.ix_(columns, columns)],
+                    count * (count + 1.0),
+                )
+                for rows, columns in zip(weights, own, strict=True)
+            ]
+        ),
+        parameter_bound=np.where(used, deviations[:, count:], np.nan),
+        parameter_left=np.where(used, left[:, count:], np.nan),
+    )
+
+
+def _posterior_and_bound(
+    root: np.ndarray, tangent: np.ndarray, prior: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior covariance (F, F) in the tangent's coordinates, and bounds of all theta.
+
+    Args:
+        root: (F, F) root of the information.
+        tangent: (N*(K+U), F).
+        prior: (F,) precisions of the coordinates without data.
+    """
+    scale = prior**-0.5
+    # Eigenvalues through singular values: squaring would lose half of the digits.
+    _, singular, directions = np.linalg.svd(root * scale)
+    posterior = scale[:, None] * (directions.T / (singular**2 + 1)) @ directions * scale
+    known = singular > singular.max() * np.finfo(float).eps * len(prior)
+    lifted = (tangent * scale) @ directions[known].T
+    deviations = np.sqrt(((lifted / singular[known]) ** 2).sum(axis=1))
+    blind = ((tangent @ directions[~known].T) ** 2).sum(axis=1) > _BLIND
+    return posterior, np.where(blind, np.inf, deviations)
+
+
+def _identified(tangent: np.ndarray, posterior: np.ndarray, prior: float) -> np.ndarray:
+    """Projection (K, K) on directions in which the posterior variance is below half the prior's."""
+    values, directions = np.linalg.eigh(posterior)
+    kept = tangent @ directions[:, values * prior < _IDENTIFIED_BELOW]
+    return kept @ kept.T
+
+
+def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
+    """Expected cosine error (eqn. cosine_metric) of an efficient estimator.
+
+    To second order ``E[1 - cos] = mean_i tr(P_i C_i) / (2 |theta_i|^2)`` with P_i the projection
+    orthogonal to theta_i.
+
+    Args:
+        covariance: (N*K, N*K) of the weights.
+        weights: (N, K) true weights.
+    """
+    count = weights.shape[1]
+    errors = []
+    for i, theta in enumerate(weights):
+        block = covariance[i * count : (i + 1) * count, i * count : (i + 1) * count]
+        squared = theta @ theta
+        projection = np.eye(count) - np.outer(theta, theta) / squared
+        errors.append(np.trace(projection @ block) / (2 * squared))
+    return float(np.mean(errors))
+
+
+def _on_tangent(tangent: np.ndarray, sensitivities: Sequence[np.ndarray]) -> np.ndarray:
+    """Derivatives of all expected observations in the tangent's coordinates and all x_1."""
+    free = tangent.shape[1]
+    starts = sensitivities[0].shape[1] - len(tangent)
+    rows = np.cumsum([0, *map(len, sensitivities)])
+    observed = np.zeros((rows[-1], free + starts * len(sensitivities)))
+    for k, columns in enumerate(sensitivities):
+        own = observed[rows[k] : rows[k + 1]]
+        own[:, :free] = columns[:, : len(tangent)] @ tangent
+        own[:, free + k * starts : free + (k + 1) * starts] = columns[:, len(tangent) :]
+    return observed
+
+
+@lru_cache(maxsize=16)
+def _view_jacobian(dynamics: Dynamics, view: View) -> RowFunction:
+    """State (n,) -> Jacobian h_x (d, n), column by column."""
+    state = ca.SX.sym("x", dynamics.state_size)
+    jacobian = ca.densify(ca.jacobian(view.expected(state, dynamics), state))
+    return RowFunction(ca.Function("h_x", [state], [jacobian]), None)

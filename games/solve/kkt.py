@@ -1,0 +1,177 @@
+"""The stacked first-order conditions of an open-loop Nash equilibrium.
+
+Peters et al. 2021, eqn. forward_kkt_conditions:
+
+    G(x, u, lambda; theta) = [ grad_{x^i} J^i + lambda^i' grad_{x^i} F   (all i, t = 2..T)
+                               grad_{u^i} J^i + lambda^i' grad_{u^i} F   (all i, t = 1..T-1)
+                               F(x, u)                                   (all i, t = 1..T-1) ]
+
+with F_t = x_{t+1} - f(x_t, u_t). The players' dynamics are decoupled, so player i needs only the
+costates of its own state: the paper's costates of the other players' states appear in no other row
+and drop out. CasADi computes all derivatives.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import spsolve
+
+from olne_bench.games.model.constraints import refuse_constraints
+from olne_bench.games.model.dynamics import dynamics_errors
+from olne_bench.games.model.game import Game, player_cost, trajectory_symbols
+
+
+@dataclass(frozen=True)
+class KktSystem:
+    """Symbols and expressions of one game's first-order conditions.
+
+    All symbols are flat, in the C order of the arrays that they represent.
+
+    Attributes:
+        game: the game.
+        states: symbol of x (T, N, n), the initial state included.
+        controls: symbol of u (T-1, N, m).
+        costates: symbol of lambda (T-1, N, n); entry t belongs to the step from t to t+1.
+        weights: symbol of theta (N, K).
+        costs: (N,) expression of the players' costs J^i.
+        stationarity_states: grad_x rows, in the order (T-1, N, n).
+        stationarity_controls: grad_u rows, in the order (T-1, N, m).
+        dynamics_error: F rows, in the order (T-1, N, n).
+    """
+
+    game: Game
+    states: ca.SX
+    controls: ca.SX
+    costates: ca.SX
+    weights: ca.SX
+    costs: ca.SX
+    stationarity_states: ca.SX
+    stationarity_controls: ca.SX
+    dynamics_error: ca.SX
+
+    @cached_property
+    def residual(self) -> ca.SX:
+        """G, all rows in one column."""
+        return ca.vertcat(self.stationarity_states, self.stationarity_controls, self.dynamics_error)
+
+    @cached_property
+    def unknowns(self) -> ca.SX:
+        """The unknowns z = (x_2..x_T, u, lambda) of a forward game; as many as G has rows."""
+        initial = self.game.num_players * self.game.dynamics.state_size
+        return ca.vertcat(self.states[initial:], self.controls, self.costates)
+
+    @cached_property
+    def initial_state(self) -> ca.SX:
+        """x_1 (N, n), the first part of the states symbol."""
+        return self.states[: self.game.num_players * self.game.dynamics.state_size]
+
+    @cached_property
+    def residual_function(self) -> ca.Function:
+        """G as a function of (states, controls, costates, weights), flat."""
+        return ca.Function("G", self._arguments, [self.residual])
+
+    @cached_property
+    def cost_function(self) -> ca.Function:
+        """The players' costs as a function of (states, controls, weights), flat."""
+        return ca.Function("J", [self.states, self.controls, self.weights], [self.costs])
+
+    @cached_property
+    def costate_function(self) -> ca.Function:
+        """(B, b) of the grad_x rows B lambda + b as a function of (states, controls, weights)."""
+        zero = ca.SX.zeros(self.costates.numel())
+        return ca.Function(
+            "grad_x",
+            [self.states, self.controls, self.weights],
+            [
+                ca.jacobian(self.stationarity_states, self.costates),
+                ca.substitute(self.stationarity_states, self.costates, zero),
+            ],
+        )
+
+    @property
+    def _arguments(self) -> list[ca.SX]:
+        return [self.states, self.controls, self.costates, self.weights]
+
+
+@lru_cache(maxsize=64)
+def kkt_system(game: Game) -> KktSystem:
+    """Build (or fetch) the first-order conditions of a game without constraints.
+
+    Raises:
+        ValueError: if the game has constraints; ``games.compiled.elimination`` has the conditions
+        of those.
+    """
+    refuse_constraints(game.constraints, "the stacked system G")
+    states, state_blocks = trajectory_symbols("x", game.state_shape)
+    controls, control_blocks = trajectory_symbols("u", game.control_shape)
+    costates, costate_blocks = trajectory_symbols(
+        "lambda", (game.horizon - 1, game.num_players, game.dynamics.state_size)
+    )
+    weights = ca.SX.sym("theta", game.num_players * game.num_weights)
+    weight_blocks = ca.vertsplit(weights, game.num_weights)
+
+    costs, state_rows, control_rows, errors = [], [], [], []
+    for i in range(game.num_players):
+        own_controls = [row[i] for row in control_blocks]
+        cost = player_cost(game, i, state_blocks, own_controls, weight_blocks[i])
+        own_errors = dynamics_errors(
+            game.dynamics, [row[i] for row in state_blocks], own_controls, game.dt
+        )
+        errors.append(own_errors)
+        lagrangian = cost + sum(
+            ca.dot(costate_blocks[t][i], error) for t, error in enumerate(own_errors)
+        )
+        own_states = [row[i] for row in state_blocks[1:]]
+        gradient = ca.gradient(lagrangian, ca.vertcat(*own_states, *own_controls))
+        split = (game.horizon - 1) * game.dynamics.state_size
+        state_rows.append(ca.vertsplit(gradient[:split], game.dynamics.state_size))
+        control_rows.append(ca.vertsplit(gradient[split:], game.dynamics.control_size))
+        costs.append(cost)
+
+    def by_time(rows: list[list[ca.SX]]) -> ca.SX:
+        return ca.vertcat(
+            *[block for step_blocks in zip(*rows, strict=True) for block in step_blocks]
+        )
+
+    return KktSystem(
+        game=game,
+        states=states,
+        controls=controls,
+        costates=costates,
+        weights=weights,
+        costs=ca.vertcat(*costs),
+        stationarity_states=by_time(state_rows),
+        stationarity_controls=by_time(control_rows),
+        dynamics_error=by_time(errors),
+    )
+
+
+def kkt_residual_norm(
+    game: Game,
+    states: np.ndarray,
+    controls: np.ndarray,
+    costates: np.ndarray,
+    weights: np.ndarray,
+) -> float:
+    """Largest absolute entry of G at a point given as arrays."""
+    function = kkt_system(game).residual_function
+    residual = function(states.ravel(), controls.ravel(), costates.ravel(), weights.ravel())
+    return float(np.abs(np.array(residual)).max())
+
+
+def consistent_costates(
+    game: Game, states: np.ndarray, controls: np.ndarray, weights: np.ndarray
+) -> np.ndarray:
+    """Costates (T-1, N, n) that make a trajectory stationary in its states.
+
+    The grad_x rows of G are linear in the costates and triangular in time (the adjoint
+    recursion), so every trajectory has exactly one such set. The grad_u rows then decide whether it
+    is an equilibrium.
+    """
+    function = kkt_system(game).costate_function
+    matrix, offset = function(states.ravel(), controls.ravel(), weights.ravel())
+    costates = spsolve(csc_matrix(matrix), -np.array(offset).ravel())
+    return costates.reshape(states[1:].shape)

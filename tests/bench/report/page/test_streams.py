@@ -1,0 +1,76 @@
+"""The page of an online study, in a browser."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from playwright.sync_api import Browser
+
+from olne_bench.bench.plan.load import load_suite
+from olne_bench.bench.report.stream_tables import COLUMNS
+from olne_bench.bench.report.write_streams import write_online
+from tests.bench.report.page.conftest import HOSTILE, provenance
+
+COMMAND = "olne-bench run online --seeds 3 --kind streams --rule lag=8 --out DIR"
+
+
+def rows() -> pd.DataFrame:
+    """Eight draws of six samples on one road, of three estimators; one has a hostile name."""
+    rng, made = np.random.default_rng(0), []
+    for name, scale in (("constant_velocity", 3.0), ("map", 0.3), (HOSTILE, 0.9), ("uniform", 2.0)):
+        for seed in range(8):
+            for sample in range(1, 7):
+                error = scale * rng.uniform(0.8, 1.2) / sample
+                row = dict.fromkeys(COLUMNS)
+                row |= {"scenario": "merge", "sensor": "full", "sigma": 0.1, "estimator": name}
+                row |= {"seed": seed, "sample": sample, "time": 0.4 * sample, "status": "ok"}
+                row |= {"late": False, "fde_1s": error, "fde_3s": 3 * error}
+                if name != "constant_velocity":
+                    row |= {"cosine_error": error / 9, "prior_error": 0.2, "latency": 0.004}
+                made.append(row)
+    return pd.DataFrame(made)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("online")
+    suite = load_suite("online", rules={"lag": 8})
+    write_online(rows(), [provenance()], suite, folder, ())
+    return folder / "index.html"
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_shows_what_the_tables_have(browser: Browser, place: Path, width, scheme) -> None:
+    complaints: list[str] = []
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    tab = context.new_page()
+    tab.on("console", lambda message: complaints.append(message.text))
+    tab.on("pageerror", lambda error: complaints.append(str(error)))
+    tab.goto(place.as_uri())
+    assert (
+        tab.title() == "online (changed), one sample at a time · OLNE Bench"
+    )  # no name has broken it
+    assert tab.locator("#summary tbody tr").count() == 4
+    verdicts = tab.locator("#comparisons tbody tr")
+    told = {row.split("\t")[3]: row.split("\t")[0] for row in verdicts.all_inner_texts()}
+    assert told["map"].strip() == "below" and "uniform" not in told
+    assert tab.locator("svg.chart").count() == 3
+    assert tab.locator("#latency tbody tr").count() == 3
+    assert COMMAND in tab.inner_text("#provenance")
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert tab.evaluate("document.documentElement.dataset.theme") == scheme
+    lines = tab.locator("svg.chart path.line")
+    assert lines.count() == 3 + 4 + 4
+    assert all(box["width"] > 100 for box in (lines.nth(k).bounding_box() for k in range(3)))
+    assert complaints == []
+
+
+def test_tables_can_be_saved_and_the_page_is_small(browser: Browser, place: Path) -> None:
+    tab = browser.new_page()
+    tab.goto(place.as_uri())
+    with tab.expect_download() as told:
+        tab.locator('button[data-table="summary"]').click()
+    assert len(pd.read_csv(told.value.path())) == 4
+    assert place.stat().st_size < 200_000

@@ -1,0 +1,160 @@
+"""Recordings of worlds, and their files."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from olne_bench.envs import highway_v0, olne_v0
+from olne_bench.envs.recordings import recording
+from olne_bench.envs.recordings.recording import NoEquilibriumError, film, record
+from olne_bench.envs.recordings.recording_file import (
+    RecordingFileError,
+    of_recordings,
+    read_recording,
+    write_recording,
+)
+from olne_bench.envs.recordings.recording_metadata import CertificateEntry
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.scenario import Limits
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
+from olne_bench.envs.worlds.of_scenario import make_world
+
+PAPER = ["two_player", "highway_overtaking"]
+
+
+@pytest.mark.parametrize("name", [*PAPER, "random"])
+def test_worlds_play_the_equilibrium(name, recorded):
+    truth = certified_equilibrium(get_scenario(name))
+    np.testing.assert_allclose(recorded(name).states, truth.states, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(recorded(name).controls, truth.controls)
+    assert recorded(name).certificate.passed
+
+
+def test_highway_env_plays_its_equilibrium(recorded):
+    played = recorded("merge", num_players=2)
+    truth = certified_equilibrium(played.scenario)
+    np.testing.assert_allclose(played.states, truth.states, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "module"), [("two_player", olne_v0), ("random", olne_v0), ("merge", highway_v0)]
+)
+def test_every_scenario_has_its_world(name, module):
+    assert type(make_world(get_scenario(name))) is module.parallel_env
+
+
+def test_states_come_from_the_world(monkeypatch):
+    class Drifting(olne_v0.OlneWorld):
+        drift = 1e-10
+
+        def state(self):
+            return super().state() + self.drift
+
+    scenario = get_scenario("two_player")
+    truth = certified_equilibrium(scenario)
+    monkeypatch.setattr(recording, "make_world", Drifting)
+    moved = record(scenario).states - truth.states
+    np.testing.assert_allclose(moved, 1e-10, rtol=0, atol=1e-13)
+    Drifting.drift = 1e-6
+    with pytest.raises(NoEquilibriumError, match=r"1\.0e-06 away from its equilibrium"):
+        record(scenario)
+
+
+def test_players_who_leave_early_are_no_truth(monkeypatch):
+    class Short(olne_v0.OlneWorld):
+        def __init__(self, scenario):
+            super().__init__(scenario, max_cycles=3)
+
+    monkeypatch.setattr(recording, "make_world", Short)
+    with pytest.raises(NoEquilibriumError, match="leave the world at step 4 of 25"):
+        record(get_scenario("two_player"))
+
+
+def test_controls_beyond_the_limits_are_no_truth():
+    scenario = get_scenario("two_player")
+    with pytest.raises(NoEquilibriumError, match="beyond the scenario's limit"):
+        record(replace(scenario, limits=Limits((1e-3, 1e-3), scenario.limits.states)))
+
+
+def test_one_frame_per_state(recorded):
+    frames = list(film(get_scenario("two_player")))
+    assert len(frames) == len(recorded("two_player").states)
+    assert all(frame.dtype == np.uint8 and frame.std() > 5 for frame in frames)
+    assert (frames[0] != frames[-1]).any()
+
+
+def test_certificates_of_older_files_are_read():
+    known = {"gains": [0.0], "costs": [1.0], "tolerance": 1e-7, "passed": True}
+    entry = CertificateEntry.model_validate(known)
+    assert entry.local is None and entry.global_so_far is None
+
+
+def test_files_keep_everything(tmp_path, recorded):
+    seeds = [0, 1, 2]  # with different numbers of players
+    recordings = [recorded("random", seed) for seed in seeds]
+    assert len({len(r.scenario.weights) for r in recordings}) > 1
+    path = tmp_path / "random.parquet"
+    write_recording(path, of_recordings(recordings, seeds, {}))
+    known = read_recording(path)
+    assert (known.metadata.kind, known.metadata.scenario) == ("truth", "random")
+    assert known.metadata.weight_names == list(recordings[0].scenario.game.weight_names)
+    assert known.metadata.versions.keys() >= {"olne-bench", "numpy", "casadi", "pettingzoo"}
+    for index, played in enumerate(recordings):
+        np.testing.assert_array_equal(known.states[index], played.states)
+        np.testing.assert_array_equal(known.controls[index], played.controls)
+        np.testing.assert_allclose(known.times[index], 0.25 * np.arange(25))
+        entry = known.metadata.episodes[index]
+        assert entry.seed == seeds[index]
+        np.testing.assert_array_equal(entry.weights, played.scenario.weights)
+        np.testing.assert_array_equal(entry.certificate.gains, played.certificate.gains)
+        assert entry.certificate.passed
+        assert entry.certificate.local.gains == played.certificate.local.values.tolist()
+        far = entry.certificate.global_so_far
+        players = len(played.scenario.weights)
+        assert far.passed and far.starts == [17 + 4 * (players - 1)] * players
+        assert far.gains == played.certificate.global_so_far.values.tolist()
+    rows = pq.read_table(path).to_pandas()
+    assert rows.loc[rows["time"] == rows["time"].max(), "yaw_rate"].isna().all()
+    assert rows.loc[rows["time"] < rows["time"].max(), "yaw_rate"].notna().all()
+
+
+@pytest.fixture
+def file(tmp_path, recorded):
+    path = tmp_path / "two.parquet"
+    write_recording(path, of_recordings([recorded("two_player")], [0], {}))
+    return path
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(RecordingFileError, match="no recording"):
+        read_recording(tmp_path / "no.parquet")
+
+
+def test_a_file_of_another_format(tmp_path):
+    path = tmp_path / "text.parquet"
+    path.write_text("time,player\n")
+    with pytest.raises(RecordingFileError, match="not a Parquet file"):
+        read_recording(path)
+
+
+def test_a_table_that_is_no_recording(file):
+    pq.write_table(pa.table({"a": [1]}), file)
+    with pytest.raises(RecordingFileError, match="is not a recording"):
+        read_recording(file)
+
+
+@pytest.mark.parametrize("damage", ["rows", "column", "metadata"])
+def test_a_damaged_file(file, damage):
+    table = pq.read_table(file)
+    if damage == "rows":
+        table = table.slice(1)
+    elif damage == "column":
+        table = table.drop_columns("heading")
+    else:
+        table = table.replace_schema_metadata({b"olne_bench": b'{"kind": "guess"}'})
+    pq.write_table(table, file)
+    with pytest.raises(RecordingFileError, match="damaged"):
+        read_recording(file)

@@ -1,0 +1,190 @@
+"""HighwayEnv's vehicle and lanes, and their counterparts in games."""
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.road.lane import PolyLaneFixedWidth
+
+from olne_bench.envs.roads.highway_roads import (
+    CAR,
+    DT,
+    MAX_ACCELERATION,
+    MAX_STEERING,
+    ROAD_NAMES,
+    SIMULATION_FREQUENCY,
+    SUB_STEPS,
+    make_road,
+    replay,
+    road_network,
+)
+from olne_bench.envs.roads.lane_curves import lane_curve
+from olne_bench.envs.roads.playability import rejection
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.two_way import ONCOMING_DISTANCE
+from olne_bench.games.model.dynamics import bicycle, rollout
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_motion_is_that_of_the_simulator(name):
+    rng = np.random.default_rng(0)
+    initial = np.array([[100, 0, 0.1, 20.0], [160, 4, -0.1, 15.0], [40, 60, 2.0, 9.0]])
+    controls = rng.uniform(-1, 1, (20, 3, 2)) * [0.2, 4.0]
+    simulated = replay(name, initial, controls)
+    np.testing.assert_allclose(rollout(CAR, initial, controls, DT), simulated, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_lanes_have_the_simulators_coordinates(name):
+    for lanes in road_network(name).lanes_dict().values():
+        curve = lane_curve(lanes)
+        position = ca.SX.sym("p", 2)
+        locate = ca.Function("locate", [position], list(curve.locate(position)))
+        assert curve.length == pytest.approx(lanes.length)
+        for place in np.linspace(0, lanes.length, 5):
+            point = lanes.position(place, 0.7)
+            along, beside, heading = (float(value) for value in locate(point))
+            expected = lanes.local_coordinates(point)
+            np.testing.assert_allclose([along, beside], expected, atol=1e-9)
+            assert np.sin((heading - lanes.heading_at(expected[0])) / 2) == pytest.approx(
+                0, abs=1e-12
+            )
+
+
+def test_the_simulator_runs_at_its_usual_pace():
+    assert AbstractEnv.default_config()["simulation_frequency"] == SIMULATION_FREQUENCY
+    for name in ROAD_NAMES:
+        config = make_road(name).unwrapped.config
+        assert config["simulation_frequency"] / config["policy_frequency"] == SUB_STEPS
+        assert 1 / config["policy_frequency"] == pytest.approx(DT)
+
+
+def test_other_lanes_and_roads_are_refused():
+    with pytest.raises(ValueError, match="no curve for a PolyLaneFixedWidth; known are: Straight"):
+        lane_curve(PolyLaneFixedWidth([(0, 0), (10, 0), (20, 5)]))
+    with pytest.raises(ValueError, match="no road for 'racetrack'; known are: highway, inter"):
+        make_road("racetrack")
+
+
+@pytest.mark.parametrize(("argument", "value"), [("sub_steps", 0), ("rear_axle", -1.0)])
+def test_bicycle_parameters_are_checked(argument, value):
+    with pytest.raises(ValueError, match=f"{argument} must be"):
+        bicycle(**{argument: value})
+
+
+def test_draws_are_seeded_and_playable():
+    first, again, other = (get_scenario("two_way", seed, num_players=3) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first.initial_state, again.initial_state)
+    np.testing.assert_array_equal(first.weights, again.weights)
+    assert first.game == again.game
+    assert (first.initial_state != other.initial_state).any()
+    assert rejection(first) is None
+
+
+def test_plans_that_the_simulator_would_interfere_with_are_seen():
+    """Two cars side by side that are apart without a margin, and in contact with one."""
+    initial = np.array([[100, 0, 0, 20.0], [100, 2.3, 0, 20.0]])
+    controls = np.zeros((3, 2, 2))
+    free = replay("highway", initial, controls)
+    np.testing.assert_allclose(free[-1, :, 1], [0, 2.3], atol=1e-12)
+    cushioned = replay("highway", initial, controls, margin=0.25)
+    assert np.abs(cushioned - free).max() > 0.1
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_a_road_has_its_players_and_nobody_else(name):
+    road = make_road(name)
+    states = np.array([[100, 0.5, 0.1, 20.0], [130, 4, 0, 15.0], [20, 0, 1.0, 0.0]])
+    road.place(states)
+    np.testing.assert_array_equal(road.states(), states)
+    assert road.road.vehicles == road.controlled_vehicles
+    colours = [tuple(vehicle.color) for vehicle in road.controlled_vehicles]
+    assert len(set(colours)) == 3
+    assert all(0 <= part <= 255 for colour in colours for part in colour)
+    assert not road.crashed().any()
+    # Controls are not clipped, however large, and nothing ends an episode.
+    before = road.states()
+    control = np.array([[MAX_STEERING, -MAX_ACCELERATION], [0, 0], [0, MAX_ACCELERATION]])
+    road.apply(control)
+    expected = rollout(CAR, before, control[None], DT)[-1]
+    np.testing.assert_allclose(road.states(), expected, atol=1e-9)
+    assert not (road._is_terminated() or road._is_truncated())
+    assert road._reward(None) == 0
+    assert road.config["spawn_probability"] == 0
+    assert road.config["centering_position"] == [0.5, 0.5]
+    road.place(states[:1])
+    assert len(road.controlled_vehicles) == 1
+    np.testing.assert_array_equal(road.states(), states[:1])
+
+
+def test_cars_that_touch_have_crashed():
+    road = make_road("highway")
+    for gap, crashed in ((4.9, True), (5.1, False)):
+        road.place(np.array([[100, 4, 0, 10.0], [100 + gap, 4, 0, 10.0]]))
+        road.apply(np.zeros((2, 2)))
+        assert road.crashed().tolist() == [crashed] * 2
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.8])
+@pytest.mark.parametrize(
+    ("gap", "margin", "crashed"),
+    [(0.3, 0.0, False), (0.3, 0.1, False), (0.3, 0.2, True), (1.9, 0.9, False), (1.9, 1.0, True)],
+)
+def test_a_margin_widens_a_car_on_every_side(heading, gap, margin, crashed):
+    """Two cars in line, at a given distance and the same speed."""
+    along = (5 + gap) * np.array([np.cos(heading), np.sin(heading)])
+    states = np.array([[100, 4, heading, 10.0], [100, 4, heading, 10.0]])
+    states[1, :2] += along
+    road = make_road("highway")
+    road.place(states, margin)
+    road.apply(np.zeros((2, 2)))
+    assert road.crashed().tolist() == [crashed] * 2
+
+
+def test_pictures_show_the_cars_in_the_middle():
+    for name in ("highway", "roundabout"):
+        road = make_road(name, "rgb_array")
+        road.place(np.array([[100.0, 4, 0, 10], [120, 8, 0, 10]]))
+        picture = road.render()
+        assert picture.dtype == np.uint8 and picture.std() > 5
+        middle = road.viewer.observer_vehicle.position
+        np.testing.assert_array_equal(middle, [110, 6] if name == "highway" else [0, 0])
+        assert picture.shape[1] == (1200 if name == "highway" else 600)
+        road.close()
+        assert road.viewer is None
+
+
+@pytest.mark.parametrize("name", ROAD_NAMES)
+def test_pictures_can_be_filmed(name):
+    """Video encoders want even numbers of pixels."""
+    road = make_road(name, "rgb_array")
+    road.place(np.array([[100.0, 0, 0, 10]]))
+    height, width, _ = road.render().shape
+    assert width % 4 == height % 2 == 0
+    road.close()
+    if name == "two_way":
+        assert max(ONCOMING_DISTANCE) * road.config["scaling"] < width  # all cars are seen
+    assert 2.5 < road.config["scaling"] < 10  # a car is a box, and some of the road is seen
+
+
+def test_a_window_gets_the_pictures_of_every_step():
+    shown = []
+    event = SimpleNamespace(type=None)
+    window = SimpleNamespace(show=lambda picture: shown.append(picture) or [event])
+    road = make_road("highway", "rgb_array")
+    road.window = window
+    road.place(np.array([[100.0, 4, 0, 10]]))
+    assert road.render() is None
+    handled = []
+    road.viewer.sim_surface.handle_event = handled.append
+    before = len(shown)
+    road.apply(np.zeros((1, 2)))
+    assert len(shown) - before == SUB_STEPS - 1  # between two actions; the last is asked for
+    assert road.render() is None
+    assert handled == [event] * (len(shown) - before)
+    road.window = None
+    assert road.render().shape == shown[0].shape
+    again = road.__getstate__()
+    assert again["viewer"] is None and again["margin"] == road.margin

@@ -1,0 +1,99 @@
+"""Costs as sums of terms of one player, of a pair, and of everybody."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from olne_bench.games.compiled.native import plain_elimination
+from olne_bench.games.compiled.stage_functions import stage_functions
+from olne_bench.games.compiled.terms import terms_of
+from olne_bench.games.model.costs import CarProximity, ControlEffort, Feature, Proximity, Stage
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.numbers import structure_and_numbers
+from olne_bench.games.model.observation import VIEWS
+from olne_bench.games.solve.kkt import kkt_system
+from olne_bench.games.solve.newton import unpack
+
+
+@dataclass(frozen=True)
+class KeepToTheMiddle:
+    """Looks at all others at once: the squared distance to their mean."""
+
+    scale: float = 1.0
+    name: str = "middle"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        others = [stage.position(j) for j in range(len(stage.states)) if j != stage.player]
+        mean = sum(others) / max(1, len(others))
+        return self.scale * ca.sumsqr(stage.position(stage.player) - mean)
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
+class FollowFirst:
+    """Looks at the player of number 0."""
+
+    name: str = "first"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return ca.sumsqr(stage.position(stage.player) - stage.position(0))
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return 0.0
+
+
+def three(feature: Feature) -> Game:
+    efforts = ControlEffort("yaw_rate"), ControlEffort("acceleration")
+    return Game((Player((feature, *efforts)),) * 3, UNICYCLE, 4, 0.5)
+
+
+def reach(feature: Feature) -> list[tuple[int, ...]]:
+    """The players that the terms look at, but for those that look at one."""
+    terms = terms_of(structure_and_numbers(three(feature))[0])
+    return [term.players for term in terms if len(term.players) > 1]
+
+
+def test_a_sum_over_others_is_a_term_of_each_pair() -> None:
+    pairs = [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)]
+    assert reach(Proximity()) == reach(CarProximity(4.0, 2.0)) == pairs
+    assert len(stage_functions(three(Proximity()), VIEWS["full"]).kinds) == 2
+
+
+def test_what_is_no_sum_over_others_is_a_term_of_everybody() -> None:
+    assert reach(KeepToTheMiddle()) == [(0, 1, 2)] * 3
+    assert reach(FollowFirst()) == [(0, 1, 2)] * 2  # the first one looks at itself alone
+    assert reach(SpeedOnly()) == []
+
+
+@dataclass(frozen=True)
+class SpeedOnly:
+    """Looks at its own player alone."""
+
+    name: str = "own"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return stage.own_state("speed") ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return 0.0
+
+
+@pytest.mark.parametrize("feature", [KeepToTheMiddle(), FollowFirst(), SpeedOnly(), Proximity()])
+def test_rows_are_those_of_the_stacked_system(feature: Feature) -> None:
+    game = three(feature)
+    stages = stage_functions(game, VIEWS["full"])
+    rng = np.random.default_rng(2)
+    z = rng.standard_normal((game.horizon, stages.size))
+    inner = stages.num_states + stages.num_controls
+    z[-1, stages.num_states :] = 0
+    theta = rng.uniform(0.1, 1, stages.num_weights)
+    rows = plain_elimination(game).evaluate(z, theta)
+    found = [rows[1:, : stages.num_states], rows[:-1, stages.num_states : inner], rows[:-1, inner:]]
+    point = [part.ravel() for part in unpack(game, z)]
+    wanted = np.array(kkt_system(game).residual_function(*point, theta)).ravel()
+    np.testing.assert_allclose(np.concatenate([f.ravel() for f in found]), wanted, atol=1e-12)

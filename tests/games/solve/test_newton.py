@@ -1,0 +1,197 @@
+"""Newton's method, sensitivities and batches of forward games."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.games.compiled import native
+from olne_bench.games.compiled.elimination import Elimination
+from olne_bench.games.compiled.native import elimination, plain_elimination
+from olne_bench.games.compiled.stage_functions import stage_functions
+from olne_bench.games.model.observation import VIEWS
+from olne_bench.games.solve.batch import solve_batch
+from olne_bench.games.solve.information import trajectory_sensitivity
+from olne_bench.games.solve.newton import newton_root, rows, unpack
+from olne_bench.games.solve.olne import Equilibrium, certify, solve_olne
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return get_scenario("two_player")
+
+
+@pytest.fixture(scope="module")
+def equilibrium(scenario: Scenario) -> Equilibrium:
+    return solve_olne(scenario.game, scenario.weights, scenario.initial_state)
+
+
+@pytest.fixture(scope="module")
+def nearby(scenario: Scenario) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    weights = np.exp(0.3 * rng.standard_normal((20, *scenario.weights.shape)))
+    return weights / weights.sum(axis=2, keepdims=True)
+
+
+def test_pack_and_unpack_are_inverse(scenario: Scenario, equilibrium: Equilibrium) -> None:
+    parts = (equilibrium.states, equilibrium.controls, equilibrium.costates)
+    for part, back in zip(parts, unpack(scenario.game, rows(scenario.game, *parts)), strict=True):
+        np.testing.assert_array_equal(part, back)
+
+
+def test_newton_returns_to_a_root_and_stops_at_its_limits(
+    scenario: Scenario, equilibrium: Equilibrium
+) -> None:
+    game = scenario.game
+    start = equilibrium.states.copy()
+    start[1:] += 0.01
+    arguments = (game, start, equilibrium.controls, equilibrium.costates, scenario.weights)
+    root = newton_root(*arguments)
+    assert root.residual < 1e-12
+    np.testing.assert_allclose(root.states, equilibrium.states, atol=1e-9)
+    for limits in ({"max_iterations": 0}, {"limit": 0.0}):
+        stopped = newton_root(*arguments, **limits)
+        assert stopped.residual > 1e-4
+        np.testing.assert_array_equal(stopped.states, start)
+
+
+def test_newton_returns_an_undefined_start_as_it_is(
+    scenario: Scenario, equilibrium: Equilibrium
+) -> None:
+    states = np.full_like(equilibrium.states, np.nan)
+    root = newton_root(
+        scenario.game, states, equilibrium.controls, equilibrium.costates, scenario.weights
+    )
+    assert not root.residual < math.inf
+
+
+@pytest.mark.usefixtures("compiler")
+def test_numpy_and_native_newton_agree(scenario: Scenario, nearby: np.ndarray) -> None:
+    game = scenario.game
+    plain = plain_elimination(game)
+    start = solve_olne(game, scenario.weights, scenario.initial_state)
+    points = np.repeat(rows(game, start.states, start.controls, start.costates)[None], 5, axis=0)
+    results = []
+    for solver in (plain, elimination(game)):
+        z = points.copy()
+        residuals, iterations = solver.newton(
+            z, nearby[:5].reshape(5, -1), tolerance=1e-11, max_iterations=30, limit=60.0
+        )
+        assert (residuals < 1e-11).all()
+        results.append((z, iterations))
+    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-9)
+    np.testing.assert_array_equal(results[0][1], results[1][1])
+
+
+def test_a_factorisation_serves_several_steps_and_games(
+    scenario: Scenario, equilibrium: Equilibrium
+) -> None:
+    game, solver = scenario.game, plain_elimination(scenario.game)
+    limits = {"tolerance": 1e-10, "max_iterations": 20, "limit": 10.0}
+    point = rows(game, equilibrium.states, equilibrium.controls, equilibrium.costates)
+    starts = np.repeat(point[None], 3, axis=0)
+    starts[:, 0, :8] += 1e-3 * np.random.default_rng(0).standard_normal((3, 8))
+    theta = np.repeat(scenario.weights.reshape(1, -1), 3, axis=0)
+    fresh, warm = starts.copy(), starts.copy()
+    residuals, used = solver.newton(fresh, theta, **limits)
+    assert (residuals < 1e-10).all()
+    assert used.tolist() == [1, 0, 0]
+    assert solver.linearise(point, theta[0])
+    residuals, used = solver.newton(warm, theta, factorised=True, **limits)
+    assert (residuals < 1e-10).all()
+    assert used.sum() == 0
+    np.testing.assert_allclose(fresh, warm, atol=1e-7)
+
+
+@pytest.mark.parametrize("which", ["weights", "initial state"])
+def test_sensitivities_are_finite_differences(
+    scenario: Scenario, equilibrium: Equilibrium, which: str
+) -> None:
+    game, count = scenario.game, scenario.weights.size
+    found = trajectory_sensitivity(
+        game, equilibrium.states, equilibrium.controls, equilibrium.costates, scenario.weights
+    )
+    step = 1e-5
+    for column in (1, 6):
+        ends = []
+        for sign in (1, -1):
+            weights, states = scenario.weights.copy(), equilibrium.states.copy()
+            changed = weights if which == "weights" else states[0]
+            changed.ravel()[column] += sign * step
+            root = newton_root(game, states, equilibrium.controls, equilibrium.costates, weights)
+            assert root.residual < 1e-11
+            ends.append(root.states.ravel())
+        wanted = (ends[0] - ends[1]) / (2 * step)
+        offset = 0 if which == "weights" else count
+        np.testing.assert_allclose(found[:, offset + column], wanted, atol=1e-6)
+
+
+def test_a_batch_is_what_single_solves_give(
+    scenario: Scenario, equilibrium: Equilibrium, nearby: np.ndarray
+) -> None:
+    rng = np.random.default_rng(1)
+    shape = (len(nearby), *scenario.initial_state.shape)
+    initial = scenario.initial_state + 0.02 * rng.standard_normal(shape)
+    batch = solve_batch(
+        scenario.game, nearby, equilibrium, scenario.weights, initial_states=initial
+    )
+    assert batch.converged.all()
+    np.testing.assert_array_equal(batch.states[:, 0], initial)
+    for k in range(3):
+        start = equilibrium.states.copy()
+        start[0] = initial[k]
+        alone = newton_root(
+            scenario.game, start, equilibrium.controls, equilibrium.costates, nearby[k]
+        )
+        np.testing.assert_allclose(batch.states[k], alone.states, atol=1e-7)
+
+
+def test_a_batch_goes_far_in_steps_and_tells_what_it_could_not_solve(
+    scenario: Scenario, equilibrium: Equilibrium
+) -> None:
+    weights = np.random.default_rng(2).dirichlet(np.ones(4), size=(60, 2))
+    batch = solve_batch(scenario.game, weights, equilibrium, scenario.weights)
+    assert batch.converged.mean() > 0.9
+    stopped = solve_batch(scenario.game, weights, equilibrium, scenario.weights, limit=0.0)
+    assert not stopped.converged.any()
+    empty = solve_batch(scenario.game, weights[:0], equilibrium, scenario.weights)
+    assert empty.states.shape == (0, *equilibrium.states.shape)
+
+
+def test_a_batch_refuses_bad_input(scenario: Scenario, equilibrium: Equilibrium) -> None:
+    weights = np.full((3, 2, 4), 0.25)
+    with pytest.raises(ValueError, match=r"shape \(2, 4\)"):
+        solve_batch(scenario.game, weights[0], equilibrium, scenario.weights)
+    for bad in (np.nan, -0.1):
+        weights[1, 0, 0] = bad
+        with pytest.raises(ValueError, match="entry 1"):
+            solve_batch(scenario.game, weights, equilibrium, scenario.weights)
+    weights[1, 0, 0] = 0.25
+    with pytest.raises(ValueError, match="initial_states have"):
+        solve_batch(
+            scenario.game, weights, equilibrium, scenario.weights, initial_states=np.zeros(3)
+        )
+
+
+def test_games_that_differ_in_numbers_share_one_library() -> None:
+    goals = [get_scenario("random", seed, num_players=2).game for seed in (1, 2)]
+    games = [*goals, dataclasses.replace(goals[0], dt=0.2, horizon=7)]
+    assert len({stage_functions(game, VIEWS["full"]) for game in games}) == 1
+    sources = {native._source(stage_functions(game, VIEWS["full"])) for game in games}
+    assert len(sources) == 1
+
+
+@pytest.mark.usefixtures("without_native_code")
+def test_without_a_compiler_numpy_serves(scenario: Scenario, equilibrium: Equilibrium) -> None:
+    assert type(elimination(scenario.game)) is Elimination
+    root = newton_root(
+        scenario.game,
+        equilibrium.states,
+        equilibrium.controls + 1e-3,
+        equilibrium.costates,
+        scenario.weights,
+    )
+    assert certify(scenario.game, root, scenario.weights).passed
