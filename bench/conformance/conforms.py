@@ -63,7 +63,7 @@ def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
     A check takes the plugin; a check of estimators also takes the time limit [s] of an estimate.
     """
     # Only the module of this kind is imported, as each import takes a while.
-    module = import_module(f"olne_bench.bench.commands.{kind.name}_checks")
+    module = import_module(f"olne_bench.bench.conformance.{kind.name}_checks")
     checks: Mapping[str, Callable[..., None]] = module.CHECKS
     return checks
 

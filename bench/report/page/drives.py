@@ -26,7 +26,7 @@ def driving_page(
         suite: suite of that run.
     """
     summary = tables["summary"]
-    return template("driving.html").render(
+    return template("drives.html").render(
         title=f"{suite.name}: drives",
         description=suite.description,
         summary=table_rows(summary),

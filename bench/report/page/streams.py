@@ -84,7 +84,7 @@ def online_page(tables: OnlineTables, runs: Sequence[Provenance], suite: Suite) 
         suite: suite of that run.
     """
     names = list(dict.fromkeys(tables.summary["estimator"]))
-    return template("online.html").render(
+    return template("streams.html").render(
         title=f"{suite.name}, one sample at a time",
         description=suite.description,
         summary=table_rows(tables.summary),

@@ -86,7 +86,7 @@ def test_a_fingerprint_has_twelve_hexadecimal_digits(folder, tmp_path_factory):
 
 
 def test_names_for_gymnasium_do_not_count():
-    scenario = {"scene": Path(olne_bench.envs.__file__).parent / "scene.py"}
+    scenario = {"scene": Path(olne_bench.envs.__file__).parent / "worlds/scene.py"}
     roots = {"olne_bench.envs": Path(olne_bench.__file__).parents[1]}
     found = modules_used(scenario, roots, own=None)
     assert "olne_bench.envs" in found and "olne_bench.envs.worlds.gym_ids" not in found
