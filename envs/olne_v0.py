@@ -4,6 +4,7 @@
 """
 
 from contextlib import suppress
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -18,15 +19,14 @@ from olne_bench.envs.scenarios import Scenario, checked_seed, get_scenario
 from olne_bench.envs.solved.equilibrium import NoEquilibriumError, certified_equilibrium
 from olne_bench.envs.solved.kept_draws import keeping
 from olne_bench.envs.worlds.episode import Episode
-from olne_bench.envs.worlds.layout import ObservationLayout, player_index
-from olne_bench.envs.worlds.spaces import Spaces, SpaceSize
+from olne_bench.envs.worlds.layout import ObservationLayout, Spaces, SpaceSize, player_index
 from olne_bench.games.solve.olne import Certificate, Equilibrium
 from olne_bench.plugins import SCENARIO, is_built_in
 
 if TYPE_CHECKING:
     from olne_bench.envs.worlds.rendering import Renderer
 
-__all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
+__all__ = ["OlneWorld", "env", "make_world", "parallel_env", "raw_env"]
 
 #: ``pettingzoo.test.parallel_api_test`` passes this meaningless option to ``reset``.
 _IGNORED_OPTION = "options"
@@ -428,6 +428,24 @@ def env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> Or
 
 
 parallel_env = OlneWorld
+
+
+def make_world(scenario: Scenario, **arguments: Any) -> OlneWorld:
+    """The PettingZoo world that a scenario names, for this scenario.
+
+    The world's module is imported at its first use, because importing a simulator takes a second.
+
+    Args:
+        scenario: the scenario.
+        **arguments: of the world, such as ``render_mode``.
+
+    Raises:
+        ValueError: on a scenario without ``limits``.
+    """
+    world: OlneWorld = import_module(f"olne_bench.envs.{scenario.world}").parallel_env(
+        scenario, **arguments
+    )
+    return world
 
 
 def _draw(scenario: str | Scenario, seed: int, options: dict[str, Any]) -> Scenario:

@@ -16,8 +16,8 @@ from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.run.describe_plugins import describe_all
+from olne_bench.envs.solved import DRAWS_SUFFIX
 from olne_bench.envs.solved.draws_file import Draws, read_draws, write_draws
-from olne_bench.envs.solved.draws_folder import DRAWS_SUFFIX
 from olne_bench.errors import UserError
 from olne_bench.plugins import SCENARIO, is_built_in
 

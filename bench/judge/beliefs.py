@@ -12,7 +12,7 @@ from olne_bench.bench.judge.streams import StreamPlayer
 from olne_bench.bench.judge.trials import PlayerFault, PlayerTask
 from olne_bench.envs.drive.cars import (
     Car,
-    Road,
+    DriveRoad,
     drive_game,
     middle_speed,
     unknown_speed,
@@ -78,7 +78,7 @@ class TrueBeliefs:
 class UniformBeliefs:
     """Equal weights for all others, and the middle of the target speeds on the road."""
 
-    def __init__(self, road: Road) -> None:
+    def __init__(self, road: DriveRoad) -> None:
         self._speed = middle_speed(road)
 
     def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
@@ -114,7 +114,7 @@ class EstimatedBeliefs:
         self,
         player: StreamPlayer,
         task_of: Callable[[Problem], PlayerTask],
-        road: Road,
+        road: DriveRoad,
         rules: EstimateRules,
     ) -> None:
         """Nothing is known yet.

@@ -31,16 +31,14 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
 from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car
 from olne_bench.envs.drive.costs import EgoCost
-from olne_bench.envs.drive.first_cars import NASH, NoDriveError
-from olne_bench.envs.drive.gaps import gap
+from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
     EgoPlan,
     GamePlanner,
     StraightOnPlanner,
 )
-from olne_bench.envs.drive.seen import seen
-from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.drive.world import NASH, DriveWorld, NoDriveError, seen
 from olne_bench.estimators.protocol import Problem
 
 #: How far ahead predictions are scored [s].
@@ -107,7 +105,7 @@ Watch = Callable[[DriveWorld, EgoPlan | None], None]
 
 
 def setting(scenario: ScenarioEntry) -> tuple[str, str, str]:
-    """Road, traffic (``envs.drive.first_cars.TRAFFIC``), and how hidden weights are drawn."""
+    """Road, traffic (``envs.drive.world.TRAFFIC``), and how hidden weights are drawn."""
     options = scenario.options
     return scenario.name, options.get("traffic", NASH), options.get("weights", WEIGHTS[0])
 

@@ -45,7 +45,7 @@ WEIGHTS = (TEMPERED, DIRICHLET)
 
 
 @dataclass(frozen=True)
-class Road:
+class DriveRoad:
     """What a drive takes from a family, and where its cars come and go.
 
     Attributes:
@@ -73,14 +73,14 @@ class Road:
     behind: float
 
 
-ROADS: dict[str, Road] = {
-    "highway": Road(highway.Highway, highway.propose, 5, 1, 0.0, True, 0.0, 40.0, 150.0, 70.0),
-    "merge": Road(merge.Merge, merge.propose, 5, 0, 0.0, True, 60.0, 40.0, 150.0, 70.0),
-    "two_way": Road(two_way.TwoWay, two_way.propose, 5, 0, 0.0, True, 0.0, 60.0, 360.0, 70.0),
-    "roundabout": Road(
+ROADS: dict[str, DriveRoad] = {
+    "highway": DriveRoad(highway.Highway, highway.propose, 5, 1, 0.0, True, 0.0, 40.0, 150.0, 70.0),
+    "merge": DriveRoad(merge.Merge, merge.propose, 5, 0, 0.0, True, 60.0, 40.0, 150.0, 70.0),
+    "two_way": DriveRoad(two_way.TwoWay, two_way.propose, 5, 0, 0.0, True, 0.0, 60.0, 360.0, 70.0),
+    "roundabout": DriveRoad(
         roundabout.Roundabout, roundabout.propose, 4, 1, 20.0, False, 0.0, 20.0, 60.0, 0.0
     ),
-    "intersection": Road(
+    "intersection": DriveRoad(
         intersection.Intersection, intersection.propose, 4, 0, 25.0, False, 0.0, 20.0, 60.0, 0.0
     ),
 }
@@ -110,7 +110,7 @@ class Car:
         return float(_speed_feature(self.player).target)
 
 
-def proposed_cars(road: Road, rng: np.random.Generator, kind: str) -> list[Car]:
+def proposed_cars(road: DriveRoad, rng: np.random.Generator, kind: str) -> list[Car]:
     """The cars of one proposal, the ego first; numbers are their places.
 
     Args:
@@ -160,12 +160,12 @@ def drive_game(
     return Game(tuple(players), MOTION, horizon, STEP, constraints)
 
 
-def middle_speed(road: Road) -> float:
+def middle_speed(road: DriveRoad) -> float:
     """The middle of the target speeds [m/s] on a road."""
     return float(np.mean(road.family.speeds))
 
 
-def unknown_speed(road: Road) -> Unknown:
+def unknown_speed(road: DriveRoad) -> Unknown:
     """The target speed of a car on a road as a number that estimators have to find."""
     low, high = road.family.speeds
     mean, width = (low + high) / 2, high - low

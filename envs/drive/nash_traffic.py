@@ -13,8 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from olne_bench.envs.drive.cars import FIRST_STEP, STEP, Car, drive_game
-from olne_bench.envs.drive.footprint import CarsApart
-from olne_bench.envs.drive.gaps import gaps
+from olne_bench.envs.drive.footprint import CarsApart, gaps
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.constrained import variational_solution

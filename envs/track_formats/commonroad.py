@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import MOST_MAP_BYTES, Road, RoadLane
+from olne_bench.envs.tracks.road import MOST_MAP_BYTES, Road, RoadLane, curves_through
 from olne_bench.envs.tracks.table import COLUMNS, Tracks
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input

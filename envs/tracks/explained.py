@@ -26,9 +26,9 @@ from olne_bench.envs.scenarios import (
     scenario_options,
 )
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
+from olne_bench.envs.tracks.matching import check_on_road, lane_warnings
 from olne_bench.envs.tracks.motion import Motion, roughness
 from olne_bench.envs.tracks.of_scenario import road_of_scenario
-from olne_bench.envs.tracks.on_road import check_on_road, lane_warnings
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import RoadFile
 from olne_bench.envs.tracks.targets import Assumption, Known, Targets, check_told

@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial import KDTree
 
-from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import FARTHEST, MOST_MAP_BYTES, Road, RoadLane
+from olne_bench.envs.tracks.road import FARTHEST, MOST_MAP_BYTES, Road, RoadLane, curves_through
 from olne_bench.envs.tracks.table import plain_float
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input

@@ -6,8 +6,7 @@ from itertools import count
 
 import numpy as np
 
-from olne_bench.envs.roads.highway_roads import ROAD_NAMES, road_network
-from olne_bench.envs.roads.lane_curves import lane_curve
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES, lane_curve, road_network
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import (

@@ -5,16 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
-from olne_bench.envs.recordings.recording_file import RecordingFile
-from olne_bench.envs.recordings.recording_metadata import EpisodeEntry, Metadata, library_versions
+from olne_bench.envs.recordings.recording_file import (
+    EpisodeEntry,
+    Metadata,
+    RecordingFile,
+    library_versions,
+)
 from olne_bench.envs.track_formats import get_format
+from olne_bench.envs.track_formats.sumo import read_net
 from olne_bench.envs.tracks.checks import check_positions, check_table, check_units
-from olne_bench.envs.tracks.frames import Frame
-from olne_bench.envs.tracks.grid import Excerpt, Grid, on_grid
+from olne_bench.envs.tracks.grid import Excerpt, Frame, Grid, on_grid
 from olne_bench.envs.tracks.lanelet2_map import read_lanelets
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import RoadFile, lane_entries, read_road_file
-from olne_bench.envs.tracks.sumo_net import read_net
 from olne_bench.envs.tracks.table import STATE_NAMES, Tracks, listed
 from olne_bench.errors import UserError, bad_input
 

@@ -26,7 +26,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from olne_bench.checks import first_problem
 from olne_bench.envs.tracks.checks import FASTEST
-from olne_bench.envs.tracks.curve_fit import curves_through
 from olne_bench.envs.tracks.road import (
     DEFAULT_WIDTH,
     FARTHEST,
@@ -35,6 +34,7 @@ from olne_bench.envs.tracks.road import (
     Road,
     RoadLane,
     check_shown,
+    curves_through,
 )
 from olne_bench.envs.tracks.table import listed
 from olne_bench.errors import UserError, bad_input

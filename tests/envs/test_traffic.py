@@ -17,14 +17,14 @@ from olne_bench.envs.traffic import (
     temperament,
     traffic_report,
 )
-from olne_bench.envs.traffic.lanes_ahead import points_along_lanes
-from olne_bench.envs.traffic.surroundings import (
+from olne_bench.envs.traffic.joint_planning import (
     MAX_PLAYERS,
     NEIGHBOURHOOD,
     nearest_predictions,
     planning_groups,
     predicted_positions,
 )
+from olne_bench.envs.traffic.lanes_ahead import points_along_lanes
 from olne_bench.games.solve.reference_game import FAR_AWAY, ReferenceGame
 
 SIZES = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from olne_bench.envs.recordings.recorded_world import RecordedWorld
+from olne_bench.envs.recordings.recording import RecordedWorld
 
 
 @pytest.fixture

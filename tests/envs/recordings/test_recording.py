@@ -8,19 +8,19 @@ import pyarrow.parquet as pq
 import pytest
 
 from olne_bench.envs import highway_v0, olne_v0
+from olne_bench.envs.olne_v0 import make_world
 from olne_bench.envs.recordings import recording
 from olne_bench.envs.recordings.recording import NoEquilibriumError, film, record
 from olne_bench.envs.recordings.recording_file import (
+    CertificateEntry,
     RecordingFileError,
     of_recordings,
     read_recording,
     write_recording,
 )
-from olne_bench.envs.recordings.recording_metadata import CertificateEntry
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Limits
 from olne_bench.envs.solved.equilibrium import certified_equilibrium
-from olne_bench.envs.worlds.of_scenario import make_world
 
 PAPER = ["two_player", "highway_overtaking"]
 

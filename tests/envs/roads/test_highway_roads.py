@@ -16,12 +16,12 @@ from olne_bench.envs.roads.highway_roads import (
     ROAD_NAMES,
     SIMULATION_FREQUENCY,
     SUB_STEPS,
+    lane_curve,
     make_road,
     replay,
     road_network,
 )
-from olne_bench.envs.roads.lane_curves import lane_curve
-from olne_bench.envs.roads.playability import rejection
+from olne_bench.envs.roads.road_scenario import rejection
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.two_way import ONCOMING_DISTANCE
 from olne_bench.games.model.dynamics import bicycle, rollout

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from highway_env.road import lane as highway_lanes
 
-from olne_bench.envs.roads.lane_curves import appended, lane_curve
+from olne_bench.envs.roads.highway_roads import appended, lane_curve
 from olne_bench.envs.tracks.road import curve_points
 from olne_bench.games.model.lanes import ArcLane, SineLane, StraightLane
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
-from olne_bench.envs.roads.playability import rejection
-from olne_bench.envs.roads.road_scenario import FAST, Driver, driving_scenario
+from olne_bench.envs.roads.road_scenario import FAST, Driver, driving_scenario, rejection
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError
 
@@ -19,14 +18,14 @@ def planned(monkeypatch):
     """Set the equilibrium that a test needs."""
 
     def plan(change):
-        from olne_bench.envs.roads import playability
+        from olne_bench.envs.roads import road_scenario
 
-        original = playability.certified_equilibrium
+        original = road_scenario.certified_equilibrium
 
         def changed(scenario):
             return change(original(scenario))
 
-        monkeypatch.setattr(playability, "certified_equilibrium", changed)
+        monkeypatch.setattr(road_scenario, "certified_equilibrium", changed)
 
     return plan
 

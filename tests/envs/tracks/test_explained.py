@@ -15,8 +15,7 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.tracks import explained as module
 from olne_bench.envs.tracks.explained import explain
 from olne_bench.envs.tracks.export import Episode, write_csv
-from olne_bench.envs.tracks.frames import Frame
-from olne_bench.envs.tracks.grid import Excerpt
+from olne_bench.envs.tracks.grid import Excerpt, Frame
 from olne_bench.envs.tracks.reading import read_tracks
 from olne_bench.envs.tracks.road_file import RoadFile, write_road_file
 from olne_bench.errors import UserError

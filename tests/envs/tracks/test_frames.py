@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.envs.tracks.frames import Frame
+from olne_bench.envs.tracks.grid import Frame
 
 HEADING = 0.4
 TABLE = pd.DataFrame(

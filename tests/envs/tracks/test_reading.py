@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.envs.tracks.frames import Frame
-from olne_bench.envs.tracks.grid import Excerpt
+from olne_bench.envs.tracks.grid import Excerpt, Frame
 from olne_bench.envs.tracks.reading import read_tracks
 from olne_bench.errors import UserError
 

@@ -5,10 +5,8 @@ import pytest
 from highway_env.road.road import Road, RoadNetwork
 
 from olne_bench.envs.traffic import NashVehicle, Temperament, joint_planning, traffic_report
-from olne_bench.envs.traffic.joint_planning import plan_together
-from olne_bench.envs.traffic.report import TrafficReport
-from olne_bench.envs.traffic.surroundings import NUM_OTHERS
-from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
+from olne_bench.envs.traffic.joint_planning import NUM_OTHERS, TrafficReport, plan_together
+from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS, VehiclePlan
 from olne_bench.games.solve.reference_game import FAR_AWAY, Plan
 
 LENGTH, WIDTH = 5.0, 2.0  # [m] of a car

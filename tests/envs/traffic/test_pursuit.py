@@ -6,8 +6,8 @@ from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.controller import ControlledVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.traffic.pursuit import PURSUIT_TIME, pursuit_controls
-from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS
+from olne_bench.envs.traffic.lanes_ahead import PURSUIT_TIME, pursuit_controls
+from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS
 from olne_bench.games.model.dynamics import bicycle, rollout
 
 CAR = bicycle(rear_axle=Vehicle.LENGTH / 2)

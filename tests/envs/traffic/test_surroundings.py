@@ -7,8 +7,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Landmark, Obstacle
 
-from olne_bench.envs.traffic.planning_vehicle import PlanningVehicle
-from olne_bench.envs.traffic.surroundings import (
+from olne_bench.envs.traffic.joint_planning import (
     MAX_PLAYERS,
     NEIGHBOURHOOD,
     NUM_OTHERS,
@@ -17,7 +16,7 @@ from olne_bench.envs.traffic.surroundings import (
     planning_groups,
     predicted_positions,
 )
-from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
+from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS, PlanningVehicle, VehiclePlan
 from olne_bench.games.solve.reference_game import FAR_AWAY
 
 TIMES = PLAN_STEP * np.arange(1, STEPS + 1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, VehiclePlan
+from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, VehiclePlan
 from olne_bench.games.model.dynamics import bicycle, rollout
 
 

@@ -3,13 +3,20 @@
 import numpy as np
 import pytest
 
-from olne_bench.envs.worlds.camera import HEADER, MARGIN, MAX_HEIGHT, MAX_WIDTH, SHARPNESS, View
+from olne_bench.envs.worlds.rendering import (
+    HEADER,
+    MARGIN,
+    MAX_HEIGHT,
+    MAX_WIDTH,
+    SHARPNESS,
+    Camera,
+)
 
 WIDE = np.array([[0.0, 0.0], [40.0, 10.0]])
 
 
 def test_a_view_has_a_margin_around_what_is_expected() -> None:
-    view = View(WIDE)
+    view = Camera(WIDE)
     np.testing.assert_allclose(view.low[0], -view.high[0] + 40)
     margin = MARGIN * 40 * (1 + 2 * MARGIN)
     np.testing.assert_allclose([view.low[0], view.low[1]], [-margin, -margin])
@@ -17,7 +24,7 @@ def test_a_view_has_a_margin_around_what_is_expected() -> None:
 
 
 def test_a_line_is_seen_in_a_box_no_longer_than_four_to_one() -> None:
-    view = View(np.array([[0.0, 5.0], [40.0, 5.0]]))
+    view = Camera(np.array([[0.0, 5.0], [40.0, 5.0]]))
     width, height = view.high - view.low
     assert height == pytest.approx(
         width * (1 + 2 * MARGIN) / (1 + 2 * MARGIN * (1 + 2 * MARGIN)) / 4
@@ -26,14 +33,14 @@ def test_a_line_is_seen_in_a_box_no_longer_than_four_to_one() -> None:
 
 
 def test_a_single_point_has_a_view() -> None:
-    view = View(np.array([[3.0, 3.0]]))
+    view = Camera(np.array([[3.0, 3.0]]))
     assert (view.high > view.low).all()
     np.testing.assert_allclose((view.high - view.low)[0], 1e-3 * 0.24 * (1 + 2 * MARGIN), rtol=0.05)
 
 
 @pytest.mark.parametrize("tall", [False, True])
 def test_frames_are_as_large_as_they_may_be(tall: bool) -> None:
-    view = View(WIDE[:, ::-1] if tall else WIDE)
+    view = Camera(WIDE[:, ::-1] if tall else WIDE)
     width, height = view.frame_size
     assert width == MAX_WIDTH or height - HEADER == MAX_HEIGHT
     assert width <= MAX_WIDTH
@@ -42,7 +49,7 @@ def test_frames_are_as_large_as_they_may_be(tall: bool) -> None:
 
 
 def test_corners_come_to_the_edges_and_the_middle_below_the_header() -> None:
-    view = View(WIDE)
+    view = Camera(WIDE)
     width, height = (SHARPNESS * n for n in view.frame_size)
     middle = view.pixels((view.low + view.high) / 2)
     np.testing.assert_allclose(middle, [width / 2, (SHARPNESS * HEADER + height) / 2])
@@ -53,7 +60,7 @@ def test_corners_come_to_the_edges_and_the_middle_below_the_header() -> None:
 
 
 def test_a_tall_view_is_turned_so_that_y_points_right_and_x_down() -> None:
-    view = View(WIDE[:, ::-1])
+    view = Camera(WIDE[:, ::-1])
     origin = np.array(view.pixels((view.low + view.high) / 2))
     along_y = np.array(view.pixels((view.low + view.high) / 2 + [0, 1])) - origin
     along_x = np.array(view.pixels((view.low + view.high) / 2 + [1, 0])) - origin
@@ -62,7 +69,7 @@ def test_a_tall_view_is_turned_so_that_y_points_right_and_x_down() -> None:
 
 
 def test_a_view_is_widened_where_it_must_be_and_frames_stay_as_large() -> None:
-    view = View(WIDE)
+    view = Camera(WIDE)
     low, high, size, scale = view.low, view.high, view.frame_size, view.scale
     view.widen(np.array([[20.0, 5.0], high, low]))
     assert view.low is low

@@ -8,8 +8,8 @@ import pytest
 
 from olne_bench.envs import olne_v0
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
-from olne_bench.envs.worlds import camera as view
 from olne_bench.envs.worlds import rendering
+from olne_bench.envs.worlds import rendering as view
 from olne_bench.envs.worlds.scene import heading_of
 from olne_bench.games.model.costs import ControlEffort, FinalGoal, StateDeviation
 from olne_bench.games.model.dynamics import DOUBLE_INTEGRATOR
@@ -89,7 +89,7 @@ def drift(*tasks) -> Scenario:
 def test_a_car_is_a_box_along_its_heading_about_its_position(velocity, extent):
     expected = np.array([[[-10.0, -10, 0, 0]], [[10, 10, 0, 0]]])
     renderer = rendering.Renderer(drift(), expected, None)
-    shown = view.View(expected[:, 0, :2])
+    shown = view.Camera(expected[:, 0, :2])
     scene = renderer.draw([np.array([[4, 3, *velocity]])], 0.0)[view.HEADER :]
     rows, columns = np.nonzero(scene.min(axis=-1) < 100)  # the ground is bright
     corners = np.array([[columns.min(), rows.min()], [columns.max(), rows.max()]])
@@ -104,7 +104,7 @@ def test_trails_fade_and_lead_to_the_car():
     renderer = rendering.Renderer(drift(), expected, None)
     history = [np.array([[x, 0.0, 1, 0]]) for x in np.arange(-8.0, 9.0)]
     frame = renderer.draw(history, 0.0)
-    shown = view.View(expected[:, 0, :2])
+    shown = view.Camera(expected[:, 0, :2])
     middles = [shown.pixels([x, 0.0]) for x in np.arange(-7.5, 7.0)]
     columns, rows = (np.array(middles) // view.SHARPNESS).astype(int).T
     red = frame[rows, columns, 0].astype(int)  # the car's blue has none, the ground most

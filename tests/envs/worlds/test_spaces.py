@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.worlds.spaces import Spaces, SpaceSize
+from olne_bench.envs.worlds.layout import Spaces, SpaceSize
 
 SCENARIO = get_scenario("highway_overtaking")
 SPACES = Spaces(SpaceSize.of(SCENARIO))
