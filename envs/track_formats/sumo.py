@@ -4,7 +4,7 @@ Floating car data are XML with a row per vehicle and time step. Positions are th
 the front bumper; angles are in degrees clockwise from north.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.envs.tracks.road import MOST_MAP_BYTES, Road, RoadLane, curves_through
-from olne_bench.envs.tracks.table import COLUMNS, MOST_BYTES, Tracks, plain_float
+from olne_bench.envs.tracks.table import COLUMNS, MOST_BYTES, Tracks, no_parts, plain_float
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input
 
@@ -32,7 +32,7 @@ def read_net(path: Path) -> Road:
             raise UserError(f"{path} is not a SUMO network: its root is <{net.tag}>, not <net>")
         following = _following(net)
         lanes = {
-            lane.attrib["id"]: _road_lane(path, lane, following)
+            lane.attrib["id"]: _road_lane(path, lane, following.get(lane.attrib["id"], ()))
             for edge in net.iter("edge")
             if edge.get("function") not in ("crossing", "walkingarea")
             for lane in edge.findall("lane")
@@ -41,16 +41,14 @@ def read_net(path: Path) -> Road:
         return Road(lanes)
 
 
-def _road_lane(
-    path: Path, lane: ElementTree.Element, following: Mapping[str, list[str]]
-) -> RoadLane:
-    name = lane.attrib["id"]
-    with bad_input(f"{path} is not a SUMO network: lane {name!r}"):
-        return RoadLane(
-            curves_through(_points(lane.attrib["shape"])),
-            plain_float(lane.get("width", str(WIDTH))),
-            tuple(following.get(name, ())),
-        )
+def _road_lane(path: Path, lane: ElementTree.Element, following: Sequence[str]) -> RoadLane:
+    with bad_input(f"{path} is not a SUMO network: lane {lane.attrib['id']!r}"):
+        points = [
+            [plain_float(value) for value in point.split(",")[:2]]
+            for point in lane.attrib["shape"].split()
+        ]
+        width = plain_float(lane.get("width", str(WIDTH)))
+        return RoadLane(curves_through(points), width, tuple(following))
 
 
 def _following(net: ElementTree.Element) -> dict[str, list[str]]:
@@ -68,18 +66,13 @@ def _is_for_cars(lane: ElementTree.Element) -> bool:
     return bool({"passenger", "all"} & set(allowed)) and not {"passenger", "all"} & set(refused)
 
 
-def _points(shape: str) -> list[list[float]]:
-    return [[plain_float(value) for value in point.split(",")[:2]] for point in shape.split()]
-
-
 DESCRIPTION = "SUMO: XML of --fcd-output; lanes from its network by --road FILE.net.xml"
 LENGTH = 5.0  # [m], SUMO's default length of a passenger car
 
 
 def read(path: Path, part: str | None) -> Tracks:
     """Read the vehicles; see ``track_formats``."""
-    if part is not None:
-        raise UserError(f"--part {part!r}: files of this format have no parts")
+    no_parts(part)
     check_input("tracks file", path, MOST_BYTES)
     what = f"{path} is not floating car data of SUMO"
     with bad_input(what, OSError):
