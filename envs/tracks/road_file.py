@@ -18,6 +18,7 @@ parameters, as ``olne-bench export`` writes them.
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -66,7 +67,7 @@ class StraightEntry(_Strict):
 
 
 class SineEntry(_Strict):
-    """``games.model.lanes.SineLane`` as plain numbers."""
+    """``games.model.lanes.SineLane`` as plain numbers, those of its axis first."""
 
     kind: Literal["sine"] = "sine"
     start: _Pair
@@ -231,23 +232,12 @@ def curve_entry(curve: Lane) -> StraightEntry | SineEntry | ArcEntry:
         TypeError: on a curve of another kind.
     """
     if isinstance(curve, StraightLane):
-        return StraightEntry(start=curve.start, direction=curve.direction, length=curve.length)
+        return StraightEntry(**asdict(curve))
     if isinstance(curve, SineLane):
-        return SineEntry(
-            start=curve.axis.start,
-            direction=curve.axis.direction,
-            length=curve.length,
-            amplitude=curve.amplitude,
-            pulsation=curve.pulsation,
-            phase=curve.phase,
-        )
+        values = asdict(curve)
+        return SineEntry(**values.pop("axis"), **values)
     if isinstance(curve, ArcLane):
-        return ArcEntry(
-            centre=curve.centre,
-            radius=curve.radius,
-            start_phase=curve.start_phase,
-            end_phase=curve.end_phase,
-        )
+        return ArcEntry(**asdict(curve))
     raise TypeError(f"no plain numbers for a {type(curve).__name__}")
 
 

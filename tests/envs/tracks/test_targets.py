@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from olne_bench.envs.tracks.explained import Known, Targets, check_told
 from olne_bench.envs.tracks.motion import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import RoadFile
-from olne_bench.envs.tracks.targets import Known, Targets, check_told
 from olne_bench.errors import UserError
 from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
 from olne_bench.games.model.game import Player
