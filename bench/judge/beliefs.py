@@ -15,12 +15,10 @@ from olne_bench.envs.drive.cars import (
     DriveRoad,
     drive_game,
     middle_speed,
-    unknown_speed,
-    with_target,
 )
 from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.envs.drive.planner import Mind
-from olne_bench.envs.roads.road_scenario import NOISE_SCALE
+from olne_bench.envs.roads.road_scenario import NOISE_SCALE, unknown_speed, with_target
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.observation import VIEWS
 
@@ -207,7 +205,7 @@ class EstimatedBeliefs:
     def _begin(self, cars: Sequence[Car], numbers: tuple[int, ...]) -> None:
         """Begin a stream about these cars."""
         ego, *others = cars
-        speed = unknown_speed(self._road)
+        speed = unknown_speed(self._road.family.speeds)
         players = [ego.player, *(with_target(car.player, speed) for car in others)]
         self._problem = Problem(
             drive_game(players, max(HORIZON, self._rules.window + 1)),

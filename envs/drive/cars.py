@@ -6,23 +6,21 @@ scenario's per second, as those of each step are the same and those of controls 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeGuard, cast
 
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.roads.highway_roads import DT, SIMULATION_FREQUENCY
-from olne_bench.envs.roads.road_scenario import RoadFamily
+from olne_bench.envs.roads.road_scenario import RoadFamily, speed_feature
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 from olne_bench.envs.scenarios import highway, intersection, merge, roundabout, two_way
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.scenarios.true_weights import DIRICHLET, TEMPERED
 from olne_bench.games.model.constraints import Constraint
-from olne_bench.games.model.costs import ControlEffort, StateDeviation
+from olne_bench.games.model.costs import ControlEffort
 from olne_bench.games.model.dynamics import bicycle
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.lanes import Lane, LaneKeeping
-from olne_bench.games.model.unknowns import Unknown
 
 FRAMES = 3  # of the simulator in a step
 STEP = FRAMES / SIMULATION_FREQUENCY  # [s], 0.2
@@ -107,7 +105,7 @@ class Car:
     @property
     def target_speed(self) -> float:
         """[m/s]."""
-        return float(_speed_feature(self.player).target)
+        return float(speed_feature(self.player).target)
 
 
 def proposed_cars(road: DriveRoad, rng: np.random.Generator, kind: str) -> list[Car]:
@@ -163,29 +161,3 @@ def drive_game(
 def middle_speed(road: DriveRoad) -> float:
     """The middle of the target speeds [m/s] on a road."""
     return float(np.mean(road.family.speeds))
-
-
-def unknown_speed(road: DriveRoad) -> Unknown:
-    """The target speed of a car on a road as a number that estimators have to find."""
-    low, high = road.family.speeds
-    mean, width = (low + high) / 2, high - low
-    deviation = width / float(np.sqrt(12))
-    return Unknown("target speed", "m/s", mean - width, mean + width, mean, deviation)
-
-
-def with_target(player: Player, target: float | Unknown) -> Player:
-    """The player with another target speed, which may be unknown."""
-    preferences = tuple(
-        replace(feature, target=cast(Any, target)) if _is_speed(feature) else feature
-        for feature in player.preferences
-    )
-    return replace(player, preferences=preferences)
-
-
-def _speed_feature(player: Player) -> StateDeviation:
-    (feature,) = (one for one in player.preferences if _is_speed(one))
-    return feature
-
-
-def _is_speed(feature: object) -> TypeGuard[StateDeviation]:
-    return isinstance(feature, StateDeviation) and feature.component == "speed"

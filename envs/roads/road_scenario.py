@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, TypeGuard, cast
 
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
@@ -126,9 +126,14 @@ class Driver:
 
 
 def driving_scenario(
-    name: str, drivers: list[Driver], manner: Manner, weights: np.ndarray
+    name: str,
+    drivers: list[Driver],
+    manner: Manner,
+    weights: np.ndarray | np.random.Generator,
 ) -> Scenario:
-    """A scenario of drivers with the same units; weights (N, 4)."""
+    """A scenario of drivers with the same units; weights (N, 4), or what draws them."""
+    if isinstance(weights, np.random.Generator):
+        weights = draw_weights(weights, len(drivers))
     players = tuple(_player(driver, manner) for driver in drivers)
     return Scenario(
         name=name,
@@ -231,26 +236,42 @@ class RoadFamily(ABC):
 
 
 def asking_for_speeds(scenario: Scenario, speeds: tuple[float, float]) -> Scenario:
-    """The scenario, the target speed of each player unknown.
+    """The scenario, the target speed of each player unknown (``unknown_speed``)."""
+    players, unknown = scenario.game.players, unknown_speed(speeds)
+    asked = replace(scenario.game, players=tuple(with_target(one, unknown) for one in players))
+    targets = np.array([[speed_feature(player).target] for player in players])
+    return replace(scenario, asked=asked, parameters=targets)
+
+
+def unknown_speed(speeds: tuple[float, float]) -> Unknown:
+    """A target speed as a number that estimators have to find.
 
     Its prior has the mean and deviation of a uniform distribution over ``speeds``, and a range
     twice as wide.
     """
     low, high = speeds
     mean, width = (low + high) / 2, high - low
-    unknown = Unknown(
-        "target speed", "m/s", mean - width, mean + width, mean, width / float(np.sqrt(12))
+    deviation = width / float(np.sqrt(12))
+    return Unknown("target speed", "m/s", mean - width, mean + width, mean, deviation)
+
+
+def speed_feature(player: Player) -> StateDeviation:
+    """What the player pays for deviations from its target speed."""
+    (feature,) = (one for one in player.preferences if _is_speed(one))
+    return feature
+
+
+def with_target(player: Player, target: float | Unknown) -> Player:
+    """The player with another target speed, which may be unknown."""
+    preferences = tuple(
+        replace(feature, target=cast(Any, target)) if _is_speed(feature) else feature
+        for feature in player.preferences
     )
-    players, targets = [], []
-    for player in scenario.game.players:
-        preferences = list(player.preferences)
-        for index, feature in enumerate(preferences):
-            if isinstance(feature, StateDeviation) and feature.component == "speed":
-                targets.append([feature.target])
-                preferences[index] = replace(feature, target=cast(Any, unknown))
-        players.append(replace(player, preferences=tuple(preferences)))
-    asked = replace(scenario.game, players=tuple(players))
-    return replace(scenario, asked=asked, parameters=np.array(targets))
+    return replace(player, preferences=preferences)
+
+
+def _is_speed(feature: object) -> TypeGuard[StateDeviation]:
+    return isinstance(feature, StateDeviation) and feature.component == "speed"
 
 
 def draw_playable(
