@@ -11,7 +11,7 @@ from pettingzoo import ParallelEnv
 from olne_bench.envs.olne_v0 import OlneWorld, make_world
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.solved.equilibrium import NoEquilibriumError, certified_equilibrium
-from olne_bench.envs.worlds.layout import ObservationLayout, player_name
+from olne_bench.envs.worlds.layout import ObservationLayout, Start, Step, player_name
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.olne import Certificate
@@ -158,22 +158,12 @@ class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
     def action_space(self, agent: str) -> Box:
         return self._idle
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
         """Start again; seed and options have no effect here, but sensors use them."""
         self.agents, self._steps = self.possible_agents[:], 0
         return self._shown(), {self.possible_agents[0]: {}}
 
-    def step(
-        self, actions: dict[str, np.ndarray]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
+    def step(self, actions: dict[str, np.ndarray]) -> Step:
         """Play one step; actions are ignored."""
         if not self.agents:
             return {}, {}, {}, {}, {}

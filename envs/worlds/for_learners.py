@@ -16,7 +16,7 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from olne_bench.envs.highway_v0 import HighwayWorld
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.worlds.layout import player_index
+from olne_bench.envs.worlds.layout import Infos, Start, Step, player_index
 from olne_bench.games.model.costs import StateDeviation
 from olne_bench.games.model.game import Player
 from olne_bench.games.model.lanes import Lane, LaneKeeping
@@ -89,9 +89,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     def action_space(self, agent: str) -> Box:
         return self._actions
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
         if self._draws is None or options:
             _, infos = self.env.reset(seed=seed, options=options)
         else:
@@ -99,15 +97,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         self.agents = list(self.env.possible_agents)
         return self._observations(self.agents), self._infos(self.agents, infos)
 
-    def step(
-        self, actions: dict[str, np.ndarray]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
+    def step(self, actions: dict[str, np.ndarray]) -> Step:
         players, before = self.agents, self._world.crashed
         controls = {p: _controls(action) for p, action in actions.items() if p not in before}
         _, rewards, _, truncations, infos = self.env.step(controls)
@@ -128,7 +118,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
             self._choice = np.random.default_rng(seed)
         return int(self._choice.integers(draws))
 
-    def _reset_to(self, draw: int) -> dict[str, dict[str, Any]]:
+    def _reset_to(self, draw: int) -> Infos:
         known = {"scenario": self._drawn[draw]} if draw in self._drawn else None
         _, infos = self.env.reset(seed=draw, options=known)
         self._drawn[draw] = self._world.scenario
@@ -140,9 +130,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         assert isinstance(world, HighwayWorld)
         return world
 
-    def _infos(
-        self, players: list[str], infos: dict[str, dict[str, Any]]
-    ) -> dict[str, dict[str, Any]]:
+    def _infos(self, players: list[str], infos: Infos) -> Infos:
         crashed = self._world.crashed
         return {p: infos.get(p, {}) | {"crashed": p in crashed} for p in players}
 

@@ -10,11 +10,21 @@ In a world without sensors a block is a state; views turn it into what a sensor 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium.spaces import Box
 
 from olne_bench.envs.scenarios.scenario import Scenario
+
+#: What a world tells each player besides its observation.
+Infos: TypeAlias = dict[str, dict[str, Any]]
+#: Results of ``reset`` and ``step``, by player: observations, rewards, whether it has terminated,
+#: whether it is truncated, infos.
+Start: TypeAlias = tuple[dict[str, np.ndarray], Infos]
+Step: TypeAlias = tuple[
+    dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], Infos
+]
 
 
 def player_name(index: int) -> str:

@@ -26,7 +26,7 @@ from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from olne_bench.envs.worlds.layout import ObservationLayout, player_index
+from olne_bench.envs.worlds.layout import ObservationLayout, Start, Step, player_index
 from olne_bench.games.compiled.buffered import BufferedFunction
 from olne_bench.games.model.observation import (
     ComponentView,
@@ -110,22 +110,12 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
             known = self._known_spaces[agent] = (below, self._space(below))
         return known[1]
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
         observations, infos = self.env.reset(seed=seed, options=options)
         self._check_layout()
         return self._observe_all(observations), infos
 
-    def step(
-        self, actions: dict[str, np.ndarray]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
+    def step(self, actions: dict[str, np.ndarray]) -> Step:
         observations, *rest = self.env.step(actions)
         return self._observe_all(observations), *rest
 
@@ -262,9 +252,7 @@ class _RandomSensor(_Sensor):
         self._depth = sum(getattr(type(below), "key", None) == self.key for below in _chain(env))
         self._seed_streams(int(np.random.SeedSequence().generate_state(1)[0]))
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
         if seed is not None:
             self._seed_streams(seed)
         return super().reset(seed=seed, options=options)
@@ -419,21 +407,11 @@ class Float32(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     def action_space(self, agent: str) -> Box:
         return self._known("action", agent, self.env.action_space(agent))
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
         observations, infos = self.env.reset(seed=seed, options=options)
         return _single(observations), infos
 
-    def step(
-        self, actions: dict[str, np.ndarray]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
+    def step(self, actions: dict[str, np.ndarray]) -> Step:
         observations, *rest = self.env.step(actions)
         return _single(observations), *rest
 
