@@ -26,11 +26,10 @@ from olne_bench.envs.scenarios import (
     scenario_options,
 )
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
+from olne_bench.envs.tracks.grid import Motion, roughness
 from olne_bench.envs.tracks.matching import check_on_road, driven, lane_warnings, route
-from olne_bench.envs.tracks.motion import Motion, roughness
-from olne_bench.envs.tracks.of_scenario import road_of_scenario
 from olne_bench.envs.tracks.road import Road
-from olne_bench.envs.tracks.road_file import PlayerEntry, RoadFile, route_curves
+from olne_bench.envs.tracks.road_file import PlayerEntry, RoadFile, road_of_scenario, route_curves
 from olne_bench.errors import UserError
 from olne_bench.games.model.costs import ControlEffort, Feature, FinalGoal, StateDeviation
 from olne_bench.games.model.game import Player

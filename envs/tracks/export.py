@@ -10,7 +10,7 @@ import pandas as pd
 
 from olne_bench.envs.recordings.recording_file import RecordingFile
 from olne_bench.envs.track_formats.commonroad import commonroad_io
-from olne_bench.envs.tracks.motion import Motion
+from olne_bench.envs.tracks.grid import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import RoadFile
 from olne_bench.envs.tracks.table import STATE_NAMES

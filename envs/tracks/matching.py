@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from olne_bench.envs.tracks.motion import Motion
+from olne_bench.envs.tracks.grid import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane, locate
 from olne_bench.errors import UserError, bad_input
 from olne_bench.games.model.game import Player

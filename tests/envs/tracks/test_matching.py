@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.tracks import matching
+from olne_bench.envs.tracks.grid import Motion, roughness
 from olne_bench.envs.tracks.matching import driven, route
-from olne_bench.envs.tracks.motion import Motion, roughness
-from olne_bench.envs.tracks.of_scenario import highway_road
 from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.envs.tracks.road_file import highway_road
 from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 
 EAST, NORTH = (1.0, 0.0), (0.0, 1.0)

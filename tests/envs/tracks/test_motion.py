@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from olne_bench.envs.tracks.motion import Motion, roughness
+from olne_bench.envs.tracks.grid import Motion, roughness
 
 DT = 0.2
 NAMES = ["px", "py", "heading", "speed"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.tracks.explained import Known, Targets, check_told
-from olne_bench.envs.tracks.motion import Motion
+from olne_bench.envs.tracks.grid import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import RoadFile
 from olne_bench.errors import UserError
