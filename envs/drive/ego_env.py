@@ -5,6 +5,7 @@ roads.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import gymnasium
@@ -169,10 +170,8 @@ class EgoEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         crashed = self._world.crashed
         if crashed:
             reward -= STEPS - self._world.step
-        return self._observed(), reward, crashed, self._world.over and not crashed, self._told()
-
-    def _told(self) -> dict[str, Any]:
-        return {"crashed": self._world.crashed}
+        truncated = self._world.over and not crashed
+        return self._observed(), reward, crashed, truncated, {"crashed": crashed}
 
     def _drawn(self) -> DriveWorld:
         """A drive that can be driven."""
@@ -180,10 +179,8 @@ class EgoEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             road = str(self.np_random.choice(self._roads))
             traffic = str(self.np_random.choice(self._traffic))
             number = FIRST_SEED + int(self.np_random.integers(10**8))
-            try:
+            with suppress(NoDriveError):
                 return DriveWorld(road, number, traffic=traffic)
-            except NoDriveError:
-                continue
 
     def _observed(self) -> np.ndarray:
         rng = self.np_random

@@ -67,7 +67,7 @@ class NashTraffic:
             cars: the cars.
             states: (N, 4) their states.
         """
-        former = self._former(cars)
+        former = [self._plans.get(car.number) for car in cars]
         good = self._take(cars, self._first or nash_plan(cars, states, former))
         self._first = None
         if not good.all():
@@ -100,9 +100,6 @@ class NashTraffic:
         """Forget cars that are gone."""
         for number in numbers & self._plans.keys():
             del self._plans[number]
-
-    def _former(self, cars: Sequence[Car]) -> list[np.ndarray | None]:
-        return [self._plans.get(car.number) for car in cars]
 
     def _count(self, cars: Sequence[Car], good: np.ndarray) -> None:
         for car, is_new in zip(cars[1:], good[1:], strict=True):

@@ -252,10 +252,8 @@ class DriveWorld:
         for car, state in zip(self.cars[1:], states[1:], strict=True):
             dx, dy = state[0] - px, state[1] - py
             ahead = dx * np.cos(heading) + dy * np.sin(heading)
-            far = (
-                not -road.behind <= ahead <= road.ahead if road.moving else _left(car, state, road)
-            )
-            if far:
+            near = -road.behind <= ahead <= road.ahead
+            if not near if road.moving else _left(car, state, road):
                 gone.add(car.number)
         self.counts.left += len(gone)
         self._remove(gone)
@@ -287,17 +285,14 @@ class DriveWorld:
         offset = car.start[0] - states[0, 0]
         if road.moving and not -road.behind < offset < road.ahead:
             return
-        if around[0] < road.entry or around.min() < self._room(car, states):
+        room = _FREE + float(np.abs(states[:, 3] - car.start[3]).max())  # more if speeds differ
+        if around[0] < road.entry or around.min() < room:
             return
         car = replace(car, number=self._next)
         self._next += 1
         self.counts.entered += 1
         self.cars.append(car)
         self._vehicles[car.number] = self._vehicle(car)
-
-    def _room(self, car: Car, states: np.ndarray) -> float:
-        """Least gap [m] of a car that enters: more where speeds differ."""
-        return _FREE + float(np.abs(states[:, 3] - car.start[3]).max())
 
 
 def _left(car: Car, state: np.ndarray, road: DriveRoad) -> bool:

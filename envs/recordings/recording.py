@@ -106,17 +106,12 @@ def _episode(world: OlneWorld) -> Iterator[tuple[np.ndarray, np.ndarray | None]]
     It ends with the game, or when the first player leaves.
     """
     _, infos = world.reset()
-    players = world.agents
+    players, layout = world.agents, world.observation_layout
     while world.agents == players:
         controls = np.stack([infos[player]["olne_action"] for player in players])
-        yield _states(world, len(players)), controls
+        yield layout.blocks(world.state()), controls
         *_, infos = world.step(dict(zip(players, controls, strict=True)))
-    yield _states(world, len(players)), None
-
-
-def _states(world: OlneWorld, num_players: int) -> np.ndarray:
-    """States (N, n) without the time that the world appends."""
-    return world.state()[:-1].reshape(num_players, -1)
+    yield layout.blocks(world.state()), None
 
 
 class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):

@@ -236,12 +236,7 @@ def _recording(file: pq.ParquetFile, metadata: Metadata) -> RecordingFile:
             arrays.append(_arrays(found, metadata, len(known.players)))
         except ValueError as error:
             raise ValueError(f"episode {index}: {error}") from error
-    return RecordingFile(
-        metadata,
-        times=tuple(times for times, _, _ in arrays),
-        states=tuple(states for _, states, _ in arrays),
-        controls=tuple(controls for _, _, controls in arrays),
-    )
+    return RecordingFile(metadata, *zip(*arrays, strict=True))
 
 
 def _metadata(path: Path, entry: bytes) -> Metadata:
@@ -310,11 +305,11 @@ def _entry(recording: Recording, seed: int) -> EpisodeEntry:
     )
 
 
-def _gains(gains: Gains | None) -> GainsEntry | None:
-    if gains is None:
+def _gains(found: Gains | None) -> GainsEntry | None:
+    if found is None:
         return None
-    values, starts = gains.values.tolist(), gains.starts.tolist()
-    return GainsEntry(gains=values, starts=starts, passed=gains.passed)
+    values, starts = found.values.tolist(), found.starts.tolist()
+    return GainsEntry(gains=values, starts=starts, passed=found.passed)
 
 
 def _frame(file: RecordingFile) -> pd.DataFrame:
@@ -324,11 +319,9 @@ def _frame(file: RecordingFile) -> pd.DataFrame:
         zip(file.times, file.states, file.controls, strict=True)
     ):
         steps, players, _ = states.shape
-        none_after_the_last = np.full((1, *controls.shape[1:]), np.nan)
-        values = np.concatenate(
-            [states, np.concatenate([controls, none_after_the_last])], axis=2
-        ).reshape(steps * players, len(names))
-        frame = pd.DataFrame(values, columns=names)
+        to_the_end = np.pad(controls, ((0, 1), (0, 0), (0, 0)), constant_values=np.nan)
+        values = np.concatenate([states, to_the_end], axis=2)
+        frame = pd.DataFrame(values.reshape(steps * players, len(names)), columns=names)
         frame.insert(0, "episode", episode)
         frame.insert(1, "time", np.repeat(times, players))
         frame.insert(2, "player", np.tile(np.arange(players), steps))

@@ -24,12 +24,8 @@ class Partial:
 
     def __post_init__(self) -> None:
         chosen = self.components
-        if (
-            not isinstance(chosen, list | tuple)
-            or not chosen
-            or not all(isinstance(one, str) for one in chosen)
-            or len(set(chosen)) < len(chosen)
-        ):
+        is_list = isinstance(chosen, list | tuple) and all(isinstance(one, str) for one in chosen)
+        if not (is_list and chosen and len(set(chosen)) == len(chosen)):
             raise ValueError(f"components must be a list of different names, got {chosen!r}")
 
     def layers(self) -> tuple[Layer, ...]:

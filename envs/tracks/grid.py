@@ -156,7 +156,8 @@ def _chosen(
 def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
     known = np.unique(table["time"])
     if step is None:
-        known = _merged(known, _usual_step(table))
+        rounding = STEP_TOLERANCE * _usual_step(table)
+        known = known[np.diff(known, prepend=-np.inf) > rounding]  # no times that rounding made
         check_steps(path, known)
         usual = float(np.median(np.diff(known)))
         check_number_of_steps(path, known[-1] - known[0], usual)
@@ -177,11 +178,6 @@ def _usual_step(table: pd.DataFrame) -> float:
     """The median time between two samples of a player [s]; 0 if nobody has two."""
     steps = table.sort_values("time").groupby("player")["time"].diff()
     return float(steps.median()) if steps.notna().any() else 0.0
-
-
-def _merged(times: np.ndarray, usual: float) -> np.ndarray:
-    """Times without those that differ from their predecessor by rounding only."""
-    return times[np.r_[True, np.diff(times) > STEP_TOLERANCE * usual]] if len(times) else times
 
 
 def _resampled(rows: pd.DataFrame, times: np.ndarray, rounding: float) -> np.ndarray:

@@ -8,6 +8,7 @@ programming (Viterbi).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -72,7 +73,11 @@ def route(road: Road, legs: Sequence[Leg]) -> tuple[tuple[Lane, ...], list[str]]
     """
     curves: list[Lane] = []
     names: list[str] = []
-    for group in _groups(legs):
+    starts = [0, *(k + 1 for k, leg in enumerate(legs) if not leg.changed), len(legs)]
+    for first, after in pairwise(starts):  # legs that are connected by lane changes
+        group = legs[first:after]
+        if not group:
+            continue
         ends = [leg.lane for leg in group]
         earlier = [k for k, name in enumerate(ends[:-1]) if name == ends[-1]]
         for leg in group[earlier[-1] + 1 :] if earlier else group[-1:]:
@@ -127,16 +132,6 @@ def _ways(road: Road) -> dict[tuple[str, str], tuple[str, ...]]:
                         following.append((other, (*between, other)))
             ahead = following
     return result
-
-
-def _groups(legs: Sequence[Leg]) -> list[list[Leg]]:
-    """Groups of legs that are connected by lane changes."""
-    groups: list[list[Leg]] = [[]]
-    for leg in legs:
-        groups[-1].append(leg)
-        if not leg.changed:
-            groups.append([])
-    return [group for group in groups if group]
 
 
 def _until(lane: RoadLane, along: float) -> list[Lane]:
@@ -225,15 +220,12 @@ def lane_warnings(
                 continue
             with bad_input(f"the lanes of player {name!r}"):
                 lane = RoadLane(term.route)
-            beside = float(locate(_extended(lane.line), last).distance[0])
+            onward = lane.line[-1] - lane.line[-2]
+            end = lane.line[-1] + _FAR * onward / np.linalg.norm(onward)
+            # The last lane of a route has no end.
+            beside = float(locate(np.vstack([lane.line, end]), last).distance[0])
             if beside > lane.width / 2 + MARGIN + 2 * noise:
                 warnings.append(
                     f"player {name!r} ends {beside:.1f} m beside the lanes it is assumed to keep"
                 )
     return warnings
-
-
-def _extended(line: np.ndarray) -> np.ndarray:
-    """A line of points (P, 2), extended straight: the last lane of a route has no end."""
-    onward = line[-1] - line[-2]
-    return np.vstack([line, line[-1] + _FAR * onward / np.linalg.norm(onward)])

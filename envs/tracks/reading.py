@@ -22,6 +22,9 @@ from olne_bench.envs.tracks.table import STATE_NAMES, Tracks, listed
 from olne_bench.errors import UserError, bad_input
 
 ROAD_SUFFIXES = (".toml", ".xml", ".osm")
+#: Lanes of a map that are farther from all players are left out [m].
+_NEAR = 30.0
+_NOWHERE = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -87,8 +90,7 @@ def _road(
         near = _near_part(road, tracks.origin, _positions(grid))
         return RoadFile(lanes=lane_entries(near)), [f"lanes: {len(near.lanes)} of {road}"]
     if road.suffix.lower() != ".toml":
-        *some, last = ROAD_SUFFIXES
-        raise UserError(f"--road {road}: the name must end in {', '.join(some)} or {last}")
+        raise UserError(f"--road {road}: the name must end in .toml, .xml or .osm")
     known = read_road_file(road)
     for player in known.players:
         if player not in set(tracks.table["player"]):
@@ -100,16 +102,9 @@ def _road(
     players = {name: entry for name, entry in known.players.items() if name in grid.players}
     lanes = known.lanes or (lane_entries(tracks.road) if tracks.road else {})
     known = known.model_copy(update={"players": players, "lanes": lanes})
-    try:
+    with bad_input(str(road)):
         known.check_lanes()
-    except ValueError as error:
-        raise UserError(f"{road}: {error}") from error
     return known, [f"lanes and targets: {len(known.lanes)} lanes, {len(players)} players of {road}"]
-
-
-#: Lanes of a map that are farther from all players are left out [m].
-_NEAR = 30.0
-_NOWHERE = np.empty((0, 2))
 
 
 def _near_part(path: Path, origin: tuple[float, float] | None, positions: np.ndarray) -> Road:

@@ -1,7 +1,7 @@
 """Lanes of a road as a map: their geometry, which lane is near a car, and lanes through points."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -58,15 +58,18 @@ class RoadLane:
     @cached_property
     def line(self) -> np.ndarray:
         """Points (P, 2) of the centre line [m]."""
-        parts = [curve_points(curve) for curve in self.curves]
-        points = np.concatenate(parts)
-        apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9
-        return points[np.concatenate([[True], apart])]
+        points = np.concatenate([curve_points(curve) for curve in self.curves])
+        return _apart(points, 1e-9)
 
     @property
     def length(self) -> float:
         """Length of the centre line [m]."""
         return float(np.linalg.norm(np.diff(self.line, axis=0), axis=1).sum())
+
+
+def _apart(points: np.ndarray, least: float) -> np.ndarray:
+    """Points (P, 2) without those that are nearly [m] the ones before them."""
+    return points[np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > least]]
 
 
 def check_shown(what: str, name: str) -> None:
@@ -99,12 +102,8 @@ class Road:
 
     def near(self, positions: np.ndarray, within: float) -> "Road":
         """The lanes that pass within ``within`` [m] of any of the positions (S, 2)."""
-        kept = {
-            name: lane
-            for name, lane in self.lanes.items()
-            if locate(lane.line, positions).distance.min() < within
-        }
-        return Road(kept)
+        far = {n: locate(lane.line, positions).distance.min() for n, lane in self.lanes.items()}
+        return Road({name: lane for name, lane in self.lanes.items() if far[name] < within})
 
 
 @dataclass(frozen=True)
@@ -127,15 +126,10 @@ def locate(line: np.ndarray, positions: np.ndarray) -> Place:
     block = max(1, _PAIRS // len(line))
     starts = range(0, max(1, len(positions)), block)
     parts = [_located(line, positions[first : first + block]) for first in starts]
-    if len(parts) == 1:
-        return parts[0]
-    along, distance, heading = (
-        np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Place)
-    )
-    return Place(along, distance, heading)
+    return Place(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _located(line: np.ndarray, positions: np.ndarray) -> Place:
+def _located(line: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, ...]:
     start, step = line[:-1], np.diff(line, axis=0)
     length = np.linalg.norm(step, axis=1)
     unit = step / length[:, None]
@@ -145,10 +139,10 @@ def _located(line: np.ndarray, positions: np.ndarray) -> Place:
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(positions))
     before = np.concatenate([[0], np.cumsum(length)[:-1]])
-    return Place(
-        along=before[nearest] + along[rows, nearest],
-        distance=distance[rows, nearest],
-        heading=np.arctan2(unit[nearest, 1], unit[nearest, 0]),
+    return (
+        before[nearest] + along[rows, nearest],
+        distance[rows, nearest],
+        np.arctan2(unit[nearest, 1], unit[nearest, 0]),
     )
 
 
@@ -232,7 +226,7 @@ def curves_through(points: np.ndarray | Sequence[Sequence[float]]) -> tuple[Lane
         raise ValueError(
             f"a lane has a point at {line.flat[np.abs(line).argmax()]:g}, beyond {FARTHEST:g} m"
         )
-    line = line[np.r_[True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-6]]
+    line = _apart(line, 1e-6)
     if len(line) < 2:
         raise ValueError("a lane needs at least two different points")
     curves: list[Lane] = []
@@ -260,17 +254,12 @@ def _reach(line: np.ndarray, first: int) -> int:
 
 
 def _fits(points: np.ndarray) -> bool:
-    straight, arc = _straight(points), _arc(points)
-    return _error(straight, points) < TOLERANCE or (
-        arc is not None and _error(arc, points) < TOLERANCE
-    )
+    return _error(_best(points), points) < TOLERANCE
 
 
-def _best(points: np.ndarray) -> Lane:
+def _best(points: np.ndarray) -> StraightLane | ArcLane:
     straight, arc = _straight(points), _arc(points)
-    if arc is None or _error(straight, points) < TOLERANCE:
-        return straight
-    return arc
+    return straight if arc is None or _error(straight, points) < TOLERANCE else arc
 
 
 def _straight(points: np.ndarray) -> StraightLane:

@@ -150,18 +150,7 @@ def plan_together(road: Road) -> None:
 
 def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
     """Solve from previous plans; games that fail are tried again from a pursuit of the lanes."""
-    warm = [
-        np.stack(
-            [
-                pursuit_controls(*pair) if plan is None else plan.controls
-                for plan, *pair in zip(
-                    start, situation.initial_state, situation.references, strict=True
-                )
-            ],
-            axis=1,
-        )
-        for situation, start in zip(situations, starts, strict=True)
-    ]
+    warm = [_first_controls(*pair) for pair in zip(situations, starts, strict=True)]
     # BLAS on several threads is a hundred times slower on matrices this small.
     with _blas().limit(limits=1, user_api="blas"):
         solutions = _game().solve_all(situations, warm, small_change=SMALL_CHANGE)
@@ -172,17 +161,20 @@ def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
         ]
         if again:
             failed = [situations[index] for index in again]
-            cold = [_pursuits(situation) for situation in failed]
+            cold = [_first_controls(one, [None] * len(one.references)) for one in failed]
             second = _game().solve_all(failed, cold, small_change=SMALL_CHANGE)
             for index, solution in zip(again, second, strict=True):
                 solutions[index] = solution
     return solutions
 
 
-def _pursuits(situation: Situation) -> np.ndarray:
-    """Controls (T-1, N, 2) with which all players pursue their lanes."""
-    pairs = zip(situation.initial_state, situation.references, strict=True)
-    return np.stack([pursuit_controls(*pair) for pair in pairs], axis=1)
+def _first_controls(situation: Situation, start: Starts) -> np.ndarray:
+    """Controls (T-1, N, 2) of previous plans; players without one pursue their lanes."""
+    players = zip(start, situation.initial_state, situation.references, strict=True)
+    return np.stack(
+        [pursuit_controls(*pair) if plan is None else plan.controls for plan, *pair in players],
+        axis=1,
+    )
 
 
 def _next_plan(

@@ -5,7 +5,6 @@ and the bounds -1 and 1, and no player leaves before the episode ends. So SuperS
 Stable-Baselines3 accept the world as it is.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -93,7 +92,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         if self._draws is None or options:
             _, infos = self.env.reset(seed=seed, options=options)
         else:
-            infos = self._reset_to(self._draw(seed, self._draws))
+            infos = self._reset_to_one(seed, self._draws)
         self.agents = list(self.env.possible_agents)
         return self._observations(self.agents), self._infos(self.agents, infos)
 
@@ -113,12 +112,11 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
             self._infos(players, infos),
         )
 
-    def _draw(self, seed: int | None, draws: int) -> int:
+    def _reset_to_one(self, seed: int | None, draws: int) -> Infos:
+        """Reset to one of so many draws, each of which is solved once."""
         if seed is not None or self._choice is None:
             self._choice = np.random.default_rng(seed)
-        return int(self._choice.integers(draws))
-
-    def _reset_to(self, draw: int) -> Infos:
+        draw = int(self._choice.integers(draws))
         known = {"scenario": self._drawn[draw]} if draw in self._drawn else None
         _, infos = self.env.reset(seed=draw, options=known)
         self._drawn[draw] = self._world.scenario
@@ -161,7 +159,8 @@ def _controls(action: np.ndarray) -> np.ndarray:
 def _own(state: np.ndarray, player: Player, time_left: float) -> np.ndarray:
     """The entries of ``OWN`` before the weights, for a state (4,)."""
     target = next(f.target for f in player.preferences if isinstance(f, StateDeviation))
-    beside, direction = _lane_coordinates(state[:2], _route(player))
+    route = next(feature.route for feature in player.task if isinstance(feature, LaneKeeping))
+    beside, direction = _lane_coordinates(state[:2], route)
     to_lane = state[2] - direction
     return np.array(
         [
@@ -188,16 +187,12 @@ def _others(state: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.hstack(blocks)[order]
 
 
-def _route(player: Player) -> tuple[Lane, ...]:
-    return next(feature.route for feature in player.task if isinstance(feature, LaneKeeping))
-
-
-def _lane_coordinates(position: np.ndarray, route: Sequence[Lane]) -> tuple[float, float]:
+def _lane_coordinates(position: np.ndarray, route: tuple[Lane, ...]) -> tuple[float, float]:
     """Distance [m] of a position beside its lane of a route, and the lane's direction [rad].
 
     Its lane is the first one whose end is not passed.
     """
-    rows = _locator(tuple(route))(position).full()  # (lanes, 3): along, beside, direction
+    rows = _locator(route)(position).full()  # (lanes, 3): along, beside, direction
     lengths = np.array([lane.length for lane in route])
     ahead = np.flatnonzero(rows[:, 0] <= lengths)
     _, beside, direction = rows[ahead[0] if len(ahead) else -1]
