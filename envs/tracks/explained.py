@@ -120,8 +120,11 @@ class Targets:
     def __post_init__(self) -> None:
         self._told = self.known.file.players.get(self.player, PlayerEntry())
 
-    def aimed(self, term: Feature) -> Feature:
-        """The cost term with this player's target."""
+    def applied(self, costs: Player) -> Player:
+        """The costs with this player's targets."""
+        return _changed(costs, self._aimed)
+
+    def _aimed(self, term: Feature) -> Feature:
         if isinstance(term, StateDeviation):
             return self._component(term)
         if isinstance(term, FinalGoal):
@@ -264,7 +267,7 @@ def explain(
         match = None if drawn is None else drawn[i]
         costs = scenario.game.players[0 if match is None else match]
         targets = Targets(player, motion, sources, None if match is None else costs)
-        players.append(_at_step(_changed(costs, targets.aimed), dt / scenario.game.dt))
+        players.append(_at_step(targets.applied(costs), dt / scenario.game.dt))
         assumptions += targets.assumptions
     if road is not None:
         warnings += lane_warnings(entry.players, motions, players, level)
