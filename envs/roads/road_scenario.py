@@ -13,11 +13,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from olne_bench.envs.roads.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
 from olne_bench.envs.roads.temperaments import checked_shares, drawn_temperaments, tempered_weights
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber, player_number, player_range
-from olne_bench.envs.scenarios.scenario import (
-    Limits,
-    NoEquilibriumError,
-    Scenario,
-)
+from olne_bench.envs.scenarios.scenario import Limits, NoEquilibriumError, Scenario
 from olne_bench.envs.scenarios.true_weights import (
     DIRICHLET,
     MODERATE,

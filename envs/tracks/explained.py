@@ -19,12 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from olne_bench.envs.recordings.recording_file import RecordingFile
 from olne_bench.envs.roads.road_scenario import RoadFamily
-from olne_bench.envs.scenarios import (
-    check_options,
-    get_scenario,
-    is_family,
-    scenario_options,
-)
+from olne_bench.envs.scenarios import check_options, get_scenario, is_family, scenario_options
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.envs.tracks.grid import Motion, roughness
 from olne_bench.envs.tracks.matching import check_on_road, driven, lane_warnings, route

@@ -172,9 +172,7 @@ def test_headings_are_unwrapped_across_gaps(read: Callable[[pd.DataFrame], np.nd
     np.testing.assert_allclose(read(table)[:, 0, 2], expected, atol=1e-12)
 
 
-def test_a_car_in_reverse_has_a_negative_speed(
-    read: Callable[[pd.DataFrame], np.ndarray],
-) -> None:
+def test_a_car_in_reverse_has_a_negative_speed(read: Callable[[pd.DataFrame], np.ndarray]) -> None:
     table = two()
     table.loc[:8, ["heading", "speed"]] = [0.3 + np.pi, -10.0]
     assert read(table)[0, 0, 3] == -10.0
@@ -233,9 +231,7 @@ def test_what_cannot_be_meant_is_refused(
     assert words in str(caught.value)
 
 
-def test_what_is_just_within_the_limits_is_read(
-    read: Callable[[pd.DataFrame], np.ndarray],
-) -> None:
+def test_what_is_just_within_the_limits_is_read(read: Callable[[pd.DataFrame], np.ndarray]) -> None:
     for table in (
         two().assign(time=two()["time"].replace(2.0, 2.02)),
         changed(FIRST, speed=19.0),
