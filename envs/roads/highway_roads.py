@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
@@ -112,6 +112,8 @@ class PlayersOnly(AbstractEnv):
 
     #: Centre of pictures [m]; None follows the cars.
     camera: tuple[float, float] | None = (0.0, 0.0)
+    #: Entries of HighwayEnv's configuration for pictures.
+    picture: ClassVar[dict[str, Any]] = {}
     #: Window for pictures; None returns them to the caller.
     window: Window | None = None
     viewer: EnvViewer | None
@@ -132,6 +134,7 @@ class PlayersOnly(AbstractEnv):
             "policy_frequency": POLICY_FREQUENCY,
             "spawn_probability": 0.0,
             "centering_position": [0.5, 0.5],
+            **cls.picture,
         }
 
     def __getstate__(self) -> dict[str, Any]:
@@ -215,26 +218,17 @@ class PlayersOnly(AbstractEnv):
 
 class _Highway(PlayersOnly, HighwayEnv):
     camera = None
-
-    @classmethod
-    def default_config(cls) -> dict[str, Any]:
-        return super().default_config() | {"screen_width": 1200, "scaling": 4.5}
+    picture: ClassVar = {"screen_width": 1200, "scaling": 4.5}
 
 
 class _Merge(PlayersOnly, MergeEnv):
     camera = None
-
-    @classmethod
-    def default_config(cls) -> dict[str, Any]:
-        return super().default_config() | {"screen_width": 1200}
+    picture: ClassVar = {"screen_width": 1200}
 
 
 class _TwoWay(PlayersOnly, TwoWayEnv):
     camera = None
-
-    @classmethod
-    def default_config(cls) -> dict[str, Any]:
-        return super().default_config() | {"screen_width": 1200, "scaling": 3.4}
+    picture: ClassVar = {"screen_width": 1200, "scaling": 3.4}
 
 
 class _Roundabout(PlayersOnly, RoundaboutEnv):

@@ -16,7 +16,7 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
@@ -24,7 +24,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from olne_bench.games.compiled.compiler import backend
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.olne import Equilibrium
 
+T = TypeVar("T")
 _LIBRARIES = ("casadi", "numpy", "scipy", "highway-env", "olne-bench")
 _PACKAGES = ("olne_bench.games", "olne_bench.envs")
 _keeping: ContextVar[bool] = ContextVar("keeping", default=False)
@@ -41,34 +42,28 @@ _travelling: ContextVar[Draws | None] = ContextVar("travelling", default=None)
 _collecting: ContextVar[Draws | None] = ContextVar("collecting", default=None)
 
 
-@contextmanager
-def keeping(wanted: bool = True) -> Iterator[None]:
+def keeping(wanted: bool = True) -> AbstractContextManager[None]:
     """Within this context, equilibria are kept on disk and read from there, if wanted."""
-    token = _keeping.set(wanted and os.environ.get("OLNE_BENCH_DRAWS", "1") != "0")
-    try:
-        yield
-    finally:
-        _keeping.reset(token)
+    return _set(_keeping, wanted and os.environ.get("OLNE_BENCH_DRAWS", "1") != "0")
 
 
-@contextmanager
-def travelling(draws: Draws | None) -> Iterator[None]:
+def travelling(draws: Draws | None) -> AbstractContextManager[None]:
     """Within this context, what the draws hold is not solved again; None has no effect."""
-    token = _travelling.set(draws)
-    try:
-        yield
-    finally:
-        _travelling.reset(token)
+    return _set(_travelling, draws)
+
+
+def collecting(draws: Draws) -> AbstractContextManager[None]:
+    """Within this context, the draws note all games that are refused."""
+    return _set(_collecting, draws)
 
 
 @contextmanager
-def collecting(draws: Draws) -> Iterator[None]:
-    """Within this context, the draws note all games that are refused."""
-    token = _collecting.set(draws)
+def _set(variable: ContextVar[T], value: T) -> Iterator[None]:
+    token = variable.set(value)
     try:
         yield
     finally:
-        _collecting.reset(token)
+        variable.reset(token)
 
 
 def travelled(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> Equilibrium | None:

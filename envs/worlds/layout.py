@@ -157,14 +157,23 @@ class Spaces:
         Raises:
             ValueError: with a message that names the player, the value and the allowed range.
         """
-        if actions.keys() != set(players):
-            self._raise_wrong_players(actions, players)
+        missing = [player for player in players if player not in actions]
+        unknown = [str(player) for player in actions if player not in players]
+        for fault, names in (("no action for", missing), ("unknown player", unknown)):
+            if names:
+                known = ", ".join(players)
+                raise ValueError(f"{fault} {', '.join(names)}; players are: {known}")
         controls = np.zeros((len(self.actions), len(self._limits)))
         for row, player in zip(controls, self.actions, strict=True):
             if player in actions:
                 row[:] = self._numbers(player, actions[player])
-        if not (np.abs(controls) <= self._limits).all():  # false for NaN as well
-            self._raise_out_of_space(controls)
+        outside = np.argwhere(~(np.abs(controls) <= self._limits))  # so is NaN
+        for i, k in outside[:1]:
+            limit = self._limits[k]
+            raise ValueError(
+                f"{self.size.control_names[k]} of {player_name(i)} is {controls[i, k]}, "
+                f"must be within [{-limit}, {limit}]"
+            )
         return controls
 
     def _numbers(self, player: str, action: np.ndarray) -> np.ndarray:
@@ -177,22 +186,3 @@ class Spaces:
         if numbers.shape != self._limits.shape:
             raise ValueError(f"action of {player} has the shape {numbers.shape}, {expected}")
         return numbers
-
-    @staticmethod
-    def _raise_wrong_players(actions: dict[str, np.ndarray], players: list[str]) -> None:
-        missing = [player for player in players if player not in actions]
-        unknown = [str(player) for player in actions if player not in players]
-        faults = [
-            f"{fault} {', '.join(names)}"
-            for fault, names in (("no action for", missing), ("unknown player", unknown))
-            if names
-        ]
-        raise ValueError(f"{'; '.join(faults)}; players are: {', '.join(players)}")
-
-    def _raise_out_of_space(self, controls: np.ndarray) -> None:
-        i, k = np.argwhere(~(np.abs(controls) <= self._limits))[0]
-        limit = self._limits[k]
-        raise ValueError(
-            f"{self.size.control_names[k]} of {player_name(i)} is {controls[i, k]}, "
-            f"must be within [{-limit}, {limit}]"
-        )

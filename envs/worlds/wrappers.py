@@ -17,7 +17,7 @@ used; those below a sensor must keep the shape of the observations::
 
 import zlib
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -87,27 +87,20 @@ class BoxWithGaps(Box):
         return super().contains(x)
 
 
-class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
-    """A wrapper that changes the blocks of observations and keeps the time at their end."""
+class _Observing(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
+    """A wrapper that changes observations; spaces are the same objects while those below are."""
 
     def __init__(self, env: World) -> None:
         super().__init__(env)
-        self._known_spaces: dict[str, tuple[Box, Box]] = {}
-        self._known_layout: ObservationLayout | None = None
-        self._check_layout()
-        for player in env.possible_agents:  # a sensor that does not fit fails at once
-            self.observation_space(player)
-
-    @property
-    def observation_layout(self) -> ObservationLayout:
-        """Layout of the observations above this wrapper."""
-        return self._layout_below
+        self._known_spaces: dict[Any, tuple[Box, Box]] = {}
 
     def observation_space(self, agent: str) -> Box:
-        below = self.env.observation_space(agent)
-        known = self._known_spaces.get(agent)
+        return self._known(agent, self.env.observation_space(agent), self._space)
+
+    def _known(self, key: Any, below: Box, make: Callable[[Box], Box]) -> Box:
+        known = self._known_spaces.get(key)
         if known is None or known[0] is not below:
-            known = self._known_spaces[agent] = (below, self._space(below))
+            known = self._known_spaces[key] = (below, make(below))
         return known[1]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
@@ -118,6 +111,33 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     def step(self, actions: dict[str, np.ndarray]) -> Step:
         observations, *rest = self.env.step(actions)
         return self._observe_all(observations), *rest
+
+    def _check_layout(self) -> None:
+        """Find the layout below, which a reset may change."""
+
+    @abstractmethod
+    def _space(self, below: Box) -> Box:
+        """The space above from the space below."""
+
+    @abstractmethod
+    def _observe_all(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The observations above from those below."""
+
+
+class _Sensor(_Observing):
+    """A wrapper that changes the blocks of observations and keeps the time at their end."""
+
+    def __init__(self, env: World) -> None:
+        super().__init__(env)
+        self._known_layout: ObservationLayout | None = None
+        self._check_layout()
+        for player in env.possible_agents:  # a sensor that does not fit fails at once
+            self.observation_space(player)
+
+    @property
+    def observation_layout(self) -> ObservationLayout:
+        """Layout of the observations above this wrapper."""
+        return self._layout_below
 
     def _prepare(self) -> None:
         """Prepare for a new layout below."""
@@ -151,7 +171,6 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         }
 
     def _check_layout(self) -> None:
-        """Find the layout below, which a reset may change."""
         layout = _layout_of(self.env)
         if layout != self._known_layout:
             self._layout_below = layout
@@ -388,7 +407,7 @@ class DropSamples(Gaps):
         super().__init__(env, Drops(p))
 
 
-class Float32(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
+class Float32(_Observing):
     """Observation and action spaces in single precision, as learners use it.
 
     Actions reach the world unchanged: an ``olne_action``, which is float64, keeps its digits.
@@ -397,39 +416,24 @@ class Float32(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         env: the world.
     """
 
-    def __init__(self, env: World) -> None:
-        super().__init__(env)
-        self._known_spaces: dict[tuple[str, str], tuple[Box, Box]] = {}
-
-    def observation_space(self, agent: str) -> Box:
-        return self._known("observation", agent, self.env.observation_space(agent))
-
     def action_space(self, agent: str) -> Box:
-        return self._known("action", agent, self.env.action_space(agent))
+        return self._known(("action", agent), self.env.action_space(agent), self._inside)
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
-        observations, infos = self.env.reset(seed=seed, options=options)
-        return _single(observations), infos
+    def _space(self, below: Box) -> Box:
+        low, high = below.low.astype(np.float32), below.high.astype(np.float32)
+        return type(below)(low, high, dtype=np.float32)
 
-    def step(self, actions: dict[str, np.ndarray]) -> Step:
-        observations, *rest = self.env.step(actions)
-        return _single(observations), *rest
+    def _inside(self, below: Box) -> Box:
+        """The space in single precision, none of whose bounds is rounded outwards."""
+        near = self._space(below)
+        low = np.where(near.low < below.low, np.nextafter(near.low, np.float32(np.inf)), near.low)
+        high = np.where(
+            near.high > below.high, np.nextafter(near.high, np.float32(-np.inf)), near.high
+        )
+        return type(below)(low, high, dtype=np.float32)
 
-    def _known(self, kind: str, agent: str, below: Box) -> Box:
-        known = self._known_spaces.get((kind, agent))
-        if known is None or known[0] is not below:
-            low, high = below.low.astype(np.float32), below.high.astype(np.float32)
-            if kind == "action":
-                # The nearest single may lie outside the world's bounds; take the next one inside.
-                low = np.where(low < below.low, np.nextafter(low, np.float32(np.inf)), low)
-                high = np.where(high > below.high, np.nextafter(high, np.float32(-np.inf)), high)
-            known = (below, type(below)(low, high, dtype=np.float32))
-            self._known_spaces[kind, agent] = known
-        return known[1]
-
-
-def _single(observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {player: below.astype(np.float32) for player, below in observations.items()}
+    def _observe_all(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {player: below.astype(np.float32) for player, below in observations.items()}
 
 
 def _chain(env: Any) -> Iterator[Any]:

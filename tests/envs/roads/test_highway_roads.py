@@ -23,11 +23,9 @@ from olne_bench.envs.roads.highway_roads import (
     replay,
     road_network,
 )
-from olne_bench.envs.roads.road_scenario import rejection
-from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.two_way import ONCOMING_DISTANCE
 from olne_bench.envs.tracks.road import curve_points
-from olne_bench.games.model.dynamics import bicycle, rollout
+from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.lanes import ArcLane, SineLane, StraightLane
 
 LANES = {
@@ -106,21 +104,6 @@ def test_other_lanes_and_roads_are_refused():
         lane_curve(PolyLaneFixedWidth([(0, 0), (10, 0), (20, 5)]))
     with pytest.raises(ValueError, match="no road for 'racetrack'; known are: highway, inter"):
         make_road("racetrack")
-
-
-@pytest.mark.parametrize(("argument", "value"), [("sub_steps", 0), ("rear_axle", -1.0)])
-def test_bicycle_parameters_are_checked(argument, value):
-    with pytest.raises(ValueError, match=f"{argument} must be"):
-        bicycle(**{argument: value})
-
-
-def test_draws_are_seeded_and_playable():
-    first, again, other = (get_scenario("two_way", seed, num_players=3) for seed in (5, 5, 6))
-    np.testing.assert_array_equal(first.initial_state, again.initial_state)
-    np.testing.assert_array_equal(first.weights, again.weights)
-    assert first.game == again.game
-    assert (first.initial_state != other.initial_state).any()
-    assert rejection(first) is None
 
 
 def test_plans_that_the_simulator_would_interfere_with_are_seen():
