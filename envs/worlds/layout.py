@@ -159,10 +159,13 @@ class Spaces:
         """
         missing = [player for player in players if player not in actions]
         unknown = [str(player) for player in actions if player not in players]
-        for fault, names in (("no action for", missing), ("unknown player", unknown)):
-            if names:
-                known = ", ".join(players)
-                raise ValueError(f"{fault} {', '.join(names)}; players are: {known}")
+        faults = [
+            f"{fault} {', '.join(names)}"
+            for fault, names in (("no action for", missing), ("unknown player", unknown))
+            if names
+        ]
+        if faults:
+            raise ValueError(f"{'; '.join(faults)}; players are: {', '.join(players)}")
         controls = np.zeros((len(self.actions), len(self._limits)))
         for row, player in zip(controls, self.actions, strict=True):
             if player in actions:

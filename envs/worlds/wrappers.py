@@ -234,10 +234,8 @@ class PartialObservation(ObservationView):
         ValueError: if no component is named, or one that the observations below do not have.
     """
 
-    def __init__(self, env: World, features: Sequence[str]) -> None:
-        if isinstance(features, str) or not features:
-            raise ValueError(f"features must be a list of component names, got {features!r}")
-        super().__init__(env, ComponentView("+".join(features), tuple(features)))
+    def __init__(self, env: World, features: tuple[str, ...]) -> None:
+        super().__init__(env, ComponentView("+".join(map(str, features)), features))
 
 
 class RangeBearing(ObservationView):
@@ -255,8 +253,7 @@ class RangeBearing(ObservationView):
     def __init__(
         self, env: World, position: tuple[float, float] = (0.0, 0.0), facing: float = 0.0
     ) -> None:
-        px, py = position
-        super().__init__(env, RangeBearingView((float(px), float(py)), float(facing)))
+        super().__init__(env, RangeBearingView(position, facing))
 
 
 class _RandomSensor(_Sensor):

@@ -410,8 +410,8 @@ class Doubled(BaseParallelWrapper):
     ("make", "message"),
     [
         (lambda: PartialObservation(world(), ("px", "velocity")), "'velocity'.*px, py, heading"),
-        (lambda: PartialObservation(world(), ()), "features must be a list"),
-        (lambda: PartialObservation(world(), "px"), "features must be a list.*'px'"),
+        (lambda: PartialObservation(world(), ()), "components must be a list"),
+        (lambda: PartialObservation(world(), "px"), "components must be a list.*'px'"),
         (
             lambda: RangeBearing(PartialObservation(world(), ("px",))),
             "'range_bearing'.*no component 'py' here; there are: px",
