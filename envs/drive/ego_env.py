@@ -12,8 +12,7 @@ import gymnasium
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.drive.cars import ROADS, STEPS, Car
-from olne_bench.envs.drive.costs import EgoCost
+from olne_bench.envs.drive.cars import ROADS, STEPS, Car, EgoCost
 from olne_bench.envs.drive.world import NEAREST, TRAFFIC, DriveWorld, NoDriveError, seen
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.lanes import ArcLane, SineLane, StraightLane
