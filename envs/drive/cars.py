@@ -47,6 +47,8 @@ _FEW_LANES, _MANY_LANES = 2, 5
 
 #: How hidden weights are drawn.
 WEIGHTS = (TEMPERED, DIRICHLET)
+#: Lengths ahead, or widths beside, from which on another car counts as nothing.
+RANGE = 5.0
 
 
 @dataclass(frozen=True)
@@ -168,10 +170,6 @@ def drive_game(
 def middle_speed(road: DriveRoad) -> float:
     """The middle of the target speeds [m/s] on a road."""
     return float(np.mean(road.family.speeds))
-
-
-#: Lengths ahead, or widths beside, from which on another car counts as nothing.
-RANGE = 5.0
 
 
 class EgoCost:

@@ -33,6 +33,8 @@ SIZE = 2 * len(_AHEAD) + 3 + 4 + _OF_OTHER * NEAREST
 STEERING, ACCELERATION = 0.06, 5.0
 _LOOK_AHEAD = 0.8  # [s]
 _LEAST_LOOK_AHEAD = 6.0  # [m]
+#: Seeds of these drives start here: those of studies are smaller.
+FIRST_SEED = 10_000_000
 
 
 class EgoView:
@@ -115,10 +117,6 @@ def _points(lanes: Sequence[object]) -> np.ndarray:
         last = lane.length + (_FURTHER if straight and number == len(lanes) - 1 else 0.0)
         found += [curve.point(along) for along in np.arange(first, last, _SPACING)]
     return np.array(found)
-
-
-#: Seeds of these drives start here: those of studies are smaller.
-FIRST_SEED = 10_000_000
 
 
 class EgoEnv(gymnasium.Env[np.ndarray, np.ndarray]):

@@ -11,6 +11,11 @@ from olne_bench.games.model.costs import Stage
 
 _HALF = np.array([Vehicle.LENGTH, Vehicle.WIDTH]) / 2
 _CORNERS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)]) * _HALF
+#: A car is inside two circles, in the middles of its front and its rear half.
+_OFFSET = Vehicle.LENGTH / 4
+_RADIUS = float(np.hypot(Vehicle.LENGTH / 4, Vehicle.WIDTH / 2))
+_SHARPNESS = 8  # of the smooth minimum
+_LEAST = 1e-6  # squared distance [m^2]: the margin has a slope where middles coincide
 
 
 def gap(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -50,13 +55,6 @@ def _beyond(corners: np.ndarray) -> np.ndarray:
     """(..., 2) whether all corners are beyond a side, along and across."""
     low, high = corners.min(axis=-2), corners.max(axis=-2)
     return (low > _HALF) | (high < -_HALF)
-
-
-#: A car is inside two circles, in the middles of its front and its rear half.
-_OFFSET = Vehicle.LENGTH / 4
-_RADIUS = float(np.hypot(Vehicle.LENGTH / 4, Vehicle.WIDTH / 2))
-_SHARPNESS = 8  # of the smooth minimum
-_LEAST = 1e-6  # squared distance [m^2]: the margin has a slope where middles coincide
 
 
 @dataclass(frozen=True)

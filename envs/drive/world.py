@@ -40,6 +40,10 @@ TRAFFIC = (NASH, STOCK)
 
 _MOST_PROPOSALS = 50
 _START_GAP = 1.0  # least gap [m] of the ego at the start
+_ENTRIES = 3  # proposals from which cars may enter at one time
+_FREE = 8.0  # least gap [m] of a car that enters
+#: Other cars that an ego looks at: the nearest ones.
+NEAREST = 4
 
 
 class NoDriveError(Exception):
@@ -78,10 +82,6 @@ def first_cars(road: str, seed: int, traffic: str, weights: str) -> FirstCars:
 def rng_of(road: str, seed: int, *key: int) -> np.random.Generator:
     """Random numbers of a drive; the key says what for."""
     return np.random.default_rng([seed, list(ROADS).index(road), *key])
-
-
-_ENTRIES = 3  # proposals from which cars may enter at one time
-_FREE = 8.0  # least gap [m] of a car that enters
 
 
 @dataclass
@@ -305,10 +305,6 @@ def _left(car: Car, state: np.ndarray, road: DriveRoad) -> bool:
     beside = (state[1] - y) * cos - (state[0] - x) * sin
     ahead = (state[0] - x) * cos + (state[1] - y) * sin
     return bool(ahead > 0 and abs(beside) < Vehicle.LENGTH)
-
-
-#: Other cars that an ego looks at: the nearest ones.
-NEAREST = 4
 
 
 def seen(

@@ -29,6 +29,9 @@ from olne_bench.files import whole_file
 from olne_bench.games.solve.olne import Gains
 
 _PACKAGES = ("olne-bench", "numpy", "casadi", "pettingzoo", "highway-env", "pyarrow")
+METADATA_KEY = b"olne_bench"
+#: What is read into memory: rows, and bytes of metadata.
+MOST_ROWS, MOST_METADATA = 10**7, 2**25
 
 
 class _Strict(BaseModel):
@@ -110,11 +113,6 @@ class Metadata(_Strict):
 def library_versions() -> dict[str, str]:
     """Versions of this package and of the libraries that shape a recording."""
     return {name: version(name) for name in _PACKAGES}
-
-
-METADATA_KEY = b"olne_bench"
-#: What is read into memory: rows, and bytes of metadata.
-MOST_ROWS, MOST_METADATA = 10**7, 2**25
 
 
 class RecordingFileError(UserError, ValueError):

@@ -27,6 +27,26 @@ from olne_bench.envs.worlds.window import Window
 from olne_bench.games.model.dynamics import bicycle
 from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 
+SIMULATION_FREQUENCY = 15  # [Hz], HighwayEnv's default
+SUB_STEPS = 6  # simulation frames per action
+POLICY_FREQUENCY = SIMULATION_FREQUENCY / SUB_STEPS  # [Hz]
+DT = 1 / POLICY_FREQUENCY  # [s], step of the games
+#: HighwayEnv's vehicle as the motion model of a game.
+CAR = bicycle(rear_axle=Vehicle.LENGTH / 2, sub_steps=SUB_STEPS)
+#: Largest controls that the world accepts: steering [rad], acceleration [m/s^2].
+MAX_STEERING = float(np.pi / 3)
+MAX_ACCELERATION = 12.0
+_PALETTE: tuple[tuple[int, int, int], ...] = (
+    (228, 87, 70),
+    (70, 130, 220),
+    (240, 190, 60),
+    (120, 190, 90),
+    (170, 110, 200),
+    (90, 200, 200),
+    (240, 140, 60),
+    (200, 120, 150),
+)
+
 
 def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
     """One of HighwayEnv's lanes as a curve of ``games.model.lanes`` with the same parameters.
@@ -66,30 +86,6 @@ def appended(lanes: list[Lane], lane: Lane) -> list[Lane]:
 
 def _pair(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
     return float(values[0]), float(values[1])
-
-
-SIMULATION_FREQUENCY = 15  # [Hz], HighwayEnv's default
-SUB_STEPS = 6  # simulation frames per action
-POLICY_FREQUENCY = SIMULATION_FREQUENCY / SUB_STEPS  # [Hz]
-DT = 1 / POLICY_FREQUENCY  # [s], step of the games
-
-#: HighwayEnv's vehicle as the motion model of a game.
-CAR = bicycle(rear_axle=Vehicle.LENGTH / 2, sub_steps=SUB_STEPS)
-
-#: Largest controls that the world accepts: steering [rad], acceleration [m/s^2].
-MAX_STEERING = float(np.pi / 3)
-MAX_ACCELERATION = 12.0
-
-_PALETTE: tuple[tuple[int, int, int], ...] = (
-    (228, 87, 70),
-    (70, 130, 220),
-    (240, 190, 60),
-    (120, 190, 90),
-    (170, 110, 200),
-    (90, 200, 200),
-    (240, 140, 60),
-    (200, 120, 150),
-)
 
 
 class _CushionedVehicle(Vehicle):

@@ -31,6 +31,15 @@ from olne_bench.games.model.unknowns import Unknown
 
 REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
 MARGIN = 0.25  # [m] on each side of a car, so that small deviations do not cause a collision
+HORIZON = 20  # states, hence 7.6 s
+WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
+MAX_DRAWS = 20
+#: Controls that the worlds accept, and states that these can reach within the horizon. The game's
+#: dynamics have no speed limit, unlike the simulator.
+LIMITS = Limits(controls=(MAX_STEERING, MAX_ACCELERATION), states=(2000.0, 2000.0, 400.0, 130.0))
+#: Noise of a tracker that sees positions, relative to its position error [m]. Estimated over one
+#: second at 10 m/s, headings are wrong by 0.1 rad and speeds by 1 m/s per metre of position error.
+NOISE_SCALE = (1.0, 1.0, 0.1, 1.0)
 
 
 def rejection(scenario: Scenario) -> str | None:
@@ -59,18 +68,6 @@ def _reason(scenario: Scenario) -> str | None:
     played = replay(scenario.name, plan.states[0], plan.controls, MARGIN)
     exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE
     return None if exact else "collision"
-
-
-HORIZON = 20  # states, hence 7.6 s
-WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
-MAX_DRAWS = 20
-#: Controls that the worlds accept, and states that these can reach within the horizon. The game's
-#: dynamics have no speed limit, unlike the simulator.
-LIMITS = Limits(controls=(MAX_STEERING, MAX_ACCELERATION), states=(2000.0, 2000.0, 400.0, 130.0))
-
-#: Noise of a tracker that sees positions, relative to its position error [m]. Estimated over one
-#: second at 10 m/s, headings are wrong by 0.1 rad and speeds by 1 m/s per metre of position error.
-NOISE_SCALE = (1.0, 1.0, 0.1, 1.0)
 
 
 @dataclass(frozen=True)

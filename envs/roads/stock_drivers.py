@@ -28,6 +28,15 @@ from olne_bench.games.model.lanes import ArcLane, Lane, LaneKeeping, SineLane, S
 _SPACING, _ON_ROUTE = 0.25, 0.3
 #: A route that ends straight goes straight on, as that of a player does [m].
 _STRAIGHT_ON = 300.0
+#: Least and largest values of a driver's parameters, in the order of ``StockDriver``.
+_LOW, _HIGH = (0.1, 0.1, 5.5, 0.3, 0.5), (45.0, 4.0, 30.0, 8.0, 12.0)
+#: How far parameters are from HighwayEnv's before that weighs as much as an error of the noise's
+#: size: a short window does not determine all of them.
+_DEVIATIONS = (10.0, 1.5, 5.0, 2.0, 4.0)
+#: Finite differences, relative to these deviations; MOBIL's decisions make smaller ones rough.
+_STEP = 1e-2
+#: Evaluations of the residuals at most; those for derivatives are not counted.
+_MOST_EVALUATIONS = 15
 
 
 @dataclass(frozen=True)
@@ -176,17 +185,6 @@ def _advance(road: Road) -> None:
 
 def _states(cars: Sequence[Vehicle]) -> np.ndarray:
     return np.array([[*car.position, car.heading, car.speed] for car in cars])
-
-
-#: Least and largest values of a driver's parameters, in the order of ``StockDriver``.
-_LOW, _HIGH = (0.1, 0.1, 5.5, 0.3, 0.5), (45.0, 4.0, 30.0, 8.0, 12.0)
-#: How far parameters are from HighwayEnv's before that weighs as much as an error of the noise's
-#: size: a short window does not determine all of them.
-_DEVIATIONS = (10.0, 1.5, 5.0, 2.0, 4.0)
-#: Finite differences, relative to these deviations; MOBIL's decisions make smaller ones rough.
-_STEP = 1e-2
-#: Evaluations of the residuals at most; those for derivatives are not counted.
-_MOST_EVALUATIONS = 15
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from olne_bench.games.model.game import Player
 from olne_bench.games.model.lanes import LaneKeeping, StraightLane
 
 FILE, DRAW, SCENARIO, DATA = "file", "draw", "scenario", "data"
+START_TOLERANCE = 0.25  # [m] from a drawn player's start, in addition to three times the noise
 
 
 @dataclass(frozen=True)
@@ -206,9 +207,6 @@ class Targets:
             for term in player.task
             if isinstance(term, LaneKeeping)
         )
-
-
-START_TOLERANCE = 0.25  # [m] from a drawn player's start, in addition to three times the noise
 
 
 @dataclass(frozen=True)

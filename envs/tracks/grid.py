@@ -16,6 +16,13 @@ from olne_bench.envs.tracks.checks import (
 from olne_bench.envs.tracks.table import SLOWEST, STATE_NAMES, listed
 from olne_bench.errors import UserError
 
+MOST_PLAYERS = 20  # larger games take hours
+_ROUNDING = 1e-6  # [s], tolerance of computed times
+_BRIDGED = 1.5  # largest gap that is interpolated, in steps of the data
+_SAME = 0.25  # tolerance of times on the data's own grid, as a share of a step
+_ROUGHNESS_ORDER = 3
+_ROUGHNESS_NORM = 20.0  # 1 + 9 + 9 + 1, squared coefficients of a third difference
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -43,12 +50,6 @@ class Frame:
             y=sin * x + cos * y + self.shift[1],
             heading=sign * table["heading"] + self.rotate,
         )
-
-
-MOST_PLAYERS = 20  # larger games take hours
-_ROUNDING = 1e-6  # [s], tolerance of computed times
-_BRIDGED = 1.5  # largest gap that is interpolated, in steps of the data
-_SAME = 0.25  # tolerance of times on the data's own grid, as a share of a step
 
 
 @dataclass(frozen=True)
@@ -208,10 +209,6 @@ def _between(
     inside = (at[before] <= times) & (times <= at[after]) & (at[after] - at[before] <= bridged)
     straight = np.interp(times, at, values)
     return np.where(same, values[nearest], np.where(inside, straight, np.nan))
-
-
-_ROUGHNESS_ORDER = 3
-_ROUGHNESS_NORM = 20.0  # 1 + 9 + 9 + 1, squared coefficients of a third difference
 
 
 @dataclass(frozen=True)

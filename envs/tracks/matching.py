@@ -22,6 +22,13 @@ HEADING_UNIT = 0.3  # [rad], heading deviation that costs as much as a metre
 CHANGE = 25.0  # cost of a lane change
 _HOP = 0.1  # cost of a transition to a following lane, so that none is skipped needlessly
 _MOST_HOPS = 4  # largest number of transitions between two samples
+MARGIN = 1.0  # [m], largest distance beside a lane
+TOLERATED = 0.2  # share of a car's samples that may be off the road, or against the lanes
+_FAR = 1e4  # [m]
+_HINT = (
+    "'olne-bench import' changes the frame by --shift, --flip-y and --rotate, selects players by "
+    "--players, and takes other lanes by --road"
+)
 
 
 @dataclass(frozen=True)
@@ -161,15 +168,6 @@ def shortened(curve: Lane, length: float) -> Lane:
         turn = (curve.end_phase - curve.start_phase) * length / curve.length
         return ArcLane(curve.centre, curve.radius, curve.start_phase, curve.start_phase + turn)
     raise TypeError(f"no part of a {type(curve).__name__}")
-
-
-MARGIN = 1.0  # [m], largest distance beside a lane
-TOLERATED = 0.2  # share of a car's samples that may be off the road, or against the lanes
-_FAR = 1e4  # [m]
-_HINT = (
-    "'olne-bench import' changes the frame by --shift, --flip-y and --rotate, selects players by "
-    "--players, and takes other lanes by --road"
-)
 
 
 def check_on_road(

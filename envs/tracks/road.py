@@ -22,6 +22,9 @@ _UNIT = 1e-3  # tolerance of a direction's length
 _ARC_STEP = np.deg2rad(2)  # [rad], largest angle between neighbouring points on an arc
 _SAGITTA = 0.01  # [m], largest distance between an arc and the chord of neighbouring points
 _SINE_STEP = 1.0  # [m] along the axis
+TOLERANCE = 0.1  # [m], largest distance between a curve and the points
+MOST_POINTS = 10_000  # of a lane; more take minutes
+_FLATTEST = 1e4  # [m]; an arc of a larger radius is a straight line
 
 
 @dataclass(frozen=True)
@@ -202,11 +205,6 @@ def _turn(curve: Lane) -> float:
 
 def _on_axis(axis: StraightLane, along: np.ndarray) -> np.ndarray:
     return np.asarray(axis.start) + along[:, None] * np.asarray(axis.direction)
-
-
-TOLERANCE = 0.1  # [m], largest distance between a curve and the points
-MOST_POINTS = 10_000  # of a lane; more take minutes
-_FLATTEST = 1e4  # [m]; an arc of a larger radius is a straight line
 
 
 def curves_through(points: np.ndarray | Sequence[Sequence[float]]) -> tuple[Lane, ...]:

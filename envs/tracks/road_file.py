@@ -55,6 +55,7 @@ MOST_BYTES = 2 * 10**6
 _Number = Annotated[float, Field(strict=True)]  # no text, no truth value
 _Positive = Annotated[float, Field(strict=True, gt=0)]
 _Pair = tuple[_Number, _Number]
+_BESIDE = 1.5  # largest gap between a lane's end and a following lane, in lane widths
 
 
 class _Strict(BaseModel):
@@ -267,9 +268,6 @@ def lane_entries(road: Road) -> dict[str, LaneEntry]:
 def route_curves(lanes: Mapping[str, LaneEntry], names: Sequence[str]) -> tuple[Lane, ...]:
     """The curves of a route of named lanes, one after the other."""
     return tuple(curve for name in names for curve in lanes[name].lane().curves)
-
-
-_BESIDE = 1.5  # largest gap between a lane's end and a following lane, in lane widths
 
 
 def road_of_scenario(scenario: Scenario) -> Road | None:

@@ -17,6 +17,17 @@ from olne_bench.envs.traffic.lanes_ahead import curve_speeds, points_along_lanes
 from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS, PlanningVehicle, VehiclePlan
 from olne_bench.games.solve.reference_game import FAR_AWAY, Plan, ReferenceGame, Situation
 
+MAX_PLAYERS = 5  # in one game
+NEIGHBOURHOOD = 50.0  # [m] around a vehicle in which others plan with it
+NUM_OTHERS = 3  # predicted vehicles and obstacles that each player avoids besides the players
+SIGHT = 80.0  # [m], largest distance of these
+MAX_SHIFTS = 3  # plan steps for which an old plan may be used
+BETWEEN = 3  # number of points between two plan steps at which contact is checked
+#: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
+SMALL_CHANGE = (2e-3, 0.1)
+Group = list[PlanningVehicle]
+Starts = list[VehiclePlan | None]
+
 
 @dataclass
 class TrafficReport:
@@ -42,12 +53,6 @@ _REPORTS: WeakKeyDictionary[Road, TrafficReport] = WeakKeyDictionary()
 def traffic_report(road: Road) -> TrafficReport:
     """The report of a road, such as ``env.unwrapped.road``."""
     return _REPORTS.setdefault(road, TrafficReport())
-
-
-MAX_PLAYERS = 5  # in one game
-NEIGHBOURHOOD = 50.0  # [m] around a vehicle in which others plan with it
-NUM_OTHERS = 3  # predicted vehicles and obstacles that each player avoids besides the players
-SIGHT = 80.0  # [m], largest distance of these
 
 
 def planning_groups(road: Road) -> list[list[PlanningVehicle]]:
@@ -114,15 +119,6 @@ def predicted_positions(other: RoadObject) -> np.ndarray:
         lateral,
     )
     return points[:, :2]
-
-
-MAX_SHIFTS = 3  # plan steps for which an old plan may be used
-BETWEEN = 3  # number of points between two plan steps at which contact is checked
-#: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
-SMALL_CHANGE = (2e-3, 0.1)
-
-Group = list[PlanningVehicle]
-Starts = list[VehiclePlan | None]
 
 
 def plan_together(road: Road) -> None:

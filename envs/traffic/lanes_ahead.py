@@ -10,6 +10,7 @@ from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS
 
 CURVE_ACCELERATION = 5.0  # [m/s^2], largest lateral acceleration in curves
 MAX_CURVATURE = 0.1  # [1/m]
+PURSUIT_TIME = 1.2  # [s] in which a vehicle without a plan returns to the lane
 
 
 def points_along_lanes(
@@ -77,9 +78,6 @@ def curve_speeds(points: np.ndarray) -> np.ndarray:
     curvature = np.clip(turn / np.maximum(step, 1.0), 1e-6, MAX_CURVATURE)
     speeds = np.sqrt(CURVE_ACCELERATION / curvature)
     return np.concatenate([speeds, speeds[:, -1:]], axis=1)
-
-
-PURSUIT_TIME = 1.2  # [s] in which a vehicle without a plan returns to the lane
 
 
 def pursuit_controls(state: np.ndarray, references: np.ndarray) -> np.ndarray:

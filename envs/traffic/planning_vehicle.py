@@ -9,6 +9,9 @@ import numpy as np
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.objects import RoadObject
 
+PLAN_STEP = 0.4  # [s] between plans, and the step of the games
+STEPS = 10  # steps per plan
+
 
 @dataclass(frozen=True)
 class Temperament:
@@ -55,10 +58,6 @@ def temperament(preset: str | Temperament) -> Temperament:
     if preset not in TEMPERAMENTS:
         raise ValueError(f"unknown temperament {preset!r}; known are: {', '.join(TEMPERAMENTS)}")
     return TEMPERAMENTS[preset]
-
-
-PLAN_STEP = 0.4  # [s] between plans, and the step of the games
-STEPS = 10  # steps per plan
 
 
 @dataclass(frozen=True)

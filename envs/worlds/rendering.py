@@ -13,6 +13,13 @@ MAX_WIDTH, MAX_HEIGHT = 900, 600  # [px] of a frame without its header
 SHARPNESS = 2  # frames are drawn this many times larger and scaled down
 HEADER = 64  # [px] for the legend
 MARGIN = 0.12  # around all expected positions, as a share of the larger side
+CAR_LENGTH = 0.045  # as a share of the larger side of the first view
+MIN_CAR_LENGTH = 16  # [px], however much the view is widened
+CAR_ASPECT = 0.48  # width over length
+BACKGROUND = (247, 247, 244)
+ROAD = (222, 223, 226)
+LANE_MARK = (255, 255, 255)
+INK = (60, 62, 68)
 
 
 class Camera:
@@ -66,16 +73,6 @@ def _box(positions: np.ndarray, margin: float = MARGIN) -> tuple[np.ndarray, np.
     half = np.maximum((high - low) / 2 + margin * size, size / 8)
     middle = (low + high) / 2
     return middle - half, middle + half
-
-
-CAR_LENGTH = 0.045  # as a share of the larger side of the first view
-MIN_CAR_LENGTH = 16  # [px], however much the view is widened
-CAR_ASPECT = 0.48  # width over length
-
-BACKGROUND = (247, 247, 244)
-ROAD = (222, 223, 226)
-LANE_MARK = (255, 255, 255)
-INK = (60, 62, 68)
 
 
 class Renderer:
