@@ -121,8 +121,10 @@ class KeptFiles:
         folder = self.folder
         with suppress(OSError):
             if folder and not (why_foreign(folder / name) or why_foreign(folder)):
-                os.utime(folder / name)  # for the order in which files are removed
-                return unsealed((folder / name).read_bytes())
+                data = (folder / name).read_bytes()
+                with suppress(OSError):
+                    os.utime(folder / name)  # for the order in which files are removed
+                return unsealed(data)
         return None
 
     def write(self, name: str, content: bytes) -> None:
