@@ -4,7 +4,6 @@ import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
@@ -73,24 +72,6 @@ def test_random_ego_for_many_steps(version):
             world.reset(seed=step)
     assert solved > 100
     assert failed < 0.2 * solved
-
-
-# HighwayEnv's own observation space has no bounds.
-@pytest.mark.filterwarnings("ignore:.*A Box observation space")
-def test_gymnasium_conformance():
-    check_env(make("highway-v0", vehicles_count=3, duration=3).unwrapped, skip_render_check=True)
-
-
-def test_scripted_ego_and_same_seed():
-    """A seed fixes the traffic, whatever was driven before."""
-    ends = []
-    for _ in range(2):
-        world = make("highway-v0")
-        world.reset(seed=3)
-        for action in (3, 1, 0, 1, 2):
-            world.step(action)
-        ends.append([v.position.tolist() for v in world.unwrapped.road.vehicles])
-    assert ends[0] == ends[1]
 
 
 def test_vehicles_avoid_a_slow_one_ahead():
