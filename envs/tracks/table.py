@@ -118,7 +118,7 @@ def numbers(
             values[:] = np.nan  # pandas reads True as 1
         wrong = frame[name].notna() & ~np.isfinite(values)
         if wrong.any():
-            at = int(str(wrong.idxmax()))
+            at = int(wrong.index.to_numpy()[wrong.to_numpy().argmax()])
             raise UserError(
                 f"{path}, {place} {at + 1}: {name} is {str(frame[name][at])[:_SHOWN_NAME]!r}, "
                 "expected a finite number"
