@@ -18,8 +18,7 @@ from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.text import one_line
 from olne_bench.envs.tracks.checks import FEWEST_STEPS
-from olne_bench.envs.tracks.explained import explain
-from olne_bench.envs.tracks.targets import DATA, Assumption
+from olne_bench.envs.tracks.explained import DATA, Assumption, explain
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.files import check_new_file

@@ -29,18 +29,15 @@ from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, PPO, STOCK
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
-from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car
-from olne_bench.envs.drive.costs import EgoCost
-from olne_bench.envs.drive.first_cars import NASH, NoDriveError
-from olne_bench.envs.drive.gaps import gap
+from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car, EgoCost
+from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
     EgoPlan,
     GamePlanner,
     StraightOnPlanner,
 )
-from olne_bench.envs.drive.seen import seen
-from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.drive.world import NASH, DriveWorld, NoDriveError, seen
 from olne_bench.estimators.protocol import Problem
 
 #: How far ahead predictions are scored [s].
@@ -66,7 +63,7 @@ class DriveRow:
         message: one line; empty if there is nothing to say.
         collision: whether the ego collided.
         collision_time: when [s].
-        cost: mean over the steps of what the drive cost the ego, 0 to 1 (``envs.drive.costs``).
+        cost: mean over the steps of what the drive cost the ego, 0 to 1 (``envs.drive.cars``).
         progress: way that the ego drove [m].
         jerk: root of the mean square of the ego's jerk [m/s^3].
         gap: smallest gap to another car [m].
@@ -107,7 +104,7 @@ Watch = Callable[[DriveWorld, EgoPlan | None], None]
 
 
 def setting(scenario: ScenarioEntry) -> tuple[str, str, str]:
-    """Road, traffic (``envs.drive.first_cars.TRAFFIC``), and how hidden weights are drawn."""
+    """Road, traffic (``envs.drive.world.TRAFFIC``), and how hidden weights are drawn."""
     options = scenario.options
     return scenario.name, options.get("traffic", NASH), options.get("weights", WEIGHTS[0])
 

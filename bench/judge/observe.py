@@ -1,7 +1,7 @@
 """Observations of recordings: a recording is played again and seen through sensors.
 
 The wrappers of ``envs.worlds.wrappers`` are applied to a world that plays the recording
-(``envs.recordings.recorded_world``), so an observation equals what the wrapped world showed, bit
+(``envs.recordings.recording``), so an observation equals what the wrapped world showed, bit
 for bit.
 """
 
@@ -10,8 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from olne_bench.envs.recordings.recorded_world import RecordedWorld
-from olne_bench.envs.recordings.recording import Recording
+from olne_bench.envs.recordings.recording import RecordedWorld, Recording
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.worlds.wrappers import World, wrap
 from olne_bench.estimators.protocol import Observation, Problem

@@ -80,7 +80,7 @@ def check_kind(suite: Suite) -> None:
 def _check_drives(suite: Suite) -> None:
     # It imports HighwayEnv, which takes longer than all else.
     from olne_bench.envs.drive.cars import ROADS, STEPS, WEIGHTS
-    from olne_bench.envs.drive.first_cars import TRAFFIC
+    from olne_bench.envs.drive.world import TRAFFIC
 
     known = {"traffic": TRAFFIC, "weights": WEIGHTS}
     for road in suite.scenarios:

@@ -10,13 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    FAST,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import FAST, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
@@ -58,7 +52,7 @@ def propose(rng: np.random.Generator, count: int) -> Scenario:
         speed = target_speed - (rng.uniform(1, 3) if is_fast else 0)
         lane = rng.choice(LEFT_LANES) if is_fast else start_lane
         drivers.append(_driver(px, int(start_lane), speed, int(lane), target_speed))
-    return driving_scenario("highway", drivers, FAST, draw_weights(rng, count))
+    return driving_scenario("highway", drivers, FAST, rng)
 
 
 def _driver(px: float, start: int, speed: float, target: int, target_speed: float) -> Driver:

@@ -6,13 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    TOWN,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import TOWN, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
@@ -45,7 +39,7 @@ def propose(rng: np.random.Generator, count: int) -> Scenario:
     """One draw, which may be unplayable."""
     arms = rng.permutation(ARMS)[:count]
     drivers = [_driver(rng, int(arm), SPACING * rank) for rank, arm in enumerate(arms)]
-    return driving_scenario("intersection", drivers, TOWN, draw_weights(rng, count))
+    return driving_scenario("intersection", drivers, TOWN, rng)
 
 
 def _driver(rng: np.random.Generator, arm: int, farther: float) -> Driver:

@@ -6,13 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    FAST,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import FAST, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
@@ -56,4 +50,4 @@ def propose(rng: np.random.Generator, count: int) -> Scenario:
         state = (px, float(py), float(heading), target_speed - rng.uniform(0, 2))
         lanes = (RAMP, AFTER_RAMP) if start == RAMP else (start,)
         drivers.append(Driver(state, route(network, *lanes), target_speed, blend=5.0))
-    return driving_scenario("merge", drivers, FAST, draw_weights(rng, count))
+    return driving_scenario("merge", drivers, FAST, rng)

@@ -7,13 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    TOWN,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import TOWN, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
@@ -50,7 +44,7 @@ def propose(rng: np.random.Generator, count: int) -> Scenario:
         (_circling if index % 2 == 0 else _entering)(rng, sides[index // 2])
         for index in range(count)
     ]
-    return driving_scenario("roundabout", drivers, TOWN, draw_weights(rng, count))
+    return driving_scenario("roundabout", drivers, TOWN, rng)
 
 
 def _circling(rng: np.random.Generator, side: str) -> Driver:

@@ -6,13 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    FAST,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import FAST, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.model.lanes import StraightLane
@@ -58,7 +52,7 @@ def propose(rng: np.random.Generator, count: int) -> Scenario:
         _keeping(OWN, start - rng.uniform(*SPACING), rng.uniform(*SLOW)),
         _keeping(ONCOMING, far + rng.uniform(*SPACING), rng.uniform(*SLOW)),
     ]
-    return driving_scenario("two_way", drivers[:count], FAST, draw_weights(rng, count))
+    return driving_scenario("two_way", drivers[:count], FAST, rng)
 
 
 def _keeping(index: tuple[str, str, int], px: float, speed: float) -> Driver:

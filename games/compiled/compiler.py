@@ -1,9 +1,8 @@
 """Compiles C source to libraries and keeps them in a folder that only their owner can write to.
 
 A library's file name holds two digests: one of source, flags and compiler, and one of its bytes. A
-library that does not match its name, belongs to another user or is writable by others is not
-loaded but compiled again. The least recently used libraries are deleted when all of them take more
-than ``SIZE_LIMIT``.
+library that does not match its name or cannot be trusted (``olne_bench.kept_files``) is not loaded
+but compiled again.
 
 Code is compiled for one of two kinds of processor, not for the present one (no ``-march=native``):
 for x86-64 with AVX2 and FMA, which almost all have since 2013, and else for the generic
@@ -13,8 +12,7 @@ is then part of the machine code. Functions of the C library such as ``sin`` may
 last digits between processor families, as in NumPy.
 
 Environment: ``CC`` names the compiler (default ``cc``), ``OLNE_BENCH_CFLAGS`` further flags,
-``OLNE_BENCH_CACHE`` the folder (default ``$XDG_CACHE_HOME/olne-bench``, then
-``~/.cache/olne-bench``); ``OLNE_BENCH_NATIVE=0`` switches native code off.
+``OLNE_BENCH_CACHE`` the folder; ``OLNE_BENCH_NATIVE=0`` switches native code off.
 """
 
 import ctypes
@@ -23,15 +21,14 @@ import os
 import re
 import shlex
 import shutil
-import stat
 import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+
+from olne_bench.kept_files import kept_folder, remove_oldest, warn, why_foreign
 
 #: Largest total size of the libraries [bytes].
 SIZE_LIMIT = 500_000_000
@@ -59,7 +56,6 @@ _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as 
 _ANNOUNCED = "OLNE_BENCH_FALLBACK_ANNOUNCED"
 #: Environment variable with folders of libraries that a process may read but not write.
 _SHARED = "OLNE_BENCH_SHARED_CACHE"
-_WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 class NoCompilerError(Exception):
@@ -96,11 +92,7 @@ def _announce(reason: str) -> None:
     """Warn once, child processes included, that NumPy and IPOPT are used instead."""
     if not os.environ.get(_ANNOUNCED):
         os.environ[_ANNOUNCED] = "1"
-        _warn(f"native code is off; the slower NumPy and IPOPT solvers are used instead: {reason}")
-
-
-def _warn(line: str) -> None:
-    print(f"olne-bench: {line}", file=sys.stderr, flush=True)
+        warn(f"native code is off; the slower NumPy and IPOPT solvers are used instead: {reason}")
 
 
 def _compiler() -> str:
@@ -211,61 +203,13 @@ def _kept(folder: Path, key: str) -> Path | None:
             continue
         except OSError as error:
             wrong = f"unreadable ({error.strerror})"
-        _warn(f"{path} is {wrong}: compiled anew")
+        warn(f"{path} is {wrong}: compiled anew")
         path.unlink(missing_ok=True)
-    return None
-
-
-def why_foreign(path: Path) -> str:
-    """Why a file or folder cannot be trusted; empty if it can.
-
-    Raises:
-        OSError: if it does not exist or cannot be inspected.
-    """
-    found = path.lstat()
-    if stat.S_ISLNK(found.st_mode):
-        return "a link"
-    if found.st_uid != os.getuid():
-        return "owned by another user"
-    if found.st_mode & _WRITABLE_BY_OTHERS:
-        return "writable by others"
-    return ""
-
-
-def kept_folder() -> Path | None:
-    """The first usable folder, created if it is missing; None if none is usable."""
-    for folder in _folders():
-        try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            wrong = why_foreign(folder.resolve())
-            if not wrong and not os.access(folder, os.W_OK | os.X_OK):
-                wrong = "not writable"
-        except OSError as error:
-            wrong = error.strerror or str(error)
-        if not wrong:
-            return folder
-        _refuse(folder, wrong)
     return None
 
 
 def _folder() -> Path:
     return kept_folder() or Path(_scratch_folder().name)
-
-
-@lru_cache(maxsize=8)
-def _refuse(folder: Path, wrong: str) -> None:
-    _warn(f"the cache folder {folder} is not used: {wrong}")
-
-
-def _folders() -> Iterator[Path]:
-    if chosen := os.environ.get("OLNE_BENCH_CACHE"):
-        yield Path(chosen)
-    if home := os.environ.get("XDG_CACHE_HOME"):
-        yield Path(home, "olne-bench")
-    try:
-        yield Path.home() / ".cache" / "olne-bench"
-    except RuntimeError:  # a user without a home
-        return
 
 
 @lru_cache(maxsize=1)
@@ -277,21 +221,10 @@ def _scratch_folder() -> "tempfile.TemporaryDirectory[str]":
 def _tidy(folder: Path, keep: Path) -> None:
     """Remove the least recently used libraries beyond the limit, and abandoned scratch folders.
 
-    Other processes may do the same at the same time. A process whose library is removed before it
-    has loaded it compiles it again.
+    A process whose library is removed before it has loaded it compiles it again.
     """
-    libraries = []
-    for path in folder.iterdir():
-        try:
-            found = path.stat()
-        except FileNotFoundError:
-            continue
-        if path.suffix == ".so":
-            libraries.append((found.st_mtime, found.st_size, path))
-        elif path.name.startswith(_SCRATCH) and time.time() - found.st_mtime > _ABANDONED:
-            shutil.rmtree(path, ignore_errors=True)
-    total = sum(size for _, size, _ in libraries)
-    for _, size, path in sorted(libraries):
-        if total > SIZE_LIMIT and path != keep:
-            path.unlink(missing_ok=True)
-            total -= size
+    for path in folder.glob(f"{_SCRATCH}*"):
+        with suppress(FileNotFoundError):  # another process does the same
+            if time.time() - path.stat().st_mtime > _ABANDONED:
+                shutil.rmtree(path, ignore_errors=True)
+    remove_oldest(folder.glob("*.so"), SIZE_LIMIT, keep)

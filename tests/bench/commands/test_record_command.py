@@ -21,7 +21,7 @@ from olne_bench.envs.recordings import recording
 from olne_bench.envs.recordings.recording_file import read_recording
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.solved.equilibrium import NoEquilibriumError
-from olne_bench.envs.tracks.targets import DATA
+from olne_bench.envs.tracks.explained import DATA
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.observation import FullView

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from olne_bench import kept_files
 from olne_bench.games.compiled import compiler
 
 SOURCE = '__attribute__((visibility("default"))) int answer(void) { return 42; }'
@@ -24,7 +25,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delenv("OLNE_BENCH_CFLAGS", raising=False)
     monkeypatch.setenv("OLNE_BENCH_FALLBACK_ANNOUNCED", "")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    compiler._refuse.cache_clear()
+    kept_files._refuse.cache_clear()
     return folder
 
 
