@@ -56,7 +56,7 @@ from olne_bench.estimators.shared.forward_model import (
 )
 from olne_bench.estimators.shared.simplex import Chart, RatioChart
 from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.solve.information import deviations_of, of_weights
 
 #: Relative change of error and unknowns at which the search ends.

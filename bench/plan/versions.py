@@ -13,7 +13,7 @@ from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioE
 from olne_bench.bench.plan.fingerprint import LENGTH, data_beside, fingerprint, modules_used
 from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.process.arithmetic import arithmetic
-from olne_bench.games.compiled.native import backend
+from olne_bench.games.compiled.compiler import backend
 from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]

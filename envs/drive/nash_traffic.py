@@ -16,9 +16,9 @@ from olne_bench.envs.drive.cars import FIRST_STEP, STEP, Car, drive_game
 from olne_bench.envs.drive.footprint import CarsApart, gaps
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.game import Game
+from olne_bench.games.solve.best_response import grown_plans
 from olne_bench.games.solve.constrained import variational_solution
 from olne_bench.games.solve.continuation import coupled_features
-from olne_bench.games.solve.free_drive import grown_plans
 from olne_bench.games.solve.newton import unpack
 from olne_bench.games.solve.olne import solve_olne
 

@@ -22,11 +22,10 @@ from olne_bench.envs.drive.footprint import CarsApart
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game, Player
-from olne_bench.games.solve.best_response import best_responses
+from olne_bench.games.solve.best_response import best_responses, grown_plans
 from olne_bench.games.solve.constrained import solution_near, variational_solution
 from olne_bench.games.solve.constrained_response import constrained_response
 from olne_bench.games.solve.continuation import coupled_features
-from olne_bench.games.solve.free_drive import grown_plans
 from olne_bench.games.solve.newton import Root, newton_root, unpack
 from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE, solve_olne
 

@@ -17,8 +17,7 @@ from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.normal_chart import NormalChart
 from olne_bench.estimators.shared.residual_density import Places
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.compiled.row_functions import RowFunction
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.observation import View

@@ -32,8 +32,7 @@ from olne_bench.estimators.shared.window_starts import (
     tied_settings,
     window_points,
 )
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import observe
 from olne_bench.games.solve.batch import Batch, solve_batch
@@ -322,6 +321,7 @@ def play_batch(
     initial_states: np.ndarray,
     *,
     tolerance: float = 1e-10,
+    solver: Elimination | None = None,
 ) -> Batch:
     """Solve the game at many theta and initial states, from a known root.
 
@@ -331,6 +331,7 @@ def play_batch(
         theta: (B, N, K + U).
         initial_states: (B, N, n).
         tolerance: as of ``games.solve.batch.solve_batch``.
+        solver: as of ``games.solve.batch.solve_batch``.
     """
     return solve_batch(
         problem.game,
@@ -339,6 +340,7 @@ def play_batch(
         start.theta,
         initial_states=initial_states,
         tolerance=tolerance,
+        solver=solver,
     )
 
 

@@ -11,12 +11,15 @@ and ``backend`` names the kind. The compiler may reorder sums (``-fassociative-m
 is then part of the machine code. Functions of the C library such as ``sin`` may still differ in the
 last digits between processor families, as in NumPy.
 
-Environment: ``CC`` names the compiler (default ``cc``), ``OLNE_BENCH_CFLAGS`` further flags,
-``OLNE_BENCH_CACHE`` the folder; ``OLNE_BENCH_NATIVE=0`` switches native code off.
+Environment: ``CC`` names the compiler, ``OLNE_BENCH_CFLAGS`` further flags, ``OLNE_BENCH_CACHE``
+the folder (default ``$XDG_CACHE_HOME/olne-bench``, then ``~/.cache/olne-bench``). Without ``CC``
+the compiler is ``cc``; where there is none, the clang of the package ``ziglang`` (extra
+``compiler``).
 """
 
 import ctypes
 import hashlib
+import importlib.util
 import os
 import re
 import shlex
@@ -28,6 +31,7 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
+from olne_bench.errors import UserError
 from olne_bench.kept_files import kept_folder, remove_oldest, warn, why_foreign
 
 #: Largest total size of the libraries [bytes].
@@ -53,74 +57,81 @@ __attribute__((visibility("default"))) int has_wide_vectors(void)
 _LONGEST_COMPILATION = 300.0  # [s]
 _SCRATCH = "compiling-"
 _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as abandoned
-_ANNOUNCED = "OLNE_BENCH_FALLBACK_ANNOUNCED"
 #: Environment variable with folders of libraries that a process may read but not write.
 _SHARED = "OLNE_BENCH_SHARED_CACHE"
 
 
-class NoCompilerError(Exception):
-    """Native code is not available; the message gives the reason in one line."""
-
-
 def backend() -> str:
-    """Name of the backend: the compiler of native code, or ``numpy`` without a compiler.
+    """What solves games here: ``native: `` and the compiler, its target and further flags.
 
-    Between two backends results may differ in the last digits, and in outcome on hard problems;
+    Between two compilers results may differ in the last digits, and in outcome on hard problems;
     rows of one backend are comparable. The probe is compiled, kept and loaded like all other code.
+
+    Raises:
+        UserError: as ``load`` does.
     """
-    if load(_PROBE) is None:
-        return "numpy"
-    compiler = _compiler()
-    names = [*_identity(compiler), *_processor_flags(compiler), *_further_flags()]
+    load(_PROBE)
+    command = _compiler()
+    names = [*_identity(command), *_processor_flags(command), *_further_flags()]
     return f"native: {', '.join(filter(None, names))}"
 
 
 @lru_cache(maxsize=64)
-def load(source: str) -> ctypes.CDLL | None:
-    """The library of a source, compiled or kept; None, with a line on stderr, if that fails."""
+def load(source: str) -> ctypes.CDLL:
+    """The library of a source, compiled or kept.
+
+    Raises:
+        UserError: if there is no compiler, or it fails; one line.
+    """
+    command = _compiler()
     try:
-        if os.environ.get("OLNE_BENCH_NATIVE", "1") == "0":
-            raise NoCompilerError("OLNE_BENCH_NATIVE=0 switches native code off")
-        compiler = _compiler()
-        return _load(compiler, source, _processor_flags(compiler))
-    except (NoCompilerError, OSError) as error:
-        _announce(str(error))
-        return None
+        return _load(command, source, _processor_flags(command))
+    except OSError as error:
+        raise UserError(f"games cannot be compiled: {error}") from error
 
 
-def _announce(reason: str) -> None:
-    """Warn once, child processes included, that NumPy and IPOPT are used instead."""
-    if not os.environ.get(_ANNOUNCED):
-        os.environ[_ANNOUNCED] = "1"
-        warn(f"native code is off; the slower NumPy and IPOPT solvers are used instead: {reason}")
+def _compiler() -> tuple[str, ...]:
+    """The command of the compiler.
 
-
-def _compiler() -> str:
-    name = os.environ.get("CC", "cc")
-    path = shutil.which(name)
-    if path is None:
-        raise NoCompilerError(f"no C compiler {name!r} found; CC names another")
-    return path
+    Raises:
+        UserError: if there is none; one line that says what to install.
+    """
+    chosen = os.environ.get("CC")
+    if path := shutil.which(chosen or "cc"):
+        return (path,)
+    package = importlib.util.find_spec("ziglang")
+    if chosen or package is None or package.origin is None:
+        raise UserError(
+            f"no C compiler {chosen or 'cc'!r} found, which compiles the games: install one, name "
+            "another by CC, or pip install 'olne-bench[compiler]'"
+        )
+    # Not for the present processor, which is what it would compile for.
+    return str(Path(package.origin).with_name("zig")), "cc", "-mcpu=baseline"
 
 
 @lru_cache(maxsize=4)
-def _identity(compiler: str) -> tuple[str, str]:
+def _identity(command: tuple[str, ...]) -> tuple[str, str]:
     """Version and target of a compiler, such as ``gcc (Debian 12.2.0) 12.2.0``, ``x86_64-...``."""
-    version = _run([compiler, "--version"]).splitlines() or [""]
+    version = _run([*command, "--version"]).splitlines() or [""]
     # Compilers with several names report the one by which they were called.
-    return re.sub(r"^\S+ \(", "gcc (", version[0]), _run([compiler, "-dumpmachine"]).strip()
+    return re.sub(r"^\S+ \(", "gcc (", version[0]), _run([*command, "-dumpmachine"]).strip()
 
 
-def _run(command: list[str]) -> str:
+def _run(command: list[str], **environment: str) -> str:
     try:
         return subprocess.run(
-            command, check=True, capture_output=True, text=True, timeout=_LONGEST_COMPILATION
+            command,
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST_COMPILATION,
+            env=os.environ | environment,
         ).stdout
     except subprocess.CalledProcessError as error:
         reason = (error.stderr.strip() or f"exit code {error.returncode}").splitlines()[0]
-        raise NoCompilerError(f"{command[0]} failed: {reason}") from error
+        raise UserError(f"games cannot be compiled: {command[0]} failed: {reason}") from error
     except subprocess.TimeoutExpired as error:
-        raise NoCompilerError(f"{command[0]} took over {error.timeout:g} s") from error
+        raise UserError(f"{command[0]} took over {error.timeout:g} s to compile") from error
 
 
 def _further_flags() -> list[str]:
@@ -128,31 +139,33 @@ def _further_flags() -> list[str]:
 
 
 @lru_cache(maxsize=4)
-def _processor_flags(compiler: str) -> tuple[str, ...]:
+def _processor_flags(command: tuple[str, ...]) -> tuple[str, ...]:
     """Flags of the kind of processor that this is."""
-    return _WIDE_FLAGS if _load(compiler, _PROBE).has_wide_vectors() else ()
+    return _WIDE_FLAGS if _load(command, _PROBE).has_wide_vectors() else ()
 
 
-def _load(compiler: str, source: str, processor: tuple[str, ...] = ()) -> ctypes.CDLL:
+def _load(command: tuple[str, ...], source: str, processor: tuple[str, ...] = ()) -> ctypes.CDLL:
     flags = [*_FLAGS, *processor, *_further_flags()]
-    key = hashlib.sha256("\n".join([source, *flags, *_identity(compiler)]).encode()).hexdigest()
+    key = hashlib.sha256("\n".join([source, *flags, *_identity(command)]).encode()).hexdigest()
     if shared := _shared(key):
         return ctypes.CDLL(str(shared))
     folder = _folder()
     try:
         return ctypes.CDLL(
-            str(_kept(folder, key) or _compile(compiler, flags, source, folder, key))
+            str(_kept(folder, key) or _compile([*command, *flags], source, folder, key))
         )
     except OSError:  # another process may have removed it just now
-        return ctypes.CDLL(str(_compile(compiler, flags, source, folder, key)))
+        return ctypes.CDLL(str(_compile([*command, *flags], source, folder, key)))
 
 
-def _compile(compiler: str, flags: list[str], source: str, folder: Path, key: str) -> Path:
+def _compile(command: list[str], source: str, folder: Path, key: str) -> Path:
     # Compiled in a scratch folder and moved in one step, so that processes may race.
     with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder) as scratch:
         code, library = Path(scratch, "source.c"), Path(scratch, "library.so")
         code.write_text(source)
-        _run([compiler, *flags, str(code), "-o", str(library), "-lm"])
+        # Zig keeps what it has made of the C library; its own folder may be out of reach.
+        kept = {"ZIG_LOCAL_CACHE_DIR": scratch, "ZIG_GLOBAL_CACHE_DIR": str(folder / "zig")}
+        _run([*command, str(code), "-o", str(library), "-lm"], **kept)
         library.chmod(0o700)
         path = folder / _name(key, library)
         library.replace(path)

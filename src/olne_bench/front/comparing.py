@@ -27,7 +27,7 @@ from olne_bench.front.in_process import (
     chosen_estimator,
 )
 from olne_bench.front.sensing import ChosenSensor, chosen_sensor
-from olne_bench.games.solve.published import PUBLISHED_ITERATIONS
+from olne_bench.games.solve.ipopt import PUBLISHED_ITERATIONS
 from olne_bench.plugins import METRIC
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from olne_bench.bench.plan.suite import MOST_ENTRIES, Suite, read_suite_json
 from olne_bench.bench.plan.trial import expand, number_of_trials
 from olne_bench.envs.roads.highway_roads import ROAD_NAMES
 from olne_bench.errors import UserError
-from olne_bench.games.solve.published import PUBLISHED_ITERATIONS
+from olne_bench.games.solve.ipopt import PUBLISHED_ITERATIONS
 
 GOOD = """
 name = "tiny"
