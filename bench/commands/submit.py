@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.commands.defaults import SUBMISSIONS
+from olne_bench.bench.commands.options import SUBMISSIONS
 from olne_bench.bench.submission.manifest import check_name
 from olne_bench.bench.submission.pack import pack
 
