@@ -11,7 +11,7 @@ from olne_bench.bench.plan.change import changed
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import Trial, expand
-from olne_bench.bench.run.check_sensors import check_kind
+from olne_bench.bench.run.check_study import check_kind
 from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs.drive.cars import STEP
