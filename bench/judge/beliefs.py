@@ -7,9 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.players import PlayerFault, PlayerTask, StreamPlayer
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.streams import StreamPlayer
-from olne_bench.bench.judge.trials import PlayerFault, PlayerTask
 from olne_bench.envs.drive.cars import (
     Car,
     DriveRoad,

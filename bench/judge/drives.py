@@ -21,9 +21,8 @@ from olne_bench.bench.judge.beliefs import (
     UniformBeliefs,
 )
 from olne_bench.bench.judge.learned_driver import LearnedDriver
+from olne_bench.bench.judge.players import PlayerTask, Staff, StreamPlayer
 from olne_bench.bench.judge.seeds import stream
-from olne_bench.bench.judge.streams import StreamPlayer
-from olne_bench.bench.judge.trials import Announce, PlayerTask, silent
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, PPO, STOCK
 from olne_bench.bench.plan.outcome import Outcome
@@ -109,19 +108,14 @@ def setting(scenario: ScenarioEntry) -> tuple[str, str, str]:
     return scenario.name, options.get("traffic", NASH), options.get("weights", WEIGHTS[0])
 
 
-def judge_drive(trial: Trial, player: StreamPlayer, announce: Announce = silent) -> Outcome:
+def judge(trial: Trial, staff: Staff) -> Outcome:
     """Judge a drive; its row is JSON text in ``extras``.
 
     A seed without a start is ``skipped``.
-
-    Args:
-        trial: the drive.
-        player: runs estimators.
-        announce: called with the time that the drive may take [s].
     """
-    announce("drive", _DRIVE_SECONDS + 2 * trial.time_limit)
+    staff.announce("drive", _DRIVE_SECONDS + 2 * trial.time_limit)
     try:
-        row = driven(trial, player)
+        row = driven(trial, staff.player)
     except NoDriveError as error:
         return Outcome("skipped", clip(str(error)))
     return Outcome(row.status, row.message, extras=msgspec.json.encode(asdict(row)).decode())
@@ -270,16 +264,9 @@ def _beliefs(trial: Trial, player: StreamPlayer) -> Beliefs:
 
 def _asked(trial: Trial, rules: EstimateRules, problem: Problem) -> PlayerTask:
     label = trial.estimator.label
-    return PlayerTask(
-        reference=trial.estimator.name,
-        parameters=trial.estimator.parameters,
-        plugin=trial.plugin,
-        problem=problem,
-        lag=rules.window,
-        seed=stream(trial.salt, "estimator of a drive", *_paired(trial), label),
-        time_limit=trial.time_limit,
-        budget=_BUDGET * rules.deadline,
-    )
+    seed = stream(trial.salt, "estimator of a drive", *_paired(trial), label)
+    budget = _BUDGET * rules.deadline
+    return PlayerTask.of(trial, problem, seed, lag=rules.window, budget=budget)
 
 
 def _by_number(cars: list[Car], states: np.ndarray) -> dict[int, np.ndarray]:

@@ -23,13 +23,11 @@ _OURS = {"olne_bench": _PACKAGES}
 #: Modules that play a scenario, and modules that let a sensor see it.
 _AT_WORK = {SCENARIO: ("envs.recordings.recording",), SENSOR: ("envs.worlds.wrappers",)}
 #: What makes a row of each kind of study, with all that it imports.
+_PLAYERS = ("bench.run.player", "bench.run.player_process")
 _JUDGES: dict[StudyKind, tuple[str, ...]] = {
-    "trials": (
-        *("bench.judge.trials", "bench.run.player"),
-        *("bench.run.player_process", "bench.run.metric_process"),
-    ),
-    "streams": ("bench.judge.streams", "bench.run.stream_player", "bench.run.stream_process"),
-    "drives": ("bench.judge.drives", "bench.run.stream_player", "bench.run.stream_process"),
+    "trials": ("bench.judge.trials", *_PLAYERS, "bench.run.metric_process"),
+    "streams": ("bench.judge.streams", *_PLAYERS),
+    "drives": ("bench.judge.drives", *_PLAYERS),
 }
 #: Another version of one of these may round differently, or draw other numbers.
 _LIBRARIES = (

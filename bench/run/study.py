@@ -16,8 +16,7 @@ from olne_bench.bench.plan.salt import check_salt, salted
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
-from olne_bench.bench.run.check_priors import check_priors
-from olne_bench.bench.run.check_sensors import check_fit, check_kind
+from olne_bench.bench.run.check_study import check_fit, check_kind, check_priors
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.executor import run_trials

@@ -2,7 +2,6 @@
 
 import io
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -14,7 +13,8 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.commands.cli import main
-from olne_bench.bench.judge.trials import Answer, PlayerFault, PlayerTask, judge
+from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask, Staff
+from olne_bench.bench.judge.trials import judge
 from olne_bench.bench.plan import fingerprint, versions
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
@@ -137,12 +137,11 @@ class PlayerHere:
     """A player without a process, for harmless estimators."""
 
     def estimate(self, task: PlayerTask) -> Answer:
-        given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))
         try:
-            prepared = player.prepare(*given, len(task.observations))
+            prepared = player.prepare(*player.told(task))
             if prepared.declined is not None:
                 return Answer(declined=prepared.declined)
-            answered = player.estimate(task.observations, task.seed, task.time_limit)
+            answered = player.estimate(task.observations, task.time_limit)
         except BaseException as error:  # as a process would tell it
             raise PlayerFault("crash", describe_error(error)) from error
         if answered.estimate is None:
@@ -154,7 +153,7 @@ class PlayerHere:
 def judged() -> Iterator[Callable[[Trial], Outcome]]:
     """Judges a trial in this process."""
     metrics = MetricProcess(memory=None, hidden=None)
-    yield lambda trial: judge(trial, PlayerHere(), metrics)
+    yield lambda trial: judge(trial, Staff(PlayerHere(), metrics))
     metrics.stop()
 
 

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.trials import PlayerTask
+from olne_bench.bench.judge.players import PlayerTask
 from olne_bench.bench.process.sandbox import landlock_version
 from olne_bench.bench.run.player_process import PlayerProcess
-from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.solved import KEPT_DRAWS, shipped_draws
 from olne_bench.estimators.protocol import Observation, Problem
@@ -61,7 +60,7 @@ def in_trials(plugin: Path, name: str) -> list:
 
 def in_streams(plugin: Path, name: str) -> list:
     """What it says at the end of two motions."""
-    player = StreamProcess(memory=2**30, hidden=plugin.parent / "run")
+    player = PlayerProcess(memory=2**30, hidden=plugin.parent / "run")
     try:
         said = []
         for sigma in (0.0, 1.0):

@@ -13,9 +13,9 @@ import pytest
 from PIL import Image, ImageSequence
 
 from olne_bench.bench.commands.cli import main
-from olne_bench.bench.commands.fit import Fit
+from olne_bench.bench.judge.fit import Fit
+from olne_bench.bench.judge.players import Answer
 from olne_bench.bench.judge.raw_estimate import read_estimate
-from olne_bench.bench.judge.trials import Answer
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs.recordings import recording
 from olne_bench.envs.recordings.recording_file import read_recording

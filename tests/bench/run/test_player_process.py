@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.trials import PlayerFault, PlayerTask
+from olne_bench.bench.judge.players import PlayerFault, PlayerTask
 from olne_bench.bench.process.messages import unpack
-from olne_bench.bench.run.stream_process import StreamProcess
+from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.observation import VIEWS
@@ -82,8 +82,8 @@ def plugin(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def player() -> Iterator[StreamProcess]:
-    process = StreamProcess(memory=None, hidden=None)
+def player() -> Iterator[PlayerProcess]:
+    process = PlayerProcess(memory=None, hidden=None)
     yield process
     process.stop()
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from olne_bench.bench.judge.trials import own_seconds
+from olne_bench.bench.judge.players import own_seconds
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, expand
@@ -18,9 +18,8 @@ from olne_bench.bench.process.child import (
     RaisedError,
     TimedOutError,
 )
-from olne_bench.bench.run import referee_process
-from olne_bench.bench.run.referee import run_trial
-from olne_bench.bench.run.referee_process import RefereeProcess
+from olne_bench.bench.run import referee as referee_module
+from olne_bench.bench.run.referee import RefereeProcess, run_trial
 from olne_bench.errors import UserError
 
 OK = Outcome("ok")
@@ -62,7 +61,7 @@ class FakeChild:
 @pytest.fixture
 def children(monkeypatch) -> list[FakeChild]:
     """The children that were made, in order."""
-    monkeypatch.setattr(referee_process, "Child", FakeChild)
+    monkeypatch.setattr(referee_module, "Child", FakeChild)
     FakeChild.made, FakeChild.answers = [], []
     return FakeChild.made
 
@@ -108,7 +107,7 @@ def test_waiting_asks_until_there_is_an_outcome(children, trial):
     one.assign(trial)
     FakeChild.answers = [None, None, OK]
     assert one.wait() is OK
-    assert children[0].waits == [referee_process.TICK] * 2
+    assert children[0].waits == [referee_module.TICK] * 2
 
 
 def test_a_trial_is_tried_again_where_the_referee_died(children, trial):
@@ -169,7 +168,7 @@ def test_what_the_user_has_to_mend_ends_the_run(children, trial):
 
 def test_foreign_worlds_have_a_process_of_their_own_in_a_sandbox(children, trial, monkeypatch):
     checked = []
-    monkeypatch.setattr(referee_process, "check_code", checked.append)
+    monkeypatch.setattr(referee_module, "check_code", checked.append)
     one = referee()
     ours = one._child
     FakeChild.answers = [OK] * 5

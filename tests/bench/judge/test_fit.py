@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from olne_bench.bench.commands.fit import Fit
 from olne_bench.bench.judge.estimate_check import CheckedEstimate
+from olne_bench.bench.judge.fit import Fit
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.observation import FullView

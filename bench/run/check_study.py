@@ -1,29 +1,26 @@
-"""Check before a run that the sensors of a suite fit its scenarios, and both its kind."""
+"""Check before a run that the parts of a suite fit each other and its kind."""
 
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
+from typing import Any
 
-import msgspec
 import numpy as np
 
 from olne_bench import plugins
+from olne_bench.bench.judge.priors import alpha_of, exclusion
 from olne_bench.bench.judge.trials import layers_of
-from olne_bench.bench.plan.entries import ScenarioEntry, SensorEntry
+from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
-from olne_bench.bench.run.ask_child import asked
+from olne_bench.bench.process.child import Child, ChildError, RaisedError, StartError
+from olne_bench.bench.run.describe_plugins import LOAD_LIMIT, LOAD_MEMORY
 from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
 from olne_bench.games.model.dynamics import UNICYCLE
 from olne_bench.games.model.sensor import SensorModel
-
-
-class Fit(msgspec.Struct):
-    """What is wrong with a sensor in a scenario; empty if nothing is."""
-
-    problem: str
 
 
 def check_fit(suite: Suite, hidden: Path | None = None) -> None:
@@ -38,15 +35,35 @@ def check_fit(suite: Suite, hidden: Path | None = None) -> None:
     """
     for scenario, sensor in product(suite.scenarios, suite.sensors):
         foreign = foreign_worlds(scenario, sensor)
-        if not foreign:
-            problem = _problem(sensor, None)
-        else:
-            found = asked(fit, scenario, sensor, kind=Fit, plugins=foreign, hidden=hidden)
-            problem = found.problem if found else ""
-        if problem:
+        if problem := _asked(foreign, hidden, misfit, scenario, sensor):
             raise UserError(
                 f"suite {suite.name!r}: sensor {sensor.label!r} does not fit scenario "
                 f"{scenario.label!r}: {problem}"
+            )
+
+
+def check_priors(suite: Suite, hidden: Path | None = None) -> None:
+    """Refuse priors that give the truth of a fixed scenario no mass.
+
+    Truths that seeds draw are known when they are judged: such a trial is ``invalid``.
+
+    Args:
+        suite: suite to be run.
+        hidden: folder that foreign code cannot read.
+
+    Raises:
+        UserError: with a message that names the first such pair, the weight, and what to do.
+    """
+    for scenario, estimator in suite.pairs():
+        if scenario.family or alpha_of(estimator) <= 1:
+            continue
+        own = plugins.is_built_in(plugins.SCENARIO, scenario.name)
+        foreign = () if own else (scenario.name, estimator.name)
+        if why := _asked(foreign, hidden, excluded, scenario, estimator):
+            raise UserError(
+                f"suite {suite.name!r}: estimator {estimator.label!r} cannot be run in scenario "
+                f"{scenario.label!r}: {why}; choose an alpha nearer to 1, or limit the estimator "
+                "to other scenarios (key 'scenarios')"
             )
 
 
@@ -112,21 +129,42 @@ def _check_lag(scenario: ScenarioEntry, lag: int) -> None:
             )
 
 
-def fit(scenario: ScenarioEntry, sensor: SensorEntry) -> Fit:
-    """What is wrong with a sensor in a scenario, found in this process."""
-    if plugins.is_built_in(plugins.SCENARIO, scenario.name):
-        return Fit(_problem(sensor, None))
-    return Fit(_problem(sensor, scenario))
+def _asked(
+    foreign: Sequence[str], hidden: Path | None, function: Callable[..., str], *about: Any
+) -> str:
+    """What a function says, in a process of its own where foreign code takes part.
 
+    It says nothing if a draw fails there, which the trials will show.
 
-def _problem(sensor: SensorEntry, scenario: ScenarioEntry | None) -> str:
-    """The problem on one line; without a scenario, for the states of built-in scenarios.
-
-    Their states all have the same components, and a draw may take long, as it is solved and
-    certified.
+    Raises:
+        StartError: if no process can be started.
     """
+    if not foreign:
+        return function(*about)
+    child = Child(restricted=True, memory=LOAD_MEMORY, plugins=foreign, hidden=hidden)
+    try:
+        return str(child.call(function, *about, kind=str, seconds=LOAD_LIMIT))
+    except StartError:
+        raise
+    except (ChildError, RaisedError, UserError):
+        return ""
+    finally:
+        child.stop()
+
+
+def excluded(scenario: ScenarioEntry, estimator: EstimatorEntry) -> str:
+    """Why the prior of an estimator excludes the truth of a scenario; empty if it does not."""
+    try:
+        return exclusion(estimator, get_scenario(scenario.name, **scenario.options))
+    except NoEquilibriumError:
+        return ""
+
+
+def misfit(scenario: ScenarioEntry, sensor: SensorEntry) -> str:
+    """What is wrong with a sensor in a scenario, on one line; empty if nothing is."""
     dynamics, scale = UNICYCLE, np.ones(UNICYCLE.state_size)
-    if scenario is not None:
+    # States of built-in scenarios all have the same components, and a draw may take long.
+    if not plugins.is_built_in(plugins.SCENARIO, scenario.name):
         try:
             drawn = get_scenario(scenario.name, 0, **scenario.options)
         except NoEquilibriumError:
