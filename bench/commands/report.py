@@ -97,7 +97,7 @@ def _report_text(
         from olne_bench.bench.report.write_drives import report_drives
 
         return report_drives(folder, formats)
-    from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
+    from olne_bench.bench.report.leaderboard_text import format_leaderboard, format_notes
     from olne_bench.bench.report.write import write_report
 
     with plugins.loading(*loaded):
