@@ -10,7 +10,7 @@ the ego has hit stays hit: after a collision each step costs one, and no step co
 drives count alike whatever the weights and the road.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -21,7 +21,6 @@ from olne_bench.envs.roads.highway_roads import DT, SIMULATION_FREQUENCY
 from olne_bench.envs.roads.road_scenario import RoadFamily, speed_feature
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 from olne_bench.envs.scenarios import highway, intersection, merge, roundabout, two_way
-from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.scenarios.true_weights import DIRICHLET, TEMPERED
 from olne_bench.games.model.constraints import Constraint
 from olne_bench.games.model.costs import CarProximity, ControlEffort, Feature, Stage
@@ -56,8 +55,7 @@ class DriveRoad:
     """What a drive takes from a family, and where its cars come and go.
 
     Attributes:
-        family: whose speeds are known to everybody.
-        propose: draws starts, routes, target speeds.
+        family: draws starts, routes, target speeds; everybody knows its speeds.
         cars: number of cars, the ego included.
         ego: which car of a proposal the ego is.
         lead: distance [m] that the ego starts farther back than proposed.
@@ -69,7 +67,6 @@ class DriveRoad:
     """
 
     family: type[RoadFamily]
-    propose: Callable[[np.random.Generator, int], Scenario]
     cars: int
     ego: int
     lead: float
@@ -81,15 +78,11 @@ class DriveRoad:
 
 
 ROADS: dict[str, DriveRoad] = {
-    "highway": DriveRoad(highway.Highway, highway.propose, 5, 1, 0.0, True, 0.0, 40.0, 150.0, 70.0),
-    "merge": DriveRoad(merge.Merge, merge.propose, 5, 0, 0.0, True, 60.0, 40.0, 150.0, 70.0),
-    "two_way": DriveRoad(two_way.TwoWay, two_way.propose, 5, 0, 0.0, True, 0.0, 60.0, 360.0, 70.0),
-    "roundabout": DriveRoad(
-        roundabout.Roundabout, roundabout.propose, 4, 1, 20.0, False, 0.0, 20.0, 60.0, 0.0
-    ),
-    "intersection": DriveRoad(
-        intersection.Intersection, intersection.propose, 4, 0, 25.0, False, 0.0, 20.0, 60.0, 0.0
-    ),
+    "highway": DriveRoad(highway.Highway, 5, 1, 0.0, True, 0.0, 40.0, 150.0, 70.0),
+    "merge": DriveRoad(merge.Merge, 5, 0, 0.0, True, 60.0, 40.0, 150.0, 70.0),
+    "two_way": DriveRoad(two_way.TwoWay, 5, 0, 0.0, True, 0.0, 60.0, 360.0, 70.0),
+    "roundabout": DriveRoad(roundabout.Roundabout, 4, 1, 20.0, False, 0.0, 20.0, 60.0, 0.0),
+    "intersection": DriveRoad(intersection.Intersection, 4, 0, 25.0, False, 0.0, 20.0, 60.0, 0.0),
 }
 
 
@@ -125,7 +118,7 @@ def proposed_cars(road: DriveRoad, rng: np.random.Generator, kind: str) -> list[
         rng: draws the proposal, then the weights.
         kind: one of ``WEIGHTS``.
     """
-    scenario = road.propose(rng, road.cars)
+    scenario = road.family.propose(rng, road.cars)
     order = [road.ego, *(i for i in range(road.cars) if i != road.ego)]
     cars = []
     for number, index in enumerate(order):

@@ -223,8 +223,9 @@ class RoadFamily(ABC):
         constraints = tuple(Distance(pair, float(self.distance)) for pair in pairs)
         return replace(scenario, game=replace(scenario.game, constraints=constraints))
 
+    @staticmethod
     @abstractmethod
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
         """One draw of so many players, which may be unplayable."""
 
 

@@ -31,15 +31,15 @@ class Intersection(RoadFamily):
     speeds: ClassVar[tuple[float, float]] = SPEED
     num_players: PlayerNumber = 3
 
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
-        return propose(rng, count)
+    @staticmethod
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
+        """One draw, which may be unplayable."""
+        arms = rng.permutation(ARMS)[:count]
+        drivers = [_driver(rng, int(arm), SPACING * rank) for rank, arm in enumerate(arms)]
+        return driving_scenario("intersection", drivers, TOWN, rng)
 
 
-def propose(rng: np.random.Generator, count: int) -> Scenario:
-    """One draw, which may be unplayable."""
-    arms = rng.permutation(ARMS)[:count]
-    drivers = [_driver(rng, int(arm), SPACING * rank) for rank, arm in enumerate(arms)]
-    return driving_scenario("intersection", drivers, TOWN, rng)
+propose = Intersection.propose
 
 
 def _driver(rng: np.random.Generator, arm: int, farther: float) -> Driver:

@@ -33,18 +33,18 @@ class Roundabout(RoadFamily):
     speeds: ClassVar[tuple[float, float]] = (ENTRY_SPEED[0], RING_SPEED[1])
     num_players: PlayerNumber = 3
 
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
-        return propose(rng, count)
+    @staticmethod
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
+        """One draw, which may be unplayable."""
+        sides = ("s", "n")  # two conflicts, on opposite sides of the ring
+        drivers = [
+            (_circling if index % 2 == 0 else _entering)(rng, sides[index // 2])
+            for index in range(count)
+        ]
+        return driving_scenario("roundabout", drivers, TOWN, rng)
 
 
-def propose(rng: np.random.Generator, count: int) -> Scenario:
-    """One draw, which may be unplayable."""
-    sides = ("s", "n")  # two conflicts, on opposite sides of the ring
-    drivers = [
-        (_circling if index % 2 == 0 else _entering)(rng, sides[index // 2])
-        for index in range(count)
-    ]
-    return driving_scenario("roundabout", drivers, TOWN, rng)
+propose = Roundabout.propose
 
 
 def _circling(rng: np.random.Generator, side: str) -> Driver:

@@ -35,24 +35,24 @@ class TwoWay(RoadFamily):
     speeds: ClassVar[tuple[float, float]] = (SLOW[0], QUICK[1])
     num_players: PlayerNumber = 3
 
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
-        return propose(rng, count)
+    @staticmethod
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
+        """One draw, which may be unplayable."""
+        start = 100.0
+        quick = rng.uniform(*QUICK)
+        front = start + rng.uniform(*GAP)
+        far = start + rng.uniform(*ONCOMING_DISTANCE)
+        drivers = [
+            _overtaking(start, quick, start + rng.uniform(*PASSING_DISTANCE)),
+            _keeping(OWN, front, rng.uniform(*SLOW)),
+            _keeping(ONCOMING, far, rng.uniform(*SLOW)),
+            _keeping(OWN, start - rng.uniform(*SPACING), rng.uniform(*SLOW)),
+            _keeping(ONCOMING, far + rng.uniform(*SPACING), rng.uniform(*SLOW)),
+        ]
+        return driving_scenario("two_way", drivers[:count], FAST, rng)
 
 
-def propose(rng: np.random.Generator, count: int) -> Scenario:
-    """One draw, which may be unplayable."""
-    start = 100.0
-    quick = rng.uniform(*QUICK)
-    front = start + rng.uniform(*GAP)
-    far = start + rng.uniform(*ONCOMING_DISTANCE)
-    drivers = [
-        _overtaking(start, quick, start + rng.uniform(*PASSING_DISTANCE)),
-        _keeping(OWN, front, rng.uniform(*SLOW)),
-        _keeping(ONCOMING, far, rng.uniform(*SLOW)),
-        _keeping(OWN, start - rng.uniform(*SPACING), rng.uniform(*SLOW)),
-        _keeping(ONCOMING, far + rng.uniform(*SPACING), rng.uniform(*SLOW)),
-    ]
-    return driving_scenario("two_way", drivers[:count], FAST, rng)
+propose = TwoWay.propose
 
 
 def _keeping(index: tuple[str, str, int], px: float, speed: float) -> Driver:
