@@ -8,7 +8,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.not_drawn import NotDrawnError
-from olne_bench.bench.report.statistics.score import ALL, board_rows
+from olne_bench.bench.report.statistics.score import board_rows
 from olne_bench.bench.report.study import USUAL, Study
 
 _PANEL, _NAMES, _ROW, _MARGIN = 2.5, 1.8, 0.28, 1.2  # [inch]
@@ -41,8 +41,8 @@ def draw(scores: pd.DataFrame, study: Study = USUAL) -> Figure:
     shown = [f"{style.printable(n)}{' *' * study.knows_prior(n)}" for n in names]
     axes[0].set_yticks(range(len(names)), shown)
     axes[0].set_ylim(len(names) - 0.5, -0.5)
-    cells = scores[scores["sensor"] != ALL]["scenario"].nunique()
-    where = f"{cells} scenarios" if cells > 1 else str(scores["scenario"].iloc[-1])
+    number = int(first["scenarios"].iloc[0])
+    where = f"{number} scenarios" if number > 1 else str(scores["scenario"].iloc[-1])
     figure.suptitle(f"{where}: errors relative to {first['reference'].iloc[0]}, with noise")
     figure.supxlabel(
         "geometric mean, 95 % bootstrap interval; hollow: unranked"
@@ -66,6 +66,6 @@ def _panel(axes: Axes, board: pd.DataFrame, names: list[str]) -> None:
         dot.set_markerfacecolor(face)
     low, high = np.log10(axes.get_xlim())
     steps = (1, 2, 5) if high - low < 2.5 else (1,)
-    axes.xaxis.set_major_locator(LogLocator(subs=steps))
+    axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=6))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))

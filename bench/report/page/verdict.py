@@ -29,8 +29,8 @@ def verdict(scores: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
         return _NOTHING
     best, *others = ranked.to_dict("records")
     label = next((m.label for m in study.metrics if m.name == error), error)
-    cells = scores.loc[(scores["error"] == error) & (scores["sensor"] != ALL), "scenario"].nunique()
-    where = f"{best['trials']} trials with noise" + (f" of {cells} scenarios" if cells > 1 else "")
+    number = best["scenarios"]
+    where = f"{best['trials']} trials with noise" + f" of {number} scenarios" * (number > 1)
     if not others:
         return f"{best['estimator']} is the only estimator that ranks, on {where}."
     names = [str(row["estimator"]) for row in (best, *others)]

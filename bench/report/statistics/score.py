@@ -42,7 +42,7 @@ _TRIAL = [*_CELL, "sigma", "draw"]
 _LABELS = ["error", *_CELL, "estimator"]
 #: What rows of ``score_table`` are about, the widest first.
 _SLICES: tuple[list[str], ...] = ([], ["sigma"], ["scenario"], _CELL)
-_SCORES = ["ranked", "draws", "trials", "failures", "median"]
+_SCORES = ["ranked", "scenarios", "draws", "trials", "failures", "median"]
 _SCORES += ["score", "score_low", "score_high"]
 _PAIR = ["draws", "ratio", "ratio_low", "ratio_high", "p"]
 
@@ -116,10 +116,10 @@ def score_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 
     Returns:
         Columns ``error, scenario, sensor, sigma, estimator`` (of rows over all scenarios or sensors
-        ``all``, over all noise levels NaN), ``reference``, ``ranked``, the numbers of ``draws``,
-        ``trials`` and ``failures`` that count, the ``median`` error of these trials, in which
-        failures are infinite, and ``score`` with ``score_low`` and ``score_high``, a 95 % bootstrap
-        interval.
+        ``all``, over all noise levels NaN), ``reference``, ``ranked``, the numbers of
+        ``scenarios``, ``draws``, ``trials`` and ``failures`` that count, the ``median`` error of
+        these trials, in which failures are infinite, and ``score`` with ``score_low`` and
+        ``score_high``, a 95 % bootstrap interval.
     """
     rows: list[dict[str, object]] = []
     for error, reference in references(logs, study).items():
@@ -255,11 +255,20 @@ def _scores(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
     scores, (low, high) = np.exp(told.means), np.exp(told.interval())
     by_name = ratios.groupby("estimator")
     failures, ranked = by_name["failed"].sum(), by_name["ranked"].all()
+    scenarios = by_name["scenario"].nunique()
     errors = np.exp(ratios["log"]).where(~ratios["failed"], np.inf)
     medians = errors.groupby(ratios["estimator"]).apply(np.median)
     for k, name in enumerate(wide.columns):
         numbers = int(told.draws[k]), int(told.sizes[:, k].sum()), int(failures[name])
-        values = (bool(ranked[name]), *numbers, float(medians[name]), scores[k], low[k], high[k])
+        values = (
+            bool(ranked[name]),
+            int(scenarios[name]),
+            *numbers,
+            float(medians[name]),
+            scores[k],
+            low[k],
+            high[k],
+        )
         yield {"estimator": name} | dict(zip(_SCORES, values, strict=True))
 
 
