@@ -8,7 +8,6 @@ from playwright.sync_api import Browser, Page
 
 from olne_bench.bench.submission.accepted_page import Accepted, accepted_page
 from olne_bench.bench.submission.manifest import read_submission
-from tests.bench.report.page.conftest import browser  # noqa: F401
 
 EXAMPLE = Path(__file__).parents[3] / "results/submissions/tempered_residual"
 
