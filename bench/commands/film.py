@@ -7,9 +7,8 @@ import numpy as np
 
 from olne_bench import plugins
 from olne_bench.bench.judge.drives import driven
-from olne_bench.bench.plan.change import changed
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.select import Selection, changed, select
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.run.check_study import check_kind
 from olne_bench.bench.run.describe_plugins import describe_all

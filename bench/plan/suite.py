@@ -14,13 +14,13 @@ from pydantic import (
 from olne_bench.bench.plan.entries import (
     MOST_SIGMAS,
     EstimatorEntry,
+    GateLimits,
     MetricEntry,
     ScenarioEntry,
     SensorEntry,
     tables,
 )
 from olne_bench.bench.plan.kinds import REFERENCES, RULES, STOCK_FITTED, Rules, StudyKind
-from olne_bench.bench.plan.limits import GateLimits
 from olne_bench.bench.plan.values import (
     Iterations,
     Label,

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.plan.limits import GateLimits
+from olne_bench.bench.plan.entries import GateLimits
 from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.report.measures import IDENTIFIABLE, primary, scored

@@ -7,8 +7,13 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.plan.entries import EstimatorEntry, PluginEntry, ScenarioEntry, SensorEntry
-from olne_bench.bench.plan.limits import GateLimits
+from olne_bench.bench.plan.entries import (
+    EstimatorEntry,
+    GateLimits,
+    PluginEntry,
+    ScenarioEntry,
+    SensorEntry,
+)
 from olne_bench.bench.plan.versions import Versions
 from olne_bench.bench.report.confirmations import Confirmation
 from olne_bench.bench.report.gate import check_limits

@@ -5,11 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from olne_bench.bench.plan.change import changed, joined
 from olne_bench.bench.plan.kinds import REFERENCES
 from olne_bench.bench.plan.learn import describe_here
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.select import Selection, changed, joined, select
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.resume import check_same_suite
