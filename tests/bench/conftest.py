@@ -2,6 +2,7 @@
 
 import io
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from playwright.sync_api import Browser, Error, sync_playwright
 
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask, Staff
@@ -166,3 +168,17 @@ def study(tmp_path: Path) -> Study:
 def lasting_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """For tests that share a run and change copies of it."""
     return Study(tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    if found is None:
+        pytest.skip("needs Chromium (Debian: apt install chromium)")
+    with sync_playwright() as play:
+        try:
+            browser = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except Error as error:
+            pytest.skip(f"Chromium does not start: {error}")
+        yield browser
+        browser.close()
