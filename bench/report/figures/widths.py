@@ -13,6 +13,7 @@ from olne_bench.bench.report.study import USUAL, Study
 
 _SIZE = 3.5, 3.1  # of a panel [inch]
 _LEVEL = 0.95
+_NARROW = 1.5  # ratio of the ends of an axis below which it is widened
 _SMALLEST, _LARGEST = 3.0, 8.0  # markers of the least and the most noise [pt]
 
 
@@ -39,6 +40,9 @@ def draw(trials: pd.DataFrame, _: Study = USUAL) -> Figure:
         for name in names:
             own = table[(table["sensor"] == sensor) & (table["estimator"] == name)]
             _points(panel, own.sort_values("sigma"), name, sizes)
+        low, high = panel.get_xlim()
+        if high < _NARROW * low:  # one width, or two that differ by rounding
+            panel.set_xlim(low / _NARROW, high * _NARROW)
     scenario = trials["scenario"].iloc[0]
     levels = f"{sigmas[0]:g} to {sigmas[-1]:g} m" if len(sigmas) > 1 else f"{sigmas[0]:g} m"
     figure.suptitle(f"{scenario}: width against coverage, σ = {levels} (small to large)")
