@@ -21,7 +21,6 @@ from olne_bench.envs.tracks.road_file import RoadFile, lane_entries, read_road_f
 from olne_bench.envs.tracks.table import STATE_NAMES, Tracks, listed
 from olne_bench.errors import UserError, bad_input
 
-ROAD_SUFFIXES = (".toml", ".xml", ".osm")
 #: Lanes of a map that are farther from all players are left out [m].
 _NEAR = 30.0
 _NOWHERE = np.empty((0, 2))

@@ -100,11 +100,6 @@ def theta_of(weights: np.ndarray, parameters: np.ndarray | None) -> np.ndarray:
     return weights if parameters is None else np.concatenate([weights, parameters], axis=-1)
 
 
-def without_constraints(problem: Problem) -> Problem:
-    """The problem of somebody who does not know the constraints."""
-    return replace(problem, game=replace(problem.game, constraints=()))
-
-
 def warm_up_games(problem: Problem) -> None:
     """Build the solvers that ``first_games`` and ``play_batch`` need."""
     joint_elimination(problem.game, problem.view)

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.page import tables as t
-from olne_bench.bench.report.page.template import csv_texts, repeats, study_page
+from olne_bench.bench.report.page.template import csv_texts, lead_of, repeats, study_page
 from olne_bench.bench.run.provenance import Provenance
 
 _LEAD = (
@@ -58,7 +58,7 @@ def driving_page(
     summary = tables["summary"]
     return study_page(
         title=f"{suite.name}: drives",
-        lead=f"{suite.description.rstrip('.')}. {_LEAD}" if suite.description else _LEAD,
+        lead=lead_of(suite.description, _LEAD),
         facts=[
             (int(summary.loc[summary["road"] != "all", "drives"].sum()), "drives"),
             (suite.rules.window, "samples in a window"),

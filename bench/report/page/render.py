@@ -16,13 +16,13 @@ from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.page import tables as t
 from olne_bench.bench.report.page.cards import card_of
 from olne_bench.bench.report.page.scenes import scene_data
-from olne_bench.bench.report.page.template import csv_texts, study_page
+from olne_bench.bench.report.page.template import csv_texts, lead_of, study_page
 from olne_bench.bench.report.page.verdict import verdict
 from olne_bench.bench.report.parts import Parts, of_each, parts_of
 from olne_bench.bench.report.scenes import Place
 from olne_bench.bench.report.statistics.harness_errors import in_words
 from olne_bench.bench.report.statistics.identifiability import REFERENCE_SIGMA
-from olne_bench.bench.report.statistics.score import ALL, board_rows
+from olne_bench.bench.report.statistics.score import ALL, board_rows, in_order
 from olne_bench.bench.report.statistics.standing import said_of_standing
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.report.tables import RunTables
@@ -97,7 +97,7 @@ def render_page(
     metrics = in_leaderboard(study.metrics, table)
     html = study_page(
         title=extras.title or parts.outline.suite,
-        lead=f"{_description(runs)}{_LEAD}",
+        lead=lead_of(_description(runs), _LEAD),
         facts=_facts(tables, parts, runs),
         sections=[("scene", "Scene"), ("board", "Score"), ("figures", "Figures")],
         verdict=verdict(tables.scores, tables.comparisons, study),
@@ -121,8 +121,7 @@ def render_page(
 
 def _description(runs: Sequence[Provenance]) -> str:
     """The suite's description, if it is known."""
-    said = str(json.loads(runs[-1].suite).get("description", "")) if runs else ""
-    return f"{said}{'' if said.endswith('.') else '.'} " if said else ""
+    return str(json.loads(runs[-1].suite).get("description", "")) if runs else ""
 
 
 def _facts(tables: RunTables, parts: Parts, runs: Sequence[Provenance]) -> list[tuple[Any, str]]:
@@ -202,9 +201,7 @@ def board(tables: RunTables, study: Study) -> t.Table:
     if "held_out_error" in boards:
         held = boards["held_out_error"][["estimator", "median"]]
         rows = rows.merge(held.rename(columns={"median": "held"}), on="estimator", how="left")
-    rows["floor"] = rows["estimator"].map(study.is_floor)
-    rows["unranked"] = ~rows["ranked"].eq(True)
-    rows = rows.sort_values(["floor", "unranked", "score"], kind="stable")
+    rows = in_order(rows, study)
     reference = scored_rows["reference"].iloc[0] if len(scored_rows) else ""
     shown: dict[str, t.Content] = {
         "Estimator": lambda row: t.Cell(t.named(row["estimator"], _tag(row, study))),
@@ -289,13 +286,12 @@ def _board_columns(
     if first and f"{first.name}_score" in table:
         columns["Score"] = t.ends(f"{first.name}_score")
     for metric in metrics:
-        kind = "share" if metric.is_share else "median"
         columns[metric.title] = (
             t.share(f"{metric.name}_share")
             if metric.is_share
-            else _quartiles(metric.name)
+            else t.ends(f"{metric.name}_median", of=metric.name, names=("q25", "q75"))
             if metric.compared
-            else f"{metric.name}_{kind}"
+            else f"{metric.name}_median"
         )
     columns |= {"Exact": t.share("exact"), "× bound": "limit_ratio"}
     columns["Failures"] = lambda row: t.number(
@@ -305,14 +301,6 @@ def _board_columns(
         if name in table and table[name].any():
             columns[head] = name
     return columns | {"Time [ms]": lambda row: t.number(1e3 * row["solve_seconds_median"])}
-
-
-def _quartiles(name: str) -> t.Content:
-    renamed = {"low": "q25", "high": "q75"}
-    return lambda row: t.ends("value")(
-        {"value": row[f"{name}_median"]}
-        | {f"value_{end}": row[f"{name}_{source}"] for end, source in renamed.items()}
-    )
 
 
 def _changes(table: pd.DataFrame | None) -> list[tuple[str, list[t.Table]]]:

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.page import tables as t
-from olne_bench.bench.report.page.template import csv_texts, repeats, study_page
+from olne_bench.bench.report.page.template import csv_texts, lead_of, repeats, study_page
 from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE
 from olne_bench.bench.run.provenance import Provenance
 
@@ -47,7 +47,7 @@ def online_page(
     cells = ["scenario", "sensor", "sigma"]
     return study_page(
         title=f"{suite.name}, one sample at a time",
-        lead=f"{suite.description.rstrip('.')}. {_LEAD}" if suite.description else _LEAD,
+        lead=lead_of(suite.description, _LEAD),
         facts=[
             (int(tables.summary.groupby(cells)["motions"].max().sum()), "motions"),
             (int(tables.summary["updates"].sum()), "updates"),

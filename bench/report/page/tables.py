@@ -16,6 +16,7 @@ Row = Mapping[str, Any]
 Content = str | Callable[[Row], Any]
 
 _PLACED = ("scenario", "sensor")
+_ENDS = "low", "high"  # how names of columns of an interval's ends go on
 
 
 @dataclass(frozen=True)
@@ -112,13 +113,23 @@ def number(value: float, text: Any = None) -> Cell:
 
 def share(column: str) -> Callable[[Row], Cell]:
     """A share in percent, with its interval if it has one."""
-    return lambda row: number(row[column], _with_ends(row, column, percent))
+    return lambda row: number(row[column], _with_ends(row, column, percent, column))
 
 
-def ends(column: str, factor: float = 1.0) -> Callable[[Row], Cell]:
-    """A number with its interval, if it has one."""
+def ends(
+    column: str, factor: float = 1.0, *, of: str = "", names: tuple[str, str] = _ENDS
+) -> Callable[[Row], Cell]:
+    """A number with its interval, if it has one.
+
+    Args:
+        column: column of the number.
+        factor: multiplies what is shown.
+        of: beginning of the names of both ends. Default: the column.
+        names: how these names go on.
+    """
     return lambda row: number(
-        factor * row[column], _with_ends(row, column, lambda v: human(factor * v))
+        factor * row[column],
+        _with_ends(row, column, lambda v: human(factor * v), of or column, names),
     )
 
 
@@ -127,8 +138,14 @@ def p_value(column: str) -> Callable[[Row], Cell]:
     return lambda row: number(row[column], chance(row[column]))
 
 
-def _with_ends(row: Row, column: str, shown: Callable[[float], str]) -> Markup:
-    low, high = row.get(f"{column}_low", math.nan), row.get(f"{column}_high", math.nan)
+def _with_ends(
+    row: Row,
+    column: str,
+    shown: Callable[[float], str],
+    of: str,
+    names: tuple[str, str] = _ENDS,
+) -> Markup:
+    low, high = (row.get(f"{of}_{name}", math.nan) for name in names)
     text = escape(shown(row[column]))
     if math.isnan(low) or math.isnan(high) or low == high:
         return text

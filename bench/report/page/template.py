@@ -43,6 +43,11 @@ def csv_texts(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
     return {name: csv_safe(table).to_csv(index=False) for name, table in tables.items()}
 
 
+def lead_of(description: str, lead: str) -> str:
+    """What the head of a page says: the suite's description, if it has one, and how to read it."""
+    return f"{description.rstrip('.')}. {lead}" if description else lead
+
+
 def repeats(run: Provenance, suite: Suite) -> str:
     """The command that repeats a run of a suite."""
     words = [f"olne-bench run {suite.origin}", str(run.selection)]

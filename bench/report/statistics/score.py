@@ -296,14 +296,18 @@ def board_rows(scores: pd.DataFrame, study: Study = USUAL) -> dict[str, pd.DataF
 
     Ranked estimators come first, by their score; then others, and floors at the end.
     """
-    whole = scores[(scores["scenario"] == ALL) & scores["sigma"].isna()]
-    place = whole["estimator"].map(study.is_floor).astype(bool)
-    ordered = whole.assign(floor=place, unranked=~whole["ranked"].astype(bool))
-    ordered = ordered.sort_values(["floor", "unranked", "score"], kind="stable")
+    ordered = in_order(scores[(scores["scenario"] == ALL) & scores["sigma"].isna()], study)
     found = dict(iter(ordered.groupby("error", sort=False)))
     errors = [metric.name for metric in scored(study.metrics) if metric.name in found]
     first = [metric.name for metric in [primary(study.metrics)] if metric and metric.name in errors]
     return {error: found[error] for error in dict.fromkeys([*first, *errors])}
+
+
+def in_order(rows: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """Rows with ``estimator, ranked, score`` in the order of a board, and ``floor, unranked``."""
+    floor = rows["estimator"].map(study.is_floor).astype(bool)
+    found = rows.assign(floor=floor, unranked=~rows["ranked"].eq(True))
+    return found.sort_values(["floor", "unranked", "score"], kind="stable")
 
 
 def best_group(pairs: pd.DataFrame, names: Sequence[str]) -> list[str]:
