@@ -64,32 +64,33 @@ def driving_page(
             (suite.rules.window, "samples in a window"),
         ],
         sections=[("summary", "Cost and collisions"), ("provenance", "Provenance")],
-        board=t.table_of(
-            summary,
-            _SUMMARY,
-            name="summary",
-            note="Regret is the mean cost less that of the oracle in the same drives, in "
-            "hundredths of what standing costs. Shares and regrets have 95 % intervals; all "
-            "else are medians.",
-            quiet=lambda row: row["planner"] in suite.references,
-        ),
+        board=_board(summary, suite),
         pictures=[Markup(picture) for picture in pictures],
-        more=[
-            (
-                "Paired tests",
-                [
-                    t.table_of(
-                        tables["tests"],
-                        _TESTS,
-                        name="tests",
-                        note="Means of the planner less the other in the same drives; permutation "
-                        "tests, adjusted after Holm for all lines.",
-                    )
-                ],
-            )
-        ],
+        more=[("Paired tests", [_tests(tables["tests"])])],
         what="All but times come out the same again, if no estimate is late:",
         command=repeats(runs[-1], suite),
         runs=list(runs),
         data={"tables": csv_texts(tables)},
     )
+
+
+def _board(summary: pd.DataFrame, suite: Suite) -> t.Table:
+    note = (
+        "Regret is the mean cost less that of the oracle in the same drives, in hundredths of what "
+        "standing costs. Shares and regrets have 95 % intervals; all else are medians."
+    )
+    return t.table_of(
+        summary,
+        _SUMMARY,
+        name="summary",
+        note=note,
+        quiet=lambda row: row["planner"] in suite.references,
+    )
+
+
+def _tests(table: pd.DataFrame) -> t.Table:
+    note = (
+        "Means of the planner less the other in the same drives; permutation tests, adjusted after "
+        "Holm for all lines."
+    )
+    return t.table_of(table, _TESTS, name="tests", note=note)
