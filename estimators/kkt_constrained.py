@@ -35,7 +35,9 @@ import numpy as np
 
 from olne_bench.checks import check_count
 from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
-from olne_bench.estimators.shared.forward_model import Certainty, SolvedGame, likelihood_certainty
+from olne_bench.estimators.shared.certainty import Certainty, likelihood_certainty
+from olne_bench.estimators.shared.forward_model import SolvedGame
+from olne_bench.estimators.shared.incoming_samples import Samples, Stream, WindowStream
 from olne_bench.estimators.shared.interior_point import joint_elimination
 from olne_bench.estimators.shared.joint_ipopt import joint_solver, solve_joint_ipopt
 from olne_bench.estimators.shared.joint_problem import (
@@ -46,7 +48,6 @@ from olne_bench.estimators.shared.joint_problem import (
 )
 from olne_bench.estimators.shared.joint_starts import joint_attempts, largest_explicable
 from olne_bench.estimators.shared.joint_stream import JointStream
-from olne_bench.estimators.shared.stream import Samples, Stream, WindowStream
 from olne_bench.estimators.shared.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
 from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
 from olne_bench.games.compiled.elimination import Elimination

@@ -31,8 +31,7 @@ _JUDGES: dict[StudyKind, tuple[str, ...]] = {
 }
 #: Another version of one of these may round differently, or draw other numbers.
 _LIBRARIES = (
-    *("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env"),
-    *("filterpy", "scoringrules"),
+    *("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env", "scoringrules"),
 )
 
 

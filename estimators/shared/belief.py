@@ -19,6 +19,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.charts import (
+    by_log_ratios,
+    flat_covariance,
+    from_log_ratios,
+    log_ratios_of,
+)
 from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
@@ -30,12 +36,6 @@ from olne_bench.estimators.shared.forward_model import (
     sample_sensitivity,
     theta_of,
     uniform_weights,
-)
-from olne_bench.estimators.shared.simplex import (
-    by_log_ratios,
-    flat_covariance,
-    from_log_ratios,
-    log_ratios_of,
 )
 from olne_bench.estimators.shared.white_noise import assumed_sigma
 from olne_bench.games.compiled.complementarity import RELAXATION

@@ -35,7 +35,7 @@ typedef struct {
     const int *rows, *columns;
 } Pattern;
 
-/* Functions of a term, in the order of games/compiled/stage_functions.py */
+/* Functions of a term, in the order of games/compiled/terms.py */
 enum {
     VALUE, FINAL_VALUE, JACOBIAN, FINAL_JACOBIAN, HESSIAN, FINAL_HESSIAN, COST, FINAL_COST, MOTION
 };

@@ -14,8 +14,9 @@ import numpy as np
 
 from olne_bench.games.compiled.complementarity import COMPLEMENTARITY_FUNCTIONS
 from olne_bench.games.compiled.constraint_functions import CONSTRAINT_FUNCTIONS
-from olne_bench.games.compiled.stage_functions import FUNCTIONS, StageFunctions
+from olne_bench.games.compiled.stage_functions import StageFunctions
 from olne_bench.games.compiled.stage_patterns import Pattern
+from olne_bench.games.compiled.terms import FUNCTIONS
 
 
 @lru_cache(maxsize=64)

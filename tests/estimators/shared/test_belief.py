@@ -15,8 +15,8 @@ from olne_bench.estimators.shared.belief import (
     hidden_positions,
     prior_belief,
 )
+from olne_bench.estimators.shared.charts import flat_covariance, log_ratios_of
 from olne_bench.estimators.shared.forward_model import initial_state_prior, uniform_weights
-from olne_bench.estimators.shared.simplex import flat_covariance, log_ratios_of
 from olne_bench.games.compiled.complementarity import RELAXATION
 from olne_bench.games.compiled.elimination import elimination
 

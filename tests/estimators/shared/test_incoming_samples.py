@@ -9,8 +9,7 @@ import pytest
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.joint_stream import JointStream
-from olne_bench.estimators.shared.stream import (
+from olne_bench.estimators.shared.incoming_samples import (
     Samples,
     StreamEndedError,
     Windows,
@@ -18,6 +17,7 @@ from olne_bench.estimators.shared.stream import (
     as_stream_estimator,
     warm_up_stream,
 )
+from olne_bench.estimators.shared.joint_stream import JointStream
 from olne_bench.estimators.uniform import Uniform
 from olne_bench.games.model.observation import VIEWS
 from olne_bench.games.solve.olne import solve_olne

@@ -8,7 +8,7 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import LIKELIHOOD, Observation, Problem
 from olne_bench.estimators.shared.forward_model import SolvedGame, squared_error_of
-from olne_bench.estimators.shared.profile_likelihood import least_error
+from olne_bench.estimators.shared.outer_fit import least_error
 from olne_bench.games.model.observation import VIEWS, observe
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.olne import solve_olne
