@@ -4,8 +4,8 @@
 
 The trials of the suite roads in its gappy view, at 0.05 and 0.5 m, with known target speeds. For
 each player that the first sample misses, the true initial state less the prior's mean, over its
-deviation (``estimators/shared/posterior_density.py``). Prints, for each road, noise level and state,
-how many players there are, the root mean square and the largest.
+deviation (``estimators/shared/posterior_density.py``). Prints, for each road, noise level and
+state, how many players there are, the root mean square and the largest.
 """
 
 from collections.abc import Iterator
