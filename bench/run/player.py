@@ -13,7 +13,11 @@ from olne_bench import plugins
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimate, read_estimate
 from olne_bench.bench.text import clip
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.shared.stream import Stream, as_stream_estimator, warm_up_stream
+from olne_bench.estimators.shared.incoming_samples import (
+    Stream,
+    as_stream_estimator,
+    warm_up_stream,
+)
 
 if TYPE_CHECKING:  # what it imports takes long, and a player needs none of it
     from olne_bench.bench.judge.players import PlayerTask
