@@ -13,9 +13,10 @@ import inspect
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
+P = ParamSpec("P")
 
 
 def command(*mains: Callable[..., object]) -> None:
@@ -63,10 +64,10 @@ def _how(hint: Any, needed: bool, default: object) -> dict[str, Any]:
     return told | {"type": parts[0] if parts else hint}
 
 
-def timed(solve: Callable[[], T]) -> tuple[float, T]:
+def timed(solve: Callable[P, T], *given: P.args, **named: P.kwargs) -> tuple[float, T]:
     """Processor time of a call [s], and its result."""
     started = time.process_time()
-    result = solve()
+    result = solve(*given, **named)
     return time.process_time() - started, result
 
 
