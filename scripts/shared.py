@@ -77,20 +77,20 @@ def clock() -> tuple[float, float]:
 
 
 def show(rows: Iterable[Mapping[str, object]]) -> None:
-    """Print rows as they come, below their heads: texts on the left, numbers on the right."""
+    """Print rows as they come, below their heads: words on the left, numbers on the right."""
     heads: list[str] = []
     for row in rows:
         cells = [f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()]
         if list(row) != heads:
             heads = list(row)
             widths = [max(len(head), len(cell)) for head, cell in zip(heads, cells, strict=True)]
-            left = [isinstance(value, str) for value in row.values()]
-            widths = [n + 6 if text else max(n, 7) for n, text in zip(widths, left, strict=True)]
+            left = [cell[:1].isalpha() for cell in cells]
+            widths = [n + 6 if word else max(n, 7) for n, word in zip(widths, left, strict=True)]
             _print_line(heads, widths, left)
         _print_line(cells, widths, left)
 
 
 def _print_line(cells: list[str], widths: list[int], left: list[bool]) -> None:
     parts = zip(cells, widths, left, strict=True)
-    shown = (cell.ljust(n) if text else cell.rjust(n) for cell, n, text in parts)
+    shown = (cell.ljust(n) if word else cell.rjust(n) for cell, n, word in parts)
     print("  ".join(shown).rstrip(), flush=True)
