@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -164,11 +165,11 @@ def recognised() -> pd.DataFrame:
     table["unknown"] = table["scenario"].str.endswith(_UNKNOWN)
     by = ["unknown", "temperament"]
     counts = table.pivot_table(["known", "drivers"], "estimator", by, "sum")
-    wide = (counts["known"] / counts["drivers"]).map(_share)
+    wide: Any = (counts["known"] / counts["drivers"]).map(_share)
     columns = [(unknown, name) for unknown in (False, True) for name in TEMPERAMENTS]
     wide = wide.loc[estimator_order(list(wide.index)), columns]
     heads = [f"{name}{_UNKNOWN if unknown else ''}".capitalize() for unknown, name in columns]
-    return wide.set_axis(heads, axis=1)
+    return pd.DataFrame(wide.set_axis(heads, axis=1))
 
 
 def predictions() -> pd.DataFrame:
@@ -403,7 +404,7 @@ def _by_level(table: pd.DataFrame, cells: list[str]) -> pd.DataFrame:
 def _markdown(table: pd.DataFrame) -> str:
     """A table of texts; labels stand on the left."""
     labels, rows = table.index.nlevels, table.reset_index().astype(str).to_numpy()
-    heads = [*map(_head, table.index.names), *map(str, table.columns)]
+    heads = [_head(str(name)) for name in table.index.names] + list(map(str, table.columns))
     rule = ["---" if k < labels else "---:" for k in range(len(heads))]
     cells = [[cell.replace("_", r"\_") for cell in row] for row in (heads, *rows)]
     return "\n".join(f"| {' | '.join(row)} |" for row in (cells[0], rule, *cells[1:]))

@@ -144,7 +144,7 @@ def predictions(
                 drives = (errors_of(road, seed, known) for seed in range(seeds))
                 found = [errors for errors in drives if errors]
                 shown = [f"{value:.2f}" for value in np.median(found, axis=0)]
-                row = {"road": road, "known": known, "drives": len(found)}
+                row: dict[str, object] = {"road": road, "known": known, "drives": len(found)}
                 yield row | dict(zip(KINDS, shown, strict=True))
 
     shared.show(rows())

@@ -70,8 +70,11 @@ def _gains(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
         interval = bootstrap(
             (own["posterior"].to_numpy(), own[best].to_numpy()),
             lambda a, b, axis: a.mean(axis=axis) / b.mean(axis=axis),
-            **{"paired": True, "vectorized": True, "n_resamples": SAMPLES},
-            **{"method": "percentile", "rng": np.random.default_rng(0)},
+            paired=True,
+            vectorized=True,
+            n_resamples=SAMPLES,
+            method="percentile",
+            rng=np.random.default_rng(0),
         ).confidence_interval
         yield dict(zip(CELL, cell, strict=True)) | {
             "trials": len(own),

@@ -46,7 +46,7 @@ ROAD_PERIOD = 12.0  # [m] after which the highway's pattern of five cars repeats
 
 def main(out: Path = Path("results/perf"), sequences: int = 2, quick: bool = False) -> None:
     """Measure, write and print."""
-    few = slice(2 if quick else None)
+    few = 2 if quick else max(len(HORIZONS), len(PLAYERS))
     results: dict[str, Any] = {"inverse": {}, "forward": {}}
     for name in ("two_player", "highway_overtaking"):
         scenario = get_scenario(name)
@@ -55,10 +55,10 @@ def main(out: Path = Path("results/perf"), sequences: int = 2, quick: bool = Fal
         results["forward"][name] = measure_forward(scenario, truth)
         print(f"{name} measured", flush=True)
     horizon = {
-        str(count): [measure_iteration(road(count, steps)) for steps in HORIZONS[few]]
+        str(count): [measure_iteration(road(count, steps)) for steps in HORIZONS[:few]]
         for count in (2, 5)
     }
-    players = [measure_iteration(road(count, 25)) for count in PLAYERS[few]]
+    players = [measure_iteration(road(count, 25)) for count in PLAYERS[:few]]
     slopes = {f"horizon, {count} players": slope(horizon[count], "horizon") for count in horizon}
     results |= {"horizon": horizon, "players": players}
     results["slopes"] = slopes | {"players": slope(players, "players")}

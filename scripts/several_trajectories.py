@@ -13,6 +13,7 @@ median is given as well. Trials without a valid estimate count as failures and a
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import shared
 import matplotlib.pyplot as plt
@@ -43,9 +44,9 @@ def main(run: Path, out: Path = Path("results/several_trajectories")) -> None:
     trials["error"] = trials["cosine_error"].where(valid).astype(float)
     parts = []
     for key, group in trials.groupby(KEY):
-        errors, exponents = judged(group)
+        own, exponents = judged(group)
         named = dict(zip(KEY, key, strict=True))
-        parts.append((pd.DataFrame(named | errors), named | exponents))
+        parts.append((pd.DataFrame(named | own), named | exponents))
     errors = pd.concat([one for one, _ in parts])
     table = pd.DataFrame([one for _, one in parts])
     out.mkdir(parents=True, exist_ok=True)
@@ -123,7 +124,7 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
 
 def panel(axes: plt.Axes, part: pd.DataFrame, names: list[str]) -> None:
     """Errors of some estimators, with their limit."""
-    marks = {"marker": "o", "markersize": 3.5, "linewidth": 1.2, "capsize": 2}
+    marks: dict[str, Any] = {"marker": "o", "markersize": 3.5, "linewidth": 1.2, "capsize": 2}
     for shift, name in zip(np.linspace(0.94, 1.06, len(names)), names, strict=True):
         own = part[part["estimator"] == name]
         middle, x = own["weight_error"], own["trajectories"] * shift

@@ -179,7 +179,7 @@ def write(
 ) -> None:
     """Write what ``MixtureNetwork`` or ``Policy`` reads."""
     out.parent.mkdir(parents=True, exist_ok=True)
-    single = {name: values.astype(np.float32) for name, values in scales.items()}
+    single: dict[str, Any] = {name: values.astype(np.float32) for name, values in scales.items()}
     np.savez(out, **layer_arrays(network), **single, **numbers, game=game_key(game))
 
 

@@ -93,9 +93,14 @@ def say(name: str, rows: pd.DataFrame, decimals: int) -> None:
     print(f"{name}: mean return {numbers}, {rows['crashed'].mean():.0%} crashed")
 
 
-def greedy(model: PPO) -> Driver:
-    """The driver that does what a model thinks best."""
-    return lambda observation: model.predict(observation, deterministic=True)[0]
+def greedy(model: PPO, kind: Callable[[Any], Any] = np.asarray) -> Driver:
+    """The driver that does what a model thinks best, as an action of a kind."""
+    return lambda observation: kind(model.predict(observation, deterministic=True)[0])
+
+
+def always(action: int) -> Driver:
+    """The driver that repeats one action."""
+    return lambda _: action
 
 
 def traffic(
@@ -126,13 +131,12 @@ def traffic(
         model.learn(steps, callback=seen)
         model.save(out / f"ppo_{seed}.zip")
         training.append(pd.DataFrame(seen.rows).assign(seed=seed))
-        best = greedy(model)
-        drive(f"PPO, seed {seed}", lambda seen, best=best: int(best(seen)))
+        drive(f"PPO, seed {seed}", greedy(model, int))
     print(f"training and driving: {time.process_time() - begin:.0f} s of processor time")
     actions = gymnasium.make(id).action_space
     actions.seed(0)
     for action, name in DiscreteMetaAction.ACTIONS_ALL.items():
-        drive(f"always {name}", lambda _, action=action: action)
+        drive(f"always {name}", always(action))
     drive("random", lambda _: actions.sample())
     episodes, evaluation = pd.concat(training), pd.concat(rows)
     episodes.to_csv(out / "episodes.csv", index=False, float_format="%.4f")

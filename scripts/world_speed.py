@@ -146,7 +146,8 @@ def traffic(
     project, whose Nash traffic is measured too. ``--one`` measures a case and a kind alone.
     """
     if one:
-        print(traffic_rate(*one, steps))
+        name, kind = one
+        print(traffic_rate(name, kind, steps))
         return
     kinds = {"IDM": (IDM, SOURCES), "Nash": (NASH, SOURCES)}
     if against:
