@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 TESTS = (
@@ -50,7 +51,7 @@ def main() -> None:
     )
     tests = sys.argv[1:] or [*TESTS, "-k", LEFT_OUT]
     with tempfile.TemporaryDirectory() as cache:
-        given = {"cwd": ROOT, "env": sanitized(compiler, Path(cache))}
+        given: dict[str, Any] = {"cwd": ROOT, "env": sanitized(compiler, Path(cache))}
         command = [sys.executable, "-c", planted]
         ended = subprocess.run(command, capture_output=True, text=True, **given)
         if ended.returncode == 0 or "runtime error" not in ended.stderr + ended.stdout:

@@ -29,7 +29,7 @@ from olne_bench.envs.solved.equilibrium import certified_equilibrium
 PLAYERS = 5
 RESETS = range(1, 6)  # seeds
 LIMIT = highway_roads.MAX_ACCELERATION
-RAW = {
+RAW: dict[str, dict[str, Any]] = {
     "Kinematics": {
         "type": "MultiAgentObservation",
         "observation_config": {"type": "Kinematics"},
