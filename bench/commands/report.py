@@ -90,11 +90,11 @@ def _report_text(
     if kind != "trials" and playable:
         click.echo(f"note: --play is ignored: pages of {kind} play no trials", err=True)
     if kind == "streams":
-        from olne_bench.bench.report.write_streams import report_streams
+        from olne_bench.bench.report.write import report_streams
 
         return report_streams(folder, formats)
     if kind == "drives":
-        from olne_bench.bench.report.write_drives import report_drives
+        from olne_bench.bench.report.write import report_drives
 
         return report_drives(folder, formats)
     from olne_bench.bench.report.leaderboard_text import format_leaderboard, format_notes

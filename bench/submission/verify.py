@@ -16,11 +16,16 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.fresh_draws import FEWEST, confirm, suspects, trial_place
-from olne_bench.bench.report.machine import Machine, row_of
-from olne_bench.bench.report.measures import primary
+from olne_bench.bench.report.fresh_draws import (
+    FEWEST,
+    Machine,
+    confirm,
+    row_of,
+    suspects,
+    trial_place,
+)
 from olne_bench.bench.report.statistics.attempts import errors_of
-from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.study import Study, primary, study_of
 from olne_bench.bench.submission.again import Repeated, outcomes_of, repeat
 from olne_bench.bench.submission.asked import asked, planned_trials
 from olne_bench.bench.submission.boards import check_boards

@@ -1,18 +1,19 @@
-"""Errors of attempts, failures included."""
+"""Errors of attempts, failures included; those of the harness are no attempts, and apart."""
 
 import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.measures import FAILURES, IDENTIFIABLE
-from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.study import FAILURES, IDENTIFIABLE, USUAL, Study
 
 #: The estimator that all others must beat: a reference, not a contender.
 FLOOR = "uniform"
 
-
 #: Statuses of trials that are not attempts: the estimator declined, or the harness failed.
 NO_ATTEMPTS = ("skipped", "harness_error")
+
+_PLACE = ["scenario", "sensor", "estimator"]
+_HARNESS = [*_PLACE, "message"]
 
 
 def attempts_of(trials: pd.DataFrame) -> pd.DataFrame:
@@ -38,9 +39,8 @@ def weighed(trials: pd.DataFrame) -> pd.DataFrame:
     sensor and estimator at other levels, and at least once.
     """
     shared = trials["count"] > 1
-    key = ["scenario", "sensor", "estimator"]
-    draws = trials.loc[~shared, [*key, "seed"]].groupby(key)["seed"].nunique()
-    own = pd.MultiIndex.from_frame(trials.loc[shared, key])
+    draws = trials.loc[~shared, [*_PLACE, "seed"]].groupby(_PLACE)["seed"].nunique()
+    own = pd.MultiIndex.from_frame(trials.loc[shared, _PLACE])
     count = trials["count"].copy()
     count[shared] = draws.reindex(own).fillna(1).to_numpy(int)
     return trials.assign(count=count)
@@ -69,7 +69,7 @@ def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USU
         draw = trials["seed"].where(families(trials, study).astype(bool), -1)
         told = told.groupby([trials["scenario"], draw]).transform("any")
         return told | ~valid
-    who = [trials[name] for name in ("scenario", "sensor", "estimator")]
+    who = [trials[name] for name in _PLACE]
     silent = valid.groupby(who).transform("any") & ~told.groupby(who).transform("any")
     return (told | ~valid) & ~silent
 
@@ -102,3 +102,33 @@ def quantile(values: np.ndarray, count: np.ndarray, share: float) -> float:
     low, high = values[order][places]
     # inf - inf is undefined, so no interpolation between equal values.
     return float(low if low == high else low + (high - low) * (position % 1))
+
+
+def median(values: np.ndarray) -> float:
+    """Median of values of which infinite ones rank last."""
+    return quantile(values, np.ones(len(values), int), 0.5)
+
+
+def harness_errors(trials: pd.DataFrame) -> pd.DataFrame:
+    """Columns ``scenario, sensor, estimator, message, trials``, the most frequent error first."""
+    spoilt = trials[trials["status"] == "harness_error"]
+    if spoilt.empty:
+        return pd.DataFrame(columns=[*_HARNESS, "trials"])
+    counted = spoilt.fillna({"message": ""}).groupby(_HARNESS).size().rename("trials").reset_index()
+    return most_frequent_first(counted)
+
+
+def most_frequent_first(table: pd.DataFrame) -> pd.DataFrame:
+    """``harness_errors`` in their order, such as those of several scenarios."""
+    order = ["trials", *_HARNESS]
+    return table.sort_values(order, ascending=[False, *[True] * 4], ignore_index=True)
+
+
+def in_words(table: pd.DataFrame, most: int = 5) -> list[str]:
+    """The first rows of ``harness_errors`` as lines, and the number of further trials."""
+    lines = [
+        f"{row.trials} x {row.estimator} on {row.scenario}, {row.sensor}: {row.message}"
+        for row in table.head(most).itertuples(index=False)
+    ]
+    rest = int(table["trials"][most:].sum())
+    return [*lines, f"and {rest} more"] if rest else lines

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.report.drive_tables import COLUMNS, comparison_table, drive_table
-from olne_bench.bench.report.figures.drives import figure_of
+from olne_bench.bench.report.figures.online import drive_figures
 
 DRIVES = 10
 
@@ -102,6 +102,7 @@ def test_drives_that_are_missing_are_not_paired() -> None:
 
 
 def test_a_figure_has_a_panel_for_each_road() -> None:
-    figure = figure_of("nash", drive_table(made_up()))
+    ((name, figure),) = drive_figures(drive_table(made_up()))
+    assert name == "driving_nash"
     titles = [axes.get_title() for axes in figure.axes if axes.axison]
     assert titles == ["highway, 10 drives", "merge, 10 drives", "all roads, 20 drives"]

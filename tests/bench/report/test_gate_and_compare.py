@@ -15,7 +15,7 @@ from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.plan.suite import GateLimits
 from olne_bench.bench.report.gate import check_limits
-from olne_bench.bench.report.statistics.run_comparison import compare_runs
+from olne_bench.bench.report.statistics.pairs import compare_runs
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.run.store import open_store
 from olne_bench.errors import UserError

@@ -9,13 +9,12 @@ import pytest
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.suite import GateLimits
-from olne_bench.bench.report.figures import errors, style
+from olne_bench.bench.report.figures import over_noise, style
 from olne_bench.bench.report.gate import check_limits
 from olne_bench.bench.report.leaderboard_text import format_leaderboard, latex, markdown
-from olne_bench.bench.report.measures import primary
 from olne_bench.bench.report.page.render import render_page
-from olne_bench.bench.report.statistics.run_comparison import compare_runs
-from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.statistics.pairs import compare_runs
+from olne_bench.bench.report.study import Study, primary, study_of
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.errors import UserError
 
@@ -104,7 +103,7 @@ def test_the_page_has_its_columns_and_scores(trials, embedded):
 def test_the_figure_of_errors_has_its_panels(trials):
     two = trials[trials["sensor"] != "gappy"]
     with style.applied():
-        figure = errors.draw(two, STUDY)
+        figure = over_noise.draw_errors(two, STUDY)
     labels = [axes.get_ylabel() for axes in figure.axes[::2]]
     assert labels == ["Position error [m]", "Cosine error", "Jerk error [m/s^3]"]
     assert [axes.get_title() for axes in figure.axes] == ["full", "partial"] * 3

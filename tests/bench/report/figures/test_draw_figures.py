@@ -5,7 +5,7 @@ import matplotlib.image
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.figures import FORMATS, draw_figures, errors, style
+from olne_bench.bench.report.figures import FORMATS, draw_figures, over_noise, style
 from olne_bench.bench.report.tables import tabulate
 
 #: Those that all figures are tried in take their time.
@@ -18,7 +18,8 @@ FEWER = ("errors", "failures")
 @pytest.fixture
 def drawn(usual):
     def draw(trials: pd.DataFrame, folder: Path, formats=ONE_FORMAT) -> list[Path]:
-        return draw_figures(trials, tabulate(trials, usual), folder, formats, usual).files
+        draw_figures(trials, tabulate(trials, usual), folder, formats, usual)
+        return sorted(folder.iterdir()) if folder.exists() else []
 
     return draw
 
@@ -158,7 +159,7 @@ def test_names_of_estimators_are_text_and_nothing_else(drawn, make_trials, tmp_p
 @pytest.mark.parametrize("name", ODD_NAMES)
 def test_names_are_shown_as_they_are(make_trials, name):
     with style.applied():
-        figure = errors.draw(make_trials(estimators=(name,), sensors=("full",), seeds=1))
+        figure = over_noise.draw_errors(make_trials(estimators=(name,), sensors=("full",), seeds=1))
     (legend,) = figure.legends
     text = legend.get_texts()[0]
     assert text.get_text() == style.printable(name)

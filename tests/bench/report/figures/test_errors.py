@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.report.figures import errors, panels, style
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.figures import over_noise, style
+from olne_bench.bench.report.formats import NotDrawnError
 
 
 def draw(trials, study):
     with style.applied():
-        return errors.draw(trials, study)
+        return over_noise.draw_errors(trials, study)
 
 
 def test_medians_with_intervals_by_sensor_the_primary_metric_first(make_trials, usual) -> None:
@@ -38,7 +38,7 @@ def test_there_are_six_panels_at_most_and_five_decades(make_trials, usual) -> No
     trials = make_trials(estimators=("a",), sensors=tuple("abcdefgh"), seeds=1)
     trials.loc[trials.index[1], "position_error"] = 1e-12
     figure = draw(trials, usual)
-    assert len(figure.axes) == panels.MOST_PANELS
+    assert len(figure.axes) == style.MOST_PANELS
     for axes in figure.axes:
         low, high = axes.get_ylim()
         assert high / low <= 1.001e5

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.report.figures import failures, style
+from olne_bench.bench.report.figures import over_noise, style
 
 
 def test_shares_of_failures_with_intervals(make_trials):
     trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.0, 0.1), seeds=10)
     trials.loc[trials.index[1:5], "status"] = "timeout"  # 4 of the 10 with noise
-    shares = failures.failure_shares(trials).set_index("sigma").drop(columns="estimator")
+    shares = over_noise.failure_shares(trials).set_index("sigma").drop(columns="estimator")
     assert shares.loc[0.0].tolist() == [0, 0, 0]  # 40 equal sequences: nothing random
     # Wilson's formula: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n)
     p, n, z = 0.4, 10, 1.959964
@@ -22,15 +22,15 @@ def test_failures_are_those_of_the_published_study(make_trials):
     trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=4)
     trials.loc[trials.index[0], "published_forward"] = 0
     trials.loc[trials.index[1], "status"] = "failed_forward"
-    assert failures.failure_shares(trials)["share"].tolist() == [0.5]
-    figure = failures.draw(trials)
+    assert over_noise.failure_shares(trials)["share"].tolist() == [0.5]
+    figure = over_noise.draw_failures(trials)
     (text,) = (text.get_text() for text in figure.legends[0].get_texts())
     assert text == "a: 2 of 4, 1 without a prediction"
 
 
 def draw(trials):
     with style.applied():
-        (axes,) = failures.draw(trials).axes
+        (axes,) = over_noise.draw_failures(trials).axes
     return axes
 
 

@@ -2,14 +2,14 @@
 
 import pytest
 
-from olne_bench.bench.report.figures import identifiability
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.figures.over_noise import draw_identifiability
+from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.statistics.noise_identifiability import identifiability_by_noise
 
 
 def test_a_line_per_weight_that_rises(make_trials, usual) -> None:
     trials = make_trials(estimators=("a",), seeds=1)
-    figure = identifiability.draw(identifiability_by_noise(trials, usual))
+    figure = draw_identifiability(identifiability_by_noise(trials, usual))
     assert [axes.get_title() for axes in figure.axes] == ["full", "partial"]
     ends = []
     for axes in figure.axes:
@@ -26,4 +26,4 @@ def test_a_line_per_weight_that_rises(make_trials, usual) -> None:
 
 def test_nothing_to_draw_is_said(make_trials, usual) -> None:
     with pytest.raises(NotDrawnError, match="no noise"):
-        identifiability.draw(identifiability_by_noise(make_trials(sigmas=(0.0,)), usual))
+        draw_identifiability(identifiability_by_noise(make_trials(sigmas=(0.0,)), usual))

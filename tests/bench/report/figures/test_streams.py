@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.report.figures.streams import figure_of, figures_of
+from olne_bench.bench.report.figures.online import stream_figures
 from olne_bench.bench.report.write import write_figures
 
 
@@ -24,7 +24,7 @@ def rows(estimators: list[str]) -> pd.DataFrame:
 
 def test_medians_and_quartiles_over_motions():
     table = rows(["map", "constant_velocity"])
-    figure = figure_of("s", table[table["sigma"] == 0.1])
+    ((_, figure),) = stream_figures(table[table["sigma"] == 0.1])
     titles = ["Cosine error", "Position error 1 s ahead [m]", "Latency [s]"]
     assert [axes.get_title() for axes in figure.axes] == titles  # nothing is known 3 s ahead
     first, _, last = figure.axes
@@ -37,9 +37,9 @@ def test_medians_and_quartiles_over_motions():
 
 def test_each_noise_level_has_a_file_with_a_name_that_any_system_allows(tmp_path):
     skipped = rows(["map"]).assign(status="skipped", scenario="none")
-    pictures = write_figures(figures_of(pd.concat([rows(["map"]), skipped])), tmp_path, ["png"])
+    pictures = write_figures(stream_figures(pd.concat([rows(["map"]), skipped])), tmp_path, ["png"])
     files = sorted(tmp_path.iterdir())
     assert [file.name for file in files] == ["online_a_b_full_0.1.png", "online_a_b_full_0.3.png"]
     assert files[0].stat().st_size > 10_000
     assert len(pictures) == 2 and pictures[0].startswith("<svg")
-    assert write_figures(figures_of(rows(["map"])), tmp_path, []) == []
+    assert write_figures(stream_figures(rows(["map"])), tmp_path, []) == []

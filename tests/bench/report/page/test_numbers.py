@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from olne_bench.bench.report.page.numbers import decimals, human, rounded
+from olne_bench.bench.report.page.tables import decimals, human, rounded
 
 
 def test_numbers_are_rounded_to_significant_digits() -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from olne_bench.bench.report.page.boards import verdict
 from olne_bench.bench.report.page.render import board, render_page
-from olne_bench.bench.report.page.verdict import verdict
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
 

@@ -9,7 +9,7 @@ from playwright.sync_api import Browser
 
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.report.stream_tables import COLUMNS
-from olne_bench.bench.report.write_streams import write_online
+from olne_bench.bench.report.write import write_streams
 from tests.bench.report.page.conftest import HOSTILE, provenance
 
 COMMAND = "olne-bench run online --seeds 3 --kind streams --rule lag=8 --out DIR"
@@ -36,7 +36,7 @@ def rows() -> pd.DataFrame:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("online")
     suite = load_suite("online", rules={"lag": 8})
-    write_online(rows(), [provenance()], suite, folder, ("png",))
+    write_streams(rows(), [provenance()], suite, folder, ("png",))
     return folder / "index.html"
 
 

@@ -5,8 +5,8 @@ from io import StringIO
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.page.two_runs import after_name, two_runs_page
-from olne_bench.bench.report.statistics.run_comparison import compare_runs
+from olne_bench.bench.report.page.render import after_name, two_runs_page
+from olne_bench.bench.report.statistics.pairs import compare_runs
 from olne_bench.bench.report.study import Study
 
 

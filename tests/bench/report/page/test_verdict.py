@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.report.page.verdict import verdict
+from olne_bench.bench.report.page.boards import verdict
 from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
 from tests.bench.report.statistics.test_score import FACTORS, STUDY, trials
 

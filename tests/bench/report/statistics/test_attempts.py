@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.declaration import declare
 from olne_bench.bench.judge.metrics.position_error import PositionError
-from olne_bench.bench.report.measures import FAILURES, IDENTIFIABLE
 from olne_bench.bench.report.statistics.attempts import (
     attempts_of,
     errors_of,
@@ -16,6 +15,7 @@ from olne_bench.bench.report.statistics.attempts import (
     quantile,
     weighed,
 )
+from olne_bench.bench.report.study import FAILURES, IDENTIFIABLE
 
 COSINE_ERROR, POSITION_ERROR = declare(CosineError), declare(PositionError)
 

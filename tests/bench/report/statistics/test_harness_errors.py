@@ -5,7 +5,7 @@ import pandas as pd
 
 from olne_bench.bench.report.leaderboard_text import format_leaderboard, format_notes, markdown
 from olne_bench.bench.report.page.render import render_page
-from olne_bench.bench.report.statistics.harness_errors import harness_errors, in_words
+from olne_bench.bench.report.statistics.attempts import harness_errors, in_words
 from olne_bench.bench.report.tables import tabulate
 
 

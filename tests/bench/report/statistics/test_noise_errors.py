@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.report.statistics.noise_errors import errors_by_noise
+from olne_bench.bench.report.leaderboard import errors_by_noise
 
 
 def trials_of(rows: list[tuple[float, str, int, float]]) -> pd.DataFrame:

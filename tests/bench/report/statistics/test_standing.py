@@ -23,8 +23,8 @@ from olne_bench.bench.report.leaderboard_text import (
     latex,
     markdown,
 )
+from olne_bench.bench.report.page.boards import verdict
 from olne_bench.bench.report.page.render import render_page
-from olne_bench.bench.report.page.verdict import verdict
 from olne_bench.bench.report.statistics.standing import (
     COLUMNS,
     PUBLISHED,

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.measures import (
+from olne_bench.bench.report.study import (
     IDENTIFIABLE,
     compared,
     in_leaderboard,
