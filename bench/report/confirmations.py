@@ -1,7 +1,6 @@
-"""Confirmations of implausible rows by fresh draws, as a run folder keeps them.
+"""Confirmations of implausible rows by fresh draws, as ``olne-bench confirm`` keeps them in a run.
 
-They say what ``olne-bench confirm`` found with one version of the code; those of other versions do
-not count. Whoever writes to a run folder can write them: ``submit`` and ``verify`` read none.
+They count for one version of the code. As anybody can write them, ``verify`` does not read them.
 """
 
 import json

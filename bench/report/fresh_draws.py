@@ -1,10 +1,8 @@
 """Confirm implausible rows: run their estimators on draws that nobody can know.
 
-Draws and noise have a new secret salt for each estimator, scenario, sensor and noise level, so that
-what is remembered of one place helps in no other. An estimator that is really so good has the same
-errors there: of its fresh errors half are at most the median of the implausible ones, and fewer
-than a quarter of 20 are so in one of 170 cases. Of an honest estimator whose rows knew the truth
-hardly any are. Those that play trials of a check cannot tell it from a run.
+Draws and noise have a new secret salt for each estimator, scenario, sensor and noise level. Of an
+estimator that is really so good, half of the fresh errors are at most the median of the implausible
+ones, and fewer than a quarter of 20 are so in one of 170 cases; of others hardly any are.
 """
 
 import secrets
@@ -59,7 +57,7 @@ def row_of(trial: Trial, outcome: Outcome) -> dict[str, Any]:
 def run_all(
     trials: Iterable[Trial], machine: Machine
 ) -> Generator[tuple[Trial, Outcome], None, None]:
-    """Run trials in places that are named as those of a run, and yield them as they end."""
+    """Run trials in places named as those of a run, so that they cannot tell a check from it."""
     with TemporaryDirectory() as place:
         yield from run_trials(trials, **vars(machine), log=Path(place) / _LOG)
 

@@ -103,17 +103,13 @@ def _with_scores(
 
 def _filled(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.DataFrame:
     """Rows of several scenarios with their columns in order; without a value there is no trial."""
-    shown = [
-        column
-        for metric in metrics
-        for kind in (("share", "trials") if metric.is_share else _KINDS)
-        if (column := f"{metric.name}_{kind}") in table
-    ]
+    known = {metric.name: ("share", "trials") if metric.is_share else _KINDS for metric in metrics}
+    shown = [f"{name}_{kind}" for name, kinds in known.items() for kind in kinds]
+    shown = [name for name in shown if name in table]
     measured_last = ["limit_ratio", "solve_seconds_median"]
     others = [name for name in table if name not in {*shown, *measured_last}]
-    shares = [name for name in shown if name.endswith("_trials")]
-    table = table[[*others, *shown, *measured_last]]
-    return table.assign(**{name: table[name].fillna(0).astype(int) for name in shares})
+    shares = dict.fromkeys((name for name in shown if name.endswith("_trials")), int)
+    return table[[*others, *shown, *measured_last]].fillna(dict.fromkeys(shares, 0)).astype(shares)
 
 
 def _counts(group: pd.DataFrame) -> dict[str, float | int]:

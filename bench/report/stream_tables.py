@@ -1,8 +1,4 @@
-"""Tables of studies of streams.
-
-Samples of one motion depend on each other, so a motion counts once: by its median over samples.
-Medians, intervals and tests are over motions.
-"""
+"""Tables of streams: a motion, whose samples depend on each other, counts once, by its median."""
 
 from collections.abc import Iterator
 from dataclasses import fields

@@ -75,8 +75,7 @@ class Study:
 
     def is_published(self, label: str) -> bool:
         """Whether the true weights of the scenario with this label are known to be constants."""
-        known = self.scenarios.get(label)
-        return known is not None and not has_drawn_truths(known)
+        return label in self.scenarios and not self.has_drawn_truths(label)
 
     def is_foreign(self, label: str) -> bool:
         """Whether the estimator with this label is known, and is a plugin."""
@@ -128,25 +127,21 @@ def study_of(suites: Iterable[Suite]) -> Study:
 
     If none names metrics, the built-in ones count. UserError on a suite of another kind.
     """
-    metrics: dict[str, MetricDeclaration] = {}
-    scenarios: dict[str, ScenarioEntry] = {}
-    sensors: dict[str, SensorEntry] = {}
-    estimators: dict[str, EstimatorEntry] = {}
-    salt = ""
+    suites = [*suites]
     for suite in suites:
         if suite.kind != "trials":
             raise UserError(
                 f"suite {suite.name!r} is a study of {suite.kind}: it has no tables of trials; "
                 "'olne-bench report' writes its own"
             )
-        scenarios |= {entry.label: entry for entry in suite.scenarios}
-        sensors |= {entry.label: entry for entry in suite.sensors}
-        estimators |= {entry.label: entry for entry in suite.estimators}
-        salt = suite.salt
-        metrics |= {entry.column: _declaration(entry) for entry in suite.metrics}
+    entries: dict[str, Any] = {
+        what: {entry.label: entry for suite in suites for entry in getattr(suite, what)}
+        for what in ("scenarios", "sensors", "estimators")
+    }
+    metrics = {entry.column: _declaration(entry) for suite in suites for entry in suite.metrics}
     own = [one.name for one in BUILT_IN if one.name in metrics]
     ordered = tuple(metrics[name] for name in dict.fromkeys([*own, *metrics]))
-    return Study(ordered or BUILT_IN, scenarios, sensors, salt, estimators)
+    return Study(ordered or BUILT_IN, salt=suites[-1].salt if suites else "", **entries)
 
 
 def _declaration(entry: Any) -> MetricDeclaration:
@@ -174,8 +169,7 @@ def scored(metrics: Iterable[MetricDeclaration]) -> list[MetricDeclaration]:
 
 def primary(metrics: Sequence[MetricDeclaration]) -> MetricDeclaration | None:
     """The metric that estimators are ranked by; None if no metric is compared."""
-    known = compared(metrics)
-    return next((m for m in known if m.name == _USUAL_PRIMARY), known[0] if known else None)
+    return min(compared(metrics), key=lambda m: m.name != _USUAL_PRIMARY, default=None)
 
 
 def in_table(metrics: Iterable[MetricDeclaration], trials: pd.DataFrame) -> list[MetricDeclaration]:

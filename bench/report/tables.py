@@ -21,12 +21,7 @@ from olne_bench.bench.report.statistics.recognition import (
     temperament_table,
 )
 from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
-from olne_bench.bench.report.statistics.standing import (
-    if_told,
-    ranking,
-    standings,
-    with_standing,
-)
+from olne_bench.bench.report.statistics.standing import KEY, if_told, ranking, standings
 from olne_bench.bench.report.study import IDENTIFIABLE, USUAL, Study
 
 #: Tables of runs whose drivers have temperaments.
@@ -82,9 +77,9 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
     by_temperament["confusions"] = confusion_table(of_drivers)
     del of_drivers
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
-    standing = standings(trials, study)
+    board, standing = summaries(known, study), standings(trials, study)
     return {
-        "leaderboard": with_standing(summaries(known, study), standing),
+        "leaderboard": board if board.empty else board.merge(standing, on=KEY, how="left"),
         "errors_by_noise": errors_by_noise(plain, study),
         "logs": log_errors(ranking(plain, standing), study),
         "identifiability": identifiability_table(trials, study),

@@ -24,10 +24,9 @@ from olne_bench.bench.report.formats import USUAL_FORMATS
 from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.errors import UserError
 
-#: One (strong, light) pair per built-in estimator, for the paper's two sensors: shades of one hue
-#: of Okabe and Ito, which colour-blind readers can distinguish. A name keeps its pair in every
-#: study. No player has one of these colours (``envs.worlds.scene.PLAYER_COLOURS``). ``ignorant``
-#: stands for several estimators, so that its labels decide.
+#: One (strong, light) pair per built-in estimator: shades of one hue of Okabe and Ito, which
+#: colour-blind readers can distinguish. A name keeps its pair in every study. No player has one of
+#: these colours. ``ignorant`` stands for several estimators, so that its labels decide.
 ESTIMATOR_COLOURS = {
     "kkt_constrained": ("#0072B2", "#56B4E9"),
     "kkt_residual": ("#D55E00", "#E69F00"),

@@ -1,13 +1,7 @@
-"""Cards that describe estimators, made from the docstrings of their sources.
+"""Cards that describe estimators, made from the docstrings of their sources, which are not run.
 
-The source is read, not run. Of its docstring a card shows the first paragraph, and the lines
-
-    Paper: where the method was published.
-    Assumes: what has to hold.
-    Cost: what it takes.
-    Trust: when to trust it, and when not.
-
-each of which may continue in indented lines.
+A card shows the first paragraph, and what follows ``Paper:``, ``Assumes:``, ``Cost:`` and
+``Trust:`` at the start of a line, each of which may continue in indented lines.
 """
 
 import ast

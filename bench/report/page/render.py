@@ -33,6 +33,7 @@ _LEAD = (
     "Several vehicles play a Nash equilibrium. From noisy, partial observations, each estimator "
     "infers what every vehicle wants, and from that predicts how all of them move."
 )
+_SPOILT = "The harness itself failed in these trials, which do not count as attempts:"
 
 #: A run's name, trials and provenance.
 Run = tuple[str, pd.DataFrame, Sequence[Provenance]]
@@ -77,9 +78,11 @@ def render_page(
     labels = style.estimator_order(table["estimator"].tolist())
     scenes, lost = _scenes(parts, study, extras)
     metrics = in_leaderboard(study.metrics, table)
+    suite = json.loads(runs[-1].suite) if runs else {}
+    wrong = in_words(tables.harness_errors)
     html = study_page(
         title=extras.title or parts.outline.suite,
-        lead=lead_of(_description(runs), _LEAD),
+        lead=lead_of(suite.get("description", ""), _LEAD),
         facts=_facts(tables, parts, runs),
         sections=[("scene", "Scene"), ("board", "Score"), ("figures", "Figures")],
         verdict=verdict(tables.scores, tables.comparisons, study),
@@ -92,18 +95,13 @@ def render_page(
         drawn=bool(extras.pictures),
         details=details_of(tables),
         cards=[card_of(study.estimators[name]) for name in labels if name in study.estimators],
-        missing=_missing(tables, [*notes, *lost]),
+        missing=list(dict.fromkeys([*([_SPOILT] if wrong else []), *wrong, *notes, *lost])),
         runs=list(runs),
         data=_data(parts, study, scenes, extras)
         | {"tables": csv_texts(tables.by_name())}
         | {"estimators": [{"name": n, "colours": style.estimator_colours(n)} for n in labels]},
     )
     return Page(html, lost)
-
-
-def _description(runs: Sequence[Provenance]) -> str:
-    """The suite's description, if it is known."""
-    return str(json.loads(runs[-1].suite).get("description", "")) if runs else ""
 
 
 def _facts(tables: RunTables, parts: Parts, runs: Sequence[Provenance]) -> list[tuple[Any, str]]:
@@ -118,12 +116,6 @@ def _facts(tables: RunTables, parts: Parts, runs: Sequence[Provenance]) -> list[
         dirty = "-dirty" if commit.endswith("-dirty") else ""
         facts.append((runs[-1].started[:10], f"commit {commit[:10]}{dirty}" if commit else ""))
     return facts
-
-
-def _missing(tables: RunTables, notes: Sequence[str]) -> list[str]:
-    wrong = in_words(tables.harness_errors)
-    head = "The harness itself failed in these trials, which do not count as attempts:"
-    return list(dict.fromkeys([*([head] if wrong else []), *wrong, *notes]))
 
 
 def _scenes(
@@ -146,13 +138,13 @@ def _data(
     parts: Parts, study: Study, scenes: Sequence[dict[str, Any] | None], extras: Extras
 ) -> dict[str, Any]:
     """What the script shows."""
-    metrics = [m for m in parts.outline.metrics(study.metrics) if not m.is_share]
-    sensors = style.sensor_order(parts.outline.cells["sensor"].tolist())
     return {
         "metrics": [
-            {"name": m.name, "title": m.title, "prediction": m.needs_prediction} for m in metrics
+            {"name": m.name, "title": m.title, "prediction": m.needs_prediction}
+            for m in parts.outline.metrics(study.metrics)
+            if not m.is_share
         ],
-        "sensors": sensors,
+        "sensors": style.sensor_order(parts.outline.cells["sensor"].tolist()),
         "players": PLAYER_COLOURS,
         "scenarios": [
             {"name": name, "scene": scene, "pictures": dict(extras.pictures.get(name, {}))}

@@ -34,9 +34,8 @@ def families(trials: pd.DataFrame, study: Study = USUAL) -> pd.Series:
 def weighed(trials: pd.DataFrame) -> pd.DataFrame:
     """Trials in which the ``count`` of rows without noise fits the trials that were run.
 
-    As stored, such a row stands for all noise draws of its suite. If only a part of them was run,
-    it must not outweigh the others: it counts as often as there are draws of the same scenario,
-    sensor and estimator at other levels, and at least once.
+    As stored, such a row stands for all noise draws of its suite. It counts as often as there are
+    draws of the same scenario, sensor and estimator at other levels, and at least once.
     """
     shared = trials["count"] > 1
     draws = trials.loc[~shared, [*_PLACE, "seed"]].groupby(_PLACE)["seed"].nunique()
@@ -55,9 +54,8 @@ def noisy(attempts: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USUAL) -> pd.Series:
     """Which rows a metric measures: failures, and estimates for which it has a value.
 
-    If a metric needs a prediction and has no value, the prediction failed, and the row counts. A
-    draw for which no estimate has a value does not count, for example if it has no held-out starts.
-    A metric that needs no prediction does not measure an estimator for which it never has a value.
+    Where a metric that needs a prediction has no value, the prediction failed, and the row counts,
+    unless no estimate of the draw has one. Others do not measure an estimator that never has one.
     """
     if metric == FAILURES:
         return pd.Series(True, trials.index)
@@ -75,10 +73,9 @@ def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USU
 
 
 def errors_of(attempts: pd.DataFrame, metric: MetricDeclaration) -> np.ndarray:
-    """An error of each row, infinite for failures.
+    """An error of each row, infinite for failures; that of ``FAILURES`` is 1 for them, else 0.
 
-    A forward game without a root (``failed_forward``) is a failure of the prediction only: its
-    weights have errors. The error of ``FAILURES`` is 1 for a failure, else 0.
+    A forward game without a root (``failed_forward``) is a failure of the prediction only.
     """
     if metric == FAILURES:
         return attempts["status"].ne("ok").to_numpy(float)

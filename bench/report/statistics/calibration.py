@@ -1,9 +1,8 @@
 """Calibration: whether regions and intervals hold the truth as often as they claim.
 
-Each trial tells the level of the smallest region around its estimate that holds the truth
-(``credible_level``), the level of each true weight in its distribution (``weight_levels``), and
-with samples the share of them that is closer to a random point than the truth (``tarp_level``). If
-estimates are calibrated, all of these are uniform between 0 and 1.
+Levels are those of the smallest region that holds the truth (``credible_level``), of each true
+weight in its distribution (``weight_levels``), and the share of samples that is closer to a random
+point than the truth (``tarp_level``). All are uniform between 0 and 1 if estimates are calibrated.
 """
 
 import numpy as np

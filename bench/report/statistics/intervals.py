@@ -31,9 +31,8 @@ class Interval:
 def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> Interval:
     """Mean of errors with a studentised bootstrap interval that resamples seeds.
 
-    Errors are skewed. The bootstrap-t method accounts for this; percentiles of few seeds do not
-    (Efron and Tibshirani 1993, ch. 12). A seed's trials at all noise levels are kept together, as
-    they share one draw in a family of scenarios.
+    Errors are skewed, which this method accounts for (Efron and Tibshirani 1993, ch. 12). A seed's
+    trials at all noise levels are kept together: they share one draw in a family of scenarios.
 
     ``values`` (R,) are errors, at least 0, of which an infinite one makes the mean infinite and
     leaves no interval. A row stands for ``count`` (R,) trials: more than one means one of each
@@ -65,10 +64,9 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
 
 
 def median_interval(values: np.ndarray) -> Interval:
-    """Median of independent values, between two of them that enclose it whatever their spread.
+    """Median of independent values, between two that enclose it with at least ``CONFIDENCE``.
 
-    The number of values below the true median is binomial, so two of the ordered values enclose it
-    with at least ``CONFIDENCE``. Percentiles of a bootstrap would enclose it less often where there
+    The number of values below the true median is binomial, whatever their spread, also where there
     are few. Infinite values rank last.
     """
     ordered, number = np.sort(values), len(values)

@@ -1,8 +1,7 @@
 """Trials in pairs, of two estimators or two runs: which error on the same observation is smaller.
 
-Every estimator sees the same noise, so two are compared trial by trial: which one has the smaller
-error, whatever the difference. Errors within a thousandth of each other are a tie. A failure loses
-to any error, and two failures are a tie.
+Errors within a thousandth of each other are a tie. A failure loses to any error, and two failures
+are a tie.
 """
 
 from collections.abc import Iterator, Mapping

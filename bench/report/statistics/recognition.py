@@ -1,8 +1,7 @@
 """Who is recognised: results by the temperament of drivers (``envs.roads.temperaments``).
 
-A temperament is a function of a scenario's options and the seed of its draw, so that no game is
-solved here. An estimate recognises a driver if its weights have the largest density under the
-driver's own temperament.
+No game is solved for it. An estimate recognises a driver if its weights have the largest density
+under the driver's own temperament.
 """
 
 import json

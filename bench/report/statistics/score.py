@@ -1,15 +1,10 @@
 """The score: by how much an estimator's errors are smaller than those of the paper's method.
 
-A score is the geometric mean over trials of an error over the same trial's error of the reference,
-the paper's method; 0.79 reads: errors are 21 % smaller. Trials without noise do not count, as
-rounding would decide there; whether an estimator is exact without noise is a check of its own
-(``leaderboard``). Only draws that all ranked estimators share count. A failure counts as the error
-of ``uniform`` in its trial, and never as less than the largest error that anybody has there: in
-some scenarios equal weights happen to be the truth.
-
-A draw is one piece of luck: in a family a seed, with all its noise levels and sensors; in a fixed
-scenario one noise, with all sensors. Intervals resample draws within scenarios, and tests change
-the signs of whole draws.
+It is the geometric mean over trials with noise of an error over the reference's in the same trial,
+of draws that all ranked estimators share; 0.79 reads: errors are 21 % smaller. A failure counts as
+the error of ``uniform``, and never as less than the largest error in its trial. Intervals resample
+draws within scenarios, and tests change the signs of whole draws: in a family a draw is a seed with
+all its noise levels and sensors, in a fixed scenario one noise with all sensors.
 """
 
 from collections.abc import Iterator, Sequence

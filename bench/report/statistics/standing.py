@@ -1,8 +1,7 @@
-"""Which estimators rank where, and why others do not.
+"""Which estimators rank where, and why others do not, who are shown and compared with nobody.
 
-A plugin does not rank on published weights, which it may simply know. No estimator ranks in a
-scenario and sensor where it has implausible rows, until fresh draws confirm them. Those without a
-rank are shown with their errors, and are not compared with others.
+A plugin does not rank on published weights, which it may simply know, and no estimator in a
+scenario and sensor where it has implausible rows, until fresh draws confirm them.
 """
 
 from collections.abc import Iterable, Sequence
@@ -65,11 +64,6 @@ def ranks_at(table: pd.DataFrame) -> pd.Series:
     if "standing" not in table:
         return pd.Series(True, table.index)
     return table["standing"].eq(RANKS) | table["standing"].str.startswith(_CONFIRMED)
-
-
-def with_standing(board: pd.DataFrame, standing: pd.DataFrame) -> pd.DataFrame:
-    """A leaderboard's rows with ``implausible`` and ``standing``."""
-    return board if board.empty else board.merge(standing, on=KEY, how="left")
 
 
 def if_told(board: pd.DataFrame) -> pd.DataFrame:

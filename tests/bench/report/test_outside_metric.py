@@ -17,6 +17,7 @@ from olne_bench.bench.report.statistics.pairs import compare_runs
 from olne_bench.bench.report.study import Study, primary, study_of
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.errors import UserError
+from tests.bench.report.conftest import LOST, trial_row
 
 JERK = MetricDeclaration(
     "jerk_error",
@@ -35,34 +36,22 @@ STUDY = Study(metrics=(*BUILT_IN, JERK, ON_ROAD))
 def trials() -> pd.DataFrame:
     rng = np.random.default_rng(0)
     rows = [
-        {
-            "suite": "s",
-            "scenario": "of_another_version",
-            "sensor": sensor,
-            "estimator": name,
-            "sigma": 0.05,
-            "seed": seed,
-            "status": "crash" if name == "b" and seed < 5 else "ok",
-            "message": "",
-            "cosine_error": 0.1,
-            "cosine_limit": 0.05,
-            "position_error": 1.0,
-            "jerk_error": scale * rng.uniform(1, 1.1),
-            "on_road": float(seed % 4 > 0),
-            "observation_error": 0.04,
-            "published_forward": 1.0,
-            "solve_seconds": 0.1,
-            "count": 1,
-            "weights": None,
-        }
+        trial_row(
+            scenario="of_another_version",
+            sensor=sensor,
+            estimator=name,
+            seed=seed,
+            jerk_error=scale * rng.uniform(1, 1.1),
+            on_road=float(seed % 4 > 0),
+        )
         for name, scale in (("a", 0.25), ("b", 2.0))
         for sensor in ("full", "partial", "gappy")
         for seed in range(20)
     ]
     table = pd.DataFrame(rows)
-    lost = table["status"] == "crash"
-    values = ["cosine_error", "position_error", "jerk_error", "on_road", "published_forward"]
-    table.loc[lost, values] = np.nan
+    lost = (table["estimator"] == "b") & (table["seed"] < 5)
+    table.loc[lost, [*LOST, "jerk_error", "on_road"]] = np.nan
+    table.loc[lost, "status"] = "crash"
     return table
 
 

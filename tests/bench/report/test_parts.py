@@ -9,6 +9,7 @@ from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of, write_trials
 from olne_bench.bench.report.study import in_table
 from olne_bench.bench.report.tables import tabulate
+from tests.bench.report.conftest import trial_row
 
 KEY = ["scenario", "sensor", "sigma", "seed", "estimator"]
 
@@ -23,26 +24,17 @@ def trials(number: int = 8) -> pd.DataFrame:
                 errors["held_out_error"] = rng.uniform()
                 if scenario == "a":
                     errors[never] = np.nan
-                row = {
-                    "suite": "s",
-                    "scenario": scenario,
-                    "sensor": "full",
-                    "sigma": 0.1,
-                    "seed": seed,
-                    "salt_id": "",
-                    "estimator": estimator,
-                    "parameters": "{}",
-                    "count": 1,
-                    "status": "crash" if failed else "ok",
-                    "message": "",
-                    "cosine_limit": 0.01,
-                    "published_forward": 1.0,
-                    "observation_error": 0.1,
-                    "solve_seconds": 0.1,
-                    "weights": None if failed else "[[0.25, 0.75], [0.5, 0.5]]",
-                    "unknowns": None,
-                    "weight_levels": None,
-                }
+                row = trial_row(
+                    scenario=scenario,
+                    sigma=0.1,
+                    seed=seed,
+                    salt_id="",
+                    estimator=estimator,
+                    status="crash" if failed else "ok",
+                    weights=None if failed else "[[0.25, 0.75], [0.5, 0.5]]",
+                    unknowns=None,
+                    weight_levels=None,
+                )
                 rows.append(row | (dict.fromkeys(errors, np.nan) if failed else errors))
     return pd.DataFrame(rows).sort_values(KEY, ignore_index=True)
 

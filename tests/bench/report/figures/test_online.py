@@ -1,4 +1,4 @@
-"""Figures of online studies."""
+"""Figures of estimates while a motion goes on."""
 
 import numpy as np
 import pandas as pd

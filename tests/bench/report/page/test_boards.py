@@ -1,10 +1,13 @@
-"""The verdict: one sentence, and it is right."""
+"""The verdict, one sentence that is right, and the board."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from olne_bench.bench.report.page.boards import verdict
+from olne_bench.bench.report.page.boards import board, verdict
 from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
+from olne_bench.bench.report.study import Study
+from olne_bench.bench.report.tables import tabulate
 from tests.bench.report.statistics.test_score import FACTORS, STUDY, trials
 
 
@@ -28,10 +31,7 @@ def test_the_best_by_how_much_and_its_interval() -> None:
 @pytest.mark.parametrize(
     ("factors", "expected"),
     [
-        (
-            {"map": 2.0, "bilevel": 1.5},
-            "kkt_constrained has the smallest position errors; those of",
-        ),
+        ({"map": 2, "bilevel": 1.5}, "kkt_constrained has the smallest position errors; those of"),
         ({"map": 1.0, "bilevel": 1.0}, "cannot be told apart from it."),
         ({"uniform": 0.1}, "; uniform, which ignores the data, has smaller ones."),
     ],
@@ -44,3 +44,25 @@ def test_few_draws_tell_nothing_and_one_estimator_is_alone() -> None:
     assert "are too few to tell estimators apart" in said(FACTORS, seeds=1)
     alone = said({"map": 1.0, "uniform": 3.0})
     assert alone == "map is the only estimator that ranks, on 40 trials with noise of 2 scenarios."
+
+
+def test_the_board_has_five_columns_the_best_first_and_the_floor_last(
+    small_study: pd.DataFrame, usual: Study
+) -> None:
+    tables = tabulate(small_study, usual)
+    table = board(tables, usual)
+    assert table.heads == ["Estimator", "Score", "Position error [m]", "Failures", "Time [ms]"]
+    scores = [float(cells[1].key or "nan") for _, cells in table.rows]
+    assert scores[:2] == sorted(scores[:2])
+    assert table.rows[-1][0] == {"class": "floor"} and "uniform" in table.rows[-1][1][0].text
+    held = small_study.assign(held_out_error=0.1)
+    assert board(tabulate(held, usual), usual).heads[3] == "Held-out error [m]"
+
+
+def test_without_noise_there_are_errors_and_no_scores(small_study: pd.DataFrame, usual) -> None:
+    quiet = small_study.assign(sigma=0.0)
+    tables = tabulate(quiet[quiet["seed"] == 0], usual)
+    table = board(tables, usual)
+    assert table.note == "Nobody has a score."
+    assert [cells[1].text for _, cells in table.rows] == ["–"] * 3
+    assert verdict(tables.scores, tables.comparisons, usual).startswith("No estimator has a score")
