@@ -75,9 +75,9 @@ def write_report(
         _write_tables(tables.by_name(), folder)
         write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
         write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
-        drawn = draw_figures(trials, tables, folder / "figures", formats, study)
-        notes = [*tables.notes, *drawn.notes]
-        extras = Extras(playable=tuple(playable), pictures=drawn.pictures)
+        pictures, lost = draw_figures(trials, tables, folder / "figures", formats, study)
+        notes = [*tables.notes, *lost]
+        extras = Extras(playable=tuple(playable), pictures=pictures)
         page = render_page(trials, tables, runs, study, notes, extras)
     write_text(folder / "index.html", page.html)
     return Report(tables, study, list(dict.fromkeys([*notes, *page.notes])))

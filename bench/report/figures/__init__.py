@@ -5,7 +5,6 @@ Functions named ``draw`` make a ``Figure`` of one scenario, or of the scores of 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
@@ -19,21 +18,13 @@ from olne_bench.bench.report.figures import (
     style,
     trial,
 )
-from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS, NotDrawnError
+from olne_bench.bench.report.formats import USUAL_FORMATS, NotDrawnError
 from olne_bench.bench.report.parts import Parts, of_each, parts_of
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.report.tables import RunTables
 
-__all__ = ["FORMATS", "USUAL_FORMATS", "Drawn", "draw_figures"]
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """The result of drawing figures."""
-
-    notes: list[str] = field(default_factory=list)  # what could not be drawn, and why
-    #: SVG elements for a page by scenario, and by kind; that of all has the scenario "".
-    pictures: dict[str, dict[str, str]] = field(default_factory=dict)
+#: SVG elements for a page by scenario, and by kind; that of all has the scenario "".
+Pictures = dict[str, dict[str, str]]
 
 
 def draw_figures(
@@ -42,25 +33,26 @@ def draw_figures(
     directory: Path,
     formats: Sequence[str] = USUAL_FORMATS,
     study: Study = USUAL,
-) -> Drawn:
+) -> tuple[Pictures, list[str]]:
     """Draw every figure that the trials allow: ``scores``, and others for each scenario.
 
     Files are named ``<kind>_<scenario>.png`` and so on, in as many formats as there are, if any.
-    The same trials give the same bytes.
+    The same trials give the same bytes. What could not be drawn is told, and why.
     """
-    drawn = Drawn()
+    pictures: Pictures = {}
+    notes: list[str] = []
     if not formats:
-        return drawn
+        return pictures, notes
 
     def add(kind: str, scenario: str, draw: Callable[[], Figure]) -> None:
         try:
             figure = draw()
         except NotDrawnError as error:
             of = f" of {scenario}" if scenario else ""
-            drawn.notes.append(f"figure {kind}{of}: {error}")
+            notes.append(f"figure {kind}{of}: {error}")
             return
         name = f"{kind}_{style.file_name(scenario)}" if scenario else kind
-        drawn.pictures.setdefault(scenario, {})[kind] = style.svg_text(figure)
+        pictures.setdefault(scenario, {})[kind] = style.svg_text(figure)
         style.save(figure, directory / name, formats)
 
     def scenario(name: str, rows: pd.DataFrame) -> None:
@@ -70,7 +62,7 @@ def draw_figures(
     with style.applied():
         add("scores", "", lambda: forest.draw(tables.scores, study))
         of_each(parts_of(trials), scenario)
-    return drawn
+    return pictures, notes
 
 
 def _kinds(

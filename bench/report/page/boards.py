@@ -33,8 +33,8 @@ def verdict(scores: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
     ``scores`` is a ``score_table``, and ``comparisons`` the ``pair_table`` of the same trials.
     """
     boards = board_rows(scores, study)
-    error, board = next(iter(boards.items()), ("", pd.DataFrame()))
-    rows = board.to_dict("records")
+    error, table = next(iter(boards.items()), ("", pd.DataFrame()))
+    rows = table.to_dict("records")
     floors = [row for row in rows if study.is_floor(row["estimator"])]
     ranked = [row for row in rows if row["ranked"] and not study.is_floor(row["estimator"])]
     if not ranked:

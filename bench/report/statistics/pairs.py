@@ -161,22 +161,15 @@ def _changes(
         first, second = before[before["estimator"] == old], after[after["estimator"] == new]
         pairs = paired_errors(second, first, metric)
         for (scenario, sensor), group in pairs.groupby(_GROUP, sort=True):
-            found = compare_pairs(group, study.is_family(str(scenario)))
-            yield {
-                "error": metric.name,
-                "scenario": scenario,
-                "sensor": sensor,
-                "estimator": old,
-                "other": new,
-                "pairs": found["pairs"],
+            labels = {"error": metric.name, "scenario": scenario, "sensor": sensor}
+            labels |= {"estimator": old, "other": new}
+            middles = {
                 "before": float(middle(group["b"].to_numpy())),
                 "after": float(middle(group["a"].to_numpy())),
-                "ratio": _ratio(group, metric),
-                "better": found["wins"],
-                "better_low": found["wins_low"],
-                "better_high": found["wins_high"],
-                "p": found["p"],
             }
+            found = compare_pairs(group, study.is_family(str(scenario)))
+            better = {name.replace("wins", "better"): value for name, value in found.items()}
+            yield labels | middles | better | {"ratio": _ratio(group, metric)}
 
 
 def _ratio(pairs: pd.DataFrame, metric: MetricDeclaration) -> float:

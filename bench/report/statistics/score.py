@@ -217,14 +217,14 @@ def _by_code(codes: np.ndarray, values: np.ndarray, number: int) -> np.ndarray:
     return np.array(columns).T.reshape(number, values.shape[1])
 
 
-def _wide(rows: pd.DataFrame, column: str) -> pd.DataFrame:
-    """A column as a table of trials and estimators."""
-    return rows.pivot_table(column, _TRIAL, "estimator", aggfunc="first", sort=True)
+def _wide(ratios: pd.DataFrame) -> pd.DataFrame:
+    """Ratios as a table of trials and estimators."""
+    return ratios.pivot_table("ratio", _TRIAL, "estimator", aggfunc="first", sort=True)
 
 
 def _scores(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
     """Scores of one slice, without its labels."""
-    wide = _wide(ratios, "ratio")
+    wide = _wide(ratios)
     told = _Draws(wide.index, wide.to_numpy(float))
     scores, (low, high) = np.exp(told.means), np.exp(told.interval())
     by_name = ratios.groupby("estimator")
@@ -241,7 +241,7 @@ def _scores(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
 
 def _pairs(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
     """Comparisons of the estimators of one slice, without its labels."""
-    wide = _wide(ratios, "ratio")
+    wide = _wide(ratios)
     pairs = list(combinations(range(wide.shape[1]), 2))
     if not pairs:
         return

@@ -5,7 +5,8 @@ import matplotlib.image
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.figures import FORMATS, draw_figures, over_noise, style
+from olne_bench.bench.report.figures import draw_figures, over_noise, style
+from olne_bench.bench.report.formats import FORMATS
 from olne_bench.bench.report.tables import tabulate
 
 #: Those that all figures are tried in take their time.

@@ -76,8 +76,8 @@ def small_study(prediction_error) -> pd.DataFrame:
 def page(small_study: pd.DataFrame, usual: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "index.html"
     tables = tabulate(small_study, usual)
-    drawn = draw_figures(small_study, tables, path.parent / "figures", ("png",), usual)
-    extras = Extras(pictures=drawn.pictures)
+    pictures, _ = draw_figures(small_study, tables, path.parent / "figures", ("png",), usual)
+    extras = Extras(pictures=pictures)
     html = render_page(small_study, tables, [provenance()], usual, extras=extras).html
     path.write_text(html, encoding="utf-8")
     return path
