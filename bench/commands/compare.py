@@ -9,8 +9,7 @@ import click
 import pandas as pd
 
 from olne_bench.bench.plan.draws import draws_of
-from olne_bench.bench.plan.salt import salt_id
-from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.plan.suite import read_suite_json, salt_id
 from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.statistics.pairs import compare_runs

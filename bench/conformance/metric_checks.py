@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.conformance.findings import NonConformance
+from olne_bench.bench.conformance import NonConformance
 from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
 from olne_bench.bench.judge.metrics.judged import Judged

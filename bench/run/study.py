@@ -6,14 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.draws import draws_path, draws_source
 from olne_bench.bench.plan.kinds import StudyKind
-from olne_bench.bench.plan.load import load_suite, suite_text
+from olne_bench.bench.plan.load import check_gate, load_suite, suite_text
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.salt import check_salt, salted
 from olne_bench.bench.plan.select import Selection, changed, joined, select
-from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.plan.suite import Suite, check_salt, read_suite_json, salted
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
 from olne_bench.bench.run.check_study import check_fit, check_kind, check_priors
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask

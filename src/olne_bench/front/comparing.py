@@ -20,14 +20,13 @@ from olne_bench.bench.report.study import Study
 from olne_bench.bench.text import clip
 from olne_bench.checks import check_count
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
-from olne_bench.front.drawing import Place, place_of
+from olne_bench.front.drawing import ChosenSensor, Place, chosen_sensor, place_of
 from olne_bench.front.in_process import (
     ChosenEstimator,
     NoForeignMetrics,
     PlayerHere,
     chosen_estimator,
 )
-from olne_bench.front.sensing import ChosenSensor, chosen_sensor
 from olne_bench.games.solve.ipopt import PUBLISHED_ITERATIONS
 from olne_bench.plugins import METRIC
 

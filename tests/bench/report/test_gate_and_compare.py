@@ -11,9 +11,8 @@ from olne_bench.bench.commands import compare
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.commands.compare import _names as compared_names
 from olne_bench.bench.judge.metrics import BUILT_IN
-from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.select import Selection
-from olne_bench.bench.plan.suite import GateLimits
+from olne_bench.bench.plan.suite import GateLimits, salt_id
 from olne_bench.bench.report.gate import check_limits
 from olne_bench.bench.report.statistics.pairs import compare_runs
 from olne_bench.bench.report.study import Study
