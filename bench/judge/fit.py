@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtri
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate
-from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Observation, Problem
+from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Estimate, Observation, Problem
 from olne_bench.estimators.shared.forward_model import game_at
 from olne_bench.estimators.shared.profile_intervals import profile_intervals
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
@@ -35,7 +34,7 @@ class Fit:
 
     problem: Problem
     y: np.ndarray
-    result: CheckedEstimate
+    result: Estimate
 
     @cached_property
     def residuals(self) -> np.ndarray | None:
