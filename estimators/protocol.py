@@ -228,7 +228,7 @@ class Estimate:
             return None
         chosen = np.linspace(0, len(self.samples) - 1, min(most, len(self.samples))).astype(int)
         if self.parameter_samples is None:
-            return self.samples[chosen]
+            return np.asarray(self.samples[chosen])
         unknown = [game.parameters.standardised(one) for one in self.parameter_samples[chosen]]
         return np.concatenate([self.samples[chosen], unknown], axis=2)
 

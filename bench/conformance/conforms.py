@@ -18,9 +18,9 @@ from olne_bench.bench.process.child import (
     LeftProcessesError,
     MisspokeError,
     RaisedError,
-    StartError,
     TimedOutError,
 )
+from olne_bench.bench.process.fork_server import StartError
 from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError

@@ -114,14 +114,7 @@ class EstimatedBeliefs:
         road: DriveRoad,
         rules: EstimateRules,
     ) -> None:
-        """Nothing is known yet.
-
-        Args:
-            player: runs the estimator.
-            task_of: what the player is told of the problem of a stream.
-            road: says what everybody knows.
-            rules: how estimates are used.
-        """
+        """Nothing is known yet."""
         self._player, self._task_of, self._road, self._rules = player, task_of, road, rules
         self._prior = UniformBeliefs(road)
         self._known: dict[int, _Known] = {}
@@ -219,7 +212,9 @@ class EstimatedBeliefs:
             raise PlayerFault("skipped", declined)
 
 
-def _shared(seen: list[dict[int, np.ndarray]], numbers: tuple[int, ...]) -> list:
+def _shared(
+    seen: list[dict[int, np.ndarray]], numbers: tuple[int, ...]
+) -> list[dict[int, np.ndarray]]:
     """The latest samples at which all of these cars were seen, without a gap."""
     shared: list[dict[int, np.ndarray]] = []
     for sample in reversed(seen):

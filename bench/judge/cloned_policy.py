@@ -65,7 +65,7 @@ class Policy:
             np.array([left]),
         )[0]
         found = output(self.layers, given).clip(-FARTHEST, FARTHEST)
-        return found.reshape(controls.shape) * self.control_spread
+        return np.asarray(found.reshape(controls.shape) * self.control_spread)
 
 
 def policy_inputs(states: np.ndarray, controls: np.ndarray, left: np.ndarray) -> np.ndarray:

@@ -46,7 +46,7 @@ class Fit:
             return None
         expected = observe(self.problem.view, self.problem.game.dynamics, self.result.states)
         squares = ((self.y - expected) / np.array(self.problem.noise_scale)) ** 2
-        return np.sqrt(np.nanmean(squares, axis=(0, 2)))
+        return np.asarray(np.sqrt(np.nanmean(squares, axis=(0, 2))))
 
     @property
     def residual(self) -> float | None:
@@ -80,7 +80,7 @@ class Fit:
         """
         result, errors = self.result, self.standard_errors
         if result.region == SAMPLES and result.samples is not None:
-            return np.moveaxis(np.quantile(result.samples, _TAILS, axis=0), 0, -1)
+            return np.asarray(np.quantile(result.samples, _TAILS, axis=0)).transpose(1, 2, 0)
         if result.region is None or errors is None or not result.converged:
             return None
         if result.region == LIKELIHOOD and result.states is not None:

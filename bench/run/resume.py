@@ -37,12 +37,7 @@ class Stored:
         return found
 
     def states(self, trial: Trial, seeds: Iterable[int]) -> Counter[str]:
-        """How many trials that differ in nothing but the seed are in each of ``STATES``.
-
-        Args:
-            trial: one of them.
-            seeds: their seeds.
-        """
+        """How many trials that differ in nothing but the seed are in each of ``STATES``."""
         by_code = self._cells.get(trial.cell, {})
         own = by_code.get(trial.code, {})
         statuses = Counter(map(own.get, seeds))

@@ -20,9 +20,9 @@ from olne_bench.bench.process.child import (
     MisspokeError,
     OutOfMemoryError,
     RaisedError,
-    StartError,
     TimedOutError,
 )
+from olne_bench.bench.process.fork_server import StartError
 from olne_bench.errors import UserError
 from olne_bench.plugins import ESTIMATOR, KINDS, METRIC, SCENARIO, SENSOR
 
