@@ -96,7 +96,7 @@ def run_all(
     with stop_request() as stop:
         stored = 0
         with tqdm(total=number, unit="trial", smoothing=0.05, mininterval=0.5) as bar:
-            for _, outcome in run_stored(todo, machine, store, stop):
+            for outcome in run_stored(todo, machine, store, stop):
                 stored += 1
                 if outcome.status == "harness_error":
                     faults[outcome.message] += 1

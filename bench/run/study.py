@@ -148,19 +148,14 @@ def begin(suite: Suite, wanted: Wanted, machine: Machine, store: Store) -> Todo:
 
 def run_stored(
     todo: Iterable[Trial], machine: Machine, store: Store, stop: Callable[[], bool]
-) -> Iterator[tuple[Trial, Outcome]]:
-    """Run trials, here or on a cluster; yield each with its outcome once it is stored."""
-    for trial, outcome in start(todo, machine, stop):
-        store.add(trial, outcome)
-        yield trial, outcome
-
-
-def start(
-    todo: Iterable[Trial], machine: Machine, stop: Callable[[], bool]
-) -> Iterator[tuple[Trial, Outcome]]:
-    """Outcomes of trials as they end."""
+) -> Iterator[Outcome]:
+    """Run trials, here or on a cluster; yield each outcome once it is stored."""
     limit, out = int(machine.memory * 2**30), machine.out.resolve()
     given: dict[str, Any] = {"log": out / LOG, "memory": limit, "hidden": out, "stop": stop}
     if machine.dask:
-        return run_on_dask(todo, cluster=machine.dask, **given)
-    return run_trials(todo, jobs=machine.jobs, **given)
+        ended = run_on_dask(todo, cluster=machine.dask, **given)
+    else:
+        ended = run_trials(todo, jobs=machine.jobs, **given)
+    for trial, outcome in ended:
+        store.add(trial, outcome)
+        yield outcome

@@ -1,6 +1,7 @@
 """End-to-end runs of the command line."""
 
 import os
+import pathlib
 import re
 import signal
 import subprocess
@@ -133,7 +134,7 @@ def run_all(monkeypatch, statuses, stop_after=None):
     module = import_module("olne_bench.bench.commands.run")
     study = import_module("olne_bench.bench.run.study")
 
-    def start(todo, _options, stop):
+    def ended(todo, *, stop, **_limits):
         for number, status in enumerate(todo):
             if stop():
                 return
@@ -141,11 +142,11 @@ def run_all(monkeypatch, statuses, stop_after=None):
             if number + 1 == stop_after:
                 os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(study, "start", start)
+    monkeypatch.setattr(study, "run_trials", ended)
     kept = []
     store = SimpleNamespace(add=lambda _, outcome: kept.append(outcome.status))
-    told = module.run_all(statuses, len(statuses), store, SimpleNamespace(out="runs/a"))
-    return kept, told
+    machine = study.Machine(pathlib.Path("runs/a"))
+    return kept, module.run_all(statuses, len(statuses), store, machine)
 
 
 def test_a_run_that_is_stopped_tells_what_is_left(monkeypatch, capsys):
