@@ -19,6 +19,7 @@ import shared
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.figures import style
@@ -122,7 +123,7 @@ def draw(errors: pd.DataFrame, out: Path) -> None:
         plt.close(figure)
 
 
-def panel(axes: plt.Axes, part: pd.DataFrame, names: list[str]) -> None:
+def panel(axes: Axes, part: pd.DataFrame, names: list[str]) -> None:
     """Errors of some estimators, with their limit."""
     marks: dict[str, Any] = {"marker": "o", "markersize": 3.5, "linewidth": 1.2, "capsize": 2}
     for shift, name in zip(np.linspace(0.94, 1.06, len(names)), names, strict=True):

@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 import torch
 from highway_env.envs.common.action import DiscreteMetaAction
+from matplotlib.figure import Figure
 from scipy import stats
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
@@ -147,7 +148,7 @@ def traffic(
         say(str(name), own, 2)
 
 
-def learning_curve(episodes: pd.DataFrame, evaluation: pd.DataFrame, title: str) -> plt.Figure:
+def learning_curve(episodes: pd.DataFrame, evaluation: pd.DataFrame, title: str) -> Figure:
     """Draw the mean over seeds with Student's 95 % interval, and each seed as a thin line."""
     edges = np.linspace(0, episodes["step"].max(), BINS + 1)
     middles = (edges[1:] + edges[:-1]) / 2

@@ -109,7 +109,7 @@ def coordinates(weights: np.ndarray) -> np.ndarray:
     """(..., N*K): centred logarithms of weights (..., N, K)."""
     logs = np.log(weights + 1e-4)
     logs = logs - logs.mean(axis=-1, keepdims=True)
-    return logs.reshape(*weights.shape[:-2], -1)
+    return np.asarray(logs.reshape(*weights.shape[:-2], -1))
 
 
 def modes_of(samples: np.ndarray) -> Modes:

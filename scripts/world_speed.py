@@ -36,7 +36,7 @@ RAW: dict[str, dict[str, Any]] = {
     },
     "no observation": {"type": "AttributesObservation", "attributes": []},
 }
-CASES: dict[str, tuple[str, dict]] = {
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "highway-fast": ("highway-fast-v0", {}),
     "highway-fast-50": ("highway-fast-v0", {"vehicles_count": 50}),
     "highway": ("highway-v0", {}),
@@ -50,7 +50,7 @@ SOURCES = Path(__file__).parents[1] / "src"
 IDLE = 1
 
 
-def rate(step: Callable[[Any], object], actions: list) -> float:
+def rate(step: Callable[[Any], object], actions: list[Any]) -> float:
     """Steps per second."""
     seconds, _ = shared.timed(lambda: [step(action) for action in actions])
     return len(actions) / seconds
@@ -98,7 +98,7 @@ def road(rounds: int = 200, resets: bool = False) -> None:
             print(f"reset, {kind}: {seconds:.2f} s; with it, {steps:.0f} steps/s")
 
 
-def raw_environment(observation: dict) -> AbstractEnv:
+def raw_environment(observation: dict[str, Any]) -> AbstractEnv:
     """Stock ``highway-v0`` with five controlled vehicles."""
     control = {"type": "ContinuousAction", "acceleration_range": [-LIMIT, LIMIT]}
     config = {

@@ -43,7 +43,8 @@ def _parts(value: Any) -> dict[str, Any] | None:
 
 
 def _compares_by_identity(value: Any) -> bool:
-    return type(value).__eq__ is object.__eq__ and not isinstance(value, FunctionType | type)
+    equal: Any = type(value).__eq__
+    return equal is object.__eq__ and not isinstance(value, FunctionType | type)
 
 
 def _equal(before: Any, after: Any) -> bool:

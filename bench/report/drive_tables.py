@@ -129,7 +129,7 @@ def _paired(first: pd.DataFrame, second: pd.DataFrame, column: str) -> np.ndarra
     """Differences (D,) between the drives in which both have a value."""
     values = [rows.set_index(_PAIR)[column].astype(float) for rows in (first, second)]
     joined = pd.concat(values, axis=1, join="inner").dropna().to_numpy(float)
-    return joined[:, 0] - joined[:, 1]
+    return np.asarray(joined[:, 0] - joined[:, 1])
 
 
 def _collisions(part: pd.DataFrame) -> dict[str, float]:

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -142,7 +143,7 @@ def _column(limit: str, study: Study) -> str:
     return limit if limit in (*_COUNTS, *_scores(study)) else f"{limit}_median"
 
 
-def _time(table: pd.DataFrame, row: dict, reference: str) -> float:
+def _time(table: pd.DataFrame, row: Mapping[Any, Any], reference: str) -> float:
     _require("time_reference", [reference], table["estimator"])
     same = (table["scenario"] == row["scenario"]) & (table["sensor"] == row["sensor"])
     found = table.loc[same & (table["estimator"] == reference), "solve_seconds_median"]

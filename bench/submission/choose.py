@@ -94,4 +94,4 @@ def suspicions(
 
 def _log(values: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
-        return np.clip(np.log10(values), -_MOST, _MOST)
+        return np.asarray(np.clip(np.log10(values), -_MOST, _MOST))

@@ -207,7 +207,7 @@ def _log_ratio(errors: np.ndarray) -> np.ndarray:
     middle = np.median(finite)
     if not np.isfinite(middle):  # more than half failed
         return np.where(np.isfinite(errors), -1.0, 0.0)
-    return np.clip(np.log10(finite / middle), _LOW, _HIGH)
+    return np.asarray(np.clip(np.log10(finite / middle), _LOW, _HIGH))
 
 
 def _chance(units: pd.DataFrame, level: float) -> float:

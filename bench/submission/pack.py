@@ -55,7 +55,7 @@ def pack(folder: Path, name: str, out: Path) -> int:
         _write_tables(rows, suites, unfinished)
         packed = [_without_paths(run, places) for run in runs]
         _write_manifest(name, packed, unfinished)
-    return rows.num_rows
+    return int(rows.num_rows)
 
 
 def _whole(store: Store, runs: Iterable[Provenance], folder: Path) -> pa.Table:

@@ -91,7 +91,7 @@ def _numbers(column: pa.ChunkedArray) -> np.ndarray | None:
     if not pa.types.is_floating(column.type):
         return None
     found: np.ndarray = pc.drop_null(column).to_numpy()
-    return found[~np.isnan(found)]
+    return np.asarray(found[~np.isnan(found)])
 
 
 def _is_ragged(value: list[list[float | None] | None]) -> bool:

@@ -312,7 +312,8 @@ def _known_class(kind: Kind, reference: str, _path: tuple[str, ...]) -> type[Any
         raise PluginError(
             f"{what} is installed under another name than its class has: {name!r}; let them agree"
         )
-    return loaded
+    found: type[Any] = loaded
+    return found
 
 
 def _class_from_file(kind: Kind, path: Path, class_name: str) -> type[Any]:

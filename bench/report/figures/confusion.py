@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.recognition import NOBODY
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 
@@ -23,7 +24,7 @@ def draw(table: pd.DataFrame) -> Figure:
     names = [*TEMPERAMENTS, NOBODY]
     estimators = style.estimator_order(table["estimator"].tolist())
     if len(estimators) > style.MOST_PANELS:
-        estimators = [name for name in estimators if name != style.FLOOR]
+        estimators = [name for name in estimators if name != FLOOR]
     figure, axes = style.grid(estimators, _SIZE)
     for panel, estimator in zip(axes, estimators, strict=False):
         own = table[table["estimator"] == estimator]

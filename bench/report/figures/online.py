@@ -136,4 +136,4 @@ def _point(axes: Axes, row: dict[Any, Any]) -> Any:
 def _reach(values: np.ndarray) -> np.ndarray:
     """How far an interval (estimate, low, high) reaches to both sides; nothing if there is none."""
     reach = np.array([[values[0] - values[1]], [values[2] - values[0]]])
-    return np.nan_to_num(np.maximum(reach, 0.0))
+    return np.asarray(np.nan_to_num(np.maximum(reach, 0.0)))

@@ -13,7 +13,7 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.leaderboard import errors_by_noise, published_failures
-from olne_bench.bench.report.statistics.attempts import attempts_of
+from olne_bench.bench.report.statistics.attempts import FLOOR, attempts_of
 from olne_bench.bench.report.study import USUAL, Study, in_table, primary
 
 _ERRORS, _FAILURES, _KNOWN = (3.5, 2.9), (3.5, 2.6), (3.4, 2.9)  # sizes of a panel [inch]
@@ -64,7 +64,7 @@ def _errors(axes: Axes, table: pd.DataFrame, metric: MetricDeclaration, sensor: 
     own = table[table["sensor"] == sensor].sort_values("sigma")
     names = style.estimator_order(own["estimator"].tolist())
     shifts = dict(zip(names, style.offsets(len(names)), strict=True))
-    shifts |= {style.FLOOR: 0.0} if style.FLOOR in shifts else {}
+    shifts |= {FLOOR: 0.0} if FLOOR in shifts else {}
     own = own.assign(**own[columns].astype(float).clip(lower=bottom))
     _series(axes, own, columns, levels, shifts)
 

@@ -1,7 +1,8 @@
 """What the page of a study of trials says of it: the verdict and all tables."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
@@ -67,7 +68,7 @@ def _change(ratio: float) -> str:
     return f"{100 * abs(ratio - 1):.0f} % {'smaller' if ratio <= 1 else 'larger'}"
 
 
-def _interval(row: dict) -> str:
+def _interval(row: Mapping[Any, Any]) -> str:
     if pd.isna(row["score_low"]):
         return ""
     ends = [100 * (1 - row[name]) for name in ("score_high", "score_low")]

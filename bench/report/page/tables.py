@@ -153,9 +153,9 @@ def rounded(values: np.ndarray, digits: int = 4) -> list[float | None]:
     return [float(f"{v:.{digits - 1}e}") if math.isfinite(v) else None for v in values.tolist()]
 
 
-def decimals(values: np.ndarray, places: int) -> list:
+def decimals(values: np.ndarray, places: int) -> list[Any]:
     """Nested lists of an array rounded to decimal places."""
-    return np.round(values, places).tolist()
+    return list(np.round(values, places).tolist())
 
 
 def human(value: float | None) -> str:

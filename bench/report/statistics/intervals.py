@@ -126,4 +126,4 @@ def _standard_error(sums: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     totals = sizes.sum(axis=-1, keepdims=True)
     residuals = sums - sums.sum(axis=-1, keepdims=True) / totals * sizes
     variance = number / (number - 1) * (residuals**2).sum(axis=-1) / totals[..., 0] ** 2
-    return np.sqrt(variance)
+    return np.asarray(np.sqrt(variance))

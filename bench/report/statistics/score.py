@@ -178,7 +178,7 @@ class _Draws:
     @property
     def draws(self) -> np.ndarray:
         """(C,) numbers of draws that have a value."""
-        return (self.sizes > 0).sum(axis=0)
+        return np.asarray((self.sizes > 0).sum(axis=0))
 
     @property
     def means(self) -> np.ndarray:
