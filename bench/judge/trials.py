@@ -27,14 +27,15 @@ from olne_bench.bench.judge.players import (
 )
 from olne_bench.bench.judge.priors import exclusion
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.seeds import stream
+from olne_bench.bench.judge.scene import pack_motion, pack_truth
+from olne_bench.bench.judge.seeds import noise_seed, stream
 from olne_bench.bench.judge.truth import (
     Draw,
     held_out,
     held_out_samples,
-    noise_seed,
     predict_from_start,
     true_recordings,
+    true_scene,
     unit_cosine_limit,
 )
 from olne_bench.bench.judge.weight_levels import weight_levels
@@ -83,7 +84,20 @@ def judge(trial: Trial, staff: Staff) -> Outcome:
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
         return Outcome("harness_error", f"set-up: {describe_error(error)}")
-    return judge_case(trial, case, staff)
+    outcome, scene = judge_case(trial, case, staff), _scene_once(trial, case.draw)
+    return outcome if scene is None else replace(outcome, scene=scene)
+
+
+_sent: set[tuple[str, str, int]] = set()
+
+
+def _scene_once(trial: Trial, draw: Draw) -> bytes | None:
+    """What a store keeps of a draw and a sensor; None if this process has sent it already."""
+    place = (trial.scenario.label, trial.sensor.label, draw.seed)
+    if place in _sent:
+        return None
+    _sent.add(place)
+    return pack_truth(true_scene(draw, _model(draw, layers_of(trial.sensor))))
 
 
 def judge_case(trial: Trial, case: Case, staff: Staff) -> Outcome:
@@ -214,6 +228,7 @@ def _scored(
         message = "no root of the game found at the estimated weights"
         outcome = replace(outcome, status="failed_forward", message=message)
         return _with_scores(outcome, judged, trial, foreign)
+    outcome = replace(outcome, motion=pack_motion(prediction.root.states))
     judged = replace(
         judged,
         prediction=prediction.root.states,

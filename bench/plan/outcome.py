@@ -1,6 +1,7 @@
 """Outcomes of trials."""
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 #: Statuses of a trial. All but the first and the last two are failures.
 STATUSES = (
@@ -43,11 +44,19 @@ class Outcome:
     scores: dict[str, float | None] = field(default_factory=dict)
     # of the whole trial; no column has it, but sums are kept
     trial_seconds: float | None = field(default=None, compare=False)
+    # truth of its draw and sensor (``bench.judge.scene``), once from each process; its prediction
+    scene: bytes | None = field(default=None, compare=False, repr=False)
+    motion: bytes | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The values of ``OUTCOME_COLUMNS``."""
+        return {name: getattr(self, name) for name in OUTCOME_COLUMNS}
 
 
 #: Columns of nested lists, which a store keeps as JSON text.
 NESTED = ("weights", "unknowns", "weight_levels")
-_NO_COLUMNS = ("scores", "trial_seconds")
+_NO_COLUMNS = ("scores", "trial_seconds", "scene", "motion")
 _TEXTS = {"status", "message", "extras", *NESTED}
 #: Columns of a row that hold an outcome, and their SQL types; those of metrics follow.
 OUTCOME_COLUMNS = {

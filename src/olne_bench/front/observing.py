@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from olne_bench.bench.judge.observe import problem_of, sensor_model
+from olne_bench.bench.judge.seeds import noise_seed
 from olne_bench.bench.judge.trials import shown
-from olne_bench.bench.judge.truth import noise_seed
 from olne_bench.envs.scenarios import checked_seed
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.estimators.protocol import Observation, Problem
