@@ -88,21 +88,13 @@ ROADS: dict[str, DriveRoad] = {
 
 @dataclass(frozen=True)
 class Car:
-    """One car of a drive.
+    """One car of a drive."""
 
-    Attributes:
-        number: identifies it; no number is used twice.
-        player: its features, for steps of a drive.
-        weights: (4,) of its preferences, sum one.
-        lanes: its route.
-        start: (4,) px [m], py [m], heading [rad], speed [m/s].
-    """
-
-    number: int
-    player: Player
-    weights: np.ndarray
-    lanes: tuple[Lane, ...]
-    start: np.ndarray
+    number: int  # identifies it; no number is used twice
+    player: Player  # its features, for steps of a drive
+    weights: np.ndarray  # (4,) of its preferences, sum one
+    lanes: tuple[Lane, ...]  # its route
+    start: np.ndarray  # (4,) px [m], py [m], heading [rad], speed [m/s]
 
     @property
     def target_speed(self) -> float:
@@ -113,10 +105,7 @@ class Car:
 def proposed_cars(road: DriveRoad, rng: np.random.Generator, kind: str) -> list[Car]:
     """The cars of one proposal, the ego first; numbers are their places.
 
-    Args:
-        road: the road.
-        rng: draws the proposal, then the weights.
-        kind: one of ``WEIGHTS``.
+    ``rng`` draws the proposal, then the weights, whose kind is one of ``WEIGHTS``.
     """
     scenario = road.family.propose(rng, road.cars)
     order = [road.ego, *(i for i in range(road.cars) if i != road.ego)]
@@ -181,12 +170,7 @@ class EgoCost:
         self._standing = self.of_step(stands[None], np.zeros(2))
 
     def of_step(self, states: np.ndarray, control: np.ndarray) -> float:
-        """Cost of a step.
-
-        Args:
-            states: (N, 4), the ego first.
-            control: (2,) of the ego.
-        """
+        """Cost of a step from states (N, 4), the ego first, with the ego's control (2,)."""
         values = [
             self._proximities(states) if one is None else float(one(states[:1].T, control))
             for one in self._own
@@ -202,12 +186,9 @@ class EgoCost:
     def of_drive(
         self, motion: Sequence[np.ndarray], controls: Sequence[np.ndarray], crashed: bool
     ) -> float:
-        """Mean share of the steps of a whole drive, 0 to 1.
+        """Mean share of the steps of a whole drive, 0 to 1, which may have ended in a collision.
 
-        Args:
-            motion: states (N, 4) at each step, the ego first; the last ones are those at the end.
-            controls: (2,) of each step.
-            crashed: whether the drive ended in a collision.
+        The motion is the states (N, 4) at each step, the ego first, and those at the end.
         """
         costs = [
             self.share(states, control)

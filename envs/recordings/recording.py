@@ -108,7 +108,7 @@ def film(scenario: Scenario) -> Iterator[np.ndarray]:
 
 
 def _episode(world: OlneWorld) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
-    """States (N, n) and the controls (N, m) that follow them; None at the end.
+    """States (N, n) and the controls (N, m) that follow them, None at the end.
 
     It ends with the game, or when the first player leaves.
     """

@@ -33,17 +33,12 @@ class ConstraintFunctions:
     Functions take (states of the players that it looks at (count*n,), control (m,), numbers (P,),
     multipliers v (c,), weights sigma (c,), direction d (count*n + m,)) and return one column. In
     the last step, m is 0.
-
-    Attributes:
-        needs_control: (c,) whether each margin depends on the control.
-        num_numbers: P.
-        functions: by the names of ``CONSTRAINT_FUNCTIONS``.
-        blocks: where the nonzeros of ``condensed`` sit, rows and columns of the constraint.
     """
 
-    needs_control: tuple[bool, ...]
-    num_numbers: int
-    functions: dict[str, ca.Function]
+    needs_control: tuple[bool, ...]  # (c,) whether each margin depends on the control
+    num_numbers: int  # P
+    functions: dict[str, ca.Function]  # by the names of ``CONSTRAINT_FUNCTIONS``
+    #: Where the nonzeros of ``condensed`` sit, rows and columns of the constraint.
     blocks: tuple[Pattern, ...]
 
     @property
@@ -54,21 +49,14 @@ class ConstraintFunctions:
 
 @dataclass(frozen=True, eq=False)
 class ConstraintPlace:
-    """Where one constraint belongs in the whole game.
+    """Where one constraint belongs in the whole game."""
 
-    Attributes:
-        kind: index of its pair of functions (in every step but the last, in the last).
-        players: those whose states it looks at; the first one's control.
-        first_step: the first step in which it is enforced.
-        offset: place of its first margin among all margins of a step.
-        indices: for each of the pair, the places of the nonzeros of ``condensed`` among the values
-            of the stage blocks.
-    """
-
-    kind: int
-    players: tuple[int, ...]
-    first_step: int
-    offset: int
+    kind: int  # index of its pair of functions (in every step but the last, in the last)
+    players: tuple[int, ...]  # those whose states it looks at; the first one's control
+    first_step: int  # the first step in which it is enforced
+    offset: int  # place of its first margin among all margins of a step
+    #: For each of the pair, the places of the nonzeros of ``condensed`` among the values of the
+    #: stage blocks.
     indices: tuple[np.ndarray, np.ndarray]
 
 

@@ -84,8 +84,7 @@ def _functions(stages: StageFunctions) -> str:
 def without_checks(code: str) -> str:
     """CasADi's C code without its checks for absent arguments and results; all are given here.
 
-    Raises:
-        RuntimeError: if CasADi writes its checks in another way.
+    RuntimeError if CasADi writes its checks in another way.
     """
     code = re.sub(r"(arg\[\d+\])\? (\1\[\d+\]) : 0", r"\2", code)
     code = re.sub(r"if \(res\[\d+\]!=0\) ", "", code)

@@ -60,16 +60,11 @@ class LossFunctions:
     """Squared error of the samples of one player.
 
     Functions take (x (n,), y (d,), precision (d,), numbers of the view (P,)).
-
-    Attributes:
-        value: sum (precision (y - h(x)))^2 and its gradient (n,), in one column.
-        hessian: nonzeros of the upper triangle, the diagonal halved, of its Hessian.
-        pattern: where these sit.
     """
 
-    value: ca.Function
-    hessian: ca.Function
-    pattern: Pattern
+    value: ca.Function  # sum (precision (y - h(x)))^2 and its gradient (n,), in one column
+    hessian: ca.Function  # nonzeros of the upper triangle, the diagonal halved, of its Hessian
+    pattern: Pattern  # where these sit
 
     @property
     def num_numbers(self) -> int:
@@ -79,61 +74,44 @@ class LossFunctions:
 
 @dataclass(frozen=True, eq=False)
 class TermPlace:
-    """Where one term belongs in the whole game.
+    """Where one term belongs in the whole game."""
 
-    Attributes:
-        kind: index of its functions.
-        owner: its player.
-        players: those whose states it looks at.
-        indices: for each function but the costs, the place of each of its nonzeros among the
-            values of the whole stage.
-    """
-
-    kind: int
-    owner: int
-    players: tuple[int, ...]
+    kind: int  # index of its functions
+    owner: int  # its player
+    players: tuple[int, ...]  # those whose states it looks at
+    #: For each function but the costs, the place of each of its nonzeros among the values of the
+    #: whole stage.
     indices: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class StageFunctions:
-    """Everything about games of one structure, and one observation model, for an elimination.
+    """Everything about games of one structure, and one observation model, for an elimination."""
 
-    Attributes:
-        num_players: N. num_states: N*n. num_weights: N*K. num_samples: N*d.
-        num_controls: N*m, plus C where multipliers of constraints are unknowns of a stage.
-        kinds: the functions of the terms.
-        terms: all terms; their sum is the stage.
-        loss: the observation model.
-        blocks: patterns of Q, P, X, S, R, U, A, B.
-        final_blocks: the same of the last stage; all but Q and X are empty.
-        curvature: upper triangle, its diagonal halved, of the Hessian of l_t in the order
-            (x, u, lambda, theta): the Hessian is this plus its transpose.
-        final_curvature: the same for the last stage, in the same order.
-        loss_indices: of each player, where the nonzeros of ``loss.hessian`` belong in the curvature
-            and in that of the last stage.
-        constraint_kinds: the functions of the constraints: of every step but the last, of the last.
-        constraints: all constraints, whose margins come one after another.
-        complementarity_kinds: the functions of constraints whose multipliers are unknowns.
-        complementarities: these constraints, whose multipliers come one after another.
-    """
-
-    num_players: int
-    num_states: int
-    num_controls: int
-    num_weights: int
-    num_samples: int
-    kinds: tuple[TermFunctions, ...]
-    terms: tuple[TermPlace, ...]
-    loss: LossFunctions
-    blocks: tuple[Pattern, ...]
-    final_blocks: tuple[Pattern, ...]
+    num_players: int  # N
+    num_states: int  # N*n
+    num_controls: int  # N*m, plus C where multipliers of constraints are unknowns of a stage
+    num_weights: int  # N*K
+    num_samples: int  # N*d
+    kinds: tuple[TermFunctions, ...]  # the functions of the terms
+    terms: tuple[TermPlace, ...]  # all terms; their sum is the stage
+    loss: LossFunctions  # the observation model
+    blocks: tuple[Pattern, ...]  # patterns of Q, P, X, S, R, U, A, B
+    final_blocks: tuple[Pattern, ...]  # the same of the last stage; all but Q and X are empty
+    #: Upper triangle, its diagonal halved, of the Hessian of l_t in the order (x, u, lambda,
+    #: theta): the Hessian is this plus its transpose.
     curvature: Pattern
-    final_curvature: Pattern
+    final_curvature: Pattern  # the same for the last stage, in the same order
+    #: Of each player, where the nonzeros of ``loss.hessian`` belong in the curvature and in that of
+    #: the last stage.
     loss_indices: tuple[tuple[np.ndarray, np.ndarray], ...]
+    #: The functions of the constraints: of every step but the last, of the last.
     constraint_kinds: tuple[tuple[ConstraintFunctions, ConstraintFunctions], ...]
+    #: All constraints, whose margins come one after another.
     constraints: tuple[ConstraintPlace, ...]
+    #: The functions of constraints whose multipliers are unknowns.
     complementarity_kinds: tuple[ComplementarityFunctions, ...] = ()
+    #: These constraints, whose multipliers come one after another.
     complementarities: tuple[ComplementarityPlace, ...] = ()
 
     @property
@@ -162,12 +140,8 @@ class StageFunctions:
 def stage_functions(game: Game, view: View, *, condensed: bool = False) -> StageFunctions:
     """Derive (or fetch) the stage functions of a game's structure and an observation model.
 
-    Args:
-        game: the game.
-        view: the observation model.
-        condensed: whether constraints are condensed, as the interior point method needs them
-            (``games.compiled.constraint_functions``), or else equations
-            (``games.compiled.complementarity``).
+    Constraints are condensed (``games.compiled.constraint_functions``) or else equations
+    (``games.compiled.complementarity``).
     """
     structure, _ = structure_and_numbers(game)
     own_view = view_and_numbers(view, structure.dynamics)[0]
