@@ -52,27 +52,19 @@ RANGE = 5.0
 
 @dataclass(frozen=True)
 class DriveRoad:
-    """What a drive takes from a family, and where its cars come and go.
+    """What a drive takes from a family, and where its cars come and go; distances in [m].
 
-    Attributes:
-        family: draws starts, routes, target speeds; everybody knows its speeds.
-        cars: number of cars, the ego included.
-        ego: which car of a proposal the ego is.
-        lead: distance [m] that the ego starts farther back than proposed.
-        moving: whether starts of cars with one lane move along with the ego, as the road goes on.
-        shift: distance [m] by which these starts are moved ahead or back, so that there is room.
-        entry: least distance [m] from the ego at which cars enter.
-        ahead, behind: distance [m] from the ego at which cars leave. Where the road does not go on,
-            ``ahead`` is that from its middle, at which cars on the last lane of their route leave.
+    Cars leave so far ahead of the ego or behind it. Where the road does not go on, ``ahead`` is
+    that from its middle, at which cars on the last lane of their route leave.
     """
 
-    family: type[RoadFamily]
-    cars: int
-    ego: int
-    lead: float
-    moving: bool
-    shift: float
-    entry: float
+    family: type[RoadFamily]  # draws starts, routes, target speeds; everybody knows its speeds
+    cars: int  # number of cars, the ego included
+    ego: int  # which car of a proposal the ego is
+    lead: float  # by which the ego starts farther back than proposed
+    moving: bool  # whether starts of cars with one lane move along, as the road goes on
+    shift: float  # by which these starts are moved ahead or back, so that there is room
+    entry: float  # least distance from the ego at which cars enter
     ahead: float
     behind: float
 

@@ -82,18 +82,12 @@ def rng_of(road: str, seed: int, *key: int) -> np.random.Generator:
 
 @dataclass
 class DriveCounts:
-    """What happened among the other cars.
+    """What happened among the other cars."""
 
-    Attributes:
-        plans: of Nash traffic.
-        entered, left: cars that came and went.
-        collided: cars that collided without the ego, and were taken off the road.
-    """
-
-    plans: PlanCounts = field(default_factory=PlanCounts)
+    plans: PlanCounts = field(default_factory=PlanCounts)  # of Nash traffic
     entered: int = 0
     left: int = 0
-    collided: int = 0
+    collided: int = 0  # without the ego, and taken off the road
 
 
 class DriveWorld:

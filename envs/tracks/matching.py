@@ -150,13 +150,12 @@ def _until(lane: RoadLane, along: float) -> list[Lane]:
 def shortened(curve: Lane, length: float) -> Lane:
     """The first ``length`` metres of a curve."""
     if isinstance(curve, StraightLane):
-        return StraightLane(curve.start, curve.direction, length)
+        return replace(curve, length=length)
     if isinstance(curve, SineLane):
-        axis = StraightLane(curve.axis.start, curve.axis.direction, length)
-        return SineLane(axis, curve.amplitude, curve.pulsation, curve.phase)
+        return replace(curve, axis=replace(curve.axis, length=length))
     if isinstance(curve, ArcLane):
         turn = (curve.end_phase - curve.start_phase) * length / curve.length
-        return ArcLane(curve.centre, curve.radius, curve.start_phase, curve.start_phase + turn)
+        return replace(curve, end_phase=curve.start_phase + turn)
     raise TypeError(f"no part of a {type(curve).__name__}")
 
 

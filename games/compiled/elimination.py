@@ -36,7 +36,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from olne_bench.games.compiled.bindings import LARGEST_INT, Work, check_size, declared, dense
+from olne_bench.games.compiled.bindings import LARGEST_INT, Work, declared, dense
 from olne_bench.games.compiled.compiler import load
 from olne_bench.games.compiled.complementarity import RELAXATION
 from olne_bench.games.compiled.source import source_of
@@ -337,31 +337,6 @@ class Elimination:
             np.empty(self.library.response_space(self.horizon)),
         )
         return z
-
-    def interior(
-        self,
-        options: np.ndarray,
-        z: np.ndarray,
-        theta: np.ndarray,
-        *,
-        coupled: bool,
-        tau: float,
-        relaxed: float,
-        max_iterations: int,
-    ) -> tuple[np.ndarray, np.ndarray, float, bool, int]:
-        """The iteration of ``games.solve.interior``, whose options are those of ``interior.c``.
-
-        Returns z, multipliers (T, C), residual, whether it is solved, and iterations.
-        """
-        z, v = self._rows("z", z).copy(), np.zeros((self.horizon, self.stages.num_margins))
-        residual, solved = np.zeros(1), np.zeros(1, dtype=np.int32)
-        check_size(self.library.interior_options(), options.nbytes, "InteriorOptions")
-        iterations = self.library.interior(
-            *(self.work, options, self._weights(theta), self.enforced, int(coupled)),
-            *(tau, relaxed, max_iterations, z, v, residual, solved),
-            np.empty(self.library.interior_space(self.horizon)),
-        )
-        return z, v, float(residual[0]), bool(solved[0]), iterations
 
     def _rows(self, name: str, array: np.ndarray) -> np.ndarray:
         return dense(name, array, self._shape)

@@ -130,7 +130,7 @@ def _constraints(stages: StageFunctions) -> list[str]:
     for place in stages.constraints:
         both = _braces(f"CONSTRAINT_KINDS + {2 * place.kind + last}" for last in (0, 1))
         players = _integers(place.players), len(place.players)
-        indices = _braces(map(_integers, place.indices))
+        indices = _braces(map(_integers, place.indices.values()))
         constraints.append(_braces([both, indices, *players, place.offset]))
     return [
         _table("ConstraintKind CONSTRAINT_KINDS[]", kinds or ["{{0}}"]),

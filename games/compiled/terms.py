@@ -15,7 +15,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from olne_bench.games.compiled.stage_patterns import Pattern, half, nonzeros, stack
+from olne_bench.games.compiled.stage_patterns import Pattern, half, named_functions, nonzeros, stack
 from olne_bench.games.model.costs import Feature, Stage
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Player
@@ -182,10 +182,7 @@ def term_functions(kind: TermKind) -> TermFunctions:
     arguments = [states, control, costates, weights, numbers, p, q, r]
     return TermFunctions(
         kind=kind,
-        functions={
-            name: ca.Function(name, arguments, [ca.cse(ca.densify(values[name]))])
-            for name in FUNCTIONS
-        },
+        functions=named_functions(FUNCTIONS, arguments, values),
         patterns={name: (pattern,) for name, (pattern, _) in blocks.items()}
         | {name: patterns for name, (patterns, _) in stacked.items()},
     )

@@ -29,6 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from olne_bench.games.compiled.bindings import check_size, dense
 from olne_bench.games.compiled.complementarity import RELAXATION
 from olne_bench.games.compiled.elimination import Elimination
 
@@ -82,13 +83,14 @@ def solve_interior(
     units of cost; ``relaxed``: smallest first slack, as a share of the mean size of the margin
     along z.
     """
-    found = solver.interior(
-        _OPTIONS,
-        z,
-        theta,
-        coupled=coupled,
-        tau=tau,
-        relaxed=relaxed,
-        max_iterations=max_iterations,
+    stages, horizon, library = solver.stages, solver.horizon, solver.library
+    z = dense("z", z, (horizon, stages.size)).copy()
+    theta, v = dense("theta", theta, (stages.num_weights,)), np.zeros((horizon, stages.num_margins))
+    residual, solved = np.zeros(1), np.zeros(1, dtype=np.int32)
+    check_size(library.interior_options(), _OPTIONS.nbytes, "InteriorOptions")
+    iterations = library.interior(
+        *(solver.work, _OPTIONS, theta, solver.enforced, int(coupled)),
+        *(tau, relaxed, max_iterations, z, v, residual, solved),
+        np.empty(library.interior_space(horizon)),
     )
-    return InteriorSolution(*found)
+    return InteriorSolution(z, v, float(residual[0]), bool(solved[0]), iterations)

@@ -60,7 +60,8 @@ class KktSystem:
     @cached_property
     def residual_function(self) -> ca.Function:
         """G as a function of (states, controls, costates, weights), flat."""
-        return ca.Function("G", self._arguments, [self.residual])
+        arguments = [self.states, self.controls, self.costates, self.weights]
+        return ca.Function("G", arguments, [self.residual])
 
     @cached_property
     def cost_function(self) -> ca.Function:
@@ -79,10 +80,6 @@ class KktSystem:
                 ca.substitute(self.stationarity_states, self.costates, zero),
             ],
         )
-
-    @property
-    def _arguments(self) -> list[ca.SX]:
-        return [self.states, self.controls, self.costates, self.weights]
 
 
 @lru_cache(maxsize=64)
