@@ -129,22 +129,16 @@ def file(tmp_path, recorded):
     return path
 
 
-def test_a_missing_file(tmp_path):
+def test_what_is_no_recording_is_refused(tmp_path):
+    path = tmp_path / "other.parquet"
     with pytest.raises(RecordingFileError, match="no recording"):
-        read_recording(tmp_path / "no.parquet")
-
-
-def test_a_file_of_another_format(tmp_path):
-    path = tmp_path / "text.parquet"
+        read_recording(path)
     path.write_text("time,player\n")
     with pytest.raises(RecordingFileError, match="not a Parquet file"):
         read_recording(path)
-
-
-def test_a_table_that_is_no_recording(file):
-    pq.write_table(pa.table({"a": [1]}), file)
+    pq.write_table(pa.table({"a": [1]}), path)
     with pytest.raises(RecordingFileError, match="is not a recording"):
-        read_recording(file)
+        read_recording(path)
 
 
 @pytest.mark.parametrize("damage", ["rows", "column", "metadata"])
