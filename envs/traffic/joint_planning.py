@@ -166,11 +166,7 @@ def _first_controls(situation: Situation, start: Starts) -> np.ndarray:
 
 
 def _next_plan(
-    solution: Plan,
-    index: int,
-    collides: bool,
-    start: VehiclePlan | None,
-    report: TrafficReport,
+    solution: Plan, index: int, collides: bool, start: VehiclePlan | None, report: TrafficReport
 ) -> VehiclePlan | None:
     """One player's next plan, counted in the report; None for the Intelligent Driver Model."""
     if solution.converged:

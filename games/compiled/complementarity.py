@@ -131,11 +131,7 @@ def complementarity_functions(kind: Constraint, dynamics: Dynamics) -> Complemen
 
 
 def _margins(
-    kind: Constraint,
-    dynamics: Dynamics,
-    states: list[ca.SX],
-    controls: list[ca.SX],
-    numbers: ca.SX,
+    kind: Constraint, dynamics: Dynamics, states: list[ca.SX], controls: list[ca.SX], numbers: ca.SX
 ) -> tuple[ca.SX, tuple[bool, ...]]:
     """The margins h of (C2), and which of them are taken after the step."""
     dt = numbers[0]

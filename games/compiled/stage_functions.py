@@ -42,13 +42,7 @@ from olne_bench.games.compiled.constraint_functions import (
     kind_of,
 )
 from olne_bench.games.compiled.stage_patterns import Entries, Pattern, half, merged, nonzeros
-from olne_bench.games.compiled.terms import (
-    FUNCTIONS,
-    Term,
-    TermFunctions,
-    term_functions,
-    terms_of,
-)
+from olne_bench.games.compiled.terms import FUNCTIONS, Term, TermFunctions, term_functions, terms_of
 from olne_bench.games.model.constraints import Constraint
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Game

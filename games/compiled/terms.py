@@ -54,11 +54,7 @@ class TermKind:
         return len(self.player.preferences) + len(unknowns_of(self.player))
 
     def cost(
-        self,
-        states: Sequence[ca.SX],
-        control: ca.SX | None,
-        weights: ca.SX,
-        numbers: ca.SX,
+        self, states: Sequence[ca.SX], control: ca.SX | None, weights: ca.SX, numbers: ca.SX
     ) -> ca.SX:
         """The cost of one stage; of the last state where there is no control.
 

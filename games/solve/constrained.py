@@ -89,10 +89,7 @@ def solve_constrained(
 
 
 def as_root(
-    game: Game,
-    solution: InteriorSolution,
-    weights: np.ndarray,
-    solver: Elimination | None = None,
+    game: Game, solution: InteriorSolution, weights: np.ndarray, solver: Elimination | None = None
 ) -> tuple[Root, np.ndarray]:
     """A solution of the interior point method as a root of ``games.compiled.complementarity``.
 

@@ -134,11 +134,7 @@ def kkt_system(game: Game) -> KktSystem:
 
 
 def kkt_residual_norm(
-    game: Game,
-    states: np.ndarray,
-    controls: np.ndarray,
-    costates: np.ndarray,
-    weights: np.ndarray,
+    game: Game, states: np.ndarray, controls: np.ndarray, costates: np.ndarray, weights: np.ndarray
 ) -> float:
     """Largest absolute entry of G at a point given as arrays."""
     function = kkt_system(game).residual_function

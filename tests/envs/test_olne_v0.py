@@ -173,11 +173,7 @@ def test_turn_based_form_plays_the_same_equilibrium():
 
 @pytest.mark.parametrize(
     ("name", "options", "seed"),
-    [
-        ("two_player", {}, 0),
-        ("highway_overtaking", {}, 0),
-        ("random", {"num_players": 3}, 1),
-    ],
+    [("two_player", {}, 0), ("highway_overtaking", {}, 0), ("random", {"num_players": 3}, 1)],
 )
 def test_no_small_unilateral_deviation_pays(name, options, seed):
     """1,000 random changes of one player's actions, through the public API alone."""

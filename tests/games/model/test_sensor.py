@@ -6,11 +6,7 @@ import pytest
 from olne_bench.envs.recordings.recording import Recording
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.model.dynamics import DOUBLE_INTEGRATOR, UNICYCLE
-from olne_bench.games.model.observation import (
-    ComponentView,
-    RangeBearingView,
-    observe,
-)
+from olne_bench.games.model.observation import ComponentView, RangeBearingView, observe
 from olne_bench.games.model.sensor import (
     CorrelatedNoise,
     CovarianceNoise,
@@ -80,10 +76,7 @@ def test_only_views_depend_on_their_order():
         ((CorrelatedNoise(float("nan")),), "got nan"),
         ((LIDAR, CovarianceNoise(((1.0, 1.0), (1.0, 1.0)))), "positive definite"),
         ((LIDAR, CovarianceNoise(((1.0, 0.0), (0.0, -1.0)))), "has the eigenvalue -1"),
-        (
-            (LIDAR, CovarianceNoise(((1.0,),))),
-            r"rows of \[1\] numbers, expected 2 rows of 2",
-        ),
+        ((LIDAR, CovarianceNoise(((1.0,),))), r"rows of \[1\] numbers, expected 2 rows of 2"),
         ((CorrelatedNoise(0.1), CorrelatedNoise(0.2)), "one noise layer at most, got 2"),
         (("full",), "'full' is not a layer of a sensor"),
     ],

@@ -58,12 +58,7 @@ def test_published_limits(
 ) -> None:
     scenario, found = get_scenario(name), scenario_equilibrium(name)
     covariance = weight_covariance(
-        scenario.game,
-        VIEWS[view],
-        found.states,
-        found.controls,
-        found.costates,
-        scenario.weights,
+        scenario.game, VIEWS[view], found.states, found.controls, found.costates, scenario.weights
     )
     assert covariance is not None
     assert cosine_error_limit(covariance, scenario.weights) == pytest.approx(limit, abs=tolerance)
@@ -125,14 +120,7 @@ def test_cosine_limit_is_the_mean_error_of_a_gaussian_estimate() -> None:
 
 def test_identifiability_agrees_with_the_bound(crossing: Crossing, olne: Equilibrium) -> None:
     game, weights, _ = crossing
-    arguments = (
-        game,
-        FullView(),
-        olne.states,
-        olne.controls,
-        olne.costates,
-        weights,
-    )
+    arguments = (game, FullView(), olne.states, olne.controls, olne.costates, weights)
     covariance = weight_covariance(*arguments)
     assert covariance is not None
     deviations = np.sqrt(np.diag(covariance)).reshape(weights.shape)
@@ -162,14 +150,7 @@ def test_what_is_left_is_the_posterior_of_a_gaussian_prior(
 ) -> None:
     """The prior has the covariance of weights that are uniform on the simplex."""
     game, weights, _ = crossing
-    arguments = (
-        game,
-        FullView(),
-        olne.states,
-        olne.controls,
-        olne.costates,
-        weights,
-    )
+    arguments = (game, FullView(), olne.states, olne.controls, olne.costates, weights)
     covariance = weight_covariance(*arguments)
     assert covariance is not None
     prior = (np.diag(np.full(4, 0.25)) - 1 / 16) / 5  # Dirichlet(1, 1, 1, 1)

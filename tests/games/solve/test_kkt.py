@@ -104,11 +104,7 @@ def test_weights_matter_up_to_each_players_scale(
     game, weights, _ = crossing
     scale = np.array(scales)
     residual = kkt_residual_norm(
-        game,
-        olne.states,
-        olne.controls,
-        scale[:, None] * olne.costates,
-        scale[:, None] * weights,
+        game, olne.states, olne.controls, scale[:, None] * olne.costates, scale[:, None] * weights
     )
     assert residual < 1e-10 * scale.max() + 1e-12
 

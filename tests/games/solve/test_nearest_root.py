@@ -72,10 +72,7 @@ def test_without_any_root_there_is_no_prediction(
 
 
 def test_where_the_published_step_fails_a_path_of_roots_is_followed(
-    crossing: Crossing,
-    olne: Equilibrium,
-    other: np.ndarray,
-    monkeypatch: pytest.MonkeyPatch,
+    crossing: Crossing, olne: Equilibrium, other: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     game, weights, _ = crossing
     truth = _root(olne)

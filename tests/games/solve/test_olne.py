@@ -258,10 +258,7 @@ class TestCertificate:
         assert (certificate.gains > 1e-7).all()
 
     def test_a_response_that_is_lost_certifies_nothing(
-        self,
-        crossing: Crossing,
-        olne: Equilibrium,
-        monkeypatch: pytest.MonkeyPatch,
+        self, crossing: Crossing, olne: Equilibrium, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         game, weights, _ = crossing
         assert certify(game, olne, weights).passed
