@@ -214,7 +214,7 @@ class KktConstrained:
             joint_elimination(problem.game, problem.view)
             return
         settings = self._settings(problem)
-        limits = self.max_iterations, settings.tolerance, settings.barrier > 0
+        limits = self.max_iterations, settings.tolerance, bool(np.any(settings.barrier))
         joint_solver(problem.game, problem.view, 1, *limits)
         warm_up_fit(problem.game, problem.view, problem.game.horizon)
 

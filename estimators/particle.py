@@ -9,8 +9,7 @@ Where this departs from the paper, and why:
 
 - The paper re-plans a game at every step from a state that it knows. Here one open-loop
   equilibrium is observed from an unknown initial state, so that a particle is a point
-  s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``,
-  around uniform weights.
+  s = (z, x_1) of coordinates in which the prior is standard normal, and an initial state.
 - s is constant, so particles only lose diversity by resampling, and moving them by Markov chains
   took tens of thousands of games. New particles are drawn instead, where the measurements so far
   put them, and all particles are weighed as draws from the mixture of all proposals (adaptive
@@ -42,7 +41,7 @@ wider by what so few samples leave open (``widening``). Between several trajecto
 belief about the weights is passed on as a Gaussian.
 
 Paper: Peters 2020; proposals and weights after Cornuet et al. 2012.
-Assumes: a known noise level, and the prior of ``ukf``.
+Assumes: the prior, and a known noise level.
 Cost: 0.2 s for two players, 1 to 4 s for five and on roads: by far the most games.
 Trust: if the posterior is far from Gaussian; the least effective sample size shows how well it
     worked.
@@ -109,13 +108,12 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Particle(SampleFilter):
-    """Particles over log-ratios of weights and initial states.
+    """Particles over weights, unknowns and initial states.
 
     Attributes:
         count: the effective sample size is at least a quarter of it after each measurement, half of
             it after the last, unless ``most_draws`` ends the draws; half of it are drawn at a time.
-        spread: prior standard deviation of the log-ratios, in units of that of weights that are
-            uniform on the simplex.
+        spread: as of ``Ukf``.
         most_draws: largest number of draws for a measurement; twice as many for the last one.
         peek: as of ``Ukf``.
 
@@ -125,7 +123,7 @@ class Particle(SampleFilter):
 
     name: ClassVar[str] = "particle"
     count: int = 200
-    spread: float = 0.5
+    spread: float = 1.0
     most_draws: int = 8
     peek: bool = False
 
@@ -163,11 +161,11 @@ class _Run(FilterRun):
         for cloud in clouds:
             self.online.append(_mean_weights(begin.games, cloud))
             self._effective.append(cloud.effective)
-        self._cloud, size = cloud, begin.games.num_theta
+        self._cloud, size = cloud, begin.games.chart.size
         return cloud.shares @ cloud.points, _covariance(cloud.points[:, :size], cloud.shares)
 
     def certainty(self) -> tuple[np.ndarray, dict[str, Any]]:
-        cloud, free = self._cloud, self.games.num_log_ratios
+        cloud, free = self._cloud, self.games.chart.free
         weights = self.games.weights(cloud.points).reshape(len(cloud.points), -1)
         wider = widening(cloud.effective, free)
         if wider is None and not self.message:
@@ -285,7 +283,7 @@ class _Pool:
         own = np.array([one.log(points) for one in self._proposals])
         last = proposal.log(self._points[old])
         self._densities = np.block([[before, own[:-1]], [last, own[-1]]]) if len(last) else own
-        log_prior = _Proposal(self._prior, np.inf).log(points)
+        log_prior = _Proposal(self._prior, np.inf).log(points) + self._games.tilt(points)
         self._points = np.vstack([self._points[old], points])
         self._squared = np.vstack([self._squared[old], squared])
         self._log_prior = np.concatenate([self._log_prior[old], log_prior])

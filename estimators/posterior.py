@@ -1,9 +1,9 @@
 """Samples of the posterior: weights, unknowns and initial state, given all observations.
 
-The prior of a player's weights is a Dirichlet distribution with all parameters alpha, flat by
-default; that of standardised unknowns is normal within their ranges; that of x_1 is flat, and a
-wide normal one where the first sample misses a player. With Gaussian noise, in
-coordinates z of weights and unknowns in which their prior is standard normal (``charts``),
+The prior of a player's weights is the problem's; that of standardised unknowns is normal within
+their ranges; that of x_1 is flat, and a wide normal one where the first sample misses a player.
+With Gaussian noise, in coordinates z of weights and unknowns in which their prior is standard
+normal (``charts``),
 
     (B1)  log pi(z, x_1) = -|y - h(x(theta(z), x_1))|^2 / (2 sigma^2) - |z|^2 / 2,
 
@@ -34,7 +34,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.checks import check_count, check_number
-from olne_bench.estimators.map import probable_optima
+from olne_bench.estimators.map import check_alpha, prior_of, probable_optima
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import (
@@ -70,7 +70,7 @@ class Posterior:
     """Samples of weights, unknowns and initial state.
 
     Attributes:
-        alpha: parameter of the Dirichlet distribution; 1 is flat.
+        alpha: parameter of a symmetric Dirichlet distribution in place of the problem's prior.
         first: fits of perturbed observations from all peaks together.
         more: fits from every further place.
         most: number of all fits at most.
@@ -82,7 +82,7 @@ class Posterior:
     """
 
     name: ClassVar[str] = "posterior"
-    alpha: float = 1.0
+    alpha: float | None = None
     first: int = 300
     more: int = 150
     most: int = 2400
@@ -90,7 +90,7 @@ class Posterior:
     count: int = 1000
 
     def __post_init__(self) -> None:
-        check_number("alpha", self.alpha)
+        check_alpha(self.alpha)
         check_count("first", self.first, least=40)
         check_count("more", self.more, least=10)
         check_count("most", self.most, least=self.first)
@@ -111,7 +111,8 @@ class Posterior:
         if unseen.size:
             players = ", ".join(map(str, unseen))
             return _nothing(problem, f"never seen, hence not identified: player {players}")
-        problem = replace(problem, sigma=assumed_sigma(problem))
+        prior = prior_of(problem, self.alpha)
+        problem = replace(problem, sigma=assumed_sigma(problem), prior=prior)
         density, peaks = self.peaks(problem, seen, deadline)
         if not peaks:
             return _nothing(problem, "no equilibrium found that explains the observations")
@@ -138,17 +139,14 @@ class Posterior:
             observation: what was seen.
             deadline: in seconds of ``time.monotonic``.
         """
-        optima = probable_optima(problem, observation.y, self.alpha, deadline)
+        optima = probable_optima(problem, observation.y, problem.prior, deadline)
         density = self.density(problem, observation, deadline)
         return density, _peaks(density, _meant(problem, optima))
 
     def density(self, problem: Problem, observation: Observation, deadline: float) -> GameDensity:
         """The density (B1), as of ``peaks``; (B1) with a prior of x_1 overrides it."""
-        game = problem.game
-        size = game.num_players, game.num_weights, problem.weight_floor
-        chart = NormalChart(*size, self.alpha, game.parameters)
         start = unseen_starts(problem, observation)
-        return GameDensity(problem, observation, chart, deadline, start)
+        return GameDensity(problem, observation, NormalChart.of(problem), deadline, start)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""

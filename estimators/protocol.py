@@ -15,6 +15,7 @@ import numpy as np
 
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import View, observation_size, whitening
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,13 @@ class Problem:
         goes_on: whether players plan again all the time, each time T states ahead. A stream
             (``estimators.shared.incoming_samples``) then has no last sample, and what it has seen
             last is the beginning of a game of T states.
+        prior: what is known of each player's weights before, flat by default. Methods that are not
+            Bayesian ignore it. Unknowns carry their own (``Game.parameters``).
 
     Raises:
-        TypeError: on a game or a view that is something else, such as the name of a sensor.
-        ValueError: on a sigma, weight_floor, noise_scale or noise_covariance out of range.
+        TypeError: on a game, a view or a prior that is something else, such as the name of a
+            sensor.
+        ValueError: on a sigma, weight_floor, noise_scale, noise_covariance or prior out of range.
     """
 
     game: Game
@@ -50,6 +54,7 @@ class Problem:
     noise_scale: tuple[float, ...] = ()
     noise_covariance: tuple[tuple[float, ...], ...] | None = None
     goes_on: bool = False
+    prior: WeightPrior = FLAT
 
     def __post_init__(self) -> None:
         if not isinstance(self.game, Game):
@@ -62,6 +67,9 @@ class Problem:
                 f"view must be a View, such as FullView(), got {self.view!r}; "
                 "olne_bench.problem takes names of sensors"
             )
+        if not isinstance(self.prior, WeightPrior):
+            raise TypeError(f"prior must be a WeightPrior, got {self.prior!r}")
+        self.prior.check(self.game.num_weights)
         if not (math.isfinite(self.sigma) and self.sigma >= 0):
             raise ValueError(f"sigma must be a finite number of at least 0, got {self.sigma}")
         largest = 1 / self.game.num_weights

@@ -19,6 +19,7 @@ from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import FullView, View, observation_function
 from olne_bench.games.model.sensor import Layer, SensorModel
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 T = TypeVar("T")
 
@@ -32,7 +33,7 @@ def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:
     return SensorModel.of(layers, scenario.game.dynamics, scenario.noise_scale)
 
 
-def problem_of(told: Game, model: SensorModel, sigma: float) -> Problem:
+def problem_of(told: Game, model: SensorModel, sigma: float, prior: WeightPrior = FLAT) -> Problem:
     """What an estimator is told of a game that is seen through a sensor, with noise ``sigma``."""
     return Problem(
         told,
@@ -40,6 +41,7 @@ def problem_of(told: Game, model: SensorModel, sigma: float) -> Problem:
         sigma,
         noise_scale=model.noise_scale,
         noise_covariance=model.noise_covariance,
+        prior=prior,
     )
 
 

@@ -193,7 +193,8 @@ def shown(
         NoEquilibriumError: if the draw has no certified equilibrium.
     """
     recordings, model = true_recordings(draw), _model(draw, layers)
-    problem = problem_of(recordings[0].scenario.told, model, sigma)
+    scenario = recordings[0].scenario
+    problem = problem_of(scenario.told, model, sigma, scenario.prior)
     return problem, observe(recordings, layers, sigma, seed)
 
 

@@ -52,6 +52,7 @@ class Places:
         possible: (B,) whether F has a value.
         roots: (B, ...) what further points are followed from; only the density reads it.
         responses: (B, ...) its derivative, or (B,) objects that hold one each.
+        tilts: (B,) what the log of the density has beside -|F|^2 / 2.
     """
 
     points: np.ndarray
@@ -60,6 +61,7 @@ class Places:
     possible: np.ndarray
     roots: np.ndarray
     responses: np.ndarray
+    tilts: np.ndarray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -67,7 +69,7 @@ class Places:
     @property
     def log_density(self) -> np.ndarray:
         """Log pi (B,)."""
-        return np.where(self.possible, -np.sum(self.errors**2, axis=1) / 2, -np.inf)
+        return np.where(self.possible, self.tilts - np.sum(self.errors**2, axis=1) / 2, -np.inf)
 
     def at(self, chosen: np.ndarray) -> "Places":
         """Those of some indices, or where a mask is true."""
@@ -211,7 +213,8 @@ class GameDensity:
             points, roots, possible, slopes / problem.sigma, slope
         )
         errors[~possible] = 0.0
-        return Places(points, errors, rows, possible, roots, responses)
+        tilts = self.chart.tilt(points[:, : self.chart.size])
+        return Places(points, errors, rows, possible, roots, responses, tilts)
 
     def _prior(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Errors of the prior (B, P) at points (B, d), and their derivative (P, d)."""

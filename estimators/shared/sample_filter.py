@@ -30,7 +30,7 @@ class FilterRun(ABC):
     Attributes:
         online: mean weights (N, K) after each measurement so far.
         games: those of the last trajectory.
-        belief: about the log-ratios and unknowns; None before the first trajectory.
+        belief: about the coordinates of weights and unknowns; None before the first trajectory.
         message: one line if something is wrong.
     """
 
@@ -50,7 +50,7 @@ class FilterRun(ABC):
         """Filter samples (T, N*d) and append to ``online``.
 
         Returns:
-            The mean (n,) of the last belief, and its covariance in log-ratios and unknowns.
+            The mean (n,) of the last belief, and its covariance in these coordinates.
         """
 
     @abstractmethod
@@ -74,7 +74,7 @@ class FilterRun(ABC):
             self.message = self.message or unexplained(problem, error, observation.y)
         self._objective += error
         self._first_states = states if self._first_states is None else self._first_states
-        self.belief = Gaussian(mean[: begin.games.num_theta], covariance)
+        self.belief = Gaussian(mean[: begin.games.chart.size], covariance)
 
     def lost(self, message: str) -> Estimate:
         """What was known when the filter could not continue."""
@@ -91,7 +91,7 @@ class FilterRun(ABC):
             states=self._first_states,
             covariance=covariance,
             parameters=games.parameters(belief.mean),
-            parameter_deviations=games.parameter_deviations(belief.covariance),
+            parameter_deviations=games.parameter_deviations(belief),
             converged=not self.message,
             message=self.message,
             extras=known | extras,
