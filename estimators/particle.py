@@ -53,7 +53,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 
 from olne_bench.checks import check_count, check_number
@@ -67,6 +66,7 @@ from olne_bench.estimators.shared.past_posterior import (
     PastPosterior,
     Tangent,
 )
+from olne_bench.estimators.shared.perturbed_fits import effective_sample_size, tempered
 from olne_bench.estimators.shared.sample_filter import FilterRun, SampleFilter
 
 #: Effective sample sizes, in units of ``count``, that end the draws for a measurement, for the last
@@ -300,7 +300,7 @@ class _Pool:
         if not np.isfinite(log_shares).any():
             return self._laplace
         dimension = len(self._prior.mean)
-        shares = _normalised(_tempered(log_shares, max(self._size / 2, dimension)))
+        shares = _normalised(tempered(log_shares, max(self._size / 2, dimension))[0])
         mean, covariance = shares @ self._points, _covariance(self._points, shares)
         effective = 1 / np.sum(shares**2)
         own = effective / (effective + _TRUSTED * dimension / k**2)
@@ -381,15 +381,6 @@ def _root_of(covariance: np.ndarray) -> np.ndarray:
         return np.transpose(upper * np.where(np.diag(upper) < 0, -1, 1)[:, None])
 
 
-def effective_sample_size(log_shares: np.ndarray) -> float:
-    """M_eff (P2) of shares that need not sum to one, by their logarithms."""
-    largest = log_shares.max()
-    if not np.isfinite(largest):
-        return 0.0
-    shares = np.exp(log_shares - largest)
-    return float(shares.sum() ** 2 / (shares**2).sum())
-
-
 def widening(effective: float, size: int) -> float | None:
     """Factor of a sample covariance for regions around a sample mean; None for too few samples.
 
@@ -398,21 +389,6 @@ def widening(effective: float, size: int) -> float | None:
     """
     left = effective - size - 2
     return (effective - 1) / left * (1 + 1 / effective) if left > 0 else None
-
-
-def _tempered(log_shares: np.ndarray, enough: float) -> np.ndarray:
-    """Log shares times the largest factor, up to one, that leaves enough particles effective."""
-    some = np.isfinite(log_shares)
-
-    def scaled(factor: float) -> np.ndarray:
-        return np.where(some, factor * np.where(some, log_shares, 0.0), -np.inf)
-
-    def excess(factor: float) -> float:
-        return effective_sample_size(scaled(factor)) - enough
-
-    if excess(1.0) >= 0:
-        return log_shares
-    return scaled(brentq(excess, 0.0, 1.0, xtol=1e-12) if excess(0.0) > 0 else 0.0)
 
 
 def _normalised(log_shares: np.ndarray) -> np.ndarray:

@@ -47,7 +47,7 @@ far is found by the joint problem. If it is clearly more probable than the filte
 filter is lost, the belief is replaced by Laplace's approximation there. That uses the samples up to
 t once, and (U1) to (U6) take in later ones. No belief depends on samples after it.
 
-Mean and covariance of the weights come from those of z by one more unscented transform.
+Mean and covariance of the weights come from those of z by quadrature.
 
 If a sigma point has no equilibrium that can be followed from
 the mean's, all of them are moved closer to the mean (a smaller alpha), which is an equally valid

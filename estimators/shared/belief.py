@@ -16,8 +16,10 @@ depend on later ones.
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
 from scipy.linalg import block_diag
 
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
@@ -52,6 +54,10 @@ _TOLERANCE = 1e-4
 #: Hard constraints: margin times multiplier comes to this share of noise times cost, which leaves a
 #: car that keeps its distance some 1e-4 of the noise farther away.
 _RELAXED = 1e-5
+
+
+#: Points of the quadrature of weights in each direction.
+_NODES = 5
 
 
 class LostError(Exception):
@@ -142,23 +148,29 @@ def prior_belief(
     return Gaussian(np.concatenate([weights.mean, first.ravel()]), covariance)
 
 
-def unscented_weights(mean: np.ndarray, covariance: np.ndarray, chart: NormalChart) -> Gaussian:
-    """Moments of the weights (N*K,) of Gaussian coordinates (N*(K-1),), player by player."""
+def moments_of_weights(mean: np.ndarray, covariance: np.ndarray, chart: NormalChart) -> Gaussian:
+    """Moments of the weights (N*K,) of Gaussian coordinates (N*(K-1),), player by player.
+
+    By Gauss-Hermite quadrature.
+    """
     free = chart.num_weights - 1
-    size = np.sqrt(free)
+    nodes, factors = hermegauss(_NODES)
+    steps = np.array(list(product(nodes, repeat=free)))
+    shares = np.array([np.prod(one) for one in product(factors, repeat=free)])
+    shares /= shares.sum()
     means, slopes, rests = [], [], []
     for i, k in enumerate(range(0, len(mean), free)):
         own = covariance[k : k + free, k : k + free]
-        root = symmetric_root(own)
-        steps = size * np.vstack([root, -root])
-        points = np.repeat(mean[None], len(steps), axis=0)
-        points[:, k : k + free] += steps
+        moves = steps @ symmetric_root(own)
+        points = np.repeat(mean[None], len(moves), axis=0)
+        points[:, k : k + free] += moves
         rows = chart.weights(points)[:, i]
-        centre = rows.mean(axis=0)
-        slope = (rows - centre).T @ steps / len(steps) @ np.linalg.pinv(own, hermitian=True)
+        centre = shares @ rows
+        away = rows - centre
+        slope = (away.T * shares) @ moves @ np.linalg.pinv(own, hermitian=True)
         means.append(centre)
         slopes.append(slope)
-        rests.append((rows - centre).T @ (rows - centre) / len(steps) - slope @ own @ slope.T)
+        rests.append((away.T * shares) @ away - slope @ own @ slope.T)
     slope = block_diag(*slopes)
     return Gaussian(np.concatenate(means), slope @ covariance @ slope.T + block_diag(*rests))
 
@@ -228,11 +240,11 @@ class FollowedGames:
     def weight_belief(self, belief: Gaussian) -> Gaussian:
         """Mean (N*K,) and covariance (N*K, N*K) of the weights, of a belief about z.
 
-        The unscented transform of each player's coordinates, whose third-order accuracy counts
-        where little is known. Between players, what is linear counts only.
+        Each player's own are exact to a high order, which counts where little is known. Between
+        players, what is linear counts only.
         """
         own = slice(0, self.chart.free)
-        return unscented_weights(belief.mean[own], belief.covariance[own, own], self.chart)
+        return moments_of_weights(belief.mean[own], belief.covariance[own, own], self.chart)
 
     def expected(self, points: np.ndarray) -> np.ndarray:
         """h(x) (B, T, N*d) of points (B, n) whose first is the mean; NaN without equilibrium.

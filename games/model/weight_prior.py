@@ -48,7 +48,7 @@ class WeightPrior:
     def __repr__(self) -> str:
         """As it is made; a single component without its share."""
         if len(self.components) == 1:
-            return f"WeightPrior({self.components[0]!r})"
+            return f"WeightPrior({self.components!r})"
         return f"WeightPrior({self.components!r}, shares={self.shares!r})"
 
     def check(self, num_weights: int) -> None:
@@ -104,9 +104,12 @@ class WeightPrior:
 
         A single weight of a Dirichlet distribution has a Beta distribution. Samples never reach a
         tail below ``LEAST_MASS`` in all components. A weight below the floor counts as twice the
-        floor. None if there is none.
+        floor. None if there is none, as where all parameters of a component are 1 or less: its
+        density is nowhere zero.
         """
         count = weights.shape[1]
+        if self.parameters(count).max(axis=1).min() <= 1:
+            return None
         shares = np.clip((weights - floor) / (1 - count * floor), floor, 1 - floor)
         tails = np.zeros_like(shares)
         for row, share in zip(self.parameters(count), self.shares, strict=True):

@@ -16,6 +16,7 @@ from olne_bench.estimators.shared.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.shared.joint_problem import JointPoint, JointSettings
 from olne_bench.estimators.shared.trajectory_fit import guess_states
 from olne_bench.games.model.game import Game
+from olne_bench.games.model.weight_prior import FLAT
 from olne_bench.games.solve.olne import solve_olne
 
 
@@ -53,7 +54,7 @@ def test_players_may_be_counted_in_any_order(estimator, seen) -> None:
 def test_ipopt_agrees_on_the_optimum(sigma, seen) -> None:
     problem, (observation,), _ = seen(sigma=sigma)
     game, view, y = problem.game, problem.view, observation.y
-    settings = with_prior(JointSettings(), sigma, 1.0)
+    settings = with_prior(JointSettings(), problem, FLAT)
     start = JointPoint.from_trajectory(game, guess_states(game, view, y))
     ours = solve_joint(game, view, y, start, settings)
     reference = solve_joint_ipopt(game, view, [y], [start], settings)
@@ -117,7 +118,7 @@ def test_the_covariance_knows_the_prior(seen) -> None:
 
 def test_all_optima_are_sorted_by_their_probability(seen) -> None:
     problem, (observation,), _ = seen(sigma=0.1, view="partial")
-    optima = probable_optima(problem, observation.y, 1.0, np.inf)
+    optima = probable_optima(problem, observation.y, FLAT, np.inf)
     criteria = [one.criterion for one in optima]
     assert criteria == sorted(criteria)
     best = estimated(Map(), problem, observation)

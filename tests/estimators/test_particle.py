@@ -15,7 +15,7 @@ from olne_bench.estimators.particle import (
 )
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.belief import Gaussian, LostError
-from olne_bench.estimators.shared.charts import from_log_ratios
+from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
@@ -24,6 +24,8 @@ from olne_bench.estimators.shared.forward_model import (
 )
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.model.unknowns import Parameters
+from olne_bench.games.model.weight_prior import FLAT
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.olne import solve_olne
 
@@ -96,9 +98,11 @@ def one_ratio():
     y = observe(problem.view, game.dynamics, truth.states + noise)
     start = SolvedGame(Root(truth.states, truth.controls, truth.costates, 0.0), weights)
 
+    chart = NormalChart(1, 2, problem.weight_floor, FLAT, Parameters(((),)))
+
     def expected(points):
         rows = np.repeat(weights[None], len(points), axis=0)
-        rows[:, :1] = from_log_ratios(points, 2, problem.weight_floor)
+        rows[:, :1] = chart.weights(points)
         batch = play_batch(problem, start, rows, scenario.initial_state)
         samples = expected_samples(problem, batch.states)
         samples[~batch.converged] = np.nan
