@@ -45,6 +45,9 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.fit_test import Expected, expected_of, residuals_of
+from olne_bench.estimators.shared.forward_model import game_at, sample_sensitivity
+from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.observation import FullView, View, whitening
 from olne_bench.games.model.sensor import Layer, SensorModel
 
@@ -214,6 +217,7 @@ def _scored(
         weights=estimate.weights.tolist(),
         unknowns=_listed(estimate.parameters),
         weight_levels=_listed(levels),
+        fit_p=_fit(estimate, trial, case),
         objective=estimate.extras.get("objective"),
         extras=_stored_extras(estimate),
     )
@@ -244,6 +248,34 @@ def _scored(
         ),
     )
     return _with_scores(outcome, judged, trial, foreign)
+
+
+def _fit(estimate: Estimate, trial: Trial, case: Case) -> float | None:
+    """P-value of the fit test; its distribution is that at the true weights, which is kept."""
+    if estimate.states is None or not trial.sigma:
+        return None
+    problem, (seen, *_) = with_white_noise(case.problem, case.observations)
+    there = np.isfinite(seen.y)
+    expected = _expected_fit(case.draw, problem, there.tobytes())
+    if expected is None:
+        return None
+    return expected.test(residuals_of(problem, seen.y, estimate.states)).p
+
+
+@lru_cache(maxsize=32)
+def _expected_fit(draw: Draw, problem: Problem, there: bytes) -> Expected | None:
+    """What the fit test expects of one trajectory; None at a fold of equilibria."""
+    recording = true_recordings(draw)[0]
+    try:
+        sensitivity = sample_sensitivity(
+            problem, game_at(problem.game, recording.root, recording.scenario.theta)
+        )
+    except ValueError:
+        return None
+    seen = np.frombuffer(there, dtype=bool).reshape(
+        *problem.game.state_shape[:2], len(problem.noise_scale)
+    )
+    return expected_of(problem, seen, sensitivity)
 
 
 def _stored_extras(estimate: Estimate) -> str | None:

@@ -34,6 +34,8 @@ class Outcome:
     # sum of squared errors of the observation about the true trajectory, over noise scales
     truth_objective: float | None = None
     solve_seconds: float | None = None  # wall-clock time of the estimate, without building solvers
+    # whether noise explains the residuals (``estimators.shared.fit_test``); None if not testable
+    fit_p: float | None = None
     weights: list[list[float]] | None = None  # (N, K)
     # (N, U), each in its unit; None if the game has no unknowns
     unknowns: list[list[float]] | None = None
