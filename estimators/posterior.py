@@ -46,6 +46,7 @@ from olne_bench.estimators.shared.forward_model import (
     warm_up_games,
 )
 from olne_bench.estimators.shared.joint_problem import JointSolution
+from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits, resampled
 from olne_bench.estimators.shared.posterior_density import GameDensity, climbed, start_prior
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
@@ -116,6 +117,7 @@ class Posterior:
         if unseen.size:
             players = ", ".join(map(str, unseen))
             return _nothing(problem, f"never seen, hence not identified: player {players}")
+        asked, problem = problem, with_found_noise(problem, (seen,), deadline)
         prior = prior_of(problem, self.alpha)
         problem = replace(problem, sigma=assumed_sigma(problem), prior=prior)
         density, peaks = self.peaks(problem, seen, deadline)
@@ -130,7 +132,7 @@ class Posterior:
             most=self.most,
             enough=self.enough,
         )
-        return _estimate(density, peaks, fits, self.count, rng)
+        return telling_noise(_estimate(density, peaks, fits, self.count, rng), asked, problem)
 
     def peaks(
         self, problem: Problem, observation: Observation, deadline: float

@@ -25,8 +25,9 @@ class Problem:
     Attributes:
         game: players' features and tasks, motion model, horizon T and step dt [s]; no weights.
         view: observation model h, shared by all players: y = h(x) + noise, then gaps.
-        sigma: noise level, at least 0. The Gaussian noise on observed component k of a player has
-            the standard deviation ``sigma * noise_scale[k]``. It is independent between players and
+        sigma: noise level, at least 0, or its median where it is not known. The Gaussian noise on
+            observed component k of a player has the standard deviation ``sigma * noise_scale[k]``.
+            It is independent between players and
             between times, and between components unless ``noise_covariance`` is given. Noise on an
             angle is not wrapped (``games.model.observation``).
         weight_floor: smallest weight allowed, given rows that sum to one.
@@ -38,13 +39,16 @@ class Problem:
         goes_on: whether players plan again all the time, each time T states ahead. A stream
             (``estimators.shared.incoming_samples``) then has no last sample, and what it has seen
             last is the beginning of a game of T states.
+        sigma_spread: standard deviation of log sigma where the noise level is not known; 0 where it
+            is. An estimate then tells the level that it found as ``extras["sigma"]``.
         prior: what is known of each player's weights before, flat by default. Methods that are not
             Bayesian ignore it. Unknowns carry their own (``Game.parameters``).
 
     Raises:
         TypeError: on a game, a view or a prior that is something else, such as the name of a
             sensor.
-        ValueError: on a sigma, weight_floor, noise_scale, noise_covariance or prior out of range.
+        ValueError: on a sigma, sigma_spread, weight_floor, noise_scale, noise_covariance or prior
+            out of range.
     """
 
     game: Game
@@ -55,6 +59,7 @@ class Problem:
     noise_covariance: tuple[tuple[float, ...], ...] | None = None
     goes_on: bool = False
     prior: WeightPrior = FLAT
+    sigma_spread: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.game, Game):
@@ -72,6 +77,12 @@ class Problem:
         self.prior.check(self.game.num_weights)
         if not (math.isfinite(self.sigma) and self.sigma >= 0):
             raise ValueError(f"sigma must be a finite number of at least 0, got {self.sigma}")
+        if not (math.isfinite(self.sigma_spread) and self.sigma_spread >= 0):
+            raise ValueError(
+                f"sigma_spread must be a finite number of at least 0, got {self.sigma_spread}"
+            )
+        if self.sigma_spread and not self.sigma:
+            raise ValueError("a noise level that is not known needs a sigma above 0, its median")
         largest = 1 / self.game.num_weights
         if not 0 <= self.weight_floor < largest:
             raise ValueError(

@@ -234,13 +234,25 @@ def expected_of(problem: Problem, seen: np.ndarray, sensitivity: np.ndarray) -> 
         seen: (T, N, d) which samples there are.
         sensitivity: (T*N*d, N*(K+U) + N*n) of ``sample_sensitivity``.
     """
-    game = problem.game
-    tangent = theta_tangent(game)
+    return Expected.of(seen, *_fitted(problem, seen, sensitivity))
+
+
+def samples_left(problem: Problem, seen: np.ndarray, sensitivity: np.ndarray) -> float:
+    """Number of samples less what is fitted; arguments as of ``expected_of``."""
+    free, precision = _fitted(problem, seen, sensitivity)
+    sizes = np.linalg.svd(free / np.sqrt(precision), compute_uv=False)
+    return float(len(free) - (sizes**2 / (sizes**2 + 1)).sum())
+
+
+def _fitted(
+    problem: Problem, seen: np.ndarray, sensitivity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """J (n, F) over sigma, in what may change of theta and the start, and P (F,)."""
+    tangent = theta_tangent(problem.game)
     by_theta, by_start = np.split(sensitivity[seen.ravel()], [len(tangent)], axis=1)
     free = np.hstack([by_theta @ tangent, by_start]) / problem.sigma
-    return Expected.of(
-        seen, free, np.concatenate([_precision(game), np.full(by_start.shape[1], 1e-12)])
-    )
+    flat = np.full(by_start.shape[1], _FLAT)
+    return free, np.concatenate([_precision(problem.game), flat])
 
 
 def _precision(game: Game) -> np.ndarray:

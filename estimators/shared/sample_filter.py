@@ -20,6 +20,7 @@ from olne_bench.estimators.shared.forward_model import (
     squared_error_of,
     warm_up_games,
 )
+from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.past_posterior import Outset, outset, unexplained
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 
@@ -116,13 +117,15 @@ class SampleFilter(ABC):
         budget: float,
     ) -> Estimate:
         problem, observations = with_white_noise(problem, observation)
-        run = self.run(problem, time.monotonic() + budget, rng)
+        deadline = time.monotonic() + budget
+        asked, problem = problem, with_found_noise(problem, observations, deadline)
+        run = self.run(problem, deadline, rng)
         try:
             for one in observations:
                 run.take_in(one)
         except LostError as error:
             return run.lost(str(error))
-        return run.estimate()
+        return telling_noise(run.estimate(), asked, problem)
 
     def supports(self, problem: Problem) -> str | None:
         """Why this problem cannot be filtered, or None."""
