@@ -34,7 +34,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.checks import check_count
-from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
+from olne_bench.estimators.protocol import LIKELIHOOD, POSTERIOR, Estimate, Observation, Problem
 from olne_bench.estimators.shared.certainty import Certainty, likelihood_certainty
 from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.incoming_samples import Samples, Stream, WindowStream
@@ -157,7 +157,7 @@ class KktConstrained:
             weights=points[0].weights,
             states=points[0].states,
             covariance=of_weights(game, known.covariance),
-            region=self._region,
+            region=None if self._region == POSTERIOR and len(points) > 1 else self._region,
             parameters=None if standardised is None else game.parameters.values(standardised),
             parameter_deviations=deviations_of(game, known.covariance),
             converged=converged,

@@ -35,7 +35,7 @@ import numpy as np
 
 from olne_bench.checks import check_number
 from olne_bench.estimators.kkt_constrained import KktConstrained
-from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.protocol import POSTERIOR, Observation, Problem
 from olne_bench.estimators.shared.certainty import Certainty, posterior_covariance
 from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.interior_point import solve_joint
@@ -65,7 +65,7 @@ class Map(KktConstrained):
     """
 
     name: ClassVar[str] = "map"
-    _region: ClassVar[str | None] = None
+    _region: ClassVar[str | None] = POSTERIOR
     alpha: float | None = None
 
     def __post_init__(self) -> None:

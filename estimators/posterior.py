@@ -48,7 +48,7 @@ from olne_bench.estimators.shared.forward_model import (
 from olne_bench.estimators.shared.joint_problem import JointSolution
 from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits, resampled
-from olne_bench.estimators.shared.posterior_density import GameDensity, climbed, start_prior
+from olne_bench.estimators.shared.posterior_density import STEPS, GameDensity, climbed, start_prior
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 from olne_bench.games.solve.newton import Root
 
@@ -63,9 +63,6 @@ LARGEST_R_HAT = 1.1
 
 #: Optima whose log-density is lower by more than this are not meant.
 _MEANT = 15.0
-
-#: Gauss-Newton steps from an optimum to the peak.
-_STEPS = 12
 
 #: Peaks nearer to each other than this, in standard deviations, are one.
 _SAME = 0.1
@@ -184,7 +181,7 @@ def _peaks(density: GameDensity, optima: Sequence[JointSolution]) -> list[Peak]:
         if not place.possible[0]:  # a game at a fold
             continue
         try:
-            peak = Peak.at(climbed(density, place, _STEPS))
+            peak = Peak.at(climbed(density, place, STEPS))
         except np.linalg.LinAlgError:
             continue
         if all(_apart(peak, other) > _SAME for other in found):

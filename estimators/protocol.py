@@ -194,8 +194,9 @@ def _check_samples(name: str, samples: np.ndarray, shape: tuple[int, ...], view:
 
 
 #: Kinds of regions that an estimate may claim.
-SAMPLES, COVARIANCE, LIKELIHOOD = "samples", "covariance", "likelihood"
-REGIONS = (SAMPLES, COVARIANCE, LIKELIHOOD)
+SAMPLES, COVARIANCE = "samples", "covariance"
+LIKELIHOOD, POSTERIOR = "likelihood", "posterior"
+REGIONS = (SAMPLES, COVARIANCE, LIKELIHOOD, POSTERIOR)
 
 
 @dataclass(frozen=True)
@@ -208,8 +209,9 @@ class Estimate:
         covariance: (N*K, N*K) covariance of the weights, each row scaled to sum one, in C order,
             or None.
         region: where the truth is expected: ``samples``, a quantile of their distances,
-            ``covariance``, an ellipsoid, or ``likelihood``, all weights whose profile likelihood is
-            high enough, which the referee computes itself. None means ``samples`` where there are
+            ``covariance``, an ellipsoid, or all weights whose profile of the ``likelihood`` or of
+            the ``posterior`` is high enough, which the referee computes itself; the last for one
+            trajectory. None means ``samples`` where there are
             some, else ``covariance`` where there is one.
         parameters: (N, U) values of the game's unknowns (``Game.parameters``) in their units; None
             where it has none. Columns that stand for nothing are not read.

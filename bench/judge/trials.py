@@ -13,7 +13,7 @@ import numpy as np
 
 from olne_bench import plugins
 from olne_bench.bench.judge.estimate_check import check_estimate
-from olne_bench.bench.judge.likelihood import likelihood_ratio
+from olne_bench.bench.judge.likelihood import likelihood_ratio, posterior_ratio
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.judge.observe import observe, observed, problem_of, sensor_model
@@ -246,6 +246,13 @@ def _scored(
                 *(estimate, prediction.root),
             )
         ),
+        posterior_ratio=Once(
+            partial(
+                posterior_ratio,
+                *(case.problem, case.observations[0], case.recordings[0]),
+                *(estimate, prediction.root),
+            )
+        ),
     )
     return _with_scores(outcome, judged, trial, foreign)
 
@@ -259,7 +266,8 @@ def _fit(estimate: Estimate, trial: Trial, case: Case) -> float | None:
     expected = _expected_fit(case.draw, problem, there.tobytes())
     if expected is None:
         return None
-    return expected.test(residuals_of(problem, seen.y, estimate.states)).p
+    residuals = residuals_of(problem, seen.y, estimate.states)
+    return expected.test(residuals, level_known=not problem.sigma_spread).p
 
 
 @lru_cache(maxsize=32)

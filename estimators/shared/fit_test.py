@@ -166,13 +166,19 @@ class Expected:
         own = values.min(axis=1)
         return np.concatenate([own.min(axis=1, keepdims=True), own[:, 1:]], axis=1)
 
-    def test(self, residuals: np.ndarray) -> FitTest:
-        """The test of residuals (T, N, d) over their noise; missing ones do not count."""
+    def test(self, residuals: np.ndarray, *, level_known: bool = True) -> FitTest:
+        """The test of residuals (T, N, d) over their noise; missing ones do not count.
+
+        Where the noise level is not known, it is that of the residuals.
+        """
         if self.free[0] < _FEWEST:
             return not_testable(
                 f"{len(self.deviations)} samples are {self.free[0]:.0f} more than was fitted"
             )
-        found = self.layout.statistics(residuals[self.layout.seen][None], self.deviations)
+        seen = residuals[self.layout.seen][None]
+        if not level_known:
+            seen = seen * np.sqrt(self.free[0] / max(float((seen**2).sum()), np.finfo(float).tiny))
+        found = self.layout.statistics(seen, self.deviations)
         values = self.p_values(found)
         corrected = -np.expm1(self.independent * np.log1p(-self.smallest(values)[0]))
         kind, place = np.unravel_index(values[0].argmin(), values[0].shape)
@@ -217,7 +223,8 @@ def fit_test(
     except ValueError:
         return not_testable("the equilibrium is not a function of the weights")
     expected = expected_of(problem, np.isfinite(seen.y), sensitivity)
-    return expected.test(residuals_of(problem, seen.y, known.root.states))
+    residuals = residuals_of(problem, seen.y, known.root.states)
+    return expected.test(residuals, level_known=not problem.sigma_spread)
 
 
 def residuals_of(problem: Problem, y: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -46,6 +46,9 @@ from olne_bench.games.model.observation import View
 from olne_bench.games.solve.newton import pack
 from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE
 
+#: Steps from an optimum of the joint problem to a peak, and with coordinates held.
+STEPS = 12
+
 #: The shortest part of a Gauss-Newton step that is tried, and a gain that is none.
 _SHORTEST, _FLAT = 1e-3, 1e-4
 
@@ -100,10 +103,14 @@ class Density(Protocol):
         """F at points (B, d), each followed from one of B places that are possible."""
 
 
-def climbed(density: Density, place: Places, most: int) -> Places:
-    """The most probable point near one place, or what as many Gauss-Newton steps reach."""
+def climbed(density: Density, place: Places, most: int, free: slice = slice(None)) -> Places:
+    """The most probable point near one place, or what as many Gauss-Newton steps reach.
+
+    Only the coordinates that are ``free`` change.
+    """
     for _ in range(most):
-        step, share = -np.linalg.lstsq(place.rows[0], place.errors[0])[0], 1.0
+        step, share = np.zeros(place.points.shape[1]), 1.0
+        step[free] = -np.linalg.lstsq(place.rows[0][:, free], place.errors[0])[0]
         before = place.log_density[0]
         while share > _SHORTEST:
             trial = density.reach(place.points + share * step, place)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.protocol import COVARIANCE, POSTERIOR, Estimate, Observation, Problem
 from olne_bench.estimators.shared.belief import (
     FollowedGames,
     Gaussian,
@@ -44,6 +44,7 @@ class FilterRun(ABC):
         self.online: list[np.ndarray] = []
         self.belief: Gaussian | None = None
         self._first_states: np.ndarray | None = None
+        self._trajectories = 0
         self._objective, self.message = 0.0, ""
 
     @abstractmethod
@@ -67,6 +68,7 @@ class FilterRun(ABC):
         problem, given = self._problem, (self.belief, self._spread, self._deadline)
         begin = outset(problem, observation, *given, peek=self._peek)
         self.games = begin.games
+        self._trajectories += 1
         self.online += [begin.games.mean_weights(begin.prior)] * begin.first
         mean, covariance = self.filtered(begin, scaled_samples(problem, observation.y))
         states = begin.games.play(mean).root.states
@@ -91,6 +93,7 @@ class FilterRun(ABC):
             weights=self.online[-1],
             states=self._first_states,
             covariance=covariance,
+            region=POSTERIOR if self._trajectories == 1 else COVARIANCE,
             parameters=games.parameters(belief.mean),
             parameter_deviations=games.parameter_deviations(belief),
             converged=not self.message,

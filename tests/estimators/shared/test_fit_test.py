@@ -89,3 +89,9 @@ def test_what_has_no_motion_or_no_noise_is_not_testable() -> None:
     silent = replace(problem, sigma=0.0)
     assert "no noise" in fit_test(silent, seen, seen.y, uniform).reason
     assert isinstance(fit_test(problem, seen, np.zeros_like(seen.y), uniform), FitTest)
+
+
+def test_a_level_that_is_not_known_is_that_of_the_residuals(expected) -> None:
+    residuals = 3 * drawn(expected, np.random.default_rng(5))
+    assert expected.test(residuals).verdict == "does not fit"
+    assert expected.test(residuals, level_known=False).verdict == "fits"
