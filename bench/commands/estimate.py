@@ -142,6 +142,11 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
         click.echo(f"the estimator gives no motion to compare; {noise}")
     else:
         click.echo(f"residual {fit.residual:.2g} m, {noise}")
+    click.echo(str(fit.test))
+    _say_doubts(players, fit, source)
+
+
+def _say_doubts(players: list[str], fit: Fit, source: str) -> None:
     if fit.standard_errors is None:
         click.echo("no standard errors: the estimator gives no covariance for these data", err=True)
     if fit.unexplained:
@@ -156,9 +161,8 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
         )
         if source != TOLD:
             click.echo("smoothed tracks look less noisy than they are; set --noise", err=True)
-    refuted = fit.test.verdict == "does not fit"
-    doubt = "; do not rely on these weights" if refuted else ""
-    click.echo(f"{'warning: ' if refuted else ''}{fit.test}{doubt}", err=refuted)
+    if fit.test.verdict == "does not fit" and not fit.unexplained:
+        click.echo("warning: the model does not fit, do not rely on these weights", err=True)
     if not fit.result.converged:
         reason = fit.result.message or "the estimator gives no reason"
         click.echo(f"not converged, do not rely on these weights: {reason}", err=True)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Estimate, Observation, Problem
-from olne_bench.estimators.shared.fit_test import FitTest, fit_test
+from olne_bench.estimators.shared.fit_test import FitTest, fit_test, not_testable
 from olne_bench.estimators.shared.forward_model import game_at
 from olne_bench.estimators.shared.profile_intervals import profile_intervals
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
@@ -20,6 +20,8 @@ from olne_bench.games.solve.newton import newton_root
 FAR_ABOVE_NOISE = 2.0
 #: Residuals below this [m] give no warning: positions are rounded to about as much.
 NEGLIGIBLE = 0.01
+#: Residuals below this [m] have no distribution of noise, where nobody tells its level.
+ROUNDING = 1e-3
 _TAILS = 0.025, 0.975
 
 
@@ -48,6 +50,8 @@ class Fit:
     @cached_property
     def test(self) -> FitTest:
         """Whether noise explains the residuals."""
+        if self.asked.sigma_spread and (self.residual or 0.0) < ROUNDING:
+            return not_testable(f"residuals are below {ROUNDING:g} m, as rounding leaves them")
         theta = self.result.theta(self.asked.game)
         known = replace(self.problem, sigma_spread=self.asked.sigma_spread)
         return fit_test(known, Observation(self.y), self.result.states, theta)

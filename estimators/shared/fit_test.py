@@ -6,8 +6,8 @@ and initial states over their noise, P the precision of what is known before. So
 are subtracted, as far as the data tell them. Three statistics, of each player and over all:
 
 - the sum of squares: a model that does not fit, or a noise level that is too small or too large;
-- the sum of products of consecutive samples: errors that follow each other;
-- the logarithm of the sum of fourth powers: outliers.
+- the sum of products of consecutive samples over that of squares: errors that follow each other;
+- the logarithm of the sum of fourth powers over the square of that of squares: outliers.
 
 Their distributions are those of ``_DRAWS`` residuals with this covariance, continued by a Pearson
 III distribution with the same first three moments. The smallest p-value of all is corrected for
@@ -99,13 +99,16 @@ class Layout:
         scaled[:, self.seen] = residuals / deviations
         parts = (
             np.einsum("btnd,btnd->bn", full, full),
+            np.einsum("btnd,btnd->bn", scaled, scaled),
             np.einsum("btnd,btnd->bn", scaled[:, 1:], scaled[:, :-1]),
             np.einsum("btnd->bn", scaled**4),
         )
         own = np.stack(parts, axis=1)
-        found = np.concatenate([own.sum(axis=2, keepdims=True), own], axis=2)
-        found[:, 2] = np.log(np.maximum(found[:, 2], np.finfo(float).tiny))  # less skewed
-        return found
+        whole = np.concatenate([own.sum(axis=2, keepdims=True), own], axis=2)
+        size, squares, products, fourth = np.moveaxis(whole, 1, 0)
+        squares = np.maximum(squares, np.finfo(float).tiny)
+        tails = np.log(np.maximum(fourth / squares**2, np.finfo(float).tiny))  # less skewed
+        return np.stack([size, products / squares, tails], axis=1)
 
 
 @dataclass(frozen=True)
@@ -175,10 +178,9 @@ class Expected:
             return not_testable(
                 f"{len(self.deviations)} samples are {self.free[0]:.0f} more than was fitted"
             )
-        seen = residuals[self.layout.seen][None]
+        found = self.layout.statistics(residuals[self.layout.seen][None], self.deviations)
         if not level_known:
-            seen = seen * np.sqrt(self.free[0] / max(float((seen**2).sum()), np.finfo(float).tiny))
-        found = self.layout.statistics(seen, self.deviations)
+            found[:, 0] *= self.free[0] / max(float(found[0, 0, 0]), np.finfo(float).tiny)
         values = self.p_values(found)
         corrected = -np.expm1(self.independent * np.log1p(-self.smallest(values)[0]))
         kind, place = np.unravel_index(values[0].argmin(), values[0].shape)
@@ -191,9 +193,7 @@ class Expected:
             ratio = float(np.sqrt(found[0, place] / self.free[place]))
             return f"{whose} are {ratio:.2g} times the noise that is told"
         if kind == "order":
-            seen = self.layout.seen if place == 0 else self.layout.seen[:, place - 1 : place]
-            pairs = int((seen[1:] & seen[:-1]).sum())
-            return f"{whose} follow each other: their correlation is {found[1, place] / pairs:.2g}"
+            return f"{whose} follow each other: their correlation is {found[1, place]:.2g}"
         return (
             f"{whose} have {'more' if found[2, place] > self.mean[2, place] else 'fewer'} outliers"
         )

@@ -84,7 +84,9 @@ def test_a_prior_that_excludes_a_draw_is_invalid_before_anything_is_estimated(ju
     wide, narrow = (judged(trial) for trial in expand(load_suite(str(path))))
     assert wide.status == "ok"
     assert narrow.status == "invalid"
-    assert narrow.message.startswith("its prior (alpha = 1000) gives the truth no mass: weight '")
+    assert narrow.message.startswith(
+        "its prior WeightPrior((1000.0,)) gives the truth no mass: weight '"
+    )
     assert narrow.weights is None and narrow.solve_seconds is None
     assert narrow.truth_objective == wide.truth_objective
 

@@ -45,7 +45,7 @@ def test_a_true_model_is_refused_as_often_as_the_level_says(expected) -> None:
         (lambda r: 0.6 * r, "times the noise that is told"),
         (lambda r: (r + 0.9 * np.roll(np.nan_to_num(r), 1, axis=0)) / 1.35, "follow each other"),
         (
-            lambda r: np.where(np.arange(r.size).reshape(r.shape) % 29 == 0, 5.0, 0.95 * r),
+            lambda r: np.where(np.arange(r.size).reshape(r.shape) % 29 == 0, 4.0, 0.7 * r),
             "outliers",
         ),
     ],
