@@ -8,7 +8,6 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.particle import (
     Particle,
     _Proposal,
-    _tempered,
     effective_sample_size,
     filter_particles,
     widening,
@@ -208,16 +207,6 @@ def test_too_few_particles_tell_no_covariance(seen):
     found = few.estimate(problem, observation, rng=np.random.default_rng(0), budget=60)
     assert not found.converged
     assert "do not tell the covariance of 6 free weights" in found.message
-
-
-def test_shares_are_tempered_until_enough_particles_are_effective():
-    log_shares = np.append(-20 * np.random.default_rng(0).uniform(size=100), -np.inf)
-    tempered = _tempered(log_shares, 50.0)
-    assert effective_sample_size(tempered) == pytest.approx(50, rel=1e-4)
-    np.testing.assert_allclose(np.diff(tempered[:2] / log_shares[:2]), 0, atol=1e-12)
-    assert tempered[-1] == -np.inf
-    np.testing.assert_array_equal(_tempered(log_shares, 2.0), log_shares)
-    np.testing.assert_array_equal(_tempered(np.array([0.0, -9.0]), 5.0), [0, 0])
 
 
 def test_no_game_at_all_is_the_end():

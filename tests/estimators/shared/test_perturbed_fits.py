@@ -12,6 +12,7 @@ from olne_bench.estimators.shared.perturbed_fits import (
     effective_sample_size,
     perturbed_fits,
     resampled,
+    tempered,
 )
 from olne_bench.estimators.shared.posterior_density import climbed
 
@@ -150,3 +151,14 @@ def test_parts_that_disagree_have_a_large_r_hat(densities) -> None:
     assert Fits([places], np.full(400, -np.log(400)), 400, 400).split_r_hat < 1.05
     heavy = np.append(np.zeros(399), 12.0)
     assert Fits([places], heavy - logsumexp(heavy), 400, 400).split_r_hat > 1.2
+
+
+def test_shares_are_tempered_until_enough_particles_are_effective():
+    log_shares = np.append(-20 * np.random.default_rng(0).uniform(size=100), -np.inf)
+    found, power = tempered(log_shares, 50.0)
+    assert 0 < power < 1
+    assert effective_sample_size(found) == pytest.approx(50, rel=1e-4)
+    np.testing.assert_allclose(np.diff(found[:2] / log_shares[:2]), 0, atol=1e-12)
+    assert found[-1] == -np.inf
+    np.testing.assert_array_equal(tempered(log_shares, 2.0)[0], log_shares)
+    np.testing.assert_array_equal(tempered(np.array([0.0, -9.0]), 5.0)[0], [0, 0])
