@@ -255,7 +255,7 @@ def _fitted(
     problem: Problem, seen: np.ndarray, sensitivity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """J (n, F) over sigma, in what may change of theta and the start, and P (F,)."""
-    tangent = theta_tangent(problem.game)
+    tangent = theta_tangent(problem.game.num_weights, problem.game.parameters.used)
     by_theta, by_start = np.split(sensitivity[seen.ravel()], [len(tangent)], axis=1)
     free = np.hstack([by_theta @ tangent, by_start]) / problem.sigma
     flat = np.full(by_start.shape[1], _FLAT)
