@@ -31,6 +31,8 @@ RUN_HERE = (
     "docs/constraints.md",
     "docs/unknowns.md",
     "docs/online.md",
+    "docs/choose_scenario.md",
+    "docs/recipes.md",
 )
 #: Those of them that only ``.ci/run`` runs.
 TAKES_LONG = ("docs/study_commands.md",)
