@@ -4,6 +4,7 @@
 """
 
 from contextlib import suppress
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -18,15 +19,22 @@ from olne_bench.envs.scenarios import Scenario, checked_seed, get_scenario
 from olne_bench.envs.solved.equilibrium import NoEquilibriumError, certified_equilibrium
 from olne_bench.envs.solved.kept_draws import keeping
 from olne_bench.envs.worlds.episode import Episode
-from olne_bench.envs.worlds.layout import ObservationLayout, player_index
-from olne_bench.envs.worlds.spaces import Spaces, SpaceSize
+from olne_bench.envs.worlds.layout import (
+    Infos,
+    ObservationLayout,
+    Spaces,
+    SpaceSize,
+    Start,
+    Step,
+    player_index,
+)
 from olne_bench.games.solve.olne import Certificate, Equilibrium
 from olne_bench.plugins import SCENARIO, is_built_in
 
 if TYPE_CHECKING:
     from olne_bench.envs.worlds.rendering import Renderer
 
-__all__ = ["OlneWorld", "env", "parallel_env", "raw_env"]
+__all__ = ["OlneWorld", "env", "make_world", "parallel_env", "raw_env"]
 
 #: ``pettingzoo.test.parallel_api_test`` passes this meaningless option to ``reset``.
 _IGNORED_OPTION = "options"
@@ -209,9 +217,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     # -- playing -----------------------------------------------------------------------------
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
         """Start an episode.
 
         Args:
@@ -240,15 +246,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
             self.render()
         return self._observations(), self._infos()
 
-    def step(
-        self, actions: dict[str, np.ndarray]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
+    def step(self, actions: dict[str, np.ndarray]) -> Step:
         """Play one step of all players.
 
         Args:
@@ -354,7 +352,7 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         order = self._spaces.observation_order
         return {player: vector[order[player]] for player in self.agents}
 
-    def _infos(self) -> dict[str, dict[str, Any]]:
+    def _infos(self) -> Infos:
         episode = self._latest_episode()
         infos = self._violations()
         if episode.truth is None:
@@ -366,10 +364,10 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
                 infos[player]["olne_action"] = episode.truth.controls[episode.steps, index].copy()
         return infos
 
-    def _violations(self) -> dict[str, dict[str, Any]]:
+    def _violations(self) -> Infos:
         """For each player, the violation of the constraints that look at it."""
         episode = self._latest_episode()
-        infos: dict[str, dict[str, Any]] = {player: {} for player in self.agents}
+        infos: Infos = {player: {} for player in self.agents}
         constraints = episode.scenario.game.constraints
         if not constraints:
             return infos
@@ -428,6 +426,24 @@ def env(scenario: str | Scenario = "highway_overtaking", **arguments: Any) -> Or
 
 
 parallel_env = OlneWorld
+
+
+def make_world(scenario: Scenario, **arguments: Any) -> OlneWorld:
+    """The PettingZoo world that a scenario names, for this scenario.
+
+    The world's module is imported at its first use, because importing a simulator takes a second.
+
+    Args:
+        scenario: the scenario.
+        **arguments: of the world, such as ``render_mode``.
+
+    Raises:
+        ValueError: on a scenario without ``limits``.
+    """
+    world: OlneWorld = import_module(f"olne_bench.envs.{scenario.world}").parallel_env(
+        scenario, **arguments
+    )
+    return world
 
 
 def _draw(scenario: str | Scenario, seed: int, options: dict[str, Any]) -> Scenario:

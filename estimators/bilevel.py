@@ -36,37 +36,30 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
 
 from olne_bench.checks import check_count
 from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
+from olne_bench.estimators.shared.certainty import likelihood_certainty
+from olne_bench.estimators.shared.charts import RatioChart
 from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
-    expected_samples,
     first_games,
     game_of_batch,
-    likelihood_certainty,
     play_batch,
-    sample_sensitivity,
-    scaled_samples,
     squared_error_of,
     theta_of,
     uniform_weights,
     warm_up_games,
 )
-from olne_bench.estimators.shared.simplex import Chart, RatioChart
+from olne_bench.estimators.shared.outer_fit import NO_TIME, OuterResiduals, StoppedError
 from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.solve.information import deviations_of, of_weights
-
-#: Relative change of error and unknowns at which the search ends.
-_TOLERANCE = 1e-9
 
 #: Objectives within this relative difference count as one optimum; two starts that agree suffice.
 _SAME_OPTIMUM = 1e-5
 
 _TOO_LONG = "evaluation limit reached"
-_NO_TIME = "time limit reached"
 
 #: How often a search that ran out of evaluations goes on, as it does where the optimum is flat.
 _MOST_CONTINUATIONS = 10
@@ -114,10 +107,8 @@ class Bilevel:
             return Estimate(weights=uniform_weights(problem), converged=False, message=message)
         best, results = self._search(problem, observations, starts, deadline)
         message = best.message
-        if not message and results[-1].message == _NO_TIME:
-            message = (
-                f"{_NO_TIME} in start {len(results)}; the optimum is that of the starts before"
-            )
+        if not message and results[-1].message == NO_TIME:
+            message = f"{NO_TIME} in start {len(results)}; the optimum is that of the starts before"
         solver = elimination(problem.game)
         known = likelihood_certainty(problem, observations, best.games, solver, prior=self.prior)
         return Estimate(
@@ -149,7 +140,7 @@ class Bilevel:
         for firsts in _combinations(starts, self.starts):
             games = _at_one_theta(problem, firsts, starts)
             results.append(_descend(problem, observations, games, *limits))
-            if results[-1].message == _NO_TIME or _agree(results):
+            if results[-1].message == NO_TIME or _agree(results):
                 break
         best = _best(results)
         for _ in range(_MOST_CONTINUATIONS):
@@ -275,155 +266,3 @@ def _descend(
         message=message,
         evaluations=evaluations,
     )
-
-
-class StoppedError(Exception):
-    """The search cannot continue; the games are those of the last accepted point."""
-
-
-class OuterResiduals:
-    """Observation errors as a function of the outer unknowns.
-
-    These are the ratios of weights, the standardised parameters, and all x_1. The last errors are
-    those of the standardised parameters, times ``pull``, unless it is zero.
-
-    Attributes:
-        games: the games at the point of the last Jacobian, from which others are followed.
-        blocked: whether some point tried since then has no equilibrium.
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        observations: tuple[Observation, ...],
-        games: tuple[SolvedGame, ...],
-        chart: Chart,
-        deadline: float = np.inf,
-        pull: float = 0.0,
-    ) -> None:
-        self.games, self.blocked = games, False
-        self._deadline, self._pull = deadline, pull
-        self._problem, self._chart = problem, chart
-        self._samples = [scaled_samples(problem, one.y) for one in observations]
-        self._seen = [np.isfinite(samples).ravel() for samples in self._samples]
-        self._starts = (len(games), *problem.game.state_shape[1:])
-        self._used = problem.game.parameters.used
-        self._shared = chart.size + int(self._used.sum())
-
-    def unknowns(self, games: tuple[SolvedGame, ...]) -> np.ndarray:
-        """The unknowns at which these are the games."""
-        initial_states = [game.initial_state.ravel() for game in games]
-        first = games[0]
-        parameters = [] if first.parameters is None else [first.parameters[self._used]]
-        return np.concatenate([self._chart.ratios(first.weights), *parameters, *initial_states])
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of the unknowns."""
-        size = self._shared + int(np.prod(self._starts))
-        lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
-        lower[: self._chart.size] = 0.0
-        low, high = self._problem.game.parameters.bounds()
-        lower[self._chart.size : self._shared] = low[self._used]
-        upper[self._chart.size : self._shared] = high[self._used]
-        return lower, upper
-
-    def minimised(self, max_evaluations: int) -> OptimizeResult:
-        """Gauss-Newton from the games, with a trust region.
-
-        Raises:
-            StoppedError: as ``values`` and ``jacobian`` do.
-            ValueError: if there is no equilibrium at the start.
-        """
-        lower, upper = self.bounds()
-        return least_squares(
-            self.values,
-            np.clip(self.unknowns(self.games), lower, upper),
-            jac=self.jacobian,
-            bounds=(lower, upper),
-            x_scale="jac",
-            ftol=_TOLERANCE,
-            xtol=_TOLERANCE,
-            gtol=_TOLERANCE,
-            max_nfev=max_evaluations,
-        )
-
-    def values(self, unknowns: np.ndarray) -> np.ndarray:
-        """Errors of all samples that were seen, infinite if there is no equilibrium.
-
-        Raises:
-            StoppedError: after the deadline.
-        """
-        if time.monotonic() > self._deadline:
-            raise StoppedError(_NO_TIME)
-        games = self._play(unknowns)
-        self.blocked |= games is None
-        errors = []
-        for k, (samples, seen) in enumerate(zip(self._samples, self._seen, strict=True)):
-            if games is None:
-                errors.append(np.full(int(seen.sum()), np.inf))
-            else:
-                expected = expected_samples(self._problem, games[k].root.states)
-                errors.append((expected - samples).ravel()[seen])
-        if self._pull:
-            errors.append(self._pull * unknowns[self._chart.size : self._shared])
-        return np.concatenate(errors)
-
-    def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
-        """Derivative of ``values``, exact; later games are followed from this point.
-
-        Raises:
-            StoppedError: if the equilibrium is not a function of the unknowns.
-        """
-        games = self._play(unknowns)
-        try:
-            if games is None:
-                raise ValueError("no equilibrium here")
-            solver = elimination(self._problem.game)
-            sensitivities = [sample_sensitivity(self._problem, game, solver) for game in games]
-        except ValueError as error:
-            raise StoppedError(str(error)) from error
-        self.games, self.blocked = games, False
-        theta_by_shared = self._theta_by_shared(unknowns)
-        _, players, size = self._starts
-        rows = []
-        for k, (sensitivity, seen) in enumerate(zip(sensitivities, self._seen, strict=True)):
-            by_theta, by_start = np.split(sensitivity[seen], [len(theta_by_shared)], axis=1)
-            row = np.zeros((len(by_theta), unknowns.size))
-            row[:, : self._shared] = by_theta @ theta_by_shared
-            first = self._shared + k * players * size
-            row[:, first : first + players * size] = by_start
-            rows.append(row)
-        if self._pull:
-            own = np.arange(self._chart.size, self._shared)
-            rows.append(self._pull * np.eye(unknowns.size)[own])
-        return np.vstack(rows)
-
-    def _theta_by_shared(self, unknowns: np.ndarray) -> np.ndarray:
-        """(N*(K+U), shared): derivative of theta in ratios and parameters."""
-        own = self._chart.jacobian(unknowns[: self._chart.size])
-        if not self._used.size:
-            return own
-        players, count = self._used.shape
-        rows = np.arange(len(own)).reshape(players, -1)
-        width = rows.shape[1] + count
-        found = np.zeros((players * width, self._shared))
-        at = np.arange(players * width).reshape(players, -1)
-        found[at[:, : rows.shape[1]].ravel(), : self._chart.size] = own
-        found[at[:, rows.shape[1] :][self._used], np.arange(self._chart.size, self._shared)] = 1.0
-        return found
-
-    def _theta(self, unknowns: np.ndarray) -> np.ndarray:
-        parameters = np.zeros(self._used.shape)
-        parameters[self._used] = unknowns[self._chart.size : self._shared]
-        return theta_of(self._chart.weights(unknowns[: self._chart.size]), parameters)
-
-    def _play(self, unknowns: np.ndarray) -> tuple[SolvedGame, ...] | None:
-        theta = self._theta(unknowns)
-        initial_states = unknowns[self._shared :].reshape(self._starts)
-        games = []
-        for game, initial_state in zip(self.games, initial_states, strict=True):
-            batch = play_batch(self._problem, game, theta[None], initial_state)
-            if not batch.converged[0]:
-                return None
-            games.append(game_of_batch(self._problem, batch, 0, theta))
-        return tuple(games)

@@ -15,9 +15,9 @@ Several trajectories share one theta (``joint_ipopt``). The covariance of the we
 inverse of the Fisher information at the estimate (``games.solve.information``).
 
 IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which is
-the paper's own start, and the solution of the tied problem. It is also used if there is no
-compiler, and if no start of the structured solver converges: that solver inverts G_z, which is
-singular if the optimum lies at a fold of the game's roots.
+the paper's own start, and the solution of the tied problem. It is also used if no start of the
+structured solver converges: that solver inverts G_z, which is singular if the optimum lies at a
+fold of the game's roots.
 
 Paper: Peters, Fridovich-Keil, Rubies-Royo, Tomlin, Stachniss, RSS 2021.
 Assumes: an equilibrium of the known game, and independent Gaussian noise of known relative size.
@@ -35,7 +35,9 @@ import numpy as np
 
 from olne_bench.checks import check_count
 from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
-from olne_bench.estimators.shared.forward_model import Certainty, SolvedGame, likelihood_certainty
+from olne_bench.estimators.shared.certainty import Certainty, likelihood_certainty
+from olne_bench.estimators.shared.forward_model import SolvedGame
+from olne_bench.estimators.shared.incoming_samples import Samples, Stream, WindowStream
 from olne_bench.estimators.shared.interior_point import joint_elimination
 from olne_bench.estimators.shared.joint_ipopt import joint_solver, solve_joint_ipopt
 from olne_bench.estimators.shared.joint_problem import (
@@ -46,11 +48,9 @@ from olne_bench.estimators.shared.joint_problem import (
 )
 from olne_bench.estimators.shared.joint_starts import joint_attempts, largest_explicable
 from olne_bench.estimators.shared.joint_stream import JointStream
-from olne_bench.estimators.shared.stream import Samples, Stream, WindowStream
 from olne_bench.estimators.shared.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
 from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
 from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import NativeElimination
 from olne_bench.games.model.constraints import refuse_constraints
 from olne_bench.games.model.unknowns import refuse_unknowns
 from olne_bench.games.solve.information import deviations_of, of_weights
@@ -114,7 +114,7 @@ class KktConstrained:
     ) -> Stream:
         """A stream whose solves begin at the solution of the one before (``joint_stream``)."""
         samples = Samples(problem, lag)
-        if self._uses_ipopt(white_problem(problem)):
+        if self._uses_ipopt:
             return WindowStream(self, samples, rng)
 
         def described(
@@ -145,8 +145,9 @@ class KktConstrained:
         ]
         known = Certainty(None)
         if converged:
-            structured = not self._uses_ipopt(problem)
-            solver = joint_elimination(problem.game, problem.view) if structured else None
+            solver = None
+            if not self._uses_ipopt:
+                solver = joint_elimination(problem.game, problem.view)
             known = self._certainty(problem, observations, games, solver)
         game, standardised = problem.game, points[0].parameters
         return Estimate(
@@ -162,7 +163,7 @@ class KktConstrained:
         )
 
     def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
-        if self._uses_ipopt(problem):
+        if self._uses_ipopt:
             return in_time(self._ipopt_attempts(problem, y), deadline)
         structured = joint_attempts(problem, y, self._structured_settings(problem), deadline)
         attempts = in_time(structured, deadline)
@@ -192,8 +193,8 @@ class KktConstrained:
 
     def supports(self, problem: Problem) -> str | None:
         """Why this problem cannot be solved, or None."""
-        if problem.game.constraints and self._uses_ipopt(white_problem(problem)):
-            return "hard constraints need the structured solver and a compiler"
+        if problem.game.constraints and self._uses_ipopt:
+            return "hard constraints need the structured solver"
         return None
 
     def supports_several(self, problem: Problem) -> str | None:
@@ -209,17 +210,17 @@ class KktConstrained:
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
         problem = white_problem(problem)
-        if self._uses_ipopt(problem):
-            tolerance = self._settings(problem).tolerance
-            prior = self._settings(problem).barrier > 0
-            joint_solver(problem.game, problem.view, 1, self.max_iterations, tolerance, prior)
-            warm_up_fit(problem.game, problem.view, problem.game.horizon)
+        if not self._uses_ipopt:
+            joint_elimination(problem.game, problem.view)
+            return
+        settings = self._settings(problem)
+        limits = self.max_iterations, settings.tolerance, settings.barrier > 0
+        joint_solver(problem.game, problem.view, 1, *limits)
+        warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
-    def _uses_ipopt(self, problem: Problem) -> bool:
-        """Whether IPOPT is used, by choice or because native code is not available."""
-        return self.solver == "ipopt" or not isinstance(
-            joint_elimination(problem.game, problem.view), NativeElimination
-        )
+    @property
+    def _uses_ipopt(self) -> bool:
+        return self.solver == "ipopt"
 
     def _settings(self, problem: Problem) -> JointSettings:
         return JointSettings(

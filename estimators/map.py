@@ -31,10 +31,10 @@ import numpy as np
 from olne_bench.checks import check_number
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.shared.forward_model import Certainty, SolvedGame
+from olne_bench.estimators.shared.certainty import Certainty, posterior_covariance
+from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
 from olne_bench.estimators.shared.joint_starts import Search, all_starts, spread_starts
-from olne_bench.estimators.shared.laplace import posterior_covariance
 from olne_bench.games.compiled.elimination import Elimination
 
 #: Starts at weights spread over the simplex that ``probable_optima`` adds.

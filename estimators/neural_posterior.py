@@ -2,7 +2,7 @@
 
 Neural posterior estimation: pairs of weights, drawn from their prior, and noisy observations of
 their equilibria are simulated once. In coordinates z of all players' weights in which their prior
-is standard normal (``normal_chart``), the network maximises
+is standard normal (``charts``), the network maximises
 
     (N1)  E[log q(z | y, sigma)]
 
@@ -29,9 +29,9 @@ import numpy as np
 
 from olne_bench.checks import check_count
 from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observation
+from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import uniform_weights
 from olne_bench.estimators.shared.mixture_network import MixtureNetwork
-from olne_bench.estimators.shared.normal_chart import NormalChart
 from olne_bench.games.model.game import Game
 
 #: Networks and the scenarios that they are called after, beside this file.

@@ -48,10 +48,9 @@ Trust: if the posterior is far from Gaussian; the least effective sample size sh
     worked.
 """
 
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -59,29 +58,17 @@ from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 
 from olne_bench.checks import check_count, check_number
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.belief import (
-    FollowedGames,
-    Gaussian,
-    LostError,
-    hidden_positions,
-    lost_estimate,
-)
-from olne_bench.estimators.shared.forward_model import (
-    scaled_samples,
-    squared_error_of,
-    warm_up_games,
-)
+from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.shared.belief import FollowedGames, Gaussian, LostError
 from olne_bench.estimators.shared.past_posterior import (
     Games,
     Linearised,
+    Outset,
     PastPeaks,
     PastPosterior,
     Tangent,
-    outset,
-    unexplained,
 )
-from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
+from olne_bench.estimators.shared.sample_filter import FilterRun, SampleFilter
 
 #: Effective sample sizes, in units of ``count``, that end the draws for a measurement, for the last
 #: one, and below which a filter has failed.
@@ -121,7 +108,7 @@ class Cloud:
 
 
 @dataclass(frozen=True)
-class Particle:
+class Particle(SampleFilter):
     """Particles over log-ratios of weights and initial states.
 
     Attributes:
@@ -137,7 +124,6 @@ class Particle:
     """
 
     name: ClassVar[str] = "particle"
-    several: ClassVar[bool] = True
     count: int = 200
     spread: float = 0.5
     most_draws: int = 8
@@ -148,125 +134,51 @@ class Particle:
         check_number("spread", self.spread)
         check_count("most_draws", self.most_draws)
 
-    def estimate(
-        self,
-        problem: Problem,
-        observation: Observation | Sequence[Observation],
-        *,
-        rng: np.random.Generator,
-        budget: float,
-    ) -> Estimate:
-        problem, observations = with_white_noise(problem, observation)
-        deadline = time.monotonic() + budget
-        run = _Run(self, problem, deadline, rng)
-        try:
-            for one in observations:
-                run.take_in(one)
-        except LostError as error:
-            return run.lost(str(error))
-        return run.estimate()
-
-    def supports(self, problem: Problem) -> str | None:
-        """Why this problem cannot be filtered, or None."""
-        return hidden_positions(problem)
-
-    def warm_up(self, problem: Problem) -> None:
-        """Build the solvers."""
-        problem = white_problem(problem)
-        warm_up_games(problem)
+    def run(self, problem: Problem, deadline: float, rng: np.random.Generator) -> "_Run":
+        """As of ``SampleFilter``."""
+        return _Run(self, problem, deadline, rng)
 
 
-class _Run:
-    """The state of one estimate, which filters trajectories in turn."""
-
+class _Run(FilterRun):
     def __init__(
-        self,
-        estimator: Particle,
-        problem: Problem,
-        deadline: float,
-        rng: np.random.Generator,
+        self, estimator: Particle, problem: Problem, deadline: float, rng: np.random.Generator
     ) -> None:
-        self._estimator, self._problem = estimator, problem
-        self._deadline, self._rng = deadline, rng
-        self._sigma = assumed_sigma(problem)
-        self._online: list[np.ndarray] = []
+        super().__init__(problem, estimator.spread, deadline, peek=estimator.peek)
+        self._estimator, self._rng = estimator, rng
         self._effective: list[float] = []
-        self._belief: Gaussian | None = None
-        self._first_states: np.ndarray | None = None
-        self._objective, self._message = 0.0, ""
 
-    def take_in(self, observation: Observation) -> None:
-        """Filter a trajectory, starting from the current belief about the weights.
-
-        Raises:
-            LostError: as in ``filter_particles``.
-        """
-        problem, estimator = self._problem, self._estimator
-        begin = outset(
-            problem,
-            observation,
-            self._belief,
-            estimator.spread,
-            self._deadline,
-            peek=estimator.peek,
-        )
-        self._forward = forward = begin.games
-        self._online += [forward.mean_weights(begin.prior)] * begin.first
+    def filtered(self, begin: Outset, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         self._effective += [np.nan] * begin.first
         clouds = filter_particles(
             begin.prior,
-            forward,
-            scaled_samples(problem, observation.y),
-            self._sigma,
-            count=estimator.count,
-            most_draws=estimator.most_draws,
+            begin.games,
+            samples,
+            self.sigma,
+            count=self._estimator.count,
+            most_draws=self._estimator.most_draws,
             rng=self._rng,
             first=begin.first,
             peaks=begin.peaks,
         )
         for cloud in clouds:
-            self._online.append(_mean_weights(forward, cloud))
+            self.online.append(_mean_weights(begin.games, cloud))
             self._effective.append(cloud.effective)
-        self._cloud = cloud
-        mean, size = cloud.shares @ cloud.points, forward.num_theta
-        states = forward.play(mean).root.states
-        error = squared_error_of(problem, states, observation.y)
-        if not estimator.peek:
-            self._message = self._message or unexplained(problem, error, observation.y)
-        self._objective += error
-        self._first_states = states if self._first_states is None else self._first_states
-        self._belief = Gaussian(mean[:size], _covariance(cloud.points[:, :size], cloud.shares))
+        self._cloud, size = cloud, begin.games.num_theta
+        return cloud.shares @ cloud.points, _covariance(cloud.points[:, :size], cloud.shares)
 
-    def lost(self, message: str) -> Estimate:
-        """What was known when the filter could not continue."""
-        return lost_estimate(self._problem, self._online, message)
-
-    def estimate(self) -> Estimate:
-        """The mean of the last particles."""
-        cloud = self._cloud
-        assert self._belief is not None, "there is at least one observation"
-        weights = self._forward.weights(cloud.points).reshape(len(cloud.points), -1)
-        wider = widening(cloud.effective, self._forward.num_log_ratios)
-        if wider is None and not self._message:
-            self._message = (
+    def certainty(self) -> tuple[np.ndarray, dict[str, Any]]:
+        cloud, free = self._cloud, self.games.num_log_ratios
+        weights = self.games.weights(cloud.points).reshape(len(cloud.points), -1)
+        wider = widening(cloud.effective, free)
+        if wider is None and not self.message:
+            self.message = (
                 f"{cloud.effective:.1f} effective particles do not tell the covariance of "
-                f"{self._forward.num_log_ratios} free weights"
+                f"{free} free weights"
             )
-        return Estimate(
-            weights=self._online[-1],
-            states=self._first_states,
-            covariance=(wider or 1.0) * _covariance(weights, cloud.shares),
-            parameters=self._forward.parameters(self._belief.mean),
-            parameter_deviations=self._forward.parameter_deviations(self._belief.covariance),
-            converged=not self._message,
-            message=self._message,
-            extras={
-                "objective": self._objective,
-                "online_weights": np.array(self._online),
-                "effective_sample_size": np.array(self._effective),
-                "least_effective_sample_size": float(np.nanmin(self._effective)),
-            },
-        )
+        return (wider or 1.0) * _covariance(weights, cloud.shares), {
+            "effective_sample_size": np.array(self._effective),
+            "least_effective_sample_size": float(np.nanmin(self._effective)),
+        }
 
 
 def filter_particles(

@@ -2,13 +2,13 @@
 
 The prior of a player's weights is a Dirichlet distribution with all parameters alpha, flat by
 default; that of standardised unknowns is normal within their ranges; that of x_1 is flat, and a
-wide normal one where the first sample misses a player (``unseen_starts``). With Gaussian noise, in
-coordinates z of weights and unknowns in which their prior is standard normal (``normal_chart``),
+wide normal one where the first sample misses a player. With Gaussian noise, in
+coordinates z of weights and unknowns in which their prior is standard normal (``charts``),
 
     (B1)  log pi(z, x_1) = -|y - h(x(theta(z), x_1))|^2 / (2 sigma^2) - |z|^2 / 2,
 
 with the equilibrium x(theta, x_1) that is followed from one that explains the observations
-(``followed_games``).
+(``posterior_density``).
 
 1. Every optimum of the joint problem with the prior (``map``) that could be meant is moved to the
    peak of (B1) near it by Gauss-Newton steps.
@@ -36,7 +36,7 @@ import numpy as np
 from olne_bench.checks import check_count, check_number
 from olne_bench.estimators.map import probable_optima
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.followed_games import FollowedGames
+from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     squared_error_of,
@@ -44,10 +44,8 @@ from olne_bench.estimators.shared.forward_model import (
     warm_up_games,
 )
 from olne_bench.estimators.shared.joint_problem import JointSolution
-from olne_bench.estimators.shared.normal_chart import NormalChart
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits
-from olne_bench.estimators.shared.residual_density import climbed
-from olne_bench.estimators.shared.unseen_starts import unseen_starts
+from olne_bench.estimators.shared.posterior_density import GameDensity, climbed, unseen_starts
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 from olne_bench.games.solve.newton import Root
 
@@ -132,7 +130,7 @@ class Posterior:
 
     def peaks(
         self, problem: Problem, observation: Observation, deadline: float
-    ) -> tuple[FollowedGames, list[Peak]]:
+    ) -> tuple[GameDensity, list[Peak]]:
         """The density (B1) and its peaks, the most probable first.
 
         Args:
@@ -144,13 +142,13 @@ class Posterior:
         density = self.density(problem, observation, deadline)
         return density, _peaks(density, _meant(problem, optima))
 
-    def density(self, problem: Problem, observation: Observation, deadline: float) -> FollowedGames:
+    def density(self, problem: Problem, observation: Observation, deadline: float) -> GameDensity:
         """The density (B1), as of ``peaks``; (B1) with a prior of x_1 overrides it."""
         game = problem.game
         size = game.num_players, game.num_weights, problem.weight_floor
         chart = NormalChart(*size, self.alpha, game.parameters)
         start = unseen_starts(problem, observation)
-        return FollowedGames(problem, observation, chart, deadline, start)
+        return GameDensity(problem, observation, chart, deadline, start)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
@@ -173,7 +171,7 @@ def _meant(problem: Problem, optima: Sequence[JointSolution]) -> list[JointSolut
     return [one for one in optima if one.criterion - optima[0].criterion < limit]
 
 
-def _peaks(density: FollowedGames, optima: Sequence[JointSolution]) -> list[Peak]:
+def _peaks(density: GameDensity, optima: Sequence[JointSolution]) -> list[Peak]:
     """Different peaks near optima, the most probable first."""
     found: list[Peak] = []
     for one in optima:
@@ -197,7 +195,7 @@ def _apart(one: Peak, other: Peak) -> float:
 
 
 def _estimate(
-    density: FollowedGames, peaks: Sequence[Peak], fits: Fits, chosen: np.ndarray
+    density: GameDensity, peaks: Sequence[Peak], fits: Fits, chosen: np.ndarray
 ) -> Estimate:
     """Mean, covariance and samples."""
     problem, known = density.problem, density.problem.game.parameters
@@ -230,7 +228,7 @@ def _estimate(
     )
 
 
-def _complaint(density: FollowedGames, fits: Fits) -> str:
+def _complaint(density: GameDensity, fits: Fits) -> str:
     if density.late:
         return f"time limit reached at an effective sample size of {fits.effective:.0f}"
     if fits.effective < LEAST_EFFECTIVE:

@@ -35,8 +35,8 @@ class Problem:
             sigma^2, or None if they are independent. The squares of ``noise_scale`` are its
             diagonal. ``estimators.shared.white_noise`` turns it into independent noise.
         goes_on: whether players plan again all the time, each time T states ahead. A stream
-            (``estimators.shared.stream``) then has no last sample, and what it has seen last is the
-            beginning of a game of T states.
+            (``estimators.shared.incoming_samples``) then has no last sample, and what it has seen
+            last is the beginning of a game of T states.
 
     Raises:
         TypeError: on a game or a view that is something else, such as the name of a sensor.

@@ -20,9 +20,9 @@ import numpy as np
 
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.shared.forward_model import Certainty, SolvedGame
+from olne_bench.estimators.shared.certainty import Certainty, posterior_covariance
+from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.joint_problem import JointSettings
-from olne_bench.estimators.shared.laplace import posterior_covariance
 from olne_bench.games.compiled.elimination import Elimination
 
 

@@ -11,7 +11,7 @@ Where this departs from the paper, and why:
   augmented by x_1 and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole
   horizon.
 - Weights live on a simplex, so the filter sees their log-ratios phi
-  (``estimators.shared.simplex``). Their prior is Gaussian, around those of uniform weights, with
+  (``estimators.shared.charts``). Their prior is Gaussian, around those of uniform weights, with
   the covariance of a uniform distribution on the simplex times spread^2.
 - The filter begins at the most probable game given the first quarter of the samples
   (``estimators.shared.past_posterior``), and returns to the most probable game so far when it is
@@ -50,7 +50,7 @@ t once, and (U1) to (U6) take in later ones. No belief depends on samples after 
 
 Mean and covariance of the weights come from those of phi by one more unscented transform.
 
-Sigma points are those of filterpy. If a sigma point has no equilibrium that can be followed from
+If a sigma point has no equilibrium that can be followed from
 the mean's, all of them are moved closer to the mean (a smaller alpha), which is an equally valid
 unscented transform of the same Gaussian. If an update moves the mean to a game without an
 equilibrium, a smaller share is used; if that does not help, the filter is lost. The estimate says
@@ -63,38 +63,18 @@ Trust: online, and at high noise, where its prior keeps it from extreme weights.
     the truth as often as they say only where weights come from its prior.
 """
 
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints
 from scipy.linalg import eigh
 
 from olne_bench.checks import check_number
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.belief import (
-    Gaussian,
-    LateError,
-    LostError,
-    hidden_positions,
-    lost_estimate,
-    symmetric_root,
-)
-from olne_bench.estimators.shared.forward_model import (
-    scaled_samples,
-    squared_error_of,
-    warm_up_games,
-)
-from olne_bench.estimators.shared.past_posterior import (
-    Outset,
-    PastPeaks,
-    PastPosterior,
-    outset,
-    unexplained,
-)
-from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
+from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.shared.belief import Gaussian, LateError, LostError, symmetric_root
+from olne_bench.estimators.shared.past_posterior import Outset, PastPeaks, PastPosterior
+from olne_bench.estimators.shared.sample_filter import FilterRun, SampleFilter
 
 #: Factor by which the set shrinks if a sigma point has no equilibrium, and how often at most.
 _SHRINK, _MOST_SHRINKS = 0.5, 12
@@ -114,7 +94,7 @@ Expected = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Ukf:
+class Ukf(SampleFilter):
     """Filters log-ratios of weights and the initial state, one measurement at a time.
 
     Attributes:
@@ -129,7 +109,6 @@ class Ukf:
     """
 
     name: ClassVar[str] = "ukf"
-    several: ClassVar[bool] = True
     spread: float = 0.5
     alpha: float = 0.5
     peek: bool = False
@@ -138,91 +117,25 @@ class Ukf:
         check_number("spread", self.spread)
         check_number("alpha", self.alpha)
 
-    def estimate(
-        self,
-        problem: Problem,
-        observation: Observation | Sequence[Observation],
-        *,
-        rng: np.random.Generator,
-        budget: float,
-    ) -> Estimate:
-        problem, observations = with_white_noise(problem, observation)
-        run = _Run(self, problem, time.monotonic() + budget)
-        try:
-            for one in observations:
-                run.take_in(one)
-        except LostError as error:
-            return run.lost(str(error))
-        return run.estimate()
-
-    def supports(self, problem: Problem) -> str | None:
-        """Why this problem cannot be filtered, or None."""
-        return hidden_positions(problem)
-
-    def warm_up(self, problem: Problem) -> None:
-        """Build the solvers."""
-        problem = white_problem(problem)
-        warm_up_games(problem)
+    def run(self, problem: Problem, deadline: float, rng: np.random.Generator) -> "_Run":
+        """As of ``SampleFilter``; nothing is random."""
+        return _Run(self, problem, deadline)
 
 
-class _Run:
-    """The state of one estimate, which filters trajectories in turn."""
-
+class _Run(FilterRun):
     def __init__(self, estimator: Ukf, problem: Problem, deadline: float) -> None:
-        self._estimator, self._problem, self._deadline = estimator, problem, deadline
-        self._sigma = assumed_sigma(problem)
-        self._online: list[np.ndarray] = []
-        self._weights: Gaussian | None = None
-        self._first_states: np.ndarray | None = None
-        self._objective, self._message = 0.0, ""
+        super().__init__(problem, estimator.spread, deadline, peek=estimator.peek)
+        self._alpha = estimator.alpha
 
-    def take_in(self, observation: Observation) -> None:
-        """Filter a trajectory, starting from the current belief about the weights.
+    def filtered(self, begin: Outset, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        for belief in _beliefs(begin, samples, self.sigma, self._alpha):
+            self.online.append(begin.games.mean_weights(belief))
+        size = begin.games.num_theta
+        return belief.mean, belief.covariance[:size, :size]
 
-        Raises:
-            LostError: if the filter cannot continue.
-        """
-        problem, estimator, sigma = self._problem, self._estimator, self._sigma
-        samples = scaled_samples(problem, observation.y)
-        begin = outset(
-            problem,
-            observation,
-            self._weights,
-            estimator.spread,
-            self._deadline,
-            peek=estimator.peek,
-        )
-        self._games = games = begin.games
-        self._online += [games.mean_weights(begin.prior)] * begin.first
-        for belief in _beliefs(begin, samples, sigma, estimator.alpha):
-            self._online.append(games.mean_weights(belief))
-        end = games.play(belief.mean)
-        error = squared_error_of(problem, end.root.states, observation.y)
-        if not estimator.peek:
-            self._message = self._message or unexplained(problem, error, observation.y)
-        self._objective += error
-        self._first_states = end.root.states if self._first_states is None else self._first_states
-        size = games.num_theta
-        self._weights = Gaussian(belief.mean[:size], belief.covariance[:size, :size])
-
-    def lost(self, message: str) -> Estimate:
-        """What was known when the filter could not continue."""
-        return lost_estimate(self._problem, self._online, message)
-
-    def estimate(self) -> Estimate:
-        """The last belief."""
-        weights, games = self._weights, self._games
-        assert weights is not None, "there is at least one observation"
-        return Estimate(
-            weights=self._online[-1],
-            states=self._first_states,
-            covariance=games.weight_belief(weights).covariance,
-            parameters=games.parameters(weights.mean),
-            parameter_deviations=games.parameter_deviations(weights.covariance),
-            converged=not self._message,
-            message=self._message,
-            extras={"objective": self._objective, "online_weights": np.array(self._online)},
-        )
+    def certainty(self) -> tuple[np.ndarray, dict[str, Any]]:
+        assert self.belief is not None, "there is at least one observation"
+        return self.games.weight_belief(self.belief).covariance, {}
 
 
 @dataclass(frozen=True)
@@ -355,8 +268,7 @@ class _Filter:
 
     def __init__(self, prior: Gaussian, expected: Expected, sigma: float, alpha: float) -> None:
         self.belief, self._expected, self._sigma = prior, expected, sigma
-        size = len(prior.mean)
-        self._sets = [_sigma_points(size, alpha * _SHRINK**k) for k in range(_MOST_SHRINKS)]
+        self._alphas = [alpha * _SHRINK**k for k in range(_MOST_SHRINKS)]
         self._regression = self._regressed()
         self.centre = self._regression.centre
 
@@ -404,20 +316,28 @@ class _Filter:
             LostError: if the mean has no equilibrium.
         """
         belief = self.belief
-        for points in self._sets:
-            rows = self._expected(points.sigma_points(belief.mean, belief.covariance))
+        for alpha in self._alphas:
+            rows = self._expected(_sigma_points(belief, alpha))
             if not np.isfinite(rows[0]).all():
                 raise LostError("no equilibrium at the filter's mean")
             if np.isfinite(rows).all():
-                return _regression(belief, points, rows)
+                return _regression(belief, alpha, rows)
         raise LostError("no equilibria around the filter's mean")
 
 
-def _regression(belief: Gaussian, points: MerweScaledSigmaPoints, rows: np.ndarray) -> Regression:
-    """(U3) of expected measurements (2n+1, T, d)."""
-    mean = np.tensordot(points.Wm, rows, axes=1)
+def _regression(belief: Gaussian, alpha: float, rows: np.ndarray) -> Regression:
+    """(U3) of expected measurements (2n+1, T, d).
+
+    The weight of the mean's row is zero in the sums of squares, so that no covariance can become
+    indefinite, however small alpha is (beta = alpha^2 + alpha^-2 - 2, kappa = 0).
+    """
+    count = len(belief.mean)
+    spread = _spread(count, alpha)
+    weights = np.full(len(rows), 0.5 / (count + spread))
+    weights[0] = spread / (count + spread)
+    mean = np.tensordot(weights, rows, axes=1)
     ahead, behind = np.split(rows[1:], 2)
-    size = np.sqrt(2 * points.Wc[1])
+    size = np.sqrt(2 * weights[1])
     odd, even = size * (ahead - behind) / 2, size * ((ahead + behind) / 2 - mean)
     # The columns of the root are the changes to which the rows belong.
     inverse = np.linalg.pinv(symmetric_root(belief.covariance), hermitian=True)
@@ -465,11 +385,13 @@ def _largest_share(
     return max(straight, _MOST_AT_ONCE * sigma**2 / excess) if excess > 0 else np.inf
 
 
-def _sigma_points(size: int, alpha: float) -> MerweScaledSigmaPoints:
-    """Sigma points (U1).
+def _sigma_points(belief: Gaussian, alpha: float) -> np.ndarray:
+    """(U1): the mean, then n points ahead of it and n behind, (2n+1, n)."""
+    count = len(belief.mean)
+    root = symmetric_root((_spread(count, alpha) + count) * belief.covariance)
+    return np.concatenate([belief.mean[None], belief.mean + root, belief.mean - root])
 
-    With this beta the weight of the mean in (U3) is zero and the others are positive, so that no
-    covariance can become indefinite, however small alpha is.
-    """
-    beta = alpha**2 + alpha**-2 - 2
-    return MerweScaledSigmaPoints(size, alpha, beta, kappa=0.0, sqrt_method=symmetric_root)
+
+def _spread(count: int, alpha: float) -> float:
+    """Lambda of the scaled unscented transform in so many dimensions."""
+    return alpha**2 * count - count

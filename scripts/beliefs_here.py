@@ -1,14 +1,13 @@
 """The beliefs of an ego in a drive, with the estimator in this process, for measurements."""
 
-import pickle
 from dataclasses import dataclass
 
 import numpy as np
 
 from olne_bench.bench.judge.beliefs import EstimatedBeliefs, EstimateRules
-from olne_bench.bench.judge.trials import Answer, PlayerTask
+from olne_bench.bench.judge.players import Answer, PlayerTask
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.run.stream_player import begin, update
+from olne_bench.bench.run.player import prepare, told, update
 from olne_bench.envs.drive.cars import ROADS, STEP
 from olne_bench.estimators.protocol import Problem
 
@@ -23,13 +22,12 @@ class Here:
     began: bool = False
 
     def start(self, task: PlayerTask) -> str | None:
-        """As of ``judge.online.StreamPlayer``."""
+        """As of ``judge.players.StreamPlayer``."""
         self.began = True
-        problem = pickle.dumps(task.problem)
-        return begin(task.reference, task.parameters, (), problem, task.lag, task.seed).declined
+        return prepare(*told(task)).declined
 
     def update(self, sample: np.ndarray) -> Answer:
-        """As of ``judge.online.StreamPlayer``. It takes no time: no estimate is late."""
+        """As of ``judge.players.StreamPlayer``. It takes no time: no estimate is late."""
         return Answer(estimate=update(sample.copy(), 2 * RULES.deadline).estimate, seconds=0.0)
 
 

@@ -17,10 +17,8 @@ import numpy as np
 from beliefs_here import RULES, Here, beliefs_here
 
 from olne_bench.envs.drive.cars import ROADS
-from olne_bench.envs.drive.first_cars import NoDriveError
 from olne_bench.envs.drive.planner import GamePlanner
-from olne_bench.envs.drive.seen import seen
-from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.drive.world import DriveWorld, NoDriveError, seen
 
 CARS = 5
 LEVELS = (50, 95, 99)

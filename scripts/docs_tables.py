@@ -18,7 +18,6 @@ from paper_claims import claims_of
 from scipy.stats import binomtest
 
 from olne_bench.bench.report.figures.style import estimator_order
-from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 
 ROOT = Path(__file__).parents[1]
@@ -41,7 +40,7 @@ Columns = dict[str, str | Callable[[Row], str]]
 _PLACE: Columns = {"Scenario": "scenario", "Sensor": "sensor", "Estimator": "estimator"}
 _FAILURES: Columns = {"Failures": lambda row: f"{row['failures']} of {row['trials']}"}
 _END: Columns = _FAILURES | {"ms": lambda row: _number(1e3 * row["solve_seconds_median"])}
-_RANK: Columns = {"Rank": lambda row: _rank(row["position_error_rank"])}
+_SCORE: Columns = {"Score": lambda row: _number(row["score"])}
 _POSITION: Columns = {"Position error [m]": "position_error_median"}
 _COSINE: Columns = {"Cosine error": "cosine_error_median"}
 _COVERED: Columns = {"Covered": "covers_truth_share"}
@@ -95,31 +94,31 @@ def exponents() -> str:
 
 
 def roads() -> str:
-    """Suite ``roads``, full sensor, known target speeds: ranks and median errors."""
+    """Suite ``roads``, full sensor, known target speeds: scores and median errors."""
     held: Columns = {"Held-out error [m]": "held_out_error_median"}
     start: Columns = {"Road": "scenario", "Estimator": "estimator"}
-    columns = start | _RANK | _POSITION | held | _COSINE | _COVERED | _END
+    columns = start | _SCORE | _POSITION | held | _COSINE | _COVERED | _END
     return _table(_roads_seen_whole(unknown=False), columns)
 
 
 def roads_errors() -> str:
-    """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with ranks."""
+    """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with scores."""
     board = _roads_seen_whole(unknown=False)
     board = board[board["scenario"] != "merging"]
-    pairs = board[["position_error_median", "position_error_rank"]].itertuples(index=False)
-    board = board.assign(shown=[f"{_number(error)} ({_rank(rank)})" for error, rank in pairs])
+    pairs = board[["position_error_median", "score"]].itertuples(index=False)
+    board = board.assign(shown=[f"{_number(error)} ({_number(score)})" for error, score in pairs])
     wide = board.pivot_table("shown", "estimator", "scenario", aggfunc="first")
     return _wide(["Estimator"], wide.loc[estimator_order(list(wide.index))])
 
 
 def roads_unknown() -> str:
-    """Suite ``roads``, full sensor, unknown target speeds: ranks and median errors."""
+    """Suite ``roads``, full sensor, unknown target speeds: scores and median errors."""
     start: Columns = {
         "Road": lambda row: row["scenario"].removesuffix(_UNKNOWN),
         "Estimator": "estimator",
     }
     speeds: Columns = {"Error of target speeds [deviations]": "parameter_error_median"}
-    columns = start | _RANK | _POSITION | speeds | _COSINE | _END
+    columns = start | _SCORE | _POSITION | speeds | _COSINE | _END
     return _table(_roads_seen_whole(unknown=True), columns, left=2)
 
 
@@ -127,24 +126,38 @@ def _roads_seen_whole(unknown: bool) -> pd.DataFrame:
     """The roads' board of the full sensor: target speeds unknown or known."""
     board = _board("roads")
     part = board["scenario"].str.endswith(_UNKNOWN) == unknown
-    return board[part & (board["sensor"] == "full") & (board["trials"] > 0)]
+    board = board[part & (board["sensor"] == "full") & (board["trials"] > 0)]
+    scores = _scores("position_error")
+    place = ["scenario", "sensor", "estimator"]
+    return board.merge(scores[scores["sigma"].isna()][[*place, "score"]], how="left", on=place)
 
 
-def wins() -> str:
-    """Suite ``roads``: shares of draws of all roads that a line's estimator wins from a column's.
+def _scores(error: str) -> pd.DataFrame:
+    """Scores by an error in the suite ``roads``; those who do not rank have none, floors apart."""
+    table = _csv("roads", "scores")
+    shown = table["ranked"] | (table["estimator"] == "uniform")
+    return table[(table["error"] == error) & shown]
 
-    By position error; a star where the difference is significant.
-    """
-    table = _csv("roads", "wins")
-    whole = (table["scenario"] == "all scenarios") & (table["error"] == "position_error")
-    shown = {}
-    for row in table[whole].to_dict("records"):
-        one, other, share = row["estimator"], row["other"], row["wins"]
-        star = r"\*" if row["p_holm"] < SIGNIFICANCE else ""
-        shown[one, other], shown[other, one] = f"{share:.0%}{star}", f"{1 - share:.0%}{star}"
-    names = estimator_order([name for pair in shown for name in pair])
-    rows = [[one, *(shown.get((one, other), "") for other in names)] for one in names]
-    return _markdown(["", *names], rows, left=1)
+
+def road_scores() -> str:
+    """Suite ``roads``: scores of all roads together, by three errors, and failures."""
+    errors = {"Position error": "position_error", "Held-out error": "held_out_error"}
+    errors["Cosine error"] = "cosine_error"
+    columns = {}
+    for head, error in errors.items():
+        table = _scores(error)
+        whole = table[(table["scenario"] == "all") & table["sigma"].isna()]
+        whole = whole.set_index("estimator").sort_values("score")
+        columns[head] = pd.Series(
+            {
+                name: f"{row['score']:.2f} [{row['score_low']:.2f}, {row['score_high']:.2f}]"
+                for name, row in whole.iterrows()
+            }
+        )
+        if error == "position_error":
+            failed = whole["failures"].astype(str) + " of " + whole["trials"].astype(str)
+    wide = pd.DataFrame(columns | {"Failures": failed}).reindex(columns["Position error"].index)
+    return _wide(["Estimator"], wide)
 
 
 def recognised() -> str:
@@ -475,10 +488,6 @@ def _chance(value: float) -> str:
     if math.isnan(value):
         return "–"
     return "< 0.001" if value < 0.001 else f"{value:.2g}"
-
-
-def _rank(rank: float) -> str:
-    return "–" if math.isnan(rank) else f"{rank:.0f}"
 
 
 def _share(value: float) -> str:

@@ -17,11 +17,9 @@ from beliefs_here import RULES, Here, beliefs_here
 
 from olne_bench.bench.judge.beliefs import TrueBeliefs
 from olne_bench.envs.drive.cars import MOTION, ROADS, STEP, drive_game
-from olne_bench.envs.drive.first_cars import NoDriveError
 from olne_bench.envs.drive.nash_traffic import REPLAN
 from olne_bench.envs.drive.planner import EgoPlan, GamePlanner, Mind
-from olne_bench.envs.drive.seen import seen
-from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.drive.world import DriveWorld, NoDriveError, seen
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.newton import newton_root
 from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE

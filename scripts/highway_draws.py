@@ -13,7 +13,7 @@ from importlib import import_module
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import ROAD_NAMES
-from olne_bench.envs.roads.playability import rejection
+from olne_bench.envs.roads.road_scenario import rejection
 
 SIZES = {
     "highway": (3, 4, 5, 6, 7, 8),

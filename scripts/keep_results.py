@@ -22,13 +22,13 @@ from pyarrow import parquet
 from olne_bench.bench.run.store_table import parquet_options
 
 RESULTS = Path(__file__).parents[1] / "results"
-TABLES = ("leaderboard.csv", "leaderboard.md", "wins.csv", "errors_by_noise.csv")
+TABLES = ("leaderboard.csv", "leaderboard.md", "scores.csv", "errors_by_noise.csv")
 #: Figures of each study. Pictures of unknown speeds are left out, for size.
 FIGURES = {
     "paper": ("*.png",),
-    "roads": ("errors_*.png", "trial_*.png", "confusion_*.png", "wins.png"),
+    "roads": ("errors_*.png", "trial_*.png", "confusion_*.png", "scores.png"),
     **dict.fromkeys(("field", "sensors", "parameters", "constrained"), ("errors_*.png",)),
-    "calibration": ("calibration_*", "widths_*", "identifiability_*", "ranks_two_player*"),
+    "calibration": ("calibration_*", "widths_*", "identifiability_*"),
 }
 SMALL = ("roads", "parameters", "constrained")
 LABELS = ["scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "count", "status"]

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, bootstrap, wilcoxon
 
-from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE, holm
+from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE, holm
 from olne_bench.bench.run.store import read_store
 
 FOLDER = Path(__file__).parents[1] / "results" / "calibration"

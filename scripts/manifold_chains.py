@@ -1,7 +1,7 @@
 """Long Markov chains on a density of errors, as a reference for faster samplers.
 
 Steps are those of the simplified manifold Metropolis-adjusted Langevin algorithm (Girolami and
-Calderhead 2011). With F and its derivative J at a place (``residual_density``), G = J' J:
+Calderhead 2011). With F and its derivative J at a place (``posterior_density``), G = J' J:
 
     x' ~ N(x - h^2/2 G^-1 J' F, h^2 G^-1),
 
@@ -34,7 +34,7 @@ import numpy as np
 from tqdm import tqdm
 
 from olne_bench.estimators.shared.perturbed_fits import Peak, counts_of
-from olne_bench.estimators.shared.residual_density import Density, Places
+from olne_bench.estimators.shared.posterior_density import Density, Places
 
 #: Of differential evolution: the length, over the root of twice the number of coordinates, which is
 #: best for a normal density; the share of steps of length 1; and the noise, as a share of the

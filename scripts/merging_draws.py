@@ -103,7 +103,7 @@ def rows(draws: int, players: int) -> tuple[list[Row], int]:
         began = time.process_time()
         oracle_costs, converged = oracle.solve(start)
         oracle_seconds = time.process_time() - began
-        root = as_root(game, solution, weights)
+        root, _ = as_root(game, solution, weights)
         proof = certify_constrained(game, root, weights, tolerance=CERTIFICATE_TOLERANCE)
         found.append(
             Row(

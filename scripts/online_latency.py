@@ -22,7 +22,7 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.protocol import Problem
-from olne_bench.estimators.shared.stream import warm_up_stream
+from olne_bench.estimators.shared.incoming_samples import warm_up_stream
 from olne_bench.games.model.observation import VIEWS
 
 METHODS = {"map": Map(), "kkt_constrained": KktConstrained()}

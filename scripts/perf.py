@@ -30,7 +30,7 @@ from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.interior_point import solve_joint
 from olne_bench.estimators.shared.joint_problem import JointPoint
 from olne_bench.estimators.shared.trajectory_fit import fit_trajectory, guess_states
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import VIEWS, View, observe

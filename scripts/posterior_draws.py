@@ -18,7 +18,7 @@ from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.scenarios.true_weights import DIRICHLET
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.shared.followed_games import FollowedGames, StartPrior
+from olne_bench.estimators.shared.posterior_density import GameDensity, StartPrior
 from olne_bench.games.model.observation import VIEWS
 
 #: Standard deviations of starts: x, y [m], heading [rad], speed [m/s].
@@ -44,7 +44,7 @@ class PosteriorOfDraws(Posterior):
 
     start: StartPrior | None = None
 
-    def density(self, problem: Problem, observation: Observation, deadline: float) -> FollowedGames:
+    def density(self, problem: Problem, observation: Observation, deadline: float) -> GameDensity:
         usual = super().density(problem, observation, deadline)
         return replace(usual, start=self.start)
 

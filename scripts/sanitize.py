@@ -91,7 +91,10 @@ def runtime(compiler: str, name: str) -> str:
 def run_planted(environment: dict[str, str]) -> "subprocess.CompletedProcess[str]":
     """Run a process that reads beyond an array, in code compiled like ours."""
     visible = '__attribute__((visibility("default"))) '
-    code = f"from olne_bench.games.compiled import compiler\ncompiler.load({visible + SAMPLE!r}).sample(7)\n"
+    code = (
+        "from olne_bench.games.compiled import compiler\n"
+        f"compiler.load({visible + SAMPLE!r}).sample(7)\n"
+    )
     command = [sys.executable, "-c", code]
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
 

@@ -22,7 +22,8 @@ from tqdm import tqdm
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.estimators.kkt_constrained import solver_tolerance
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.shared.forward_model import SolvedGame, likelihood_certainty
+from olne_bench.estimators.shared.certainty import likelihood_certainty
+from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.interior_point import joint_elimination
 from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
 from olne_bench.estimators.shared.joint_starts import Search, starts

@@ -24,8 +24,8 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.true_weights import DIRICHLET
 from olne_bench.estimators.neural_posterior import game_key
 from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.mixture_network import LARGEST_LOG, encoded
-from olne_bench.estimators.shared.normal_chart import NormalChart
 
 #: Least and largest noise level, width of the layers, number of Gaussians, and passes. Five players
 #: at once, 15 numbers, were learnt by heart: the held-out loss rose after 6,000 steps, at 10.7.

@@ -33,10 +33,10 @@ from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import probable_optima
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Estimate
+from olne_bench.estimators.shared.charts import RatioChart
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
+from olne_bench.estimators.shared.outer_fit import least_error, least_error_in
 from olne_bench.estimators.shared.profile_intervals import OneHeld
-from olne_bench.estimators.shared.profile_likelihood import least_error, least_error_in
-from olne_bench.estimators.shared.simplex import RatioChart
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.root_following import follow_root
 

@@ -4,8 +4,8 @@
 
 The trials of the suite roads in its gappy view, at 0.05 and 0.5 m, with known target speeds. For
 each player that the first sample misses, the true initial state less the prior's mean, over its
-deviation (``estimators/shared/unseen_starts.py``). Prints, for each road, noise level and state,
-how many players there are, the root mean square and the largest.
+deviation (``estimators/shared/posterior_density.py``). Prints, for each road, noise level and
+state, how many players there are, the root mean square and the largest.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.envs.solved.kept_draws import travelling
-from olne_bench.estimators.shared.unseen_starts import unseen_starts
+from olne_bench.estimators.shared.posterior_density import unseen_starts
 from olne_bench.estimators.shared.white_noise import with_white_noise
 
 ROADS = ("highway", "merge", "two_way", "roundabout", "intersection")

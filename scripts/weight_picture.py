@@ -22,8 +22,7 @@ from matplotlib.patches import FancyBboxPatch
 from matplotlib.transforms import Affine2D
 
 from olne_bench.envs.roads.highway_roads import DT, road_network, route
-from olne_bench.envs.roads.playability import rejection
-from olne_bench.envs.roads.road_scenario import FAST, Driver, driving_scenario
+from olne_bench.envs.roads.road_scenario import FAST, Driver, driving_scenario, rejection
 from olne_bench.games.solve.olne import Equilibrium, solve_olne
 
 LANE_WIDTH = 4.0  # [m], HighwayEnv's

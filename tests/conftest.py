@@ -1,8 +1,7 @@
 """Shared by all tests: reproducible property tests, recordings that are solved once, tools."""
 
 import os
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 
 import pytest
@@ -10,8 +9,6 @@ from hypothesis import settings
 
 from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games.compiled import compiler as compiler_module
-from olne_bench.games.compiled.native import elimination
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=8)
 settings.load_profile("reproducible")
@@ -20,24 +17,6 @@ settings.load_profile("reproducible")
 NO_SKIPS = "OLNE_BENCH_NO_SKIPS"
 
 Recorder = Callable[..., Recording]
-
-
-@pytest.fixture
-def compiler() -> None:
-    """Skip the test if there is no compiler, hence no native code."""
-    if shutil.which(os.environ.get("CC", "cc")) is None:
-        pytest.skip("needs a C compiler")
-
-
-@pytest.fixture
-def without_native_code(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Switch native code off, and clear its caches."""
-    monkeypatch.setenv("OLNE_BENCH_NATIVE", "0")
-    for cached in (compiler_module.load, elimination):
-        cached.cache_clear()
-    yield
-    for cached in (compiler_module.load, elimination):
-        cached.cache_clear()
 
 
 @pytest.fixture(scope="session")

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from olne_bench.bench.commands import COMMANDS
 from olne_bench.bench.commands.cli import cli, main
+from olne_bench.bench.commands.interface import COMMANDS
 from olne_bench.envs.worlds import wrappers
 
 ROOT = Path(__file__).parent.parent

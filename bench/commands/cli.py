@@ -1,52 +1,36 @@
 """The command line ``olne-bench`` (also ``python -m olne_bench``)."""
 
-import ast
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
-from importlib.resources import files
 
 import click
 
 from olne_bench import plugins
-from olne_bench.bench.commands import COMMANDS
+from olne_bench.bench.commands.interface import COMMANDS
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
 
 
 class _Commands(click.Group):
-    """Import a command when it is first used: importing all of them takes seconds."""
-
-    def list_commands(self, context: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        if name not in COMMANDS:
-            return None
-        module = COMMANDS[name]
-        found = import_module(f"{__package__}.{module}")
-        command: click.Command = getattr(found, module.rpartition(".")[2])
-        return command
+    """Commands with the first sentence of their help, however long it is."""
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl([(name, _summary(module)) for name, module in COMMANDS.items()])
+            formatter.write_dl(
+                [(name, first_sentence(one)) for name, one in sorted(COMMANDS.items())]
+            )
 
 
-def _summary(module: str) -> str:
-    """First sentence of a command's help, read from its source: nothing is imported."""
-    *folders, name = module.split(".")
-    file = files(__package__).joinpath(*folders, f"{name}.py")
-    for node in ast.parse(file.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.FunctionDef) and node.name == name:
-            text = " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
-            return text.split(". ")[0].rstrip(".") + "."
-    return ""
+def first_sentence(command: click.Command) -> str:
+    """First sentence of a command's help."""
+    text = " ".join((command.help or "").split("\n\n")[0].split())
+    return text.split(". ")[0].rstrip(".") + "."
 
 
 @click.group(
     cls=_Commands,
+    commands=COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(package_name="olne-bench", message="olne-bench %(version)s")

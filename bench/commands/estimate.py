@@ -7,19 +7,18 @@ import click
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.commands.fit import Fit
 from olne_bench.bench.commands.recordings import read_episode
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.fit import Fit
 from olne_bench.bench.judge.observe import sensor_model
+from olne_bench.bench.judge.players import PlayerFault, PlayerTask
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.trials import PlayerFault, PlayerTask
 from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.text import one_line
 from olne_bench.envs.tracks.checks import FEWEST_STEPS
-from olne_bench.envs.tracks.explained import explain
-from olne_bench.envs.tracks.targets import DATA, Assumption
+from olne_bench.envs.tracks.explained import DATA, Assumption, explain
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.files import check_new_file

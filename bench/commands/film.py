@@ -7,16 +7,15 @@ import numpy as np
 
 from olne_bench import plugins
 from olne_bench.bench.judge.drives import driven
-from olne_bench.bench.plan.change import changed
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.select import Selection, changed, select
 from olne_bench.bench.plan.trial import Trial, expand
-from olne_bench.bench.run.check_sensors import check_kind
+from olne_bench.bench.run.check_study import check_kind
 from olne_bench.bench.run.describe_plugins import describe_all
-from olne_bench.bench.run.stream_process import StreamProcess
+from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs.drive.cars import STEP
-from olne_bench.envs.drive.first_cars import NoDriveError
 from olne_bench.envs.drive.pictures import picture
+from olne_bench.envs.drive.world import NoDriveError
 from olne_bench.envs.worlds.video import SUFFIXES, check_format, write_video
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file
@@ -28,7 +27,7 @@ def film(road: str, out: Path, suite: str, planner: str, seed: int, memory: floa
     check_format(out)
     drive = _drive(road, suite, planner, seed)
     frames: list[np.ndarray] = []
-    player = StreamProcess(memory=int(memory * 2**30), hidden=None)
+    player = PlayerProcess(memory=int(memory * 2**30), hidden=None)
     try:
         row = driven(drive, player, lambda *now: frames.append(picture(*now)))
     except NoDriveError as error:

@@ -7,8 +7,7 @@ import numpy as np
 
 from olne_bench.bench.text import one_line
 from olne_bench.envs.recordings.recording_file import write_recording
-from olne_bench.envs.tracks.frames import Frame
-from olne_bench.envs.tracks.grid import Excerpt
+from olne_bench.envs.tracks.grid import Excerpt, Frame
 from olne_bench.envs.tracks.reading import read_tracks
 from olne_bench.files import check_new_file
 

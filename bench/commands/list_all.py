@@ -12,7 +12,6 @@ from olne_bench.plugins import KINDS
 _SUITES = Path(__file__).parents[1] / "plan" / "suites"
 
 
-@click.command(name="list")
 def list_all() -> None:
     """List all suites, estimators, scenarios, sensors and metrics, a line each.
 

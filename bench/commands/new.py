@@ -25,9 +25,6 @@ _FILES = {
 _LIBRARIES = ("casadi", "numpy", "scipy")
 
 
-@click.command()
-@click.argument("kind", type=click.Choice([kind.name for kind in KINDS]))
-@click.argument("name")
 def new(kind: str, name: str) -> None:
     """Create a folder NAME with a working plugin of this KIND, its pyproject.toml and a test."""
     chosen = next(one for one in KINDS if one.name == kind)

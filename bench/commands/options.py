@@ -1,9 +1,11 @@
-"""Options that several commands share."""
+"""What the commands' interfaces share: a command that imports its work late, types, options."""
 
 import json
 import math
 import re
 from collections.abc import Callable
+from functools import update_wrapper
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,6 +18,30 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 #: File systems allow names of 255 bytes. Files beside a given one have longer names than it.
 _NAME_SIZE = 200
+
+
+#: Folder of submissions in the repository.
+SUBMISSIONS = Path("results/submissions")
+
+
+def command(name: str | None = None) -> Callable[[Callable[[], None]], click.Command]:
+    """Make a command of a function that has its options and help, and the name of its work.
+
+    The work is the function of this name, in the module of this name in ``bench.commands``. It is
+    imported when it is called, as that takes seconds.
+
+    Args:
+        name: name of the command. Default: that of the function.
+    """
+
+    def decorated(called: Callable[[], None]) -> click.Command:
+        def work(**given: Any) -> None:
+            module = import_module(f"olne_bench.bench.commands.{called.__name__}")
+            getattr(module, called.__name__)(**given)
+
+        return click.command(name or called.__name__)(update_wrapper(work, called))
+
+    return decorated
 
 
 class FiniteRange(click.FloatRange):
@@ -33,6 +59,47 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+class NumberPair(click.ParamType):
+    """Two finite numbers, separated by a comma."""
+
+    name = "A,B"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Both numbers.
+
+        Raises:
+            click.BadParameter: on anything else.
+        """
+        try:
+            first, second = map(plain_number, str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a pair of numbers A,B.", param, ctx)
+        if not (math.isfinite(first) and math.isfinite(second)):
+            self.fail(f"{value!r} is not a pair of finite numbers.", param, ctx)
+        return first, second
+
+
+class Window(NumberPair):
+    """Two increasing times."""
+
+    name = "FROM,TO"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Both times.
+
+        Raises:
+            click.BadParameter: on anything else.
+        """
+        first, last = super().convert(value, param, ctx)
+        if not first < last:
+            self.fail(f"{value!r} does not begin before it ends.", param, ctx)
+        return first, last
 
 
 class CleanPath(click.Path):

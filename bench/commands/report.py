@@ -12,8 +12,7 @@ from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
 from olne_bench.bench.report.formats import read_formats
-from olne_bench.bench.run.resume import last_suite
-from olne_bench.bench.run.store import read_store
+from olne_bench.bench.run.resume import kind_of
 from olne_bench.errors import UserError
 
 #: A report that takes longer [s] hangs.
@@ -87,8 +86,9 @@ def worlds_of(suite: Suite) -> list[str]:
 def _report_text(
     folder: Path, formats: tuple[str, ...], playable: tuple[Place, ...], loaded: tuple[str, ...]
 ) -> str:
-    with read_store(folder) as store:
-        kind = last_suite(store.runs(), folder).kind
+    kind = kind_of(folder)
+    if kind != "trials" and playable:
+        click.echo(f"note: --play is ignored: pages of {kind} play no trials", err=True)
     if kind == "streams":
         from olne_bench.bench.report.write_streams import report_streams
 
@@ -97,7 +97,7 @@ def _report_text(
         from olne_bench.bench.report.write_drives import report_drives
 
         return report_drives(folder, formats)
-    from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
+    from olne_bench.bench.report.leaderboard_text import format_leaderboard, format_notes
     from olne_bench.bench.report.write import write_report
 
     with plugins.loading(*loaded):

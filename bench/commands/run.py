@@ -22,6 +22,7 @@ from olne_bench.bench.report.formats import read_formats
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.store import Store, open_store
 from olne_bench.bench.run.study import Machine, Wanted, begin, load_study, run_stored
+from olne_bench.plugins import METRIC, is_built_in
 
 #: Number of harness errors shown at the end.
 _SHOWN_FAULTS = 5
@@ -70,6 +71,11 @@ def run(suite: str, **options: Any) -> None:
     chosen = RunOptions(suite=suite, **options)
     drawn = read_formats(chosen.formats) if chosen.figures else ()
     whole = load_study(chosen.wanted, chosen)
+    if ignored := ignored_metrics(whole):
+        click.echo(
+            f"note: a study of {whole.kind} has errors of its own; ignored: {', '.join(ignored)}",
+            err=True,
+        )
     with open_store(chosen.out) as store:
         interrupted = go_on(whole, chosen, store)
     leave(interrupted)
@@ -79,6 +85,13 @@ def run(suite: str, **options: Any) -> None:
         click.echo(
             f"{chosen.out}: to write its tables and page, run 'olne-bench report {chosen.out}'"
         )
+
+
+def ignored_metrics(suite: Suite) -> list[str]:
+    """Metrics of plugins that a suite names and its kind does not compute."""
+    if suite.kind == "trials":
+        return []
+    return [one.column for one in suite.metrics if not is_built_in(METRIC, one.name)]
 
 
 def leave(interrupted: signal.Signals | None) -> None:

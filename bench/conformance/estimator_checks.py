@@ -18,7 +18,7 @@ from olne_bench.bench.run.player import describe_problem
 from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.shared.stream import as_stream_estimator, warm_up_stream
+from olne_bench.estimators.shared.incoming_samples import as_stream_estimator, warm_up_stream
 from olne_bench.games.model.observation import VIEWS
 
 #: Largest cosine error that still counts as a recovery from noise-free data.

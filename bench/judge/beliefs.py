@@ -7,20 +7,17 @@ from typing import Protocol
 import numpy as np
 
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.players import PlayerFault, PlayerTask, StreamPlayer
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.streams import StreamPlayer
-from olne_bench.bench.judge.trials import PlayerFault, PlayerTask
 from olne_bench.envs.drive.cars import (
     Car,
-    Road,
+    DriveRoad,
     drive_game,
     middle_speed,
-    unknown_speed,
-    with_target,
 )
 from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.envs.drive.planner import Mind
-from olne_bench.envs.roads.road_scenario import NOISE_SCALE
+from olne_bench.envs.roads.road_scenario import NOISE_SCALE, unknown_speed, with_target
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.observation import VIEWS
 
@@ -78,7 +75,7 @@ class TrueBeliefs:
 class UniformBeliefs:
     """Equal weights for all others, and the middle of the target speeds on the road."""
 
-    def __init__(self, road: Road) -> None:
+    def __init__(self, road: DriveRoad) -> None:
         self._speed = middle_speed(road)
 
     def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
@@ -114,7 +111,7 @@ class EstimatedBeliefs:
         self,
         player: StreamPlayer,
         task_of: Callable[[Problem], PlayerTask],
-        road: Road,
+        road: DriveRoad,
         rules: EstimateRules,
     ) -> None:
         """Nothing is known yet.
@@ -207,7 +204,7 @@ class EstimatedBeliefs:
     def _begin(self, cars: Sequence[Car], numbers: tuple[int, ...]) -> None:
         """Begin a stream about these cars."""
         ego, *others = cars
-        speed = unknown_speed(self._road)
+        speed = unknown_speed(self._road.family.speeds)
         players = [ego.player, *(with_target(car.player, speed) for car in others)]
         self._problem = Problem(
             drive_game(players, max(HORIZON, self._rules.window + 1)),

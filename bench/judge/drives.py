@@ -21,26 +21,22 @@ from olne_bench.bench.judge.beliefs import (
     UniformBeliefs,
 )
 from olne_bench.bench.judge.learned_driver import LearnedDriver
+from olne_bench.bench.judge.players import PlayerTask, Staff, StreamPlayer
 from olne_bench.bench.judge.seeds import stream
-from olne_bench.bench.judge.streams import StreamPlayer
-from olne_bench.bench.judge.trials import Announce, PlayerTask, silent
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, PPO, STOCK
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
-from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car
-from olne_bench.envs.drive.costs import EgoCost
-from olne_bench.envs.drive.first_cars import NASH, NoDriveError
-from olne_bench.envs.drive.gaps import gap
+from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car, EgoCost
+from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
     EgoPlan,
     GamePlanner,
     StraightOnPlanner,
 )
-from olne_bench.envs.drive.seen import seen
-from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.drive.world import NASH, DriveWorld, NoDriveError, seen
 from olne_bench.estimators.protocol import Problem
 
 #: How far ahead predictions are scored [s].
@@ -66,7 +62,7 @@ class DriveRow:
         message: one line; empty if there is nothing to say.
         collision: whether the ego collided.
         collision_time: when [s].
-        cost: mean over the steps of what the drive cost the ego, 0 to 1 (``envs.drive.costs``).
+        cost: mean over the steps of what the drive cost the ego, 0 to 1 (``envs.drive.cars``).
         progress: way that the ego drove [m].
         jerk: root of the mean square of the ego's jerk [m/s^3].
         gap: smallest gap to another car [m].
@@ -107,24 +103,19 @@ Watch = Callable[[DriveWorld, EgoPlan | None], None]
 
 
 def setting(scenario: ScenarioEntry) -> tuple[str, str, str]:
-    """Road, traffic (``envs.drive.first_cars.TRAFFIC``), and how hidden weights are drawn."""
+    """Road, traffic (``envs.drive.world.TRAFFIC``), and how hidden weights are drawn."""
     options = scenario.options
     return scenario.name, options.get("traffic", NASH), options.get("weights", WEIGHTS[0])
 
 
-def judge_drive(trial: Trial, player: StreamPlayer, announce: Announce = silent) -> Outcome:
+def judge(trial: Trial, staff: Staff) -> Outcome:
     """Judge a drive; its row is JSON text in ``extras``.
 
     A seed without a start is ``skipped``.
-
-    Args:
-        trial: the drive.
-        player: runs estimators.
-        announce: called with the time that the drive may take [s].
     """
-    announce("drive", _DRIVE_SECONDS + 2 * trial.time_limit)
+    staff.announce("drive", _DRIVE_SECONDS + 2 * trial.time_limit)
     try:
-        row = driven(trial, player)
+        row = driven(trial, staff.player)
     except NoDriveError as error:
         return Outcome("skipped", clip(str(error)))
     return Outcome(row.status, row.message, extras=msgspec.json.encode(asdict(row)).decode())
@@ -273,16 +264,9 @@ def _beliefs(trial: Trial, player: StreamPlayer) -> Beliefs:
 
 def _asked(trial: Trial, rules: EstimateRules, problem: Problem) -> PlayerTask:
     label = trial.estimator.label
-    return PlayerTask(
-        reference=trial.estimator.name,
-        parameters=trial.estimator.parameters,
-        plugin=trial.plugin,
-        problem=problem,
-        lag=rules.window,
-        seed=stream(trial.salt, "estimator of a drive", *_paired(trial), label),
-        time_limit=trial.time_limit,
-        budget=_BUDGET * rules.deadline,
-    )
+    seed = stream(trial.salt, "estimator of a drive", *_paired(trial), label)
+    budget = _BUDGET * rules.deadline
+    return PlayerTask.of(trial, problem, seed, lag=rules.window, budget=budget)
 
 
 def _by_number(cars: list[Car], states: np.ndarray) -> dict[int, np.ndarray]:

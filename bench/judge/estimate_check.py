@@ -84,11 +84,12 @@ def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
         InvalidEstimateError: if it is not an estimate of the problem.
     """
     game = problem.game
-    weights = _weights(raw.weights, (game.num_players, game.num_weights))
-    samples = _samples(raw, (game.num_players, game.num_weights))
+    shape = (game.num_players, game.num_weights)
+    weights = _scaled("weights", _array("weights", raw.weights, shape))
+    samples = _samples(raw, shape)
     return CheckedEstimate(
         weights=weights,
-        states=_finite("states", raw.states, game.state_shape),
+        states=_read("states", raw.states, game.state_shape),
         covariance=_covariance(raw.covariance, weights.size),
         region=_region(raw),
         parameters=_parameters(raw, game),
@@ -100,12 +101,6 @@ def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
         samples=samples,
         parameter_samples=_parameter_samples(raw, game, samples),
     )
-
-
-def _weights(given: Array, expected: tuple[int, int]) -> np.ndarray:
-    weights = _finite("weights", given, expected)
-    assert weights is not None
-    return _scaled("weights", weights)
 
 
 def _scaled(name: str, weights: np.ndarray) -> np.ndarray:
@@ -130,9 +125,7 @@ def _samples(raw: RawEstimate, shape: tuple[int, int]) -> np.ndarray | None:
     if given[1:] != shape:
         expected = f"(M, {shape[0]}, {shape[1]})"
         raise InvalidEstimateError(f"samples have the shape {given}, expected {expected}")
-    samples = _finite("samples", raw.samples, given)
-    assert samples is not None
-    count = len(samples)
+    samples, count = _array("samples", raw.samples, given), given[0]
     if not FEWEST_SAMPLES <= count <= MOST_SAMPLES:
         raise InvalidEstimateError(
             f"there are {count} samples, expected {FEWEST_SAMPLES} to {MOST_SAMPLES}"
@@ -147,26 +140,40 @@ def _parameter_samples(
         return None
     if samples is None:
         raise InvalidEstimateError("parameter_samples belong to samples, which are missing")
-    return _used("parameter_samples", raw.parameter_samples, game, len(samples))
+    return _of_unknowns("parameter_samples", raw.parameter_samples, game, len(samples))
 
 
-def _finite(name: str, given: Array | None, expected: tuple[int, ...]) -> np.ndarray | None:
-    if given is None:
-        return None
+def _read(name: str, given: Array | None, shape: tuple[int, ...]) -> np.ndarray | None:
+    """An array of finite numbers of this shape; None if there is none."""
+    return None if given is None else _array(name, given, shape)
+
+
+def _array(
+    name: str, given: Array, shape: tuple[int, ...], used: np.ndarray | None = None
+) -> np.ndarray:
+    """An array of finite numbers of this shape, with zeros where columns are not used."""
     verb, has = ("is", "has") if name == "covariance" else ("are", "have")
     try:
         array = unpack(given)
     except ValueError as error:
         raise InvalidEstimateError(f"{name} {verb} not an array of numbers: {error}") from error
-    if array.shape != expected:
-        raise InvalidEstimateError(f"{name} {has} the shape {array.shape}, expected {expected}")
+    if array.shape != shape:
+        raise InvalidEstimateError(f"{name} {has} the shape {array.shape}, expected {shape}")
+    if used is not None:
+        array = np.where(used, array, 0.0)
     if not np.isfinite(array).all():
         raise InvalidEstimateError(f"{name} {verb} not finite")
     return array
 
 
+def _of_unknowns(name: str, given: Array, game: Game, *more: int) -> np.ndarray:
+    """(N, U), or (*more, N, U), with zeros in the columns that stand for nothing."""
+    used = game.parameters.used
+    return _array(name, given, (*more, *used.shape), used)
+
+
 def _covariance(given: Array | None, size: int) -> np.ndarray | None:
-    covariance = _finite("covariance", given, (size, size))
+    covariance = _read("covariance", given, (size, size))
     if covariance is None:
         return None
     scale = np.abs(covariance).max()
@@ -206,7 +213,7 @@ def _parameters(raw: RawEstimate, game: Game) -> np.ndarray | None:
     if given is None:
         names = ", ".join(sorted({one.name for own in known.unknowns for one in own}))
         raise InvalidEstimateError(f"parameters are missing: the game has unknowns ({names})")
-    values = _used("parameters", given, game)
+    values = _of_unknowns("parameters", given, game)
     for i, own in enumerate(known.unknowns):
         for unknown, value in zip(own, values[i], strict=False):
             if not unknown.low <= value <= unknown.high:
@@ -220,29 +227,12 @@ def _parameters(raw: RawEstimate, game: Game) -> np.ndarray | None:
 def _deviations(given: Array | None, game: Game) -> np.ndarray | None:
     if given is None or not game.parameters.count:
         return None
-    values = _used("parameter_deviations", given, game)
+    values = _of_unknowns("parameter_deviations", given, game)
     if (values < 0).any():
         raise InvalidEstimateError(
             f"parameter_deviations are negative: the least is {values.min():g}"
         )
     return values
-
-
-def _used(name: str, given: Array, game: Game, *more: int) -> np.ndarray:
-    """The array (N, U), or (*more, N, U), with zeros in the columns that stand for nothing."""
-    try:
-        array = unpack(given)
-    except ValueError as error:
-        raise InvalidEstimateError(f"{name} are not an array of numbers: {error}") from error
-    used = game.parameters.used
-    if array.shape != (*more, *used.shape):
-        raise InvalidEstimateError(
-            f"{name} have the shape {array.shape}, expected {(*more, *used.shape)}"
-        )
-    array = np.where(used, array, 0.0)
-    if not np.isfinite(array).all():
-        raise InvalidEstimateError(f"{name} are not finite")
-    return array
 
 
 def _extras(raw: RawEstimate) -> str | None:

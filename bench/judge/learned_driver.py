@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from olne_bench.envs.drive.cars import Car
-from olne_bench.envs.drive.ego_view import EgoView
+from olne_bench.envs.drive.ego_env import EgoView
 from olne_bench.estimators.shared.small_network import Layers, layers_of, output
 
 

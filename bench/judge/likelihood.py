@@ -6,7 +6,7 @@ from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.envs.recordings.recording import Recording
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
-from olne_bench.estimators.shared.profile_likelihood import HeldWeights, least_error, least_error_in
+from olne_bench.estimators.shared.outer_fit import HeldWeights, least_error, least_error_in
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.root_following import follow_root

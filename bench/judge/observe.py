@@ -1,23 +1,25 @@
 """Observations of recordings: a recording is played again and seen through sensors.
 
 The wrappers of ``envs.worlds.wrappers`` are applied to a world that plays the recording
-(``envs.recordings.recorded_world``), so an observation equals what the wrapped world showed, bit
+(``envs.recordings.recording``), so an observation equals what the wrapped world showed, bit
 for bit.
 """
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from olne_bench.envs.recordings.recorded_world import RecordedWorld
-from olne_bench.envs.recordings.recording import Recording
+from olne_bench.envs.recordings.recording import RecordedWorld, Recording
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.worlds.wrappers import World, wrap
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import View, observation_function
 from olne_bench.games.model.sensor import Layer, SensorModel
+
+T = TypeVar("T")
 
 
 def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:
@@ -59,9 +61,7 @@ def observe(
         ValueError: as ``sensor_model``, or if a bearing jumps.
     """
     return tuple(
-        _played(
-            _wrapped(_Same(recording), tuple(layers), sigma), seed if k == 0 else _seed(seed, k)
-        )
+        _played(_wrapped(Same(recording), tuple(layers), sigma), seed if k == 0 else _seed(seed, k))
         for k, recording in enumerate(recordings)
     )
 
@@ -70,25 +70,25 @@ def _seed(seed: int, index: int) -> int:
     return int(np.random.default_rng([seed, index]).integers(2**63))
 
 
-class _Same:
-    """A recording that is compared by identity, because arrays have no hash."""
+class Same(Generic[T]):
+    """An object that is compared by identity, because arrays have no hash."""
 
-    def __init__(self, recording: Recording) -> None:
-        self.recording = recording
+    def __init__(self, it: T) -> None:
+        self.it = it
 
     def __hash__(self) -> int:
-        return id(self.recording)
+        return id(self.it)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.recording is self.recording
+        return isinstance(other, Same) and other.it is self.it
 
 
 @lru_cache(maxsize=64)
-def _wrapped(same: _Same, layers: tuple[Layer, ...], sigma: float) -> World:
-    scenario = same.recording.scenario
+def _wrapped(same: Same[Recording], layers: tuple[Layer, ...], sigma: float) -> World:
+    scenario = same.it.scenario
     model = sensor_model(scenario, layers)
-    _check_angles(model.view, same.recording)
-    return wrap(RecordedWorld(same.recording), layers, sigma, scenario.noise_scale)
+    _check_angles(model.view, same.it)
+    return wrap(RecordedWorld(same.it), layers, sigma, scenario.noise_scale)
 
 
 def _check_angles(view: View, recording: Recording) -> None:

@@ -110,7 +110,7 @@ def drive_as_fitted(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray
     Returns:
         States (T, N, n); None before the second sample, as one says nothing about a driver.
     """
-    from olne_bench.envs.roads.stock_fit import predict_by_fit  # slow, and for roads only
+    from olne_bench.envs.roads.stock_drivers import predict_by_fit  # slow, and for roads only
 
     if len(seen) == 1:
         return None

@@ -7,7 +7,6 @@ one before it counts.
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
-from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -15,6 +14,17 @@ import numpy as np
 from olne_bench.bench.judge.cloned_policy import policy_of
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
 from olne_bench.bench.judge.metrics.formulas import cosine_error
+from olne_bench.bench.judge.players import (
+    Announce,
+    Answer,
+    PlayerFault,
+    PlayerTask,
+    Staff,
+    StreamPlayer,
+    longest_seconds,
+    own_seconds,
+    silent,
+)
 from olne_bench.bench.judge.predictions import (
     drive_as_cloned,
     drive_as_fitted,
@@ -26,17 +36,7 @@ from olne_bench.bench.judge.predictions import (
 from olne_bench.bench.judge.priors import exclusion
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.bench.judge.seeds import stream
-from olne_bench.bench.judge.trials import (
-    Announce,
-    Answer,
-    Case,
-    PlayerFault,
-    PlayerTask,
-    case_of,
-    longest_seconds,
-    own_seconds,
-    silent,
-)
+from olne_bench.bench.judge.trials import Case, case_of
 from olne_bench.bench.plan.kinds import (
     CLONED,
     CONSTANT_VELOCITY,
@@ -59,24 +59,6 @@ _PREDICTION_SECONDS = 1800.0
 
 #: Columns of the errors of predictions.
 ERROR_COLUMNS = tuple(f"{kind}_{ahead:g}s" for ahead in AHEAD for kind in ("ade", "fde"))
-
-
-class StreamPlayer(Protocol):
-    """Runs an estimator on one motion after the other."""
-
-    def start(self, task: PlayerTask) -> str | None:
-        """Begin a motion; why the estimator declines the problem, or None.
-
-        Raises:
-            PlayerFault: if it does neither.
-        """
-
-    def update(self, sample: np.ndarray) -> Answer:
-        """The estimator's answer to the next sample (N, d).
-
-        Raises:
-            PlayerFault: if there is none.
-        """
 
 
 @dataclass(frozen=True)
@@ -111,19 +93,14 @@ class Update:
     errors: dict[str, float] = field(default_factory=dict)
 
 
-def judge_stream(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> Outcome:
+def judge(motion: Trial, staff: Staff) -> Outcome:
     """Judge an estimator on one motion, or what estimators are compared with.
 
     The status is that of the first sample that has another one than ``ok``. What each sample led to
     is JSON text in ``extras``. A draw without an equilibrium is ``skipped``.
-
-    Args:
-        motion: what to judge.
-        player: runs the estimator.
-        announce: as of ``follow``.
     """
     try:
-        rows = list(follow(motion, player, announce))
+        rows = list(follow(motion, staff.player, staff.announce))
     except NoEquilibriumError as error:
         return Outcome("skipped", clip(str(error)))
     if not rows:
@@ -156,7 +133,9 @@ def follow(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> 
         return
     announce("estimate", longest_seconds(motion))
     try:
-        declined = player.start(_task(motion, case))
+        seed = stream(motion.salt, "online", *motion.key)
+        task = PlayerTask.of(motion, case.problem, seed, lag=motion.rules.lag)
+        declined = player.start(task)
     except PlayerFault as fault:
         yield from _all_alike(case, fault.status, str(fault))
         return
@@ -166,19 +145,6 @@ def follow(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> 
     for row in _Episode(case, player, motion.rules).updates():
         yield row
         announce("estimate", longest_seconds(motion))
-
-
-def _task(motion: Trial, case: Case) -> PlayerTask:
-    return PlayerTask(
-        reference=motion.estimator.name,
-        parameters=motion.estimator.parameters,
-        plugin=motion.plugin,
-        problem=case.problem,
-        lag=motion.rules.lag,
-        seed=stream(motion.salt, "online", *motion.key),
-        time_limit=motion.time_limit,
-        homes=motion.home_plugins,
-    )
 
 
 def _reference_updates(motion: Trial, case: Case, announce: Announce) -> Iterator[Update]:

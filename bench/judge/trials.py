@@ -1,13 +1,12 @@
 """The referee judges trials: it plays a scenario, lets sensors observe, and scores an estimate.
 
-Only the referee knows the truth. An estimator runs in another process (``Player``), which receives
-a problem and observations and nothing else.
+Only the referee knows the truth. An estimator runs in another process (``judge.players``), which
+receives a problem and observations and nothing else.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +16,16 @@ from olne_bench.bench.judge.likelihood import likelihood_ratio
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.judge.observe import observe, observed, problem_of, sensor_model
+from olne_bench.bench.judge.players import (
+    ForeignMetrics,
+    PlayerFault,
+    PlayerTask,
+    Staff,
+    longest_seconds,
+    own_seconds,
+)
 from olne_bench.bench.judge.priors import exclusion
-from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimate
+from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.bench.judge.seeds import stream
 from olne_bench.bench.judge.truth import (
     Draw,
@@ -30,7 +37,7 @@ from olne_bench.bench.judge.truth import (
     unit_cosine_limit,
 )
 from olne_bench.bench.judge.weight_levels import weight_levels
-from olne_bench.bench.plan.entries import MetricEntry, SensorEntry
+from olne_bench.bench.plan.entries import SensorEntry
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
@@ -38,96 +45,6 @@ from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.model.observation import FullView, View, whitening
 from olne_bench.games.model.sensor import Layer, SensorModel
-
-Announce = Callable[[str, float], None]
-
-#: Longest time that a player may take in all: this many time limits, plus this time [s] for the
-#: start of its process.
-_PLAYER_LIMITS, _PLAYER_START = 10, 1000.0
-#: Least time limit [s] of the referee's own work, as machines may be busy.
-_OWN_SECONDS = 60.0
-
-
-@dataclass(frozen=True)
-class PlayerTask:
-    """All that a player process is told before it is asked for estimates.
-
-    Attributes:
-        reference: name or file of the estimator.
-        parameters: parameters of the estimator.
-        plugin: identifies an estimator that is a plugin; empty for a built-in one.
-        problem: what is known about the game.
-        seed: seed of the estimator's random numbers.
-        time_limit: time [s] for set-up, and again for each estimate.
-        homes: files of plugins whose classes the problem contains.
-        observations: one for each trajectory; none if samples are handed out one by one.
-        lag: number of latest samples that count then; None for all.
-        budget: time [s] that an estimate after a sample is told to keep to; None for a share of the
-            time limit.
-    """
-
-    reference: str
-    parameters: dict[str, Any]
-    plugin: str
-    problem: Problem
-    seed: int
-    time_limit: float
-    homes: tuple[str, ...] = ()
-    observations: tuple[Observation, ...] = ()
-    lag: int | None = None
-    budget: float | None = None
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The answer of a player.
-
-    Attributes:
-        declined: why the estimator declines the problem; None if it does not.
-        estimate: the unchecked estimate.
-        seconds: time from sending the observations to receiving the estimate [s].
-    """
-
-    declined: str | None = None
-    estimate: RawEstimate | None = None
-    seconds: float = 0.0
-
-
-class PlayerFault(Exception):  # noqa: N818 (names whose fault it is)
-    """A player gave no answer.
-
-    Attributes:
-        status: status of the trial.
-        seconds: as in ``Answer``, if an invalid estimate was returned.
-    """
-
-    def __init__(self, status: str, message: str, seconds: float | None = None) -> None:
-        super().__init__(message)
-        self.status, self.seconds = status, seconds
-
-
-class Player(Protocol):
-    """Runs an estimator."""
-
-    def estimate(self, task: PlayerTask) -> Answer:
-        """The estimator's answer.
-
-        Raises:
-            PlayerFault: if there is none.
-        """
-
-
-class ForeignMetrics(Protocol):
-    """Computes metrics that are foreign code."""
-
-    def score(
-        self, metric: MetricEntry, case: Judged, homes: Sequence[str], seconds: float
-    ) -> float | None:
-        """The score of a trial; None if the metric does not apply.
-
-        Raises:
-            MetricError: if the metric fails or returns no valid score.
-        """
 
 
 @dataclass(frozen=True)
@@ -149,48 +66,35 @@ class Case:
     outcome: Outcome
 
 
-def silent(stage: str, seconds: float) -> None:
-    """An ``Announce`` that does nothing."""
-
-
-def judge(
-    trial: Trial, player: Player, foreign: ForeignMetrics, announce: Announce = silent
-) -> Outcome:
+def judge(trial: Trial, staff: Staff) -> Outcome:
     """Judge a trial.
 
     What goes wrong outside the player is a ``harness_error``, never an estimator's failure.
 
     Args:
         trial: what to judge.
-        player: runs the estimator.
-        foreign: computes foreign metrics.
-        announce: called with the name of each stage (set-up, estimate, scoring) as it begins, and
-            the time that it may take [s].
+        staff: who runs the estimator and foreign metrics; stages are set-up, estimate and scoring.
     """
-    announce("set-up", own_seconds(trial))
+    staff.announce("set-up", own_seconds(trial))
     try:
         case = case_of(trial)
     except NoEquilibriumError as error:
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
         return Outcome("harness_error", f"set-up: {describe_error(error)}")
-    return judge_case(trial, case, player, foreign, announce)
+    return judge_case(trial, case, staff)
 
 
-def judge_case(
-    trial: Trial,
-    case: Case,
-    player: Player,
-    foreign: ForeignMetrics,
-    announce: Announce = silent,
-) -> Outcome:
+def judge_case(trial: Trial, case: Case, staff: Staff) -> Outcome:
     """Judge a trial whose truth and observations are known; arguments as of ``judge``."""
     excluded = exclusion(trial.estimator, case.recordings[0].scenario)
     if excluded:
         return replace(case.outcome, status="invalid", message=clip(excluded))
-    announce("estimate", longest_seconds(trial))
+    staff.announce("estimate", longest_seconds(trial))
+    seed, shown_to_it = stream(trial.salt, "estimator", *trial.key), case.observations
+    task = PlayerTask.of(trial, case.problem, seed, observations=shown_to_it)
     try:
-        answer = player.estimate(_task(trial, case))
+        answer = staff.player.estimate(task)
     except PlayerFault as fault:
         message = clip(str(fault))
         return replace(
@@ -198,31 +102,15 @@ def judge_case(
         )
     if answer.declined is not None or answer.estimate is None:
         return replace(case.outcome, status="skipped", message=answer.declined or "")
-    announce("scoring", own_seconds(trial) + len(trial.metrics) * trial.time_limit)
+    staff.announce("scoring", own_seconds(trial) + len(trial.metrics) * trial.time_limit)
     outcome = replace(case.outcome, solve_seconds=answer.seconds)
     try:
         estimate = check_estimate(answer.estimate, case.problem)
-        return _scored(estimate, trial, case, outcome, foreign)
+        return _scored(estimate, trial, case, outcome, staff.metrics)
     except InvalidEstimateError as error:
         return replace(outcome, status="invalid", message=clip(str(error)))
     except (Exception, SystemExit) as error:
         return replace(outcome, status="harness_error", message=f"scoring: {describe_error(error)}")
-
-
-def own_seconds(trial: Trial) -> float:
-    """Time limit of the referee's own stages [s]; foreign code gets no more than the trial's."""
-    return trial.time_limit if trial.home_plugins else max(trial.time_limit, _OWN_SECONDS)
-
-
-def longest_seconds(trial: Trial) -> float:
-    """Longest time [s] that a player may take in all."""
-    return _PLAYER_LIMITS * trial.time_limit + _PLAYER_START
-
-
-def all_seconds(trial: Trial) -> float:
-    """Longest time [s] that all stages of a trial may take together."""
-    metrics = len(trial.metrics) * trial.time_limit
-    return 3 * own_seconds(trial) + longest_seconds(trial) + metrics
 
 
 def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
@@ -292,19 +180,6 @@ def shown(
     recordings, model = true_recordings(draw), _model(draw, layers)
     problem = problem_of(recordings[0].scenario.told, model, sigma)
     return problem, observe(recordings, layers, sigma, seed)
-
-
-def _task(trial: Trial, case: Case) -> PlayerTask:
-    return PlayerTask(
-        reference=trial.estimator.name,
-        parameters=trial.estimator.parameters,
-        plugin=trial.plugin,
-        homes=trial.home_plugins,
-        problem=case.problem,
-        observations=case.observations,
-        seed=stream(trial.salt, "estimator", *trial.key),
-        time_limit=trial.time_limit,
-    )
 
 
 def _scored(

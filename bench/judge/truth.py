@@ -9,6 +9,7 @@ import numpy as np
 
 from olne_bench.bench.judge.metrics.judged import HeldOut
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
+from olne_bench.bench.judge.observe import Same
 from olne_bench.bench.judge.seeds import stream
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recordings.recording import Recording, record
@@ -39,12 +40,14 @@ class Draw:
         options: options of the scenario, as JSON.
         trajectories: number of trajectories.
         seed: seed of the draw; a fixed scenario uses it for other starts only.
+        given: the scenario, if it is an object of this process that no name stands for.
     """
 
     name: str
     options: str
     trajectories: int
     seed: int
+    given: Same[Scenario] | None = None
 
     @classmethod
     def of(cls, scenario: ScenarioEntry, seed: int, salt: str) -> "Draw":
@@ -60,16 +63,10 @@ class Draw:
         own = stream(salt, "draw", scenario.name, *key)
         return cls(scenario.name, options, scenario.trajectories, own)
 
-
-def given_draw(scenario: Scenario, name: str) -> Draw:
-    """The draw of a scenario that exists as an object in this process only.
-
-    Args:
-        scenario: the truth.
-        name: what distinguishes it from all others.
-    """
-    _given[name] = scenario
-    return Draw(name, "{}", 1, 0)
+    @classmethod
+    def of_object(cls, scenario: Scenario) -> "Draw":
+        """The only draw of a scenario that exists in this process only."""
+        return cls(scenario.name, "{}", 1, 0, Same(scenario))
 
 
 def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
@@ -91,7 +88,7 @@ def true_recording(draw: Draw) -> Recording:
     Raises:
         NoEquilibriumError: where no certified equilibrium was found.
     """
-    return _recording(draw.name, draw.options, draw.seed)
+    return _recording(draw.name, draw.options, draw.seed, draw.given)
 
 
 def true_recordings(draw: Draw) -> tuple[Recording, ...]:
@@ -218,14 +215,10 @@ def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
     )
 
 
-#: Scenarios of ``given_draw``, by the names that draws call them.
-_given: dict[str, Scenario] = {}
-
-
 @lru_cache(maxsize=64)
-def _recording(name: str, options: str, seed: int) -> Recording:
-    if name in _given:
-        return record(_given[name])
+def _recording(name: str, options: str, seed: int, given: Same[Scenario] | None) -> Recording:
+    if given is not None:
+        return record(given.it)
     return record(get_scenario(name, seed, **json.loads(options)))
 
 

@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from olne_bench.bench.plan.limits import FIXED
+from olne_bench.bench.plan.entries import FIXED
 from olne_bench.bench.plan.outcome import OUTCOME_COLUMNS
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import LABEL_COLUMNS, number_of_trials

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite
+from olne_bench.envs.solved import DRAWS_SUFFIX, shipped_draws
 from olne_bench.envs.solved.draws_file import Draws, OtherDrawsError, read_draws
-from olne_bench.envs.solved.draws_folder import DRAWS_SUFFIX, shipped_draws
 
 
 @dataclass(frozen=True)

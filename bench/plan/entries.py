@@ -1,4 +1,4 @@
-"""The entries of a suite: scenarios, sensors, estimators and metrics with their parameters.
+"""The entries of a suite: scenarios, sensors, estimators, metrics, and limits of its gate.
 
 A suite file holds only a part of them. The rest is learnt from the plugins when the suite is loaded
 (``bench.plan.learn``) and stored with it, so a stored suite can be read without its plugins.
@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import Field, field_validator, model_validator
 
 from olne_bench.bench.plan.values import (
+    Bound,
     Label,
     Parameters,
     Reference,
@@ -20,6 +21,8 @@ from olne_bench.bench.plan.values import (
 
 #: Largest number of noise levels of a suite or scenario.
 MOST_SIGMAS = 10_000
+#: Limits that do not depend on the metrics of a suite.
+FIXED = ("identifiable_cosine_error", "limit_ratio", "failures", "published_failures", "time_ratio")
 
 
 class PluginEntry(Strict):
@@ -132,6 +135,56 @@ class MetricEntry(Strict):
             if not isinstance(item, str | int | float | bool | None):
                 raise ValueError(f"{key!r} of a metric must be a text or a number, got {item!r}")
         return value
+
+
+class GateLimits(Strict):
+    """Limits for one estimator, in each scenario and sensor separately.
+
+    Any other key in the table of a suite file is the column of a metric and limits its median.
+
+    Attributes:
+        scenarios: labels of the scenarios that count. Default: all.
+        sensors: labels of the sensors that count. Default: all.
+        identifiable_cosine_error: largest median.
+        limit_ratio: largest mean cosine error over its statistical limit.
+        failures: largest number of trials without a prediction.
+        published_failures: largest number of failures by the published definition.
+        time_ratio: largest median time over that of the estimator ``time_reference``.
+        time_reference: label of an estimator of the same run.
+        metrics: largest medians of metrics, by column.
+    """
+
+    scenarios: tuple[Label, ...] = ()
+    sensors: tuple[Label, ...] = ()
+    identifiable_cosine_error: Bound | None = None
+    limit_ratio: Bound | None = None
+    failures: int | None = Field(default=None, ge=0, strict=True)
+    published_failures: int | None = Field(default=None, ge=0, strict=True)
+    time_ratio: Bound | None = None
+    time_reference: Label = ""
+    metrics: dict[str, Bound] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _others_are_of_metrics(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "metrics" in data:
+            return data
+        own = {key: value for key, value in data.items() if key in cls.model_fields}
+        return own | {"metrics": {key: data[key] for key in data if key not in own}}
+
+    @model_validator(mode="after")
+    def _times_have_a_reference(self) -> "GateLimits":
+        if (self.time_ratio is None) != (not self.time_reference):
+            raise ValueError("time_ratio and time_reference belong together")
+        if not self.bounds:
+            raise ValueError(f"no limit is set; limits are those of metrics, {', '.join(FIXED)}")
+        return self
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """The limits that are set, by name."""
+        values = self.metrics | {name: getattr(self, name) for name in FIXED}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 #: Keys that plugins give; a suite file must not have them.

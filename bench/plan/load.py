@@ -11,13 +11,13 @@ from olne_bench.bench.plan.check import check_suite
 from olne_bench.bench.plan.entries import (
     LEARNT,
     EstimatorEntry,
+    GateLimits,
     MetricEntry,
     ScenarioEntry,
     SensorEntry,
 )
 from olne_bench.bench.plan.kinds import Rules, StudyKind
 from olne_bench.bench.plan.learn import Describe, describe_here, learn
-from olne_bench.bench.plan.limits import GateLimits
 from olne_bench.bench.plan.suite import CHANGED, Suite
 from olne_bench.bench.plan.values import cut, shown
 from olne_bench.errors import UserError

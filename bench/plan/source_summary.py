@@ -3,28 +3,23 @@
 Comments, formatting and docstrings do not count. Digests are the same in all versions of Python.
 
 Reading all sources takes seconds, which every process of a run would spend again. So summaries are
-kept in a folder beside that of compiled libraries (``games.compiled.compiler``), with the same name
-and the suffix ``-sources``. A file's name is a digest of the source and of Python's version. Files
-that belong to another user or are writable by others are not read.
+kept (``olne_bench.kept_files``); a file's name is a digest of the source and of Python's version.
 """
 
 import ast
 import hashlib
 import re
 import sys
-import tempfile
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from olne_bench.games.compiled.compiler import kept_folder, why_foreign
+from olne_bench.kept_files import KeptFiles
 
 #: Changes with what a summary holds.
-_FORMAT = 3
-#: Largest number of kept summaries; the least recently written ones are removed.
-_MOST = 2000
+_FORMAT = 4
+_KEPT = KeptFiles("-sources", most_bytes=10_000_000)
 #: Worlds are named by strings such as "highway_v0" and imported at their first use.
 _WORLD = re.compile(r"[a-z]\w*_v\d+")
 #: A file's name or path, or a pattern of some.
@@ -58,21 +53,14 @@ class Summary(msgspec.Struct, frozen=True):
 
 def summarised(source: bytes) -> Summary:
     """The summary of a source, from the folder of kept ones if it is there."""
-    folder = _folder()
-    if folder is None:
-        return _made(source)
     version = f"{_FORMAT} {sys.version_info.major}.{sys.version_info.minor} ".encode()
-    path = folder / f"{hashlib.sha256(version + source).hexdigest()}.json"
-    found = _read(path)
-    if found is None:
-        found = _made(source)
-        _write(path, found)
+    name = f"{hashlib.sha256(version + source).hexdigest()}.json"
+    with suppress(msgspec.MsgspecError):
+        if content := _KEPT.read(name):
+            return msgspec.json.decode(content, type=Summary)
+    found = _made(source)
+    _KEPT.write(name, msgspec.json.encode(found))
     return found
-
-
-def _folder() -> Path | None:
-    libraries = kept_folder()
-    return libraries and libraries.with_name(f"{libraries.name}-sources")
 
 
 def _made(source: bytes) -> Summary:
@@ -126,25 +114,3 @@ def _parts(owner: ast.AST, value: Any) -> list[Any]:
     if isinstance(value, list):
         return value[::-1]
     return [] if value is None else [value]
-
-
-def _read(path: Path) -> Summary | None:
-    with suppress(OSError, msgspec.MsgspecError):
-        if not (why_foreign(path) or why_foreign(path.parent)):
-            return msgspec.json.decode(path.read_bytes(), type=Summary)
-    return None
-
-
-def _write(path: Path, found: Summary) -> None:
-    """Keep a summary; if the file cannot be written, it is not kept."""
-    with suppress(OSError):
-        path.parent.mkdir(mode=0o700, exist_ok=True)
-        if why_foreign(path.parent):
-            return
-        # Written to another file and then moved, so that several processes can write at once.
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(msgspec.json.encode(found))
-        Path(file.name).replace(path)
-        kept = sorted(path.parent.iterdir(), key=lambda one: one.stat().st_mtime)
-        for old in kept[:-_MOST]:
-            old.unlink(missing_ok=True)

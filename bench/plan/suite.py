@@ -14,13 +14,13 @@ from pydantic import (
 from olne_bench.bench.plan.entries import (
     MOST_SIGMAS,
     EstimatorEntry,
+    GateLimits,
     MetricEntry,
     ScenarioEntry,
     SensorEntry,
     tables,
 )
 from olne_bench.bench.plan.kinds import REFERENCES, RULES, STOCK_FITTED, Rules, StudyKind
-from olne_bench.bench.plan.limits import GateLimits
 from olne_bench.bench.plan.values import (
     Iterations,
     Label,
@@ -35,7 +35,7 @@ from olne_bench.bench.plan.values import (
     shown,
 )
 from olne_bench.errors import UserError
-from olne_bench.games.solve.published import PUBLISHED_ITERATIONS
+from olne_bench.games.solve.ipopt import PUBLISHED_ITERATIONS
 
 MOST_ENTRIES = 1000
 #: Ends the name of a suite that the options of a run have changed, as it is another study.

@@ -13,7 +13,7 @@ from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioE
 from olne_bench.bench.plan.fingerprint import LENGTH, data_beside, fingerprint, modules_used
 from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.process.arithmetic import arithmetic
-from olne_bench.games.compiled.native import backend
+from olne_bench.games.compiled.compiler import backend
 from olne_bench.plugins import ESTIMATOR, METRIC, SCENARIO, SENSOR, Kind, is_file, source
 
 _PACKAGES = Path(str(olne_bench.__file__)).parents[1]
@@ -23,18 +23,15 @@ _OURS = {"olne_bench": _PACKAGES}
 #: Modules that play a scenario, and modules that let a sensor see it.
 _AT_WORK = {SCENARIO: ("envs.recordings.recording",), SENSOR: ("envs.worlds.wrappers",)}
 #: What makes a row of each kind of study, with all that it imports.
+_PLAYERS = ("bench.run.player", "bench.run.player_process")
 _JUDGES: dict[StudyKind, tuple[str, ...]] = {
-    "trials": (
-        *("bench.judge.trials", "bench.run.player"),
-        *("bench.run.player_process", "bench.run.metric_process"),
-    ),
-    "streams": ("bench.judge.streams", "bench.run.stream_player", "bench.run.stream_process"),
-    "drives": ("bench.judge.drives", "bench.run.stream_player", "bench.run.stream_process"),
+    "trials": ("bench.judge.trials", *_PLAYERS, "bench.run.metric_process"),
+    "streams": ("bench.judge.streams", *_PLAYERS),
+    "drives": ("bench.judge.drives", *_PLAYERS),
 }
 #: Another version of one of these may round differently, or draw other numbers.
 _LIBRARIES = (
-    *("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env"),
-    *("filterpy", "scoringrules"),
+    *("numpy", "scipy", "casadi", "pettingzoo", "gymnasium", "highway-env", "scoringrules"),
 )
 
 

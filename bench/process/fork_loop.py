@@ -32,6 +32,7 @@ from olne_bench.bench.process.family import (
     kill_descendants,
 )
 from olne_bench.bench.process.sandbox import allow_reading, enforce, restrict, rules_for
+from olne_bench.errors import UserError
 from olne_bench.games.compiled.compiler import backend
 
 #: Folders of Python's modules and of installed ones, as ``sysconfig`` names them.
@@ -116,7 +117,8 @@ def serve(descriptor: int) -> None:
             send(control, {"refused": str(error)})
             return
         _import(start["modules"])
-        backend()  # it asks the compiler, which takes longer than a fork
+        with suppress(UserError):
+            backend()  # it asks the compiler, which takes longer than a fork
         send(control, {"threads": _threads()})
         while True:
             asked, descriptors = receive(control, None)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import olne_bench
 from olne_bench import plugins
-from olne_bench.envs.solved.draws_folder import DRAWS_SUFFIX, draws_folder, shipped_draws
+from olne_bench.envs.solved import DRAWS_SUFFIX, KEPT_DRAWS, shipped_draws
 from olne_bench.games.compiled.compiler import shared_folders
 
 #: What programs of a Linux system need: libraries, headers, fonts, time zones, names of users.
@@ -54,7 +54,7 @@ def reachable(references: Iterable[str], hidden: Path | None) -> Reach:
         references: references of the plugins that it runs.
         hidden: folder that it cannot read, wherever it is, as it holds the run.
     """
-    secret = [draws_folder(), shipped_draws(), hidden]
+    secret = [KEPT_DRAWS.folder, shipped_draws(), hidden]
     unreadable = [folder.resolve() for folder in secret if folder is not None]
     files = list(filter(None, map(plugins.file_of, references)))
     own = (one.resolve() for file in files for one in _beside(file))

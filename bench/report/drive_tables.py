@@ -13,7 +13,7 @@ from olne_bench.bench.judge.drives import ERROR_COLUMNS, DriveRow, setting
 from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, REFERENCES, UNIFORM
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.statistics.attempts import attempts_of
-from olne_bench.bench.report.statistics.estimator_comparison import holm, permutation_p
+from olne_bench.bench.report.statistics.pairs import holm, permutation_p
 from olne_bench.bench.run.store import Store
 from olne_bench.envs.drive.cars import ROADS
 

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.plan.limits import GateLimits
+from olne_bench.bench.plan.entries import GateLimits
 from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
-from olne_bench.bench.report.measures import IDENTIFIABLE
+from olne_bench.bench.report.measures import IDENTIFIABLE, primary, scored
 from olne_bench.bench.report.statistics.standing import ranks_at
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.bench.run.provenance import Provenance
@@ -23,6 +23,8 @@ _KEY = ["estimator", "scenario", "sensor", "sigma", "seed"]
 
 #: Columns of the leaderboard that can be limited in every run, whatever its metrics.
 _COUNTS = ("limit_ratio", "failures", "published_failures")
+#: Limits the score by the primary metric; after a metric's name, that by the metric.
+_SCORE = "score"
 
 
 @dataclass(frozen=True)
@@ -89,15 +91,16 @@ def check_limits(
     return [
         outcome
         for estimator, limits in gate.items()
-        for outcome in _outcomes(table, estimator, limits)
+        for outcome in _outcomes(table, estimator, limits, study)
     ]
 
 
 def _refuse_unknown_limits(
-    estimator: str, limits: GateLimits, metrics: Iterable[MetricDeclaration]
+    estimator: str, limits: GateLimits, metrics: Sequence[MetricDeclaration]
 ) -> None:
     gated = [metric.name for metric in (*metrics, IDENTIFIABLE) if metric.gated]
-    known = [*gated, *_COUNTS, "time_ratio"]
+    scores = [f"{metric.name}_{_SCORE}" for metric in scored(metrics)]
+    known = [*gated, _SCORE, *scores, *_COUNTS, "time_ratio"]
     for name in limits.bounds:
         if name not in known:
             raise UserError(
@@ -134,7 +137,9 @@ def _keys(task: Task) -> Iterator[tuple[str, str, str, float, int]]:
                 yield estimator.label, scenario.label, sensor.label, sigma, seed
 
 
-def _outcomes(table: pd.DataFrame, estimator: str, limits: GateLimits) -> Iterator[LimitOutcome]:
+def _outcomes(
+    table: pd.DataFrame, estimator: str, limits: GateLimits, study: Study
+) -> Iterator[LimitOutcome]:
     _require("estimator", [estimator], table["estimator"])
     _require("scenario", limits.scenarios, table["scenario"])
     _require("sensor", limits.sensors, table["sensor"])
@@ -153,8 +158,16 @@ def _outcomes(table: pd.DataFrame, estimator: str, limits: GateLimits) -> Iterat
             if limit == "time_ratio":
                 value = row["solve_seconds_median"] / _time(table, row, limits.time_reference)
             else:
-                value = row.get(limit if limit in _COUNTS else f"{limit}_median", math.nan)
+                value = row.get(_column(limit, study), math.nan)
             yield LimitOutcome(*place, limit, float(value), bound)
+
+
+def _column(limit: str, study: Study) -> str:
+    """The column of a leaderboard that a limit is about."""
+    if limit == _SCORE:
+        return f"{getattr(primary(study.metrics), 'name', '')}_{_SCORE}"
+    scores = [f"{metric.name}_{_SCORE}" for metric in scored(study.metrics)]
+    return limit if limit in (*_COUNTS, *scores) else f"{limit}_median"
 
 
 def _time(table: pd.DataFrame, row: dict, reference: str) -> float:

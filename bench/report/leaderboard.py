@@ -11,54 +11,57 @@ import pandas as pd
 
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
-from olne_bench.bench.report.measures import IDENTIFIABLE, compared, in_table, primary
+from olne_bench.bench.report.measures import IDENTIFIABLE, compared, in_table, primary, scored
 from olne_bench.bench.report.statistics.attempts import (
     attempts_of,
     errors_of,
     measured,
     quantile,
 )
-from olne_bench.bench.report.statistics.estimator_comparison import ranks
 from olne_bench.bench.report.statistics.intervals import mean_by_seed
+from olne_bench.bench.report.statistics.score import ALL
 from olne_bench.bench.report.study import USUAL, Study
 
 #: Largest noise level [m] at which errors are compared with the statistical limit, which is a
 #: small-noise expansion. If a study has no level as small, its smallest one is used.
 LIMIT_SIGMA = 0.01
+#: An estimator is exact without noise if its position error [m] is at most this.
+EXACT = 1e-3
 
 _KEY = ["scenario", "sensor", "estimator"]
 _KINDS = ("median", "q25", "q75", "mean", "mean_low", "mean_high")
 
 
 def leaderboard(
-    trials: pd.DataFrame, comparisons: pd.DataFrame | None = None, study: Study = USUAL
+    trials: pd.DataFrame, scores: pd.DataFrame | None = None, study: Study = USUAL
 ) -> pd.DataFrame:
     """Summarise trials.
 
     Args:
         trials: rows as in ``trials.parquet``, optionally with ``identifiable_cosine_error``, for
             which only rows with a value count.
-        comparisons: from ``bench.report.statistics.estimator_comparison``, for ranks.
+        scores: from ``bench.report.statistics.score``.
         study: study of the run.
 
     Returns:
         One row per (scenario, sensor, estimator): ``trials``, ``failures`` and
         ``published_failures`` (rows counted with their ``count``), ``skipped`` and
-        ``harness_errors`` (which are not attempts); for each metric with values the median,
+        ``harness_errors`` (which are not attempts); the share of ``exact`` trials without noise,
+        whose position error is at most ``EXACT``; for each metric with values the median,
         quartiles and mean with its 95 % interval over seeds, or ``_share`` and ``_trials`` (number
-        of trials with a value); ``limit_ratio`` (mean cosine error over its statistical limit for
-        small noise); the median time, in which attempts that did not end are infinite; and ranks
-        with ties by the metrics that are compared. In means, a failure counts as the largest
-        possible error, such as 1 for angles and infinity for positions. Rows of a scenario and
-        sensor are sorted by their rank in the primary metric, the position error, then by its
-        median.
+        of trials with a value), and ``_score`` with ``_score_low`` and ``_score_high``, which those
+        who do not rank lack, floors apart; ``limit_ratio`` (mean cosine error over its statistical
+        limit for small noise); the median time, in which attempts that did not end are infinite. In
+        means, a failure counts as the largest possible error, such as 1 for angles and infinity for
+        positions. Rows of a scenario and sensor are sorted by their score by the primary metric,
+        the position error, then by its median; floors come last.
     """
     metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
-    return ranked_rows(summaries(trials, study), metrics, comparisons)
+    return scored_rows(summaries(trials, study), metrics, scores, study)
 
 
 def summaries(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """The rows of a leaderboard, without ranks and in no order."""
+    """The rows of a leaderboard, without scores and in no order."""
     metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
     about = {metric.name: measured(trials, metric, study) for metric in metrics}
     rows = [
@@ -70,31 +73,43 @@ def summaries(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(rows[0]) if rows else [])
 
 
-def ranked_rows(
+def scored_rows(
     table: pd.DataFrame,
     metrics: Sequence[MetricDeclaration],
-    comparisons: pd.DataFrame | None = None,
+    scores: pd.DataFrame | None = None,
+    study: Study = USUAL,
 ) -> pd.DataFrame:
-    """A leaderboard from its rows: with ranks, if there are comparisons, and sorted.
+    """A leaderboard from its rows: with scores, if there are some, and sorted.
 
     Args:
         table: from ``summaries``, of one scenario or more.
         metrics: metrics of the whole table.
-        comparisons: as in ``leaderboard``.
+        scores: as in ``leaderboard``.
+        study: study of the run.
     """
     if table.empty:
         return table
     table = _filled(table, metrics)
-    ranked = compared(metrics)
-    if comparisons is not None:
-        for metric in ranked:
-            table[f"{metric.name}_rank"] = ranks(comparisons, table, metric.name)
+    for metric in scored(metrics):
+        table = table if scores is None else _with_scores(table, scores, metric.name, study)
     first = primary(metrics)
-    others = [f"{metric.name}_median" for metric in ranked if metric != first]
-    best = [f"{first.name}_{kind}" for kind in ("rank", "median")] if first else []
-    best = [name for name in best if name in table]
-    order = ["scenario", "sensor", *best, "failures", *others, "estimator"]
-    return table.sort_values(order, ignore_index=True)
+    others = [f"{metric.name}_median" for metric in compared(metrics) if metric != first]
+    best = [f"{first.name}_{kind}" for kind in ("score", "median")] if first else []
+    order = ["scenario", "sensor", "floor", *best, "failures", *others, "estimator"]
+    ordered = table.assign(floor=table["estimator"].map(study.is_floor))
+    ordered = ordered.sort_values([n for n in order if n in ordered], ignore_index=True)
+    return ordered.drop(columns="floor")
+
+
+def _with_scores(
+    table: pd.DataFrame, scores: pd.DataFrame, error: str, study: Study
+) -> pd.DataFrame:
+    """Rows with the scores by an error of those who rank, and of floors."""
+    shown = scores["ranked"] | scores["estimator"].map(study.is_floor).astype(bool)
+    of_cells = (scores["error"] == error) & (scores["sensor"] != ALL) & shown
+    kinds = ["score", "score_low", "score_high"]
+    own = scores.loc[of_cells, [*_KEY, *kinds]]
+    return table.merge(own.rename(columns={k: f"{error}_{k}" for k in kinds}), how="left", on=_KEY)
 
 
 def _filled(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.DataFrame:
@@ -122,7 +137,16 @@ def _counts(group: pd.DataFrame) -> dict[str, float | int]:
         "published_failures": int(count[published_failures(attempts)].sum()),
         "skipped": int(group.loc[group["status"] == "skipped", "count"].sum()),
         "harness_errors": int((group["status"] == "harness_error").sum()),
+        "exact": _exact(attempts[attempts["sigma"] == 0]),
     }
+
+
+def _exact(attempts: pd.DataFrame) -> float:
+    """Share of attempts without noise that predict exactly; NaN if there are none."""
+    if attempts.empty or "position_error" not in attempts:
+        return float("nan")
+    exact = attempts["status"].eq("ok") & (attempts["position_error"] <= EXACT).fillna(False)
+    return float(np.average(exact.to_numpy(bool), weights=attempts["count"]))
 
 
 def _measures(

@@ -1,4 +1,4 @@
-"""The leaderboard for a paper or a README: LaTeX and Markdown."""
+"""The leaderboard as text: for a terminal, a README (Markdown) and a paper (LaTeX)."""
 
 import math
 from collections.abc import Callable
@@ -10,12 +10,25 @@ import pandas as pd
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.escapes import markdown_text
 from olne_bench.bench.report.measures import in_leaderboard, primary
-from olne_bench.bench.report.statistics.estimator_comparison import leaders
+from olne_bench.bench.report.statistics.harness_errors import in_words
 from olne_bench.bench.report.statistics.standing import said_of_standing
 from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.tables import RunTables
 from olne_bench.bench.text import one_line
 
+_PLACE = ["scenario", "sensor", "estimator"]
 _ROUNDING = 1e-9  # errors below this are rounding of solvers
+_LEGEND = """
+Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
+Failures (published): also those where the published search misses a root that another one finds."""
+_LEGEND_OF_SCORES = """
+Score: geometric mean of the {metric} over that of the paper's method in the same trials with noise;
+0.79 is 21 % smaller. A failure counts as the error of uniform. Without a score: see 'Not ranked'.
+Exact: share of trials without noise that predict within 1 mm.
+/ bound: mean cosine error over its statistical limit (the Cramer-Rao bound) at little noise.
+Time: median of one estimate; those that were stopped or broke off count as infinitely slow."""
+_FLOOR_LEGEND = """
+uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +47,7 @@ class _Markup:
 
 
 def markdown(table: pd.DataFrame, study: Study = USUAL) -> str:
-    """The leaderboard as a Markdown table; the leaders of a scenario and sensor are bold.
+    """The leaderboard as a Markdown table; the best score of a scenario and sensor is bold.
 
     Sentences on who does not rank, if there are any, follow it.
     """
@@ -52,24 +65,67 @@ def latex(table: pd.DataFrame, study: Study = USUAL) -> str:
     return shown.style.hide(axis="index").to_latex(column_format=kinds, hrules=True)
 
 
+def format_leaderboard(table: pd.DataFrame, study: Study = USUAL) -> str:
+    """The leaderboard for a terminal, with a legend."""
+    shown = _shown(table, study, _Markup(_plain, str, one_line))
+    metrics = in_leaderboard(study.metrics, table)
+    told = "".join(f"\n{_legend(metric)}" for metric in metrics)
+    first = primary(metrics)
+    scores = _LEGEND_OF_SCORES.format(metric=first.label) if first else ""
+    floor = _FLOOR_LEGEND if any(map(study.is_floor, table["estimator"])) else ""
+    return f"{shown.to_string(index=False)}\n{_LEGEND}{told}{scores}{floor}"
+
+
+def format_notes(tables: RunTables, notes: list[str]) -> str:
+    """Who does not rank, errors of the harness, what could not be drawn; empty without them.
+
+    Args:
+        tables: tables of the run.
+        notes: what could not be drawn, and why.
+    """
+    wrong = in_words(tables.harness_errors)
+    parts = [
+        ("Not ranked, or too good:", said_of_standing(tables.leaderboard)),
+        ("The harness itself failed; these trials do not count as attempts:", wrong),
+        ("Not shown, and why:", notes),
+    ]
+    return "\n".join(
+        "\n".join([head, *(f"  {n}" for n in lines)]) for head, lines in parts if lines
+    )
+
+
+def format_summary(heading: str, summary: pd.DataFrame, failed: pd.DataFrame, unit: str) -> str:
+    """The summary of a study of streams or drives, and what failed in it.
+
+    Args:
+        heading: what the columns hold.
+        summary: columns to be shown.
+        failed: rows with another status than ``ok``.
+        unit: what a row is, in the plural.
+    """
+    shown = summary.to_string(index=False, float_format=lambda v: f"{v:.3g}", na_rep="-")
+    reasons = failed.groupby(["status", "message"])
+    told = [f"{len(part)} {unit} {status}: {message}" for (status, message), part in reasons]
+    return "\n".join([heading, shown, *told])
+
+
+def _legend(metric: MetricDeclaration) -> str:
+    return f"{metric.title}: {metric.description or 'its median.'}"
+
+
 def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
     """All cells and column heads as text of the language."""
     number, text = markup.number, markup.text
-    columns = {
-        head: table[name].map(text)
-        for head, name in (
-            ("Scenario", "scenario"),
-            ("Sensor", "sensor"),
-            ("Estimator", "estimator"),
-        )
-    }
+    columns = {name.capitalize(): table[name].map(text) for name in _PLACE}
     metrics = in_leaderboard(study.metrics, table)
     first = primary(metrics)
-    if first is not None and f"{first.name}_rank" in table:
-        ranked = table[f"{first.name}_rank"].astype("string")
-        columns["Rank"] = ranked.fillna(number(math.nan))
+    if first is not None and f"{first.name}_score" in table:
+        columns["Score"] = _scores(table, f"{first.name}_score", markup)
     for metric in metrics:
         columns[text(metric.title)] = pd.Series(_cells(table, metric, markup), table.index)
+    if table.get("exact", pd.Series(dtype=float)).notna().any():
+        exact = [number(v) if math.isnan(v) else text(f"{v:.0%}") for v in table["exact"]]
+        columns["Exact"] = pd.Series(exact, table.index)
     columns[text("Error / bound")] = table["limit_ratio"].map(number)
     counts = table[["failures", "published_failures", "trials"]].itertuples(index=False)
     failures = [f"{a} ({b}) of {n}" for a, b, n in counts]
@@ -79,6 +135,13 @@ def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
             columns[head] = table[name].astype("string")
     columns[text("Time [ms]")] = (1e3 * table["solve_seconds_median"]).map(number)
     return pd.DataFrame(columns)
+
+
+def _scores(table: pd.DataFrame, column: str, markup: _Markup) -> pd.Series:
+    """Scores, the best one of a scenario and sensor in bold."""
+    best = table[column] == table.groupby(_PLACE[:2])[column].transform("min")
+    shown = table[column].map(markup.number)
+    return shown.where(~best, shown.map(markup.bold))
 
 
 def _cells(table: pd.DataFrame, metric: MetricDeclaration, markup: _Markup) -> list[str]:
@@ -93,15 +156,9 @@ def _cells(table: pd.DataFrame, metric: MetricDeclaration, markup: _Markup) -> l
     if not metric.compared:
         return [number(value) for value in table[f"{metric.name}_median"]]
     quartiles = table[[f"{metric.name}_{name}" for name in ("median", "q25", "q75")]]
-    best = (
-        leaders(table, metric.name).tolist()
-        if f"{metric.name}_rank" in table
-        else [False] * len(table)
-    )
     return [
-        (markup.bold(number(middle)) if leads else number(middle))
-        + f" [{number(low)}, {number(high)}]"
-        for (middle, low, high), leads in zip(quartiles.itertuples(index=False), best, strict=True)
+        f"{number(middle)} [{number(low)}, {number(high)}]"
+        for middle, low, high in quartiles.itertuples(index=False)
     ]
 
 
@@ -122,9 +179,7 @@ def _plain(value: float) -> str:
 def _mathematical(value: float) -> str:
     if math.isnan(value):
         return "--"
-    if math.isinf(value):
-        return "$\\infty$"
-    return _plain(value)
+    return "$\\infty$" if math.isinf(value) else _plain(value)
 
 
 _LATEX = {

@@ -8,6 +8,8 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 
 #: The metric that ranks estimators if a run has it; else the first metric that is compared.
 _USUAL_PRIMARY = "position_error"
+#: Errors that have scores although nobody is compared by them: positive, and the less the better.
+_ALSO_SCORED = ("held_out_error", "crps", "energy_score")
 
 #: The cosine error without what the data cannot identify. It is computed for a whole run
 #: (``statistics.identifiability``), not per trial: what is identifiable is a property of a
@@ -28,6 +30,11 @@ FAILURES = MetricDeclaration("failures", worst=1.0)
 def compared(metrics: Iterable[MetricDeclaration]) -> list[MetricDeclaration]:
     """The metrics that estimators and runs are compared by."""
     return [metric for metric in metrics if metric.compared]
+
+
+def scored(metrics: Iterable[MetricDeclaration]) -> list[MetricDeclaration]:
+    """The metrics that have scores: errors that are compared, held-out errors, proper scores."""
+    return [metric for metric in metrics if metric.compared or metric.name in _ALSO_SCORED]
 
 
 def primary(metrics: Sequence[MetricDeclaration]) -> MetricDeclaration | None:

@@ -18,8 +18,8 @@ from olne_bench.bench.plan.outcome import FAILURES
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import KEY_COLUMNS
 from olne_bench.bench.report.statistics.attempts import FLOOR, attempts_of
-from olne_bench.bench.report.statistics.estimator_comparison import adjusted, compare_pairs
 from olne_bench.bench.report.statistics.intervals import Interval, median_interval
+from olne_bench.bench.report.statistics.pairs import adjusted, compare_pairs
 from olne_bench.bench.run.store import Store
 
 Row = dict[str, Any]

@@ -17,6 +17,11 @@ from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.errors import UserError
 from olne_bench.games.model.sensor import SensorModel
 
+#: Built-in estimators that use no data, or not what they are told: they have scores, and no rank.
+_FLOORS = ("uniform", "ignorant")
+#: Built-in estimators that are told, or have learned, how true weights are drawn.
+_KNOW_PRIOR = ("map", "posterior", "neural_posterior", "particle", "ridge", "ukf")
+
 #: Errors raised if a label is of another version, or its truth cannot be computed.
 UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)
 
@@ -68,6 +73,19 @@ class Study:
         """Whether the estimator with this label is known, and is a plugin."""
         known = self.estimators.get(label)
         return known is not None and is_foreign(known)
+
+    def is_floor(self, label: str) -> bool:
+        """Whether the estimator with this label is a reference that all others must beat."""
+        return self._built_in(label) in _FLOORS
+
+    def knows_prior(self, label: str) -> bool:
+        """Whether the estimator with this label knows how true weights are drawn."""
+        return self._built_in(label) in _KNOW_PRIOR
+
+    def _built_in(self, label: str) -> str:
+        """Name of a label's estimator, as far as it is known; for others their label."""
+        known = self.estimators.get(label)
+        return label if known is None else known.name
 
     def draw(self, label: str, seed: int) -> Draw:
         """The draw of the trials with a scenario's label and a seed.

@@ -1,17 +1,13 @@
 """All tables of a run, computed once."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import pandas as pd
 
-from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.leaderboard import ranked_rows, summaries
+from olne_bench.bench.report.leaderboard import scored_rows, summaries
 from olne_bench.bench.report.measures import IDENTIFIABLE
-from olne_bench.bench.report.paragraphs import Paragraph, paragraphs
 from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of
 from olne_bench.bench.report.statistics.calibration import calibration_table
-from olne_bench.bench.report.statistics.estimator_comparison import adjusted, comparison_rows
 from olne_bench.bench.report.statistics.harness_errors import harness_errors, most_frequent_first
 from olne_bench.bench.report.statistics.identifiability import (
     bound_ratios,
@@ -26,14 +22,17 @@ from olne_bench.bench.report.statistics.recognition import (
     drivers,
     temperament_table,
 )
+from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
 from olne_bench.bench.report.statistics.standing import (
     if_told,
     ranking,
     standings,
     with_standing,
 )
-from olne_bench.bench.report.statistics.wins import win_counts, win_table
 from olne_bench.bench.report.study import USUAL, Study
+
+#: Tables of runs whose drivers have temperaments.
+_OF_DRIVERS = ("temperaments", "confusions")
 
 
 @dataclass(frozen=True)
@@ -42,9 +41,9 @@ class RunTables:
 
     Attributes:
         leaderboard: one row per scenario, sensor and estimator.
+        scores: scores over all scenarios, by noise level, and in each scenario and sensor.
+        comparisons: estimators in pairs, by their scores.
         errors_by_noise: median errors at each noise level, with intervals.
-        comparisons: comparisons of estimators, in pairs.
-        wins: draws that each estimator wins against each other one.
         identifiability: identifiability of each weight in each scenario and sensor.
         identifiability_by_noise: the same at each noise level of the trials.
         bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
@@ -52,14 +51,13 @@ class RunTables:
         temperaments: errors, and who is recognised, by the temperament of drivers.
         confusions: who is mistaken for whom.
         harness_errors: errors of the harness.
-        paragraphs: a paragraph on each estimator.
         notes: what could not be computed, and why.
     """
 
     leaderboard: pd.DataFrame
-    errors_by_noise: pd.DataFrame
+    scores: pd.DataFrame
     comparisons: pd.DataFrame
-    wins: pd.DataFrame
+    errors_by_noise: pd.DataFrame
     identifiability: pd.DataFrame
     identifiability_by_noise: pd.DataFrame
     bound_ratios: pd.DataFrame
@@ -67,23 +65,14 @@ class RunTables:
     temperaments: pd.DataFrame
     confusions: pd.DataFrame
     harness_errors: pd.DataFrame
-    paragraphs: tuple[Paragraph, ...] = ()
     notes: tuple[str, ...] = ()
 
     def by_name(self) -> dict[str, pd.DataFrame]:
         """The tables that are written to the run folder, by name."""
-        usual = {
-            "leaderboard": self.leaderboard,
-            "errors_by_noise": self.errors_by_noise,
-            "comparisons": self.comparisons,
-            "wins": self.wins,
-            "identifiability": self.identifiability,
-            "identifiability_by_noise": self.identifiability_by_noise,
-            "bound_ratios": self.bound_ratios,
-            "calibration": self.calibration,
-        }
-        tempered = {"temperaments": self.temperaments, "confusions": self.confusions}
-        return usual | {name: table for name, table in tempered.items() if len(table)}
+        unwritten = ("harness_errors", "notes")
+        named = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in unwritten}
+        tempered = len(self.temperaments) > 0
+        return {n: t for n, t in named.items() if tempered or n not in _OF_DRIVERS}
 
 
 def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
@@ -95,25 +84,12 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     found = of_each(parts, lambda _, own: _tabulated(own, applying))
     found = found or [_tabulated(parts.of(""), applying)]  # tables without rows have columns, too
     whole = {name: joined([part[name] for part in found]) for name in found[0]}
-    comparisons = adjusted(_by_error(whole["comparisons"], metrics))
-    wins = win_table(_by_error(whole["wins"], metrics))
+    logs = whole.pop("logs")
+    scores, notes = score_table(logs, study), tuple(whole.pop("notes")["note"])
     shown = [*metrics, *[IDENTIFIABLE] * (f"{IDENTIFIABLE.name}_median" in whole["leaderboard"])]
-    board = if_told(ranked_rows(whole["leaderboard"], shown, comparisons))
-    return RunTables(
-        leaderboard=board,
-        errors_by_noise=whole["errors_by_noise"],
-        comparisons=comparisons,
-        wins=wins,
-        identifiability=whole["identifiability"],
-        identifiability_by_noise=whole["identifiability_by_noise"],
-        bound_ratios=whole["bound_ratios"],
-        calibration=whole["calibration"],
-        temperaments=whole["temperaments"],
-        confusions=whole["confusions"],
-        harness_errors=most_frequent_first(whole["harness_errors"]),
-        paragraphs=tuple(paragraphs(board, wins, whole["errors_by_noise"], study)),
-        notes=tuple(whole["notes"]["note"]),
-    )
+    whole["leaderboard"] = if_told(scored_rows(whole["leaderboard"], shown, scores, study))
+    whole["harness_errors"] = most_frequent_first(whole["harness_errors"])
+    return RunTables(scores=scores, comparisons=pair_table(logs, study), notes=notes, **whole)
 
 
 def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
@@ -123,12 +99,10 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
     by_temperament = _driver_tables(trials, study)
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
     standing = standings(trials, study)
-    contenders = ranking(plain, standing)
     return {
         "leaderboard": with_standing(summaries(known, study), standing),
         "errors_by_noise": errors_by_noise(plain, study),
-        "comparisons": comparison_rows(contenders, study),
-        "wins": win_counts(contenders, study),
+        "logs": log_errors(ranking(plain, standing), study),
         "identifiability": identifiability_table(trials, study),
         "identifiability_by_noise": identifiability_by_noise(plain, study),
         "bound_ratios": bound_ratios(trials, study),
@@ -143,10 +117,3 @@ def _driver_tables(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame
     """Tables of drivers, of whom there are several in each trial: not kept for longer."""
     found = drivers(trials, study)
     return {"temperaments": temperament_table(found), "confusions": confusion_table(found)}
-
-
-def _by_error(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.DataFrame:
-    """Rows of several scenarios, error by error."""
-    place = {metric.name: number for number, metric in enumerate(metrics)}
-    order = table["error"].map(place).to_numpy(float).argsort(kind="stable")
-    return table.iloc[order].reset_index(drop=True)

@@ -1,19 +1,20 @@
-"""Write the report of a run: tables, page and figures, made from the store alone."""
+"""Write the report of a run of trials: tables, page and figures, made from the store."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+from matplotlib.figure import Figure
 
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.load import suite_names
 from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.escapes import write_csv
-from olne_bench.bench.report.figures import draw_figures, draw_wins
+from olne_bench.bench.report.figures import Drawn, draw_figures, style
 from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.page.render import Extras, render_page
-from olne_bench.bench.report.paragraphs import markdown_paragraphs
 from olne_bench.bench.report.parts import Parts, write_trials
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.tables import RunTables, tabulate
@@ -44,12 +45,12 @@ def write_report(
 ) -> Report:
     """Write tables, as CSV, the page ``index.html`` and ``figures/``.
 
-    The tables are ``trials`` (also as Parquet), ``leaderboard``, ``errors_by_noise``,
-    ``comparisons`` (of estimators, in pairs), ``wins`` (of draws), ``identifiability`` and
-    ``bound_ratios`` (of weights), and, where drivers have temperaments, ``temperaments`` and
-    ``confusions``; the leaderboard comes in Markdown, with a paragraph on each estimator, and
-    LaTeX, too. Truths are read from the draws
-    that come with the suite, where there are some. Only the trials of one scenario are in memory.
+    The tables are ``trials`` (also as Parquet), ``leaderboard`` (also in Markdown and LaTeX),
+    ``scores``, ``comparisons`` (of estimators, in pairs), ``errors_by_noise``,
+    ``identifiability``, ``identifiability_by_noise``, ``bound_ratios`` (of weights),
+    ``calibration`` and, where drivers have temperaments, ``temperaments`` and ``confusions``.
+    Truths are read from the draws that come with the suite, where there are some. Only the trials
+    of one scenario are in memory.
 
     Args:
         folder: a run folder.
@@ -83,15 +84,38 @@ def _written(
     playable: Sequence[tuple[float, int]],
 ) -> Report:
     tables = tabulate(trials, study)
-    _write_tables(tables, study, folder)
-    notes = list(tables.notes)
+    for name, table in tables.by_name().items():
+        write_csv(table, folder / f"{name}.csv")
+    write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
+    write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
+    drawn = Drawn()
     if formats:
-        draw_wins(tables.wins, folder / "figures", formats, study)
-        notes += draw_figures(trials, folder / "figures", formats, study).notes
-    page = render_page(trials, tables, runs, study, notes, Extras(playable=tuple(playable)))
-    with whole_file(folder / "index.html") as path:
-        path.write_text(page.html, encoding="utf-8")
+        drawn = draw_figures(trials, tables, folder / "figures", formats, study)
+    notes = [*tables.notes, *drawn.notes]
+    extras = Extras(playable=tuple(playable), pictures=drawn.pictures)
+    page = render_page(trials, tables, runs, study, notes, extras)
+    write_text(folder / "index.html", page.html)
     return Report(tables, study, list(dict.fromkeys([*notes, *page.notes])))
+
+
+def write_text(place: Path, text: str) -> None:
+    """Write a text, completely or not at all."""
+    with whole_file(place) as path:
+        path.write_text(text, encoding="utf-8")
+
+
+def write_figures(
+    figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str]
+) -> list[str]:
+    """Write figures by name, if there are formats; SVG elements for a page."""
+    pictures = []
+    if formats:
+        folder.mkdir(exist_ok=True)
+        with style.applied():
+            for name, figure in figures:
+                pictures.append(style.svg_text(figure))
+                style.save(figure, folder / style.file_name(name), formats)
+    return pictures
 
 
 @contextmanager
@@ -115,15 +139,3 @@ def _refuse_unknown(store: Store, places: Sequence[tuple[float, int]]) -> None:
                 f"--play {sigma:g}:{seed}: the run has no such trial; it has the noise levels "
                 f"{levels} and seeds up to {max(seed for _, seed in known)}"
             )
-
-
-def _write_tables(tables: RunTables, study: Study, folder: Path) -> None:
-    for name, table in tables.by_name().items():
-        write_csv(table, folder / f"{name}.csv")
-    said = markdown_paragraphs(tables.paragraphs)
-    for name, text in (
-        ("leaderboard.md", markdown(tables.leaderboard, study) + said),
-        ("leaderboard.tex", latex(tables.leaderboard, study)),
-    ):
-        with whole_file(folder / name) as path:
-            path.write_text(text, encoding="utf-8")

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from olne_bench.bench.report.drive_tables import comparison_table, drive_table, episode_table
 from olne_bench.bench.report.escapes import write_csv
-from olne_bench.bench.report.figures.drives import draw_driving
-from olne_bench.bench.report.leaderboard_terminal import format_summary
+from olne_bench.bench.report.figures.drives import figures_of
+from olne_bench.bench.report.leaderboard_text import format_summary
 from olne_bench.bench.report.page.drives import driving_page
+from olne_bench.bench.report.write import write_figures, write_text
 from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
-from olne_bench.files import whole_file
 
 _HEADING = "regret of the mean cost of a step (standing costs 1); medians in m, m/s^3, ms; shares"
 _SHOWN = ["traffic", "road", "planner", "drives", "collisions", "regret", "progress", "jerk"]
@@ -41,12 +41,7 @@ def report_drives(folder: Path, formats: Sequence[str]) -> str:
     tables = {"summary": summary, "tests": comparison_table(rows)}
     for name, table in tables.items():
         write_csv(table, folder / f"{name}.csv")
-    files: list[Path] = []
-    if formats:
-        (folder / "figures").mkdir(exist_ok=True)
-        files = draw_driving(summary, folder / "figures", formats)
-    pictures = [file for file in files if file.suffix == ".png"]
-    with whole_file(folder / "index.html") as path:
-        path.write_text(driving_page(tables, pictures, runs, suite), encoding="utf-8")
+    pictures = write_figures(figures_of(summary), folder / "figures", formats)
+    write_text(folder / "index.html", driving_page(tables, pictures, runs, suite))
     said = format_summary(_HEADING, summary[_SHOWN], rows[rows["status"] != "ok"], "drives")
     return f"{said}\n{folder}: index.html is the page, episodes.csv has a row for each drive"

@@ -8,8 +8,8 @@ import pandas as pd
 from olne_bench.bench.judge.streams import ERROR_COLUMNS
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.escapes import write_csv
-from olne_bench.bench.report.figures.streams import draw_online
-from olne_bench.bench.report.leaderboard_terminal import format_summary
+from olne_bench.bench.report.figures.streams import figures_of
+from olne_bench.bench.report.leaderboard_text import format_summary
 from olne_bench.bench.report.page.streams import OnlineTables, online_page
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.stream_tables import (
@@ -18,11 +18,11 @@ from olne_bench.bench.report.stream_tables import (
     summary_table,
     update_table,
 )
+from olne_bench.bench.report.write import write_figures, write_text
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import read_store
 from olne_bench.errors import UserError
-from olne_bench.files import whole_file
 
 #: Digits of medians and of ends of intervals.
 _DIGITS = "%.4g"
@@ -75,9 +75,6 @@ def write_online(
     write_csv(rows, folder / "updates.csv")
     for name, table in tables.by_name().items():
         write_csv(table, folder / f"{name}.csv", _DIGITS)
-    with whole_file(folder / "index.html") as path:
-        path.write_text(online_page(tables, runs, suite), encoding="utf-8")
-    if formats:
-        (folder / "figures").mkdir(exist_ok=True)
-        draw_online(rows, folder / "figures", formats)
+    pictures = write_figures(figures_of(rows), folder / "figures", formats)
+    write_text(folder / "index.html", online_page(tables, pictures, runs, suite))
     return tables

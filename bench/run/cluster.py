@@ -28,7 +28,7 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.process.child import TICK
 from olne_bench.bench.run.executor import never
-from olne_bench.bench.run.referee_process import RefereeProcess
+from olne_bench.bench.run.referee import RefereeProcess
 from olne_bench.errors import UserError
 
 #: Trials are sent in chunks, as a task costs the scheduler several milliseconds. After this time

@@ -12,7 +12,7 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.process.channel import wait_for
 from olne_bench.bench.process.child import TICK
-from olne_bench.bench.run.referee_process import RefereeProcess
+from olne_bench.bench.run.referee import RefereeProcess
 
 
 def never() -> bool:

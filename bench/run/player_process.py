@@ -1,12 +1,14 @@
 """The player process as the referee sees it."""
 
-import pickle
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
-from olne_bench.bench.judge.trials import Answer, PlayerFault, PlayerTask
+import numpy as np
+
+from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.process.child import (
     ATTEMPTS,
     Child,
@@ -18,25 +20,18 @@ from olne_bench.bench.process.child import (
     StartError,
     TimedOutError,
 )
+from olne_bench.bench.run import player
 from olne_bench.bench.run.describe_plugins import LOAD_LIMIT
-from olne_bench.bench.run.player import (
-    BUDGET,
-    Answered,
-    Libraries,
-    Prepared,
-    estimate,
-    libraries,
-    prepare,
-)
+from olne_bench.bench.run.player import BUDGET, Libraries, Said, told
 from olne_bench.errors import UserError
-
-_PLAYER_MODULES = ("olne_bench.bench.run.player", "olne_bench.bench.run.stream_player")
 
 
 class PlayerProcess:
     """Player processes, one after the other, each for one plugin or the built-in estimators.
 
-    Foreign code gets its own process, in a sandbox, so that it cannot affect others.
+    Foreign code gets its own process, in a sandbox, so that it cannot affect others. A process that
+    dies or is left in doubt is replaced; a motion that it followed is lost with it, and nothing
+    else.
     """
 
     def __init__(self, *, memory: int | None, hidden: Path | None) -> None:
@@ -49,6 +44,7 @@ class PlayerProcess:
         self._memory, self._hidden = memory, hidden
         self._place: tuple[object, ...] | None = None
         self._child = Child()
+        self._limit = self._budget = 0.0
 
     def estimate(self, task: PlayerTask) -> Answer:
         """Set up an estimator and make an estimate.
@@ -56,11 +52,14 @@ class PlayerProcess:
         Raises:
             PlayerFault: if there is neither an estimate nor a reason why it declines.
         """
-        self.seat(task)
+        self._seat(task)
         for attempt in range(1, ATTEMPTS + 1):
             used = self._child.served > 0
             try:
-                return self._attempt(task)
+                declined = self._prepare(task)
+                if declined is not None:
+                    return Answer(declined=declined)
+                return self._answer("estimate", player.estimate, task.observations)
             except DiedError as error:
                 # A previous trial may have damaged the process.
                 if not (error.outside or used) or attempt == ATTEMPTS:
@@ -70,7 +69,28 @@ class PlayerProcess:
                     self._child.renew()  # foreign code carries nothing from a trial to the next
         raise AssertionError
 
-    def seat(self, task: PlayerTask) -> None:
+    def start(self, task: PlayerTask) -> str | None:
+        """As of ``judge.players.StreamPlayer``."""
+        self._seat(task)
+        if task.plugin:
+            self._child.end()  # foreign code carries nothing from a motion to the next
+        with _death_as_fault():
+            return self._prepare(task)
+
+    def update(self, sample: np.ndarray) -> Answer:
+        """As of ``judge.players.StreamPlayer``."""
+        if not self._child.served:  # it was retired after the last answer
+            raise PlayerFault(
+                "invalid", "left threads, processes or too much memory, so its process was replaced"
+            )
+        with _death_as_fault():
+            return self._answer("update", player.update, sample)
+
+    def stop(self) -> None:
+        """Kill the process and all its descendants."""
+        self._child.stop()
+
+    def _seat(self, task: PlayerTask) -> None:
         """Have a process for the estimator of a task."""
         place = (task.plugin, task.reference, task.homes) if task.plugin else ()
         if place != self._place:
@@ -79,38 +99,24 @@ class PlayerProcess:
             self._child = player_child(task, homes, self._memory, self._hidden)
             self._place = place
 
-    def stop(self) -> None:
-        """Kill the process and all its descendants."""
-        self._child.stop()
+    def _prepare(self, task: PlayerTask) -> str | None:
+        """Why the estimator declines the problem; None if it does not."""
+        self._limit = task.time_limit
+        self._budget = BUDGET * task.time_limit if task.budget is None else task.budget
+        return self._asked("set-up", player.prepare, *told(task)).declined
 
-    def _attempt(self, task: PlayerTask) -> Answer:
-        with faults_of("set-up", task.time_limit):
-            prepared: Prepared = self._child.call(
-                prepare,
-                task.reference,
-                task.parameters,
-                task.homes,
-                pickle.dumps(task.problem),
-                len(task.observations),
-                kind=Prepared,
-                seconds=task.time_limit,
-            )
-        if prepared.declined is not None:
-            return Answer(declined=prepared.declined)
-        started = time.perf_counter()
-        with faults_of("estimate", task.time_limit):
-            answered: Answered = self._child.call(
-                estimate,
-                task.observations,
-                task.seed,
-                BUDGET * task.time_limit,
-                kind=Answered,
-                seconds=task.time_limit,
-            )
-        seconds = time.perf_counter() - started
-        if answered.estimate is None:
-            raise PlayerFault("invalid", answered.malformed, seconds)
-        return Answer(estimate=answered.estimate, seconds=seconds)
+    def _answer(self, stage: str, function: Callable[..., Said], seen: Any) -> Answer:
+        began = time.perf_counter()
+        said = self._asked(stage, function, seen, self._budget)
+        seconds = time.perf_counter() - began
+        if said.estimate is None:
+            raise PlayerFault("invalid", said.malformed, seconds)
+        return Answer(estimate=said.estimate, seconds=seconds)
+
+    def _asked(self, stage: str, function: Callable[..., Said], *arguments: Any) -> Said:
+        with _faults_of(stage, self._limit):
+            said: Said = self._child.call(function, *arguments, kind=Said, seconds=self._limit)
+            return said
 
 
 def player_child(
@@ -130,19 +136,28 @@ def player_child(
     if not task.plugin:
         return Child(memory=memory)
     child = Child(
-        memory=memory, restricted=True, plugins=homes, hidden=hidden, modules=_PLAYER_MODULES
+        memory=memory, restricted=True, plugins=homes, hidden=hidden, modules=(player.__name__,)
     )
     with suppress(ChildError, RaisedError, UserError):  # its first trial will show it
         asked = (task.reference, task.parameters)
         seconds = min(LOAD_LIMIT, task.time_limit)
-        found: Libraries = child.call(libraries, *asked, kind=Libraries, seconds=seconds)
+        found: Libraries = child.call(player.libraries, *asked, kind=Libraries, seconds=seconds)
         child.load(found.names)
     child.end()
     return child
 
 
 @contextmanager
-def faults_of(stage: str, limit: float) -> Iterator[None]:
+def _death_as_fault() -> Iterator[None]:
+    """A process that dies while it follows a motion is the player's fault."""
+    try:
+        yield
+    except DiedError as error:
+        raise PlayerFault("crash", str(error)) from error
+
+
+@contextmanager
+def _faults_of(stage: str, limit: float) -> Iterator[None]:
     """What goes wrong in a player's process as the player's fault, but for its death.
 
     Args:

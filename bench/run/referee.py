@@ -1,40 +1,148 @@
-"""The code inside a referee process: it judges trials and has players for the estimates."""
+"""A referee: trials go in, outcomes come out. It judges them in a process of its own."""
 
+import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-from olne_bench.bench.judge.streams import judge_stream
-from olne_bench.bench.judge.trials import judge
+from olne_bench.bench.judge.players import Staff, all_seconds, own_seconds
 from olne_bench.bench.plan.draws import opened
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.process.child import StartError
+from olne_bench.bench.process.channel import Channel
+from olne_bench.bench.process.child import (
+    ATTEMPTS,
+    TICK,
+    Child,
+    ChildError,
+    DiedError,
+    RaisedError,
+    StartError,
+)
 from olne_bench.bench.process.inside import announce
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.run.player_process import PlayerProcess
-from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.bench.text import describe_error
 from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
+
+#: Time [s] for reading the files of the code, with the first trial. No foreign code runs meanwhile.
+_CODE_SECONDS = 300.0
 
 
 class OtherCodeError(UserError):
     """This process has other code than the driver, so its rows would belong to another study."""
 
 
-#: Time [s] for reading the files of the code, with the first trial. No foreign code runs meanwhile.
-_CODE_SECONDS = 300.0
+class RefereeProcess:
+    """One referee; its process is started with its first trial and replaced when it dies.
+
+    It is also replaced before a trial whose scenario or sensor is another plugin, so that plugins
+    cannot affect each other.
+
+    Attributes:
+        trial: the trial that it judges, None while idle.
+    """
+
+    def __init__(self, *, log: Path | None, memory: int | None, hidden: Path | None) -> None:
+        """Nothing is started yet.
+
+        Args:
+            log: file for what estimators print. Default: this process's standard error.
+            memory: memory limit [bytes] of each process, None for no limit.
+            hidden: folder that foreign code cannot read, as it holds the run.
+        """
+        self.trial: Trial | None = None
+        self._memory, self._hidden = memory, hidden
+        self._log = log
+        self._child = Child(log=log, may_announce=True)
+        self._home: tuple[str, ...] = ()
+        self._attempts = 0
+
+    @property
+    def channel(self) -> Channel:
+        """The connection; it is readable when ``poll`` may find something."""
+        return self._child.channel
+
+    def assign(self, trial: Trial) -> None:
+        """Give an idle referee its next trial."""
+        assert self.trial is None
+        self._attempts = 0
+        self._send(trial)
+
+    def poll(self) -> Outcome | None:
+        """The outcome of the trial, or None while it runs. Never waits.
+
+        Raises:
+            UserError: if processes do not start, or have other code than the trial was made for.
+        """
+        assert self.trial is not None
+        try:
+            outcome: Outcome | None = self._child.poll(Outcome)
+        except DiedError as error:
+            self._attempts += 1
+            if self._attempts < ATTEMPTS:
+                self._send(self.trial)
+                return None
+            outcome = self._of_death(error)
+        except (ChildError, RaisedError) as error:
+            outcome = Outcome("harness_error", str(error))
+        if outcome is not None:
+            self.trial = None
+        return outcome
+
+    def wait(self) -> Outcome:
+        """Wait for the outcome of the trial."""
+        while (outcome := self.poll()) is None:
+            self.channel.wait(TICK)
+        return outcome
+
+    def stop(self) -> None:
+        """Kill the process and all its descendants."""
+        self._child.stop()
+        self.trial = None
+
+    def _send(self, trial: Trial) -> None:
+        home = self._home_of(trial)
+        if home:  # its sandbox reads no draws, which are part of the code's fingerprint
+            check_code(trial)
+        if home != self._home:
+            self._child.stop()
+            self._child = self._for(trial, home)
+        self.trial, self._home = trial, home
+        arguments = (trial, self._memory, self._hidden, bool(home))
+        longest = all_seconds(trial) if home else math.inf
+        self._child.submit(run_trial, *arguments, seconds=own_seconds(trial), longest=longest)
+
+    def _home_of(self, trial: Trial) -> tuple[str, ...]:
+        """References of all plugins that run in a trial's sandbox; empty if it needs none."""
+        return (*trial.home_plugins, *trial.guest_plugins) if trial.home_plugins else ()
+
+    def _for(self, trial: Trial, home: tuple[str, ...]) -> Child:
+        """A process for a trial; foreign scenarios and sensors run in a sandbox, as players do."""
+        if not home:
+            return Child(log=self._log, may_announce=True)
+        return Child(
+            log=self._log,
+            memory=self._memory,
+            restricted=True,
+            plugins=home,
+            hidden=self._hidden,
+            readable=[trial.draws.path] if trial.draws else [],
+            may_announce=True,
+            has_children=True,
+        )
+
+    def _of_death(self, error: DiedError) -> Outcome:
+        assert self.trial is not None
+        if self._child.stage == "estimate" and self.trial.plugin:
+            return Outcome("crash", f"the referee died while it ran: {error}")
+        return Outcome("harness_error", f"the referee: {error}")
 
 
-@dataclass
-class _Staff:
-    player: PlayerProcess
-    metrics: MetricProcess
-    follower: StreamProcess
-
-
-_staff: _Staff | None = None
+_staff: Staff | None = None
 _same_code: tuple[object, ...] | None = None  # what was checked last
 
 
@@ -45,10 +153,8 @@ def check_code(trial: Trial) -> None:
         OtherCodeError: if the code here is not the same.
     """
     global _same_code
-    subject = (
-        *(trial.kind, trial.scenario, trial.sensor, trial.estimator, trial.metrics),
-        trial.versions,
-    )
+    own = (trial.scenario, trial.sensor, trial.estimator, trial.metrics)
+    subject = (trial.kind, *own, trial.versions)
     if subject == _same_code:
         return
     difference = trial.code_difference()
@@ -78,15 +184,14 @@ def run_trial(
             announce("check of the code", _CODE_SECONDS)
         check_code(trial)
     if _staff is None:
-        _staff = _Staff(
-            PlayerProcess(memory=memory, hidden=hidden),
-            MetricProcess(memory=memory, hidden=hidden),
-            StreamProcess(memory=memory, hidden=hidden),
-        )
+        given: dict[str, Any] = {"memory": memory, "hidden": hidden}
+        _staff = Staff(PlayerProcess(**given), MetricProcess(**given), announce)
     began = time.monotonic()
     try:
         with travelling(opened(trial.draws)):
-            outcome = _judged(trial, _staff)
+            # Drives import HighwayEnv, which takes longer than all else that a referee imports.
+            kind = import_module(f"olne_bench.bench.judge.{trial.kind}")
+            outcome: Outcome = kind.judge(trial, _staff)
         return replace(outcome, trial_seconds=time.monotonic() - began)
     except StartError:
         raise
@@ -94,14 +199,3 @@ def run_trial(
         return Outcome("harness_error", str(error))
     except Exception as error:  # a fault of ours must not end the study
         return Outcome("harness_error", describe_error(error))
-
-
-def _judged(trial: Trial, staff: _Staff) -> Outcome:
-    if trial.kind == "streams":
-        return judge_stream(trial, staff.follower, announce)
-    if trial.kind == "drives":
-        # It imports HighwayEnv, which takes longer than all else that a referee imports.
-        from olne_bench.bench.judge.drives import judge_drive
-
-        return judge_drive(trial, staff.follower, announce)
-    return judge(trial, staff.player, staff.metrics, announce)

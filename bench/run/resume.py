@@ -2,15 +2,16 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
-from olne_bench.bench.plan.kinds import Rules
+from olne_bench.bench.plan.kinds import Rules, StudyKind
 from olne_bench.bench.plan.outcome import FAILURES
 from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import CELL_COLUMNS, Trial
 from olne_bench.bench.run.provenance import Provenance
-from olne_bench.bench.run.store import Records
+from olne_bench.bench.run.store import Records, read_store
 from olne_bench.errors import UserError
 
 #: States of a trial: a valid result, or declined by the estimator; a failed attempt; an error of
@@ -89,6 +90,16 @@ def last_suite(runs: Sequence[Provenance], place: object) -> Suite:
     if not runs:
         raise UserError(f"the run in {place} was written by a version that noted no suite")
     return read_suite_json(runs[-1].suite)
+
+
+def kind_of(folder: Path) -> StudyKind:
+    """The kind of the study in a run folder.
+
+    Raises:
+        UserError: if there is no run.
+    """
+    with read_store(folder) as store:
+        return last_suite(store.runs(), folder).kind
 
 
 def check_same_suite(

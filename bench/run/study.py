@@ -6,18 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from olne_bench.bench.plan.change import changed, joined
 from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.draws import draws_path, draws_source
 from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.plan.load import load_suite, suite_text
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.salt import check_salt, salted
-from olne_bench.bench.plan.select import Selection, select
+from olne_bench.bench.plan.select import Selection, changed, joined, select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
-from olne_bench.bench.run.check_priors import check_priors
-from olne_bench.bench.run.check_sensors import check_fit, check_kind
+from olne_bench.bench.run.check_study import check_fit, check_kind, check_priors
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.executor import run_trials

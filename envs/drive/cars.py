@@ -1,28 +1,32 @@
-"""Cars of a drive that goes on, drawn from the proposals of a road's family.
+"""Cars of a drive that goes on, drawn from the proposals of a road's family; costs of the ego.
 
 A drive takes smaller steps than a scenario: three of the simulator's frames. Its costs are the
 scenario's per second, as those of each step are the same and those of controls are scaled along.
+
+The ego pays by its own true features and weights (``EgoCost``). A car that is far away counts as
+nothing, so that it does not matter how many there are: proximity is counted from where a car is
+``RANGE`` lengths ahead. The unit is what a step costs an ego that stands at its start, alone. What
+the ego has hit stays hit: after a collision each step costs one, and no step costs more, so that
+drives count alike whatever the weights and the road.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeGuard, cast
 
+import casadi as ca
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.roads.highway_roads import DT, SIMULATION_FREQUENCY
-from olne_bench.envs.roads.road_scenario import RoadFamily
+from olne_bench.envs.roads.road_scenario import RoadFamily, speed_feature
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 from olne_bench.envs.scenarios import highway, intersection, merge, roundabout, two_way
-from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.scenarios.true_weights import DIRICHLET, TEMPERED
 from olne_bench.games.model.constraints import Constraint
-from olne_bench.games.model.costs import ControlEffort, StateDeviation
+from olne_bench.games.model.costs import CarProximity, ControlEffort, Feature, Stage
 from olne_bench.games.model.dynamics import bicycle
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.lanes import Lane, LaneKeeping
-from olne_bench.games.model.unknowns import Unknown
 
 FRAMES = 3  # of the simulator in a step
 STEP = FRAMES / SIMULATION_FREQUENCY  # [s], 0.2
@@ -42,15 +46,16 @@ _FEW_LANES, _MANY_LANES = 2, 5
 
 #: How hidden weights are drawn.
 WEIGHTS = (TEMPERED, DIRICHLET)
+#: Lengths ahead, or widths beside, from which on another car counts as nothing.
+RANGE = 5.0
 
 
 @dataclass(frozen=True)
-class Road:
+class DriveRoad:
     """What a drive takes from a family, and where its cars come and go.
 
     Attributes:
-        family: whose speeds are known to everybody.
-        propose: draws starts, routes, target speeds.
+        family: draws starts, routes, target speeds; everybody knows its speeds.
         cars: number of cars, the ego included.
         ego: which car of a proposal the ego is.
         lead: distance [m] that the ego starts farther back than proposed.
@@ -62,7 +67,6 @@ class Road:
     """
 
     family: type[RoadFamily]
-    propose: Callable[[np.random.Generator, int], Scenario]
     cars: int
     ego: int
     lead: float
@@ -73,16 +77,12 @@ class Road:
     behind: float
 
 
-ROADS: dict[str, Road] = {
-    "highway": Road(highway.Highway, highway.propose, 5, 1, 0.0, True, 0.0, 40.0, 150.0, 70.0),
-    "merge": Road(merge.Merge, merge.propose, 5, 0, 0.0, True, 60.0, 40.0, 150.0, 70.0),
-    "two_way": Road(two_way.TwoWay, two_way.propose, 5, 0, 0.0, True, 0.0, 60.0, 360.0, 70.0),
-    "roundabout": Road(
-        roundabout.Roundabout, roundabout.propose, 4, 1, 20.0, False, 0.0, 20.0, 60.0, 0.0
-    ),
-    "intersection": Road(
-        intersection.Intersection, intersection.propose, 4, 0, 25.0, False, 0.0, 20.0, 60.0, 0.0
-    ),
+ROADS: dict[str, DriveRoad] = {
+    "highway": DriveRoad(highway.Highway, 5, 1, 0.0, True, 0.0, 40.0, 150.0, 70.0),
+    "merge": DriveRoad(merge.Merge, 5, 0, 0.0, True, 60.0, 40.0, 150.0, 70.0),
+    "two_way": DriveRoad(two_way.TwoWay, 5, 0, 0.0, True, 0.0, 60.0, 360.0, 70.0),
+    "roundabout": DriveRoad(roundabout.Roundabout, 4, 1, 20.0, False, 0.0, 20.0, 60.0, 0.0),
+    "intersection": DriveRoad(intersection.Intersection, 4, 0, 25.0, False, 0.0, 20.0, 60.0, 0.0),
 }
 
 
@@ -107,10 +107,10 @@ class Car:
     @property
     def target_speed(self) -> float:
         """[m/s]."""
-        return float(_speed_feature(self.player).target)
+        return float(speed_feature(self.player).target)
 
 
-def proposed_cars(road: Road, rng: np.random.Generator, kind: str) -> list[Car]:
+def proposed_cars(road: DriveRoad, rng: np.random.Generator, kind: str) -> list[Car]:
     """The cars of one proposal, the ego first; numbers are their places.
 
     Args:
@@ -118,7 +118,7 @@ def proposed_cars(road: Road, rng: np.random.Generator, kind: str) -> list[Car]:
         rng: draws the proposal, then the weights.
         kind: one of ``WEIGHTS``.
     """
-    scenario = road.propose(rng, road.cars)
+    scenario = road.family.propose(rng, road.cars)
     order = [road.ego, *(i for i in range(road.cars) if i != road.ego)]
     cars = []
     for number, index in enumerate(order):
@@ -160,32 +160,75 @@ def drive_game(
     return Game(tuple(players), MOTION, horizon, STEP, constraints)
 
 
-def middle_speed(road: Road) -> float:
+def middle_speed(road: DriveRoad) -> float:
     """The middle of the target speeds [m/s] on a road."""
     return float(np.mean(road.family.speeds))
 
 
-def unknown_speed(road: Road) -> Unknown:
-    """The target speed of a car on a road as a number that estimators have to find."""
-    low, high = road.family.speeds
-    mean, width = (low + high) / 2, high - low
-    deviation = width / float(np.sqrt(12))
-    return Unknown("target speed", "m/s", mean - width, mean + width, mean, deviation)
+class EgoCost:
+    """The cost of single steps of an ego."""
+
+    def __init__(self, ego: Car) -> None:
+        (near,) = (one for one in ego.player.preferences if isinstance(one, CarProximity))
+        self._weights, self._near = ego.weights, near
+        self._proximity = _function(near, players=2)
+        self._own = [
+            None if feature is near else _function(feature, players=1)
+            for feature in ego.player.features
+        ]
+        stands = ego.start.copy()
+        stands[3] = 0.0
+        self._standing = self.of_step(stands[None], np.zeros(2))
+
+    def of_step(self, states: np.ndarray, control: np.ndarray) -> float:
+        """Cost of a step.
+
+        Args:
+            states: (N, 4), the ego first.
+            control: (2,) of the ego.
+        """
+        values = [
+            self._proximities(states) if one is None else float(one(states[:1].T, control))
+            for one in self._own
+        ]
+        count = len(self._weights)
+        task = sum(values[count:]) * self._weights.mean()
+        return float(self._weights @ np.array(values[:count]) + task)
+
+    def share(self, states: np.ndarray, control: np.ndarray) -> float:
+        """Cost of a step as a share of that of standing at the start, at most 1."""
+        return min(self.of_step(states, control) / self._standing, 1.0)
+
+    def of_drive(
+        self, motion: Sequence[np.ndarray], controls: Sequence[np.ndarray], crashed: bool
+    ) -> float:
+        """Mean share of the steps of a whole drive, 0 to 1.
+
+        Args:
+            motion: states (N, 4) at each step, the ego first; the last ones are those at the end.
+            controls: (2,) of each step.
+            crashed: whether the drive ended in a collision.
+        """
+        costs = [
+            self.share(states, control)
+            for states, control in zip(motion[:-1], controls, strict=True)
+        ]
+        if crashed:
+            costs += [1.0] * (STEPS - len(costs))
+        return float(np.mean(costs))
+
+    def _proximities(self, states: np.ndarray) -> float:
+        far = -self._near.scale * np.log(RANGE**2 + self._near.offset)
+        found = [
+            float(self._proximity(np.stack([states[0], other]).T, np.zeros(2)))
+            for other in states[1:]
+        ]
+        return float(np.maximum(np.array(found) - far, 0.0).sum())
 
 
-def with_target(player: Player, target: float | Unknown) -> Player:
-    """The player with another target speed, which may be unknown."""
-    preferences = tuple(
-        replace(feature, target=cast(Any, target)) if _is_speed(feature) else feature
-        for feature in player.preferences
-    )
-    return replace(player, preferences=preferences)
-
-
-def _speed_feature(player: Player) -> StateDeviation:
-    (feature,) = (one for one in player.preferences if _is_speed(one))
-    return feature
-
-
-def _is_speed(feature: object) -> TypeGuard[StateDeviation]:
-    return isinstance(feature, StateDeviation) and feature.component == "speed"
+def _function(feature: Feature, players: int) -> ca.Function:
+    """``(states (4, players), control (2,)) -> running cost`` of player 0."""
+    states = ca.SX.sym("states", MOTION.state_size, players)
+    control = ca.SX.sym("control", MOTION.control_size)
+    stage = Stage(0, tuple(ca.horzsplit(states)), control, MOTION, STEP)
+    return ca.Function("cost", [states, control], [ca.SX(feature.running_cost(stage))])

@@ -13,13 +13,12 @@ from itertools import combinations
 import numpy as np
 
 from olne_bench.envs.drive.cars import FIRST_STEP, STEP, Car, drive_game
-from olne_bench.envs.drive.footprint import CarsApart
-from olne_bench.envs.drive.gaps import gaps
+from olne_bench.envs.drive.footprint import CarsApart, gaps
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.game import Game
+from olne_bench.games.solve.best_response import grown_plans
 from olne_bench.games.solve.constrained import variational_solution
 from olne_bench.games.solve.continuation import coupled_features
-from olne_bench.games.solve.free_drive import grown_plans
 from olne_bench.games.solve.newton import unpack
 from olne_bench.games.solve.olne import solve_olne
 
@@ -68,7 +67,7 @@ class NashTraffic:
             cars: the cars.
             states: (N, 4) their states.
         """
-        former = self._former(cars)
+        former = [self._plans.get(car.number) for car in cars]
         good = self._take(cars, self._first or nash_plan(cars, states, former))
         self._first = None
         if not good.all():
@@ -101,9 +100,6 @@ class NashTraffic:
         """Forget cars that are gone."""
         for number in numbers & self._plans.keys():
             del self._plans[number]
-
-    def _former(self, cars: Sequence[Car]) -> list[np.ndarray | None]:
-        return [self._plans.get(car.number) for car in cars]
 
     def _count(self, cars: Sequence[Car], good: np.ndarray) -> None:
         for car, is_new in zip(cars[1:], good[1:], strict=True):

@@ -11,6 +11,7 @@ bounded effort,
 ``constant_velocity`` takes the others to drive straight on, and the ego is alone in planning.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,11 +22,10 @@ from olne_bench.envs.drive.footprint import CarsApart
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game, Player
-from olne_bench.games.solve.best_response import best_responses
+from olne_bench.games.solve.best_response import best_responses, grown_plans
 from olne_bench.games.solve.constrained import solution_near, variational_solution
 from olne_bench.games.solve.constrained_response import constrained_response
 from olne_bench.games.solve.continuation import coupled_features
-from olne_bench.games.solve.free_drive import grown_plans
 from olne_bench.games.solve.newton import Root, newton_root, unpack
 from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE, solve_olne
 
@@ -85,8 +85,8 @@ class EgoPlan:
         return np.clip(self.controls[0, 0], -largest, largest)
 
 
-class GamePlanner:
-    """Plans by the game of the ego and the others."""
+class Planner(ABC):
+    """Plans again at each step, from its former plan; where it finds none, it keeps that."""
 
     def __init__(self) -> None:
         self._former: EgoPlan | None = None
@@ -98,16 +98,27 @@ class GamePlanner:
             minds: the ego as it is, and the others as it takes them to be.
             states: (N, 4) states of all of them, as it knows them.
         """
-        game, weights = _game(minds), np.stack([mind.weights for mind in minds])
         numbers = tuple(mind.number for mind in minds)
-        near = self._shifted(numbers, states)
-        found = _equilibrium(game, weights, states, near)
-        if found is None:
-            plan = kept_or_braked(self._former, numbers, states)
-        else:
-            plan = EgoPlan(numbers, *found)
-        self._former = plan
-        return plan
+        found = self._found(_game(minds), minds, numbers, states)
+        self._former = found or kept_or_braked(self._former, numbers, states)
+        return self._former
+
+    @abstractmethod
+    def _found(
+        self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
+    ) -> EgoPlan | None:
+        """A new plan; None if none is found."""
+
+
+class GamePlanner(Planner):
+    """Plans by the game of the ego and the others."""
+
+    def _found(
+        self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
+    ) -> EgoPlan | None:
+        weights = np.stack([mind.weights for mind in minds])
+        found = _equilibrium(game, weights, states, self._shifted(numbers, states))
+        return found and EgoPlan(numbers, *found)
 
     def _shifted(self, numbers: tuple[int, ...], states: np.ndarray) -> Root | None:
         """The former plan from now on; None if it was about other cars."""
@@ -118,27 +129,23 @@ class GamePlanner:
         return Root(rollout(MOTION, states, controls, STEP), controls, costates, np.inf)
 
 
-class StraightOnPlanner:
-    """The others drive straight on along their velocity, and the ego plans alone among them."""
+class StraightOnPlanner(Planner):
+    """The others drive straight on along their velocity, and the ego plans alone among them.
 
-    def __init__(self) -> None:
-        self._former: EgoPlan | None = None
+    Only the ego's own features and weights count.
+    """
 
-    def plan(self, minds: Sequence[Mind], states: np.ndarray) -> EgoPlan:
-        """As of ``GamePlanner``; only the ego's own features and weights count."""
-        game, numbers = _game(minds), tuple(mind.number for mind in minds)
+    def _found(
+        self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
+    ) -> EgoPlan | None:
         controls = np.zeros(game.control_shape)
         controls[:, 0] = self._first_plan(minds[0], states[0])
         motion = rollout(MOTION, states, controls, STEP)
         found = _alone(game, motion, controls, minds[0].weights)
         if found is None:
-            plan = kept_or_braked(self._former, numbers, states)
-        else:
-            (own, own_controls), kind = found
-            motion[:, 0], controls[:, 0] = own, own_controls
-            plan = EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
-        self._former = plan
-        return plan
+            return None
+        motion[:, 0], controls[:, 0], kind = found
+        return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
 
     def _first_plan(self, ego: Mind, state: np.ndarray) -> np.ndarray:
         """Controls (T-1, 2) to begin with: the former plan's, or those of an empty road."""
@@ -184,12 +191,12 @@ def _equilibrium(
 
 def _alone(
     game: Game, motion: np.ndarray, controls: np.ndarray, weights: np.ndarray
-) -> tuple[tuple[np.ndarray, np.ndarray], str] | None:
+) -> tuple[np.ndarray, np.ndarray, str] | None:
     """The ego's best response to the others' motion: states and controls, and how it was found."""
     if game.constraints:
         response = constrained_response(game, 0, motion, controls, controls[:, 0], weights)
         if response.converged:
-            return (response.states, response.controls), CONSTRAINED
+            return response.states, response.controls, CONSTRAINED
     free = replace(game, constraints=())
     theta = np.tile(weights, (game.num_players, 1))
     found = best_responses(free, 0, controls[None, :, 0], motion, controls, theta)
@@ -198,7 +205,7 @@ def _alone(
     joint = controls.copy()
     joint[:, 0] = found.controls[0]
     own = rollout(MOTION, motion[0], joint, STEP)[:, 0]
-    return (own, found.controls[0]), UNCONSTRAINED if game.constraints else CONSTRAINED
+    return own, found.controls[0], UNCONSTRAINED if game.constraints else CONSTRAINED
 
 
 def kept_or_braked(former: EgoPlan | None, numbers: tuple[int, ...], states: np.ndarray) -> EgoPlan:

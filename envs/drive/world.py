@@ -1,28 +1,87 @@
 """A drive that goes on: 20 s of an ego among other cars, in HighwayEnv's simulator.
 
-The others are players of the family's game with hidden weights and target speeds, or HighwayEnv's
-own drivers. Each second, cars that are done leave and others enter at the family's starts. The
-same seed and the same controls of the ego make the same drive, bit by bit.
+It begins with the first proposal of its seed that can be driven. The others are players of the
+family's game with hidden weights and target speeds, or HighwayEnv's own drivers. Each second, cars
+that are done leave and others enter at the family's starts. The same seed and the same controls of
+the ego make the same drive, bit by bit.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from highway_env.road.road import Road as SimulatedRoad
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.drive.cars import FRAMES, ROADS, STEP, STEPS, WEIGHTS, Car, Road, proposed_cars
-from olne_bench.envs.drive.first_cars import NASH, STOCK, TRAFFIC, first_cars, rng_of
-from olne_bench.envs.drive.gaps import gap
-from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts
+from olne_bench.envs.drive.cars import (
+    FRAMES,
+    ROADS,
+    STEP,
+    STEPS,
+    WEIGHTS,
+    Car,
+    DriveRoad,
+    proposed_cars,
+)
+from olne_bench.envs.drive.footprint import gap, gaps
+from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts, drivable, nash_plan
 from olne_bench.envs.roads.highway_roads import SIMULATION_FREQUENCY, PlayersOnly, make_road
+from olne_bench.envs.roads.road_scenario import NOISE_SCALE
 from olne_bench.envs.roads.stock_drivers import StockDriver, stock_car, stock_route
 from olne_bench.envs.scenarios.true_weights import TEMPERED
 from olne_bench.games.model.lanes import StraightLane
 
+#: Traffic: players of the family's game, and HighwayEnv's own drivers (IDM and MOBIL).
+NASH, STOCK = "nash", "stock"
+TRAFFIC = (NASH, STOCK)
+
+_MOST_PROPOSALS = 50
+_START_GAP = 1.0  # least gap [m] of the ego at the start
 _ENTRIES = 3  # proposals from which cars may enter at one time
 _FREE = 8.0  # least gap [m] of a car that enters
+#: Other cars that an ego looks at: the nearest ones.
+NEAREST = 4
+
+
+class NoDriveError(Exception):
+    """No proposal of a seed can be driven."""
+
+
+class FirstCars(NamedTuple):
+    """Cars, the ego first, and in Nash traffic the states and controls of their plan."""
+
+    cars: tuple[Car, ...]
+    plan: tuple[np.ndarray, np.ndarray] | None
+
+
+@lru_cache(maxsize=4)  # the planners of a study drive a seed one after the other
+def first_cars(road: str, seed: int, traffic: str, weights: str) -> FirstCars:
+    """The first proposal whose cars are apart, and in Nash traffic have plans.
+
+    Raises:
+        NoDriveError: if no proposal of the seed can be driven.
+    """
+    for attempt in range(_MOST_PROPOSALS):
+        cars = tuple(proposed_cars(ROADS[road], rng_of(road, seed, 0, attempt), weights))
+        states = np.stack([car.start for car in cars])
+        if gaps(states).min() < _START_GAP:
+            continue
+        if traffic == STOCK:
+            return FirstCars(cars, None)
+        found = nash_plan(cars, states, [None] * len(cars))
+        if found is not None and drivable(*found).all():
+            return FirstCars(cars, found)
+    raise NoDriveError(
+        f"no proposal of {road!r} can be driven, of {_MOST_PROPOSALS} from seed {seed}"
+    )
+
+
+def rng_of(road: str, seed: int, *key: int) -> np.random.Generator:
+    """Random numbers of a drive; the key says what for."""
+    return np.random.default_rng([seed, list(ROADS).index(road), *key])
 
 
 @dataclass
@@ -193,10 +252,8 @@ class DriveWorld:
         for car, state in zip(self.cars[1:], states[1:], strict=True):
             dx, dy = state[0] - px, state[1] - py
             ahead = dx * np.cos(heading) + dy * np.sin(heading)
-            far = (
-                not -road.behind <= ahead <= road.ahead if road.moving else _left(car, state, road)
-            )
-            if far:
+            near = -road.behind <= ahead <= road.ahead
+            if not near if road.moving else _left(car, state, road):
                 gone.add(car.number)
         self.counts.left += len(gone)
         self._remove(gone)
@@ -228,7 +285,8 @@ class DriveWorld:
         offset = car.start[0] - states[0, 0]
         if road.moving and not -road.behind < offset < road.ahead:
             return
-        if around[0] < road.entry or around.min() < self._room(car, states):
+        room = _FREE + float(np.abs(states[:, 3] - car.start[3]).max())  # more if speeds differ
+        if around[0] < road.entry or around.min() < room:
             return
         car = replace(car, number=self._next)
         self._next += 1
@@ -236,12 +294,8 @@ class DriveWorld:
         self.cars.append(car)
         self._vehicles[car.number] = self._vehicle(car)
 
-    def _room(self, car: Car, states: np.ndarray) -> float:
-        """Least gap [m] of a car that enters: more where speeds differ."""
-        return _FREE + float(np.abs(states[:, 3] - car.start[3]).max())
 
-
-def _left(car: Car, state: np.ndarray, road: Road) -> bool:
+def _left(car: Car, state: np.ndarray, road: DriveRoad) -> bool:
     """Whether a car is on the last lane of its route, and far from the middle of the road."""
     if np.hypot(state[0], state[1]) <= road.ahead:
         return False
@@ -251,3 +305,26 @@ def _left(car: Car, state: np.ndarray, road: Road) -> bool:
     beside = (state[1] - y) * cos - (state[0] - x) * sin
     ahead = (state[0] - x) * cos + (state[1] - y) * sin
     return bool(ahead > 0 and abs(beside) < Vehicle.LENGTH)
+
+
+def seen(
+    world: DriveWorld, sigma: float, rng_of: Callable[[Car], np.random.Generator]
+) -> tuple[list[Car], np.ndarray]:
+    """The ego and the nearest others, in order of their numbers, and samples (1 + M, 4) of them.
+
+    The ego knows its own state.
+
+    Args:
+        world: the drive.
+        sigma: standard deviation of the noise on positions [m].
+        rng_of: draws the noise of a car.
+    """
+    samples = world.states()
+    away = np.linalg.norm(samples[1:, :2] - samples[0, :2], axis=1)
+    places = [0, *sorted(1 + np.argsort(away, kind="stable")[:NEAREST])]
+    cars = [world.cars[place] for place in places]
+    samples = samples[places]
+    for sample, car in zip(samples[1:], cars[1:], strict=True):
+        noise = rng_of(car).standard_normal(len(sample)) * np.array(NOISE_SCALE)
+        sample += sigma * noise
+    return cars, samples

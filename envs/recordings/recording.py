@@ -1,14 +1,17 @@
-"""Recordings: the motion of a world, with its ground truth."""
+"""Recordings: the motion of a world, with its ground truth, and a world that plays it again."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
+from gymnasium.spaces import Box
+from pettingzoo import ParallelEnv
 
-from olne_bench.envs.olne_v0 import OlneWorld
+from olne_bench.envs.olne_v0 import OlneWorld, make_world
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.solved.equilibrium import NoEquilibriumError, certified_equilibrium
-from olne_bench.envs.worlds.of_scenario import make_world
+from olne_bench.envs.worlds.layout import ObservationLayout, Start, Step, player_name
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.olne import Certificate
@@ -103,14 +106,77 @@ def _episode(world: OlneWorld) -> Iterator[tuple[np.ndarray, np.ndarray | None]]
     It ends with the game, or when the first player leaves.
     """
     _, infos = world.reset()
-    players = world.agents
+    players, layout = world.agents, world.observation_layout
     while world.agents == players:
         controls = np.stack([infos[player]["olne_action"] for player in players])
-        yield _states(world, len(players)), controls
+        yield layout.blocks(world.state()), controls
         *_, infos = world.step(dict(zip(players, controls, strict=True)))
-    yield _states(world, len(players)), None
+    yield layout.blocks(world.state()), None
 
 
-def _states(world: OlneWorld, num_players: int) -> np.ndarray:
-    """States (N, n) without the time that the world appends."""
-    return world.state()[:-1].reshape(num_players, -1)
+class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
+    """A recording, played again; actions have no effect.
+
+    The only agent is the observer ``player_0``. It sees what it saw in the recorded world: all
+    players in the order of their indices. The episode has one step more than the recording, to its
+    extra state. Nothing is random.
+
+    Args:
+        recording: recording to play.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"name": "recorded", "render_modes": []}
+
+    def __init__(self, recording: Recording) -> None:
+        game = recording.scenario.game
+        states = np.concatenate([recording.states, recording.extra_state[None]])
+        flat = states.reshape(len(states), -1)
+        self.render_mode = None
+        self.possible_agents = [player_name(0)]
+        self.agents: list[str] = []
+        self._layout = ObservationLayout(game.dynamics.state_names, game.num_players)
+        self._frames = np.column_stack([flat, game.dt * np.arange(len(flat))])
+        self._frames.setflags(write=False)
+        bounds = self._frames.min(axis=0), self._frames.max(axis=0)
+        self.state_space = Box(*bounds, dtype=np.float64)
+        self._idle = Box(-1.0, 1.0, (game.dynamics.control_size,), dtype=np.float64)
+        self._steps = 0
+
+    @property
+    def observation_layout(self) -> ObservationLayout:
+        """Layout of the observations."""
+        return self._layout
+
+    def observation_space(self, agent: str) -> Box:
+        return self.state_space
+
+    def action_space(self, agent: str) -> Box:
+        return self._idle
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
+        """Start again; seed and options have no effect here, but sensors use them."""
+        self.agents, self._steps = self.possible_agents[:], 0
+        return self._shown(), {self.possible_agents[0]: {}}
+
+    def step(self, actions: dict[str, np.ndarray]) -> Step:
+        """Play one step; actions are ignored."""
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        self._steps += 1
+        over, player = self._steps == len(self._frames) - 1, self.possible_agents[0]
+        if over:
+            self.agents = []
+        return self._shown(), {player: 0.0}, {player: over}, {player: False}, {player: {}}
+
+    def state(self) -> np.ndarray:
+        """All players' states in the order of their indices, then the time [s]."""
+        return self._frames[self._steps]
+
+    def render(self) -> None:
+        """Do nothing: ``envs.worlds.rendering`` draws recordings."""
+
+    def close(self) -> None:
+        pass
+
+    def _shown(self) -> dict[str, np.ndarray]:
+        return {self.possible_agents[0]: self._frames[self._steps]}

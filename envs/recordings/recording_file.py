@@ -9,34 +9,110 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from olne_bench.checks import first_problem
 from olne_bench.envs.recordings.recording import Recording
-from olne_bench.envs.recordings.recording_metadata import (
-    CertificateEntry,
-    EpisodeEntry,
-    GainsEntry,
-    Metadata,
-    library_versions,
-)
 from olne_bench.envs.tracks.checks import LATEST, MOST_STEPS, STEP_TOLERANCE, check_name
-from olne_bench.envs.tracks.of_scenario import road_file
+from olne_bench.envs.tracks.road_file import RoadFile, road_file
 from olne_bench.envs.tracks.table import listed
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import whole_file
 from olne_bench.games.solve.olne import Gains
 
+_PACKAGES = ("olne-bench", "numpy", "casadi", "pettingzoo", "highway-env", "pyarrow")
 METADATA_KEY = b"olne_bench"
 #: What is read into memory: rows, and bytes of metadata.
 MOST_ROWS, MOST_METADATA = 10**7, 2**25
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class GainsEntry(_Strict):
+    """``games.solve.olne.Gains`` as plain numbers."""
+
+    gains: list[float]
+    starts: list[int]
+    passed: bool
+
+
+class CertificateEntry(_Strict):
+    """``games.solve.olne.Certificate`` as plain numbers.
+
+    Attributes:
+        gains: largest gain of each player in any search.
+        costs: each player's cost.
+        tolerance: allowed gain relative to 1 + |cost|.
+        passed: whether every search passed.
+        local: gains by nearby plans; None in older files, whose ``gains`` are these.
+        global_so_far: gains by plans far away; None if they were not looked for.
+    """
+
+    gains: list[float]
+    costs: list[float]
+    tolerance: float
+    passed: bool
+    local: GainsEntry | None = None
+    global_so_far: GainsEntry | None = None
+
+
+class EpisodeEntry(_Strict):
+    """What is known about one episode.
+
+    Attributes:
+        players: names of the N players.
+        seed: seed of the draw; None for tracks.
+        weights: (N, K) true weights; None for tracks.
+        certificate: evidence of the equilibrium; None for tracks.
+        road: lanes and the players' targets, as far as known.
+    """
+
+    players: list[str] = Field(min_length=1)
+    seed: int | None = None
+    weights: list[list[float]] | None = None
+    certificate: CertificateEntry | None = None
+    road: RoadFile | None = None
+
+
+class Metadata(_Strict):
+    """What is known about a whole file.
+
+    Attributes:
+        kind: ``truth`` for a world's equilibria, ``tracks`` for motion of unknown weights.
+        scenario: name of the scenario; for tracks, that of their road file or None.
+        options: the scenario's own options.
+        weight_names: names of the K weights; None for tracks.
+        state_names: names of the n state components.
+        control_names: names of the m control components; none for tracks.
+        dt: step [s].
+        versions: versions of this package and the libraries that it ran on.
+        episodes: one entry each.
+    """
+
+    kind: Literal["truth", "tracks"]
+    scenario: str | None = None
+    options: dict[str, Any] = {}
+    weight_names: list[str] | None = None
+    state_names: list[str]
+    control_names: list[str] = []
+    dt: float = Field(gt=0, strict=True)
+    versions: dict[str, str]
+    episodes: list[EpisodeEntry] = Field(min_length=1)
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of this package and of the libraries that shape a recording."""
+    return {name: version(name) for name in _PACKAGES}
 
 
 class RecordingFileError(UserError, ValueError):
@@ -158,12 +234,7 @@ def _recording(file: pq.ParquetFile, metadata: Metadata) -> RecordingFile:
             arrays.append(_arrays(found, metadata, len(known.players)))
         except ValueError as error:
             raise ValueError(f"episode {index}: {error}") from error
-    return RecordingFile(
-        metadata,
-        times=tuple(times for times, _, _ in arrays),
-        states=tuple(states for _, states, _ in arrays),
-        controls=tuple(controls for _, _, controls in arrays),
-    )
+    return RecordingFile(metadata, *zip(*arrays, strict=True))
 
 
 def _metadata(path: Path, entry: bytes) -> Metadata:
@@ -232,11 +303,11 @@ def _entry(recording: Recording, seed: int) -> EpisodeEntry:
     )
 
 
-def _gains(gains: Gains | None) -> GainsEntry | None:
-    if gains is None:
+def _gains(found: Gains | None) -> GainsEntry | None:
+    if found is None:
         return None
-    values, starts = gains.values.tolist(), gains.starts.tolist()
-    return GainsEntry(gains=values, starts=starts, passed=gains.passed)
+    values, starts = found.values.tolist(), found.starts.tolist()
+    return GainsEntry(gains=values, starts=starts, passed=found.passed)
 
 
 def _frame(file: RecordingFile) -> pd.DataFrame:
@@ -246,11 +317,9 @@ def _frame(file: RecordingFile) -> pd.DataFrame:
         zip(file.times, file.states, file.controls, strict=True)
     ):
         steps, players, _ = states.shape
-        none_after_the_last = np.full((1, *controls.shape[1:]), np.nan)
-        values = np.concatenate(
-            [states, np.concatenate([controls, none_after_the_last])], axis=2
-        ).reshape(steps * players, len(names))
-        frame = pd.DataFrame(values, columns=names)
+        to_the_end = np.pad(controls, ((0, 1), (0, 0), (0, 0)), constant_values=np.nan)
+        values = np.concatenate([states, to_the_end], axis=2)
+        frame = pd.DataFrame(values.reshape(steps * players, len(names)), columns=names)
         frame.insert(0, "episode", episode)
         frame.insert(1, "time", np.repeat(times, players))
         frame.insert(2, "player", np.tile(np.arange(players), steps))

@@ -5,9 +5,11 @@ random traffic and its rewards are left out. Lane geometry is read from HighwayE
 HighwayEnv's y axis points down in pictures.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
@@ -17,26 +19,23 @@ from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.envs.merge_env import MergeEnv
 from highway_env.envs.roundabout_env import RoundaboutEnv
 from highway_env.envs.two_way_env import TwoWayEnv
+from highway_env.road import lane as highway_lanes
 from highway_env.road.road import LaneIndex, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.roads.lane_curves import appended, lane_curve
 from olne_bench.envs.worlds.window import Window
 from olne_bench.games.model.dynamics import bicycle
-from olne_bench.games.model.lanes import Lane
+from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 
 SIMULATION_FREQUENCY = 15  # [Hz], HighwayEnv's default
 SUB_STEPS = 6  # simulation frames per action
 POLICY_FREQUENCY = SIMULATION_FREQUENCY / SUB_STEPS  # [Hz]
 DT = 1 / POLICY_FREQUENCY  # [s], step of the games
-
 #: HighwayEnv's vehicle as the motion model of a game.
 CAR = bicycle(rear_axle=Vehicle.LENGTH / 2, sub_steps=SUB_STEPS)
-
 #: Largest controls that the world accepts: steering [rad], acceleration [m/s^2].
 MAX_STEERING = float(np.pi / 3)
 MAX_ACCELERATION = 12.0
-
 _PALETTE: tuple[tuple[int, int, int], ...] = (
     (228, 87, 70),
     (70, 130, 220),
@@ -47,6 +46,46 @@ _PALETTE: tuple[tuple[int, int, int], ...] = (
     (240, 140, 60),
     (200, 120, 150),
 )
+
+
+def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
+    """One of HighwayEnv's lanes as a curve of ``games.model.lanes`` with the same parameters.
+
+    Raises:
+        ValueError: for a kind of lane that has no such curve (polylines).
+    """
+    if isinstance(lane, highway_lanes.StraightLane):  # a SineLane is one as well
+        axis = StraightLane(_pair(lane.start), _pair(lane.direction), float(lane.length))
+        if not isinstance(lane, highway_lanes.SineLane):
+            return axis
+        return SineLane(axis, float(lane.amplitude), float(lane.pulsation), float(lane.phase))
+    if isinstance(lane, highway_lanes.CircularLane):
+        start = float(lane.start_phase)
+        end = start + lane.direction * float(lane.length) / lane.radius
+        return ArcLane(_pair(lane.center), float(lane.radius), start, end)
+    raise ValueError(
+        f"no curve for a {type(lane).__name__}; known are: StraightLane, SineLane, CircularLane"
+    )
+
+
+def appended(lanes: list[Lane], lane: Lane) -> list[Lane]:
+    """The lanes with one more at the end.
+
+    An arc that continues the circle of the last lane is joined with it.
+    """
+    last = lanes[-1] if lanes else None
+    if (
+        isinstance(last, ArcLane)
+        and isinstance(lane, ArcLane)
+        and (last.centre, last.radius) == (lane.centre, lane.radius)
+    ):
+        turn = lane.end_phase - lane.start_phase
+        return [*lanes[:-1], replace(last, end_phase=last.end_phase + turn)]
+    return [*lanes, lane]
+
+
+def _pair(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
 
 
 class _CushionedVehicle(Vehicle):
@@ -69,6 +108,8 @@ class PlayersOnly(AbstractEnv):
 
     #: Centre of pictures [m]; None follows the cars.
     camera: tuple[float, float] | None = (0.0, 0.0)
+    #: Entries of HighwayEnv's configuration for pictures.
+    picture: ClassVar[dict[str, Any]] = {}
     #: Window for pictures; None returns them to the caller.
     window: Window | None = None
     viewer: EnvViewer | None
@@ -89,6 +130,7 @@ class PlayersOnly(AbstractEnv):
             "policy_frequency": POLICY_FREQUENCY,
             "spawn_probability": 0.0,
             "centering_position": [0.5, 0.5],
+            **cls.picture,
         }
 
     def __getstate__(self) -> dict[str, Any]:
@@ -172,26 +214,17 @@ class PlayersOnly(AbstractEnv):
 
 class _Highway(PlayersOnly, HighwayEnv):
     camera = None
-
-    @classmethod
-    def default_config(cls) -> dict[str, Any]:
-        return super().default_config() | {"screen_width": 1200, "scaling": 4.5}
+    picture: ClassVar = {"screen_width": 1200, "scaling": 4.5}
 
 
 class _Merge(PlayersOnly, MergeEnv):
     camera = None
-
-    @classmethod
-    def default_config(cls) -> dict[str, Any]:
-        return super().default_config() | {"screen_width": 1200}
+    picture: ClassVar = {"screen_width": 1200}
 
 
 class _TwoWay(PlayersOnly, TwoWayEnv):
     camera = None
-
-    @classmethod
-    def default_config(cls) -> dict[str, Any]:
-        return super().default_config() | {"screen_width": 1200, "scaling": 3.4}
+    picture: ClassVar = {"screen_width": 1200, "scaling": 3.4}
 
 
 class _Roundabout(PlayersOnly, RoundaboutEnv):

@@ -5,19 +5,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, TypeGuard, cast
 
 import numpy as np
+from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.roads.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING
-from olne_bench.envs.roads.playability import rejection
+from olne_bench.envs.roads.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
 from olne_bench.envs.roads.temperaments import checked_shares, drawn_temperaments, tempered_weights
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber, player_number, player_range
-from olne_bench.envs.scenarios.scenario import (
-    Limits,
-    NoEquilibriumError,
-    Scenario,
-)
+from olne_bench.envs.scenarios.scenario import Limits, NoEquilibriumError, Scenario
 from olne_bench.envs.scenarios.true_weights import (
     DIRICHLET,
     MODERATE,
@@ -25,22 +21,53 @@ from olne_bench.envs.scenarios.true_weights import (
     check_kind,
     flat_dirichlet,
 )
+from olne_bench.envs.solved import kept_draws
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
 from olne_bench.games.model.constraints import Distance
 from olne_bench.games.model.costs import CarProximity, ControlEffort, StateDeviation
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.lanes import Lane, LaneKeeping
 from olne_bench.games.model.unknowns import Unknown
 
+REPLAY_TOLERANCE = 1e-9  # [m], [rad], [m/s]
+MARGIN = 0.25  # [m] on each side of a car, so that small deviations do not cause a collision
 HORIZON = 20  # states, hence 7.6 s
 WEIGHT_RANGE = (0.2, 1.0)  # of each preference, before scaling to sum one
 MAX_DRAWS = 20
 #: Controls that the worlds accept, and states that these can reach within the horizon. The game's
 #: dynamics have no speed limit, unlike the simulator.
 LIMITS = Limits(controls=(MAX_STEERING, MAX_ACCELERATION), states=(2000.0, 2000.0, 400.0, 130.0))
-
 #: Noise of a tracker that sees positions, relative to its position error [m]. Estimated over one
 #: second at 10 m/s, headings are wrong by 0.1 rad and speeds by 1 m/s per metre of position error.
 NOISE_SCALE = (1.0, 1.0, 0.1, 1.0)
+
+
+def rejection(scenario: Scenario) -> str | None:
+    """Why a draw must not be used: no equilibrium, out of limits or collision.
+
+    Returns:
+        The reason, or None if the draw may be used.
+    """
+    if kept_draws.is_held(scenario.game, scenario.weights, scenario.initial_state):
+        return None
+    reason = _reason(scenario)
+    if reason is not None:
+        kept_draws.refuse(scenario.game, scenario.weights, scenario.initial_state)
+    return reason
+
+
+def _reason(scenario: Scenario) -> str | None:
+    try:
+        plan = certified_equilibrium(scenario)
+    except NoEquilibriumError:
+        return "no equilibrium"
+    if (np.abs(plan.controls) > (MAX_STEERING, MAX_ACCELERATION)).any():
+        return "out of limits"
+    if np.abs(plan.states[..., 3]).max() > Vehicle.MAX_SPEED:
+        return "out of limits"
+    played = replay(scenario.name, plan.states[0], plan.controls, MARGIN)
+    exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE
+    return None if exact else "collision"
 
 
 @dataclass(frozen=True)
@@ -92,9 +119,14 @@ class Driver:
 
 
 def driving_scenario(
-    name: str, drivers: list[Driver], manner: Manner, weights: np.ndarray
+    name: str,
+    drivers: list[Driver],
+    manner: Manner,
+    weights: np.ndarray | np.random.Generator,
 ) -> Scenario:
-    """A scenario of drivers with the same units; weights (N, 4)."""
+    """A scenario of drivers with the same units; weights (N, 4), or what draws them."""
+    if isinstance(weights, np.random.Generator):
+        weights = draw_weights(weights, len(drivers))
     players = tuple(_player(driver, manner) for driver in drivers)
     return Scenario(
         name=name,
@@ -191,32 +223,49 @@ class RoadFamily(ABC):
         constraints = tuple(Distance(pair, float(self.distance)) for pair in pairs)
         return replace(scenario, game=replace(scenario.game, constraints=constraints))
 
+    @staticmethod
     @abstractmethod
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
         """One draw of so many players, which may be unplayable."""
 
 
 def asking_for_speeds(scenario: Scenario, speeds: tuple[float, float]) -> Scenario:
-    """The scenario, the target speed of each player unknown.
+    """The scenario, the target speed of each player unknown (``unknown_speed``)."""
+    players, unknown = scenario.game.players, unknown_speed(speeds)
+    asked = replace(scenario.game, players=tuple(with_target(one, unknown) for one in players))
+    targets = np.array([[speed_feature(player).target] for player in players])
+    return replace(scenario, asked=asked, parameters=targets)
+
+
+def unknown_speed(speeds: tuple[float, float]) -> Unknown:
+    """A target speed as a number that estimators have to find.
 
     Its prior has the mean and deviation of a uniform distribution over ``speeds``, and a range
     twice as wide.
     """
     low, high = speeds
     mean, width = (low + high) / 2, high - low
-    unknown = Unknown(
-        "target speed", "m/s", mean - width, mean + width, mean, width / float(np.sqrt(12))
+    deviation = width / float(np.sqrt(12))
+    return Unknown("target speed", "m/s", mean - width, mean + width, mean, deviation)
+
+
+def speed_feature(player: Player) -> StateDeviation:
+    """What the player pays for deviations from its target speed."""
+    (feature,) = (one for one in player.preferences if _is_speed(one))
+    return feature
+
+
+def with_target(player: Player, target: float | Unknown) -> Player:
+    """The player with another target speed, which may be unknown."""
+    preferences = tuple(
+        replace(feature, target=cast(Any, target)) if _is_speed(feature) else feature
+        for feature in player.preferences
     )
-    players, targets = [], []
-    for player in scenario.game.players:
-        preferences = list(player.preferences)
-        for index, feature in enumerate(preferences):
-            if isinstance(feature, StateDeviation) and feature.component == "speed":
-                targets.append([feature.target])
-                preferences[index] = replace(feature, target=cast(Any, unknown))
-        players.append(replace(player, preferences=tuple(preferences)))
-    asked = replace(scenario.game, players=tuple(players))
-    return replace(scenario, asked=asked, parameters=np.array(targets))
+    return replace(player, preferences=preferences)
+
+
+def _is_speed(feature: object) -> TypeGuard[StateDeviation]:
+    return isinstance(feature, StateDeviation) and feature.component == "speed"
 
 
 def draw_playable(

@@ -10,13 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    FAST,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import FAST, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
@@ -41,24 +35,24 @@ class Highway(RoadFamily):
     speeds: ClassVar[tuple[float, float]] = (SLOW[0], QUICK[1])
     num_players: PlayerNumber = 5
 
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
-        return propose(rng, count)
+    @staticmethod
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
+        """One draw, which may be unplayable."""
+        drivers = []
+        for index in range(count):
+            pair, is_fast = divmod(index, 2)
+            if not is_fast:
+                start_lane, front = rng.choice(RIGHT_LANES), 80 + PAIR_SPACING * pair
+                front += rng.uniform(-5, 5)
+            px = front - is_fast * rng.uniform(*GAP)
+            target_speed = rng.uniform(*(QUICK if is_fast else SLOW))
+            speed = target_speed - (rng.uniform(1, 3) if is_fast else 0)
+            lane = rng.choice(LEFT_LANES) if is_fast else start_lane
+            drivers.append(_driver(px, int(start_lane), speed, int(lane), target_speed))
+        return driving_scenario("highway", drivers, FAST, rng)
 
 
-def propose(rng: np.random.Generator, count: int) -> Scenario:
-    """One draw, which may be unplayable."""
-    drivers = []
-    for index in range(count):
-        pair, is_fast = divmod(index, 2)
-        if not is_fast:
-            start_lane, front = rng.choice(RIGHT_LANES), 80 + PAIR_SPACING * pair
-            front += rng.uniform(-5, 5)
-        px = front - is_fast * rng.uniform(*GAP)
-        target_speed = rng.uniform(*(QUICK if is_fast else SLOW))
-        speed = target_speed - (rng.uniform(1, 3) if is_fast else 0)
-        lane = rng.choice(LEFT_LANES) if is_fast else start_lane
-        drivers.append(_driver(px, int(start_lane), speed, int(lane), target_speed))
-    return driving_scenario("highway", drivers, FAST, draw_weights(rng, count))
+propose = Highway.propose
 
 
 def _driver(px: float, start: int, speed: float, target: int, target_speed: float) -> Driver:

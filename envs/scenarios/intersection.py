@@ -6,13 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    TOWN,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import TOWN, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
@@ -37,15 +31,15 @@ class Intersection(RoadFamily):
     speeds: ClassVar[tuple[float, float]] = SPEED
     num_players: PlayerNumber = 3
 
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
-        return propose(rng, count)
+    @staticmethod
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
+        """One draw, which may be unplayable."""
+        arms = rng.permutation(ARMS)[:count]
+        drivers = [_driver(rng, int(arm), SPACING * rank) for rank, arm in enumerate(arms)]
+        return driving_scenario("intersection", drivers, TOWN, rng)
 
 
-def propose(rng: np.random.Generator, count: int) -> Scenario:
-    """One draw, which may be unplayable."""
-    arms = rng.permutation(ARMS)[:count]
-    drivers = [_driver(rng, int(arm), SPACING * rank) for rank, arm in enumerate(arms)]
-    return driving_scenario("intersection", drivers, TOWN, draw_weights(rng, count))
+propose = Intersection.propose
 
 
 def _driver(rng: np.random.Generator, arm: int, farther: float) -> Driver:

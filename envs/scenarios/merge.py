@@ -6,13 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    FAST,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import FAST, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
@@ -38,22 +32,22 @@ class Merge(RoadFamily):
     speeds: ClassVar[tuple[float, float]] = (SPEED[0], LEFT_SPEED[1])
     num_players: PlayerNumber = 4
 
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
-        return propose(rng, count)
+    @staticmethod
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
+        """One draw, which may be unplayable."""
+        network = road_network("merge")
+        drivers = []
+        for index in range(count):
+            px = 180 - SPACING * (index // 3) - 8 * (index % 3) + rng.uniform(-JITTER, JITTER)
+            start = (RAMP, RIGHT, LEFT)[index % 3]
+            target_speed = rng.uniform(*(LEFT_SPEED if start == LEFT else SPEED))
+            lane = network.get_lane(start)
+            along = px - lane.position(0, 0)[0]
+            py, heading = lane.position(along, 0)[1], lane.heading_at(along)
+            state = (px, float(py), float(heading), target_speed - rng.uniform(0, 2))
+            lanes = (RAMP, AFTER_RAMP) if start == RAMP else (start,)
+            drivers.append(Driver(state, route(network, *lanes), target_speed, blend=5.0))
+        return driving_scenario("merge", drivers, FAST, rng)
 
 
-def propose(rng: np.random.Generator, count: int) -> Scenario:
-    """One draw, which may be unplayable."""
-    network = road_network("merge")
-    drivers = []
-    for index in range(count):
-        px = 180 - SPACING * (index // 3) - 8 * (index % 3) + rng.uniform(-JITTER, JITTER)
-        start = (RAMP, RIGHT, LEFT)[index % 3]
-        target_speed = rng.uniform(*(LEFT_SPEED if start == LEFT else SPEED))
-        lane = network.get_lane(start)
-        along = px - lane.position(0, 0)[0]
-        py, heading = lane.position(along, 0)[1], lane.heading_at(along)
-        state = (px, float(py), float(heading), target_speed - rng.uniform(0, 2))
-        lanes = (RAMP, AFTER_RAMP) if start == RAMP else (start,)
-        drivers.append(Driver(state, route(network, *lanes), target_speed, blend=5.0))
-    return driving_scenario("merge", drivers, FAST, draw_weights(rng, count))
+propose = Merge.propose

@@ -7,13 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    TOWN,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import TOWN, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 
@@ -39,18 +33,18 @@ class Roundabout(RoadFamily):
     speeds: ClassVar[tuple[float, float]] = (ENTRY_SPEED[0], RING_SPEED[1])
     num_players: PlayerNumber = 3
 
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
-        return propose(rng, count)
+    @staticmethod
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
+        """One draw, which may be unplayable."""
+        sides = ("s", "n")  # two conflicts, on opposite sides of the ring
+        drivers = [
+            (_circling if index % 2 == 0 else _entering)(rng, sides[index // 2])
+            for index in range(count)
+        ]
+        return driving_scenario("roundabout", drivers, TOWN, rng)
 
 
-def propose(rng: np.random.Generator, count: int) -> Scenario:
-    """One draw, which may be unplayable."""
-    sides = ("s", "n")  # two conflicts, on opposite sides of the ring
-    drivers = [
-        (_circling if index % 2 == 0 else _entering)(rng, sides[index // 2])
-        for index in range(count)
-    ]
-    return driving_scenario("roundabout", drivers, TOWN, draw_weights(rng, count))
+propose = Roundabout.propose
 
 
 def _circling(rng: np.random.Generator, side: str) -> Driver:

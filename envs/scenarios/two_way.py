@@ -6,13 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.envs.roads.highway_roads import road_network, route
-from olne_bench.envs.roads.road_scenario import (
-    FAST,
-    Driver,
-    RoadFamily,
-    draw_weights,
-    driving_scenario,
-)
+from olne_bench.envs.roads.road_scenario import FAST, Driver, RoadFamily, driving_scenario
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.model.lanes import StraightLane
@@ -41,24 +35,24 @@ class TwoWay(RoadFamily):
     speeds: ClassVar[tuple[float, float]] = (SLOW[0], QUICK[1])
     num_players: PlayerNumber = 3
 
-    def propose(self, rng: np.random.Generator, count: int) -> Scenario:
-        return propose(rng, count)
+    @staticmethod
+    def propose(rng: np.random.Generator, count: int) -> Scenario:
+        """One draw, which may be unplayable."""
+        start = 100.0
+        quick = rng.uniform(*QUICK)
+        front = start + rng.uniform(*GAP)
+        far = start + rng.uniform(*ONCOMING_DISTANCE)
+        drivers = [
+            _overtaking(start, quick, start + rng.uniform(*PASSING_DISTANCE)),
+            _keeping(OWN, front, rng.uniform(*SLOW)),
+            _keeping(ONCOMING, far, rng.uniform(*SLOW)),
+            _keeping(OWN, start - rng.uniform(*SPACING), rng.uniform(*SLOW)),
+            _keeping(ONCOMING, far + rng.uniform(*SPACING), rng.uniform(*SLOW)),
+        ]
+        return driving_scenario("two_way", drivers[:count], FAST, rng)
 
 
-def propose(rng: np.random.Generator, count: int) -> Scenario:
-    """One draw, which may be unplayable."""
-    start = 100.0
-    quick = rng.uniform(*QUICK)
-    front = start + rng.uniform(*GAP)
-    far = start + rng.uniform(*ONCOMING_DISTANCE)
-    drivers = [
-        _overtaking(start, quick, start + rng.uniform(*PASSING_DISTANCE)),
-        _keeping(OWN, front, rng.uniform(*SLOW)),
-        _keeping(ONCOMING, far, rng.uniform(*SLOW)),
-        _keeping(OWN, start - rng.uniform(*SPACING), rng.uniform(*SLOW)),
-        _keeping(ONCOMING, far + rng.uniform(*SPACING), rng.uniform(*SLOW)),
-    ]
-    return driving_scenario("two_way", drivers[:count], FAST, draw_weights(rng, count))
+propose = TwoWay.propose
 
 
 def _keeping(index: tuple[str, str, int], px: float, speed: float) -> Driver:

@@ -1,6 +1,5 @@
 """Some components of the state; the paper's partial view."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,18 +19,11 @@ class Partial:
     """
 
     name: ClassVar[str] = "partial"
-    components: Sequence[str] = ("px", "py", "heading")
+    components: tuple[str, ...] = ("px", "py", "heading")
 
     def __post_init__(self) -> None:
-        chosen = self.components
-        if (
-            not isinstance(chosen, list | tuple)
-            or not chosen
-            or not all(isinstance(one, str) for one in chosen)
-            or len(set(chosen)) < len(chosen)
-        ):
-            raise ValueError(f"components must be a list of different names, got {chosen!r}")
+        self.layers()
 
     def layers(self) -> tuple[Layer, ...]:
         """One view."""
-        return (ComponentView(self.name, tuple(self.components)),)
+        return (ComponentView(self.name, self.components),)

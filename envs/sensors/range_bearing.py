@@ -1,6 +1,5 @@
 """Range and bearing from a place beside the road, as a LiDAR reports them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,7 +21,7 @@ class RangeBearing:
     """
 
     name: ClassVar[str] = "range_bearing"
-    position: Sequence[float] = (0.0, 0.0)
+    position: tuple[float, float] = (0.0, 0.0)
     facing: float = 0.0
     bearing_scale: float = 0.1
 
@@ -31,8 +30,4 @@ class RangeBearing:
 
     def layers(self) -> tuple[Layer, ...]:
         """One view."""
-        try:
-            px, py = (float(value) for value in self.position)
-        except (TypeError, ValueError):
-            raise ValueError(f"position must be px and py, got {self.position!r}") from None
-        return (RangeBearingView((px, py), float(self.facing), float(self.bearing_scale)),)
+        return (RangeBearingView(self.position, self.facing, self.bearing_scale),)

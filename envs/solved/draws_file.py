@@ -5,40 +5,37 @@ method on the machine that reads it leads back to the root, to rounding, and sho
 Draws and starts that were refused are kept by name only. Games with hard constraints are solved in
 milliseconds and are not kept.
 
-The file is a SHA-256 digest, then compressed arrays with a version. What a motion belongs to is
-found by the weights and the initial state, rounded so that machines may differ in the last bits.
+The file is a SHA-256 digest, then MessagePack. What a motion belongs to is found by the weights and
+the initial state, rounded so that machines may differ in the last bits.
 """
 
 import hashlib
-import io
-import json
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import chain
+from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple
-from zipfile import ZipFile
+from typing import Any
 
+import msgspec
 import numpy as np
 
-from olne_bench.errors import UserError, bad_input
+from olne_bench.errors import UserError
 from olne_bench.files import whole_file
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.equilibrium import Certificate, Equilibrium, Gains
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.newton import Root, newton_root
 from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE
+from olne_bench.kept_files import sealed, unsealed
 
 #: Version of the format and of the rules by which draws are drawn and certified.
-VERSION = 1
-_DIGEST = 32  # bytes of SHA-256
+VERSION = 2
 _KEY = 16  # bytes
-_MOST_BYTES = 2**28  # of an array: 100 times all those of the largest suite that is shipped
 _DIGITS = 9  # of weights and states in keys
 #: Largest change of a control on the way back to the root, relative to one and its size.
 _CLOSE = 1e-4
-#: Names of the arrays of a motion, and their types in the file.
+#: Types of the arrays of a motion.
 _TYPES = {
     "controls": "<f4",
     "costs": "<f8",
@@ -53,16 +50,73 @@ class OtherDrawsError(UserError):
     """A file of draws that does not fit: damaged, of another version, or of other code."""
 
 
-class Motion(NamedTuple):
-    """The controls (T-1, N, m) of an equilibrium and its evidence, each (N,)."""
+class Solved(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """The controls of an equilibrium and its evidence, as bytes of arrays.
 
-    controls: np.ndarray
-    costs: np.ndarray
-    local: np.ndarray
-    local_starts: np.ndarray
-    far: np.ndarray
-    far_starts: np.ndarray
+    Attributes:
+        shape: of the controls (T-1, N, m); the other arrays are (N,).
+        tolerance: of the certificate.
+    """
+
+    shape: tuple[int, int, int]
     tolerance: float
+    controls: bytes
+    costs: bytes
+    local: bytes
+    local_starts: bytes
+    far: bytes
+    far_starts: bytes
+
+    @classmethod
+    def of(cls, solved: Any) -> "Solved":
+        """What is kept of a certified motion, an ``Equilibrium`` or a ``Recording``."""
+        found = solved.certificate
+        near, far = found.local, found.global_so_far
+        assert found.passed and far is not None, "a truth passes both parts"
+        arrays = solved.controls, found.costs, near.values, near.starts, far.values, far.starts
+        packed = [a.astype(kind).tobytes() for a, kind in zip(arrays, _TYPES.values(), strict=True)]
+        return cls(solved.controls.shape, found.tolerance, *packed)
+
+    def __post_init__(self) -> None:
+        """Refuse arrays that do not fit the shape.
+
+        Raises:
+            ValueError: with a message that names the array.
+        """
+        if min(self.shape) < 1 or not 0 <= self.tolerance < 1:
+            raise ValueError(f"a motion of the shape {self.shape} cannot be")
+        for name, kind in _TYPES.items():
+            size = prod(self.shape) if name == "controls" else self.shape[1]
+            if len(getattr(self, name)) != size * int(kind[2]):
+                raise ValueError(f"{name} of a motion have a wrong size")
+
+    def array(self, name: str) -> np.ndarray:
+        """One of the arrays, in its own type."""
+        flat = np.frombuffer(getattr(self, name), _TYPES[name])
+        return flat.reshape(self.shape) if name == "controls" else flat
+
+    def certificate(self) -> Certificate:
+        """The evidence."""
+        local, far = (
+            Gains(self.array(n).astype(float), self.array(f"{n}_starts").astype(int), passed=True)
+            for n in ("local", "far")
+        )
+        return Certificate(self.array("costs"), self.tolerance, local=local, global_so_far=far)
+
+
+class _Content(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    version: int
+    about: dict[str, str] = {}
+    motions: dict[bytes, Solved] = {}
+    refused: list[bytes] = []
+
+    def __post_init__(self) -> None:
+        if any(len(key) != _KEY for key in chain(self.motions, self.refused)):
+            raise ValueError(f"a key has another length than {_KEY} bytes")
+        for name, kind in _TYPES.items():
+            together = b"".join(getattr(motion, name) for motion in self.motions.values())
+            if not np.isfinite(np.frombuffer(together, kind)).all():
+                raise ValueError(f"{name} of a motion are not finite")
 
 
 @dataclass
@@ -80,23 +134,14 @@ class Draws:
 
     place: str = ""
     about: dict[str, str] = field(default_factory=dict)
-    motions: dict[bytes, Motion] = field(default_factory=dict)
+    motions: dict[bytes, Solved] = field(default_factory=dict)
     refused: set[bytes] = field(default_factory=set)
     digest: str = ""
 
     def add(self, game: Game, weights: np.ndarray, solved: Any) -> None:
         """Keep a certified motion: an ``Equilibrium`` or a ``Recording``."""
-        if game.constraints:
-            return
-        found = solved.certificate
-        far = found.global_so_far
-        assert found.passed and far is not None, "a truth passes both parts"
-        self.motions[key_of(game, weights, solved.states[0])] = Motion(
-            solved.controls.astype("<f4"),
-            found.costs,
-            *(found.local.values, found.local.starts, far.values, far.starts),
-            found.tolerance,
-        )
+        if not game.constraints:
+            self.motions[key_of(game, weights, solved.states[0])] = Solved.of(solved)
 
     def refuse(self, game: Game, weights: np.ndarray, initial_state: np.ndarray) -> None:
         """Note that a game must not be played."""
@@ -122,19 +167,15 @@ class Draws:
         kept = self.motions.get(key_of(game, weights, initial_state))
         if kept is None:
             return None
-        root = _root(kept.controls.astype(float), game, weights, initial_state)
+        root = _root(kept.array("controls").astype(float), game, weights, initial_state)
         if root is None:
             raise OtherDrawsError(
                 f"draws file {self.place}: a motion in it is no equilibrium of its game, which "
                 "other code has drawn; write it again with 'olne-bench draws'"
             )
-        certificate = Certificate(
-            kept.costs,
-            kept.tolerance,
-            local=Gains(kept.local.astype(float), kept.local_starts.astype(int), passed=True),
-            global_so_far=Gains(kept.far.astype(float), kept.far_starts.astype(int), passed=True),
+        return Equilibrium(
+            root.states, root.controls, root.costates, root.residual, kept.certificate()
         )
-        return Equilibrium(root.states, root.controls, root.costates, root.residual, certificate)
 
     def update(self, other: "Draws") -> None:
         """Add the motions and refusals of other draws; a motion that is here stays as it is."""
@@ -165,34 +206,43 @@ def key_of(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> bytes:
     return hashlib.sha256(told.encode() + rounded.tobytes()).digest()[:_KEY]
 
 
+def packed(draws: Draws) -> bytes:
+    """Draws as bytes, the same for the same draws."""
+    motions = dict(sorted(draws.motions.items()))
+    content = _Content(VERSION, draws.about, motions, sorted(draws.refused))
+    return msgspec.msgpack.encode(content)
+
+
+def unpacked(content: bytes, place: str) -> Draws:
+    """The draws in bytes.
+
+    Raises:
+        OtherDrawsError: if they are of another version, or no draws.
+    """
+    try:
+        found = msgspec.msgpack.decode(content, type=_Content)
+    except msgspec.MsgspecError as error:
+        raise OtherDrawsError(
+            f"draws file {place} is damaged or of another version than {VERSION}, which this "
+            f"olne-bench reads: {error}; write it again with 'olne-bench draws'"
+        ) from error
+    if found.version != VERSION:
+        raise OtherDrawsError(
+            f"draws file {place} is of another version than {VERSION}, which this olne-bench "
+            "reads; write it again with 'olne-bench draws'"
+        )
+    digest = hashlib.sha256(content).hexdigest()
+    return Draws(place, found.about, found.motions, set(found.refused), digest)
+
+
 def write_draws(path: Path, draws: Draws) -> None:
     """Write a file of draws, completely or not at all.
 
     Raises:
         UserError: if it cannot be written.
     """
-    keys = sorted(draws.motions)
-    motions = [draws.motions[key] for key in keys]
-    tolerances = {motion.tolerance for motion in motions} or {0.0}
-    assert len(tolerances) == 1, "all motions are certified to the same tolerance"
-    header = {"version": VERSION, "tolerance": tolerances.pop()} | draws.about
-    arrays: dict[str, Any] = {
-        name: np.concatenate([np.ravel(getattr(m, name)) for m in motions] or [np.empty(0)])
-        for name in _TYPES
-    }
-    arrays = {name: array.astype(_TYPES[name]) for name, array in arrays.items()}
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        header=np.frombuffer(json.dumps(header).encode(), np.uint8),
-        keys=np.frombuffer(b"".join(keys), np.uint8),
-        refused=np.frombuffer(b"".join(sorted(draws.refused)), np.uint8),
-        shapes=np.array([m.controls.shape for m in motions], "<u2").reshape(-1, 3),
-        **arrays,
-    )
-    content = buffer.getvalue()
     with whole_file(path) as unfinished:
-        unfinished.write_bytes(hashlib.sha256(content).digest() + content)
+        unfinished.write_bytes(sealed(packed(draws)))
 
 
 def read_draws(path: Path) -> Draws:
@@ -202,99 +252,17 @@ def read_draws(path: Path) -> Draws:
         OtherDrawsError: if it cannot be read, its hash is wrong, or it is of another version.
     """
     try:
-        content = path.read_bytes()
+        content = unsealed(path.read_bytes())
     except OSError as error:
         raise OtherDrawsError(
             f"draws file {path} cannot be read: {error.strerror or error}"
         ) from error
-    digest = hashlib.sha256(content[_DIGEST:])
-    if len(content) <= _DIGEST or digest.digest() != content[:_DIGEST]:
+    if content is None:
         raise OtherDrawsError(
             f"draws file {path} has a wrong hash: it is damaged, or no file of draws; remove it, "
             "or write it again with 'olne-bench draws'"
         )
-    return _parsed(content, str(path), digest.hexdigest())
+    return _latest(content, str(path))
 
 
-@lru_cache(maxsize=2)
-def _parsed(content: bytes, place: str, digest: str) -> Draws:
-    try:
-        with bad_input(f"draws file {place} is damaged", TypeError, NotImplementedError):
-            with ZipFile(io.BytesIO(content[_DIGEST:])) as archive:
-                header = json.loads(_array(archive, "header", "|u1", 1).tobytes())
-                if type(header) is not dict or header.pop("version", None) != VERSION:
-                    raise UserError(
-                        f"draws file {place} is of another version than {VERSION}, which this "
-                        "olne-bench reads"
-                    )
-                arrays = _arrays(archive)
-            tolerance = float(header.pop("tolerance"))
-            if not (0 <= tolerance < 1 and all(type(text) is str for text in header.values())):
-                raise ValueError("its header is not that of draws")
-            refused, keys = _keys(arrays["refused"]), _keys(arrays["keys"])
-            motions = dict(zip(keys, _motions(arrays, tolerance), strict=True))
-            return Draws(place, header, motions, set(refused), digest)
-    except UserError as error:
-        raise OtherDrawsError(f"{error}; write it again with 'olne-bench draws'") from error
-
-
-def _arrays(archive: ZipFile) -> dict[str, np.ndarray]:
-    """The arrays of an archive, if they are what they should be.
-
-    Raises:
-        ValueError: as ``_array``.
-    """
-    known: dict[str, tuple[str, int]] = {name: (kind, 1) for name, kind in _TYPES.items()}
-    known |= {"keys": ("|u1", 1), "refused": ("|u1", 1), "shapes": ("<u2", 2)}
-    return {name: _array(archive, name, *expected) for name, expected in known.items()}
-
-
-def _array(archive: ZipFile, name: str, kind: str, axes: int) -> np.ndarray:
-    """An array of an archive; no memory is taken before its shape is checked.
-
-    Raises:
-        ValueError: if it is not of this type, has other axes or too many bytes, or is not finite.
-    """
-    if (size := archive.getinfo(f"{name}.npy").file_size) > _MOST_BYTES:
-        raise ValueError(
-            f"its array {name} would have {size} bytes, at most {_MOST_BYTES} are read"
-        )
-    with archive.open(f"{name}.npy") as file:
-        if np.lib.format.read_magic(file) != (1, 0):
-            raise ValueError(f"its array {name} is of another format")
-        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-        if dtype.str != kind or len(shape) != axes:
-            raise ValueError(f"its array {name} has the type {dtype} and the shape {shape}")
-        data = file.read()
-    if len(data) != math.prod(shape) * dtype.itemsize:
-        raise ValueError(f"its array {name} has {len(data)} bytes for the shape {shape}")
-    array = np.frombuffer(data, dtype).reshape(shape)
-    if not np.isfinite(array).all():
-        raise ValueError(f"its array {name} is not finite")
-    return array
-
-
-def _keys(data: np.ndarray) -> list[bytes]:
-    text = data.tobytes()
-    keys = [text[k : k + _KEY] for k in range(0, len(text), _KEY)]
-    if len(set(keys)) != len(keys) or len(text) % _KEY:
-        raise ValueError("its keys are cut off, or repeat")
-    return keys
-
-
-def _motions(arrays: Mapping[str, np.ndarray], tolerance: float) -> list[Motion]:
-    shapes = arrays["shapes"].astype(int)
-    if shapes.shape[1] != 3 or (shapes < 1).any():
-        raise ValueError("its motions have impossible shapes")
-    sizes = dict.fromkeys(_TYPES, shapes[:, 1].sum()) | {"controls": shapes.prod(axis=1).sum()}
-    for name, size in sizes.items():
-        if len(arrays[name]) != size:
-            raise ValueError(f"its array {name} has {len(arrays[name])} numbers, expected {size}")
-    if not len(shapes):
-        return []
-    players = np.cumsum(shapes[:, 1])[:-1]
-    controls = np.split(arrays["controls"], np.cumsum(shapes.prod(axis=1))[:-1])
-    evidence = [np.split(arrays[name], players) for name in list(_TYPES)[1:]]
-    shaped = [flat.reshape(shape) for flat, shape in zip(controls, shapes, strict=True)]
-    columns = (shaped, *evidence, [tolerance] * len(shapes))
-    return [Motion(*values) for values in zip(*columns, strict=True)]
+_latest = lru_cache(maxsize=2)(unpacked)

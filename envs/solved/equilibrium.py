@@ -50,12 +50,13 @@ def _solve(game: Game, weights: bytes, initial_state: bytes) -> Equilibrium:
     start = np.frombuffer(initial_state).reshape(game.state_shape[1:])
     truth = kept_draws.travelled(game, theta, start)
     if truth is None:
-        kept = kept_draws.file_of(game, weights, initial_state)
-        truth = None if kept is None else kept_draws.read(kept)
+        name = kept_draws.name_of(game, theta, start)
+        truth = None if name is None else kept_draws.read(name, game, theta, start)
         if truth is None:
             truth = solve_olne(game, theta, start, search_far=True)
-            if kept is not None:
-                kept_draws.write(kept, truth)
+            if name is not None:  # read again: the same bits as in later processes
+                kept_draws.write(name, game, theta, truth)
+                truth = kept_draws.read(name, game, theta, start) or truth
     for array in (truth.states, truth.controls, truth.costates, truth.certificate.costs):
         array.setflags(write=False)
     return truth

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import MOST_MAP_BYTES, Road, RoadLane
-from olne_bench.envs.tracks.table import COLUMNS, Tracks
+from olne_bench.envs.tracks.road import MOST_MAP_BYTES, Road, RoadLane, curves_through
+from olne_bench.envs.tracks.table import COLUMNS, Tracks, no_parts
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input
 
@@ -17,8 +16,7 @@ DESCRIPTION = "CommonRoad scenarios; lanes from their lanelets; needs olne-bench
 
 def read(path: Path, part: str | None) -> Tracks:
     """Read the obstacles that have a trajectory; see ``track_formats``."""
-    if part is not None:
-        raise UserError(f"--part {part!r}: files of this format have no parts")
+    no_parts(part)
     check_input("tracks file", path, MOST_MAP_BYTES)
     scenario = _scenario(path)
     rows: list[tuple[Any, ...]] = []

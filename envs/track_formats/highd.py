@@ -8,55 +8,46 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.table import (
-    COLUMNS,
     Tracks,
-    companion,
     direction,
-    frame_rate,
-    numbers,
+    no_parts,
+    of_columns,
     plain_float,
-    player_names,
-    read_columns,
+    read_frames,
 )
-from olne_bench.errors import UserError, bad_input
+from olne_bench.errors import bad_input
 from olne_bench.games.model.lanes import StraightLane
 
 DESCRIPTION = "highD: NN_tracks.csv, with NN_recordingMeta.csv beside it; lanes from its markings"
-_NUMBERS = ("frame", "x", "y", "width", "height", "xVelocity", "yVelocity")
+_NUMBERS = ("x", "y", "width", "height", "xVelocity", "yVelocity")
+_MARKINGS = {"upper": "upperLaneMarkings", "lower": "lowerLaneMarkings"}
 _SHOWN = 100  # characters of a value in a message
 _BEYOND = 50.0  # [m] by which lanes extend beyond the tracks at both ends
 
 
 def read(path: Path, part: str | None) -> Tracks:
     """Read a recording; see ``track_formats``."""
-    if part is not None:
-        raise UserError(f"--part {part!r}: a file of highD is one recording")
-    rows = numbers(path, read_columns(path, ("id", *_NUMBERS)), _NUMBERS)
-    meta_path = companion(path, "recordingMeta", "frame rate")
-    markings = ("upperLaneMarkings", "lowerLaneMarkings")
-    meta = read_columns(meta_path, ("frameRate",), markings)
-    table = pd.DataFrame(
-        {
-            "time": rows["frame"] / frame_rate(meta, meta_path),
-            "player": player_names(rows["id"]),
-            "x": rows["x"] + rows["width"] / 2,  # width is along x, hence the car's length
-            "y": rows["y"] + rows["height"] / 2,
-            "heading": direction(rows["xVelocity"], rows["yVelocity"]),
-            "speed": np.hypot(rows["xVelocity"], rows["yVelocity"]),
-        }
+    no_parts(part, "a file of highD is one recording")
+    rows, meta, meta_path = read_frames(path, "id", _NUMBERS, tuple(_MARKINGS.values()))
+    table = of_columns(
+        time=rows["time"],
+        player=rows["player"],
+        x=rows["x"] + rows["width"] / 2,  # width is along x, hence the car's length
+        y=rows["y"] + rows["height"] / 2,
+        heading=direction(rows["xVelocity"], rows["yVelocity"]),
+        speed=np.hypot(rows["xVelocity"], rows["yVelocity"]),
     )
     low, high = float(table["x"].min()) - _BEYOND, float(table["x"].max()) + _BEYOND
     lanes = {
         f"{side}_{number}": lane
-        for side, name in zip(("upper", "lower"), markings, strict=True)
+        for side, name in _MARKINGS.items()
         if name in meta
         for number, lane in enumerate(_lanes(meta_path, meta[name].iloc[0], side, low, high), 1)
     }
-    return Tracks(table[list(COLUMNS)], Road(lanes) if lanes else None)
+    return Tracks(table, Road(lanes) if lanes else None)
 
 
 def _lanes(path: Path, markings: object, side: str, low: float, high: float) -> list[RoadLane]:

@@ -6,14 +6,13 @@ Times are in milliseconds, positions are centres, headings are in radians.
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from olne_bench.envs.tracks.table import (
-    COLUMNS,
     Tracks,
     choose_part,
     direction,
     numbers,
+    of_columns,
     player_names,
     read_columns,
 )
@@ -26,20 +25,17 @@ def read(path: Path, part: str | None) -> Tracks:
     """Read one case; see ``track_formats``."""
     rows = read_columns(path, ("track_id", *_NUMBERS), ("psi_rad", "case_id"))
     rows = choose_part(path, rows, "case_id", part)
-    told = [name for name in (*_NUMBERS, "psi_rad") if name in rows]
-    rows = numbers(path, rows, told)
-    moving = direction(rows["vx"], rows["vy"])
-    heading = (
-        np.where(rows["psi_rad"].notna(), rows["psi_rad"], moving) if len(told) > 5 else moving
+    rows = numbers(path, rows, [name for name in (*_NUMBERS, "psi_rad") if name in rows])
+    heading = direction(rows["vx"], rows["vy"])
+    if "psi_rad" in rows:
+        heading = np.where(rows["psi_rad"].notna(), rows["psi_rad"], heading)
+    return Tracks(
+        of_columns(
+            time=rows["timestamp_ms"] / 1000,
+            player=player_names(rows["track_id"]),
+            x=rows["x"],
+            y=rows["y"],
+            heading=heading,
+            speed=np.hypot(rows["vx"], rows["vy"]),
+        )
     )
-    table = pd.DataFrame(
-        {
-            "time": rows["timestamp_ms"] / 1000,
-            "player": player_names(rows["track_id"]),
-            "x": rows["x"],
-            "y": rows["y"],
-            "heading": heading,
-            "speed": np.hypot(rows["vx"], rows["vy"]),
-        }
-    )
-    return Tracks(table[list(COLUMNS)])

@@ -8,14 +8,13 @@ Files are CSV with a header, or the original text files without one.
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.table import (
-    COLUMNS,
     Tracks,
     choose_part,
     numbers,
+    of_columns,
     player_names,
     read_columns,
 )
@@ -40,22 +39,20 @@ def read(path: Path, part: str | None) -> Tracks:
     text = {"sep": r"\s+", "names": _TEXT_COLUMNS} if path.suffix.lower() == ".txt" else {}
     rows = read_columns(path, ("Vehicle_ID", *_NUMBERS), ("Lane_ID", "Location"), **text)
     rows = numbers(path, choose_part(path, rows, "Location", part), _NUMBERS)
-    table = pd.DataFrame(
-        {
-            "time": FRAME * rows["Frame_ID"],
-            "player": player_names(rows["Vehicle_ID"]),
-            "x": FOOT * (rows["Local_Y"] - rows["v_Length"] / 2),
-            "y": FOOT * rows["Local_X"],
-            "heading": np.nan,
-            "speed": FOOT * rows["v_Vel"],
-        }
+    table = of_columns(
+        time=FRAME * rows["Frame_ID"],
+        player=player_names(rows["Vehicle_ID"]),
+        x=FOOT * (rows["Local_Y"] - rows["v_Length"] / 2),
+        y=FOOT * rows["Local_X"],
+        heading=np.nan,
+        speed=FOOT * rows["v_Vel"],
     )
     if "Lane_ID" not in rows or table.empty:
-        return Tracks(table[list(COLUMNS)])
+        return Tracks(table)
     low, high = float(table["x"].min()) - _BEYOND, float(table["x"].max()) + _BEYOND
     lanes = {
         f"lane_{name}": RoadLane((StraightLane((low, float(y)), (1.0, 0.0), high - low),), _WIDTH)
         for name, y in table["y"].groupby(player_names(rows["Lane_ID"])).median().items()
     }
     note = "lanes are at the median Local_X of the cars with their Lane_ID"
-    return Tracks(table[list(COLUMNS)], Road(lanes), (note,))
+    return Tracks(table, Road(lanes), (note,))

@@ -64,14 +64,14 @@ def check_steps(path: Path, times: np.ndarray) -> None:
         raise UserError(f"{path} has {len(times)} times, expected at least {FEWEST_STEPS}")
     steps = np.diff(times)
     usual = float(np.median(steps))
-    if usual < SHORTEST_STEP:
-        raise UserError(
-            f"{path}: time steps of {usual:g}, below {SHORTEST_STEP:g} s; expected time in seconds"
-        )
-    if usual > LONGEST_STEP:
-        raise UserError(
-            f"{path}: time steps of {usual:g}, above {LONGEST_STEP:g} s; expected time in seconds"
-        )
+    for wrong, side, limit in (
+        (usual < SHORTEST_STEP, "below", SHORTEST_STEP),
+        (usual > LONGEST_STEP, "above", LONGEST_STEP),
+    ):
+        if wrong:
+            raise UserError(
+                f"{path}: time steps of {usual:g}, {side} {limit:g} s; expected time in seconds"
+            )
     unequal = np.abs(steps / usual - np.round(steps / usual).clip(1)) > STEP_TOLERANCE
     if unequal.any():
         k = int(unequal.argmax())
@@ -116,34 +116,29 @@ def check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) -
         who = f"{path}: player {player!r}"
         speeds = np.abs(states[:, i, 3])
         _check_sizes(who, speeds, from_positions[:, i], np.abs(states[:, i, 2]))
-        _check_directions(who, agreement[:, i])
+        told = agreement[np.isfinite(agreement[:, i]), i]
+        if told.size and told.mean() < 0:
+            raise UserError(
+                f"{who} has headings that point away from its motion; expected "
+                "radians, from the x axis towards the y axis"
+            )
         _check_speeds(who, speeds, from_positions[:, i])
 
 
 def _check_sizes(
     who: str, speeds: np.ndarray, from_positions: np.ndarray, headings: np.ndarray
 ) -> None:
-    if (speeds > FASTEST).any():
-        raise UserError(
-            f"{who} has a speed of {np.nanmax(speeds):g}, above {FASTEST:g} m/s; "
-            "expected metres per second"
-        )
-    if (from_positions > FASTEST).any():
-        raise UserError(
-            f"{who} moves at {np.nanmax(from_positions):g} m/s, above {FASTEST:g}; "
-            "expected x and y in metres and time in seconds"
-        )
-    if (headings > LARGEST_HEADING).any():
-        raise UserError(f"{who} has a heading of {np.nanmax(headings):g}; expected radians")
-
-
-def _check_directions(who: str, agreement: np.ndarray) -> None:
-    told = agreement[np.isfinite(agreement)]
-    if told.size and told.mean() < 0:
-        raise UserError(
-            f"{who} has headings that point away from its motion; expected "
-            "radians, from the x axis towards the y axis"
-        )
+    for values, most, words in (
+        (speeds, FASTEST, "has a speed of {0:g}, above {1:g} m/s; expected metres per second"),
+        (
+            from_positions,
+            FASTEST,
+            "moves at {0:g} m/s, above {1:g}; expected x and y in metres and time in seconds",
+        ),
+        (headings, LARGEST_HEADING, "has a heading of {0:g}; expected radians"),
+    ):
+        if (values > most).any():
+            raise UserError(f"{who} {words.format(np.nanmax(values), most)}")
 
 
 def _check_speeds(who: str, speeds: np.ndarray, from_positions: np.ndarray) -> None:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from olne_bench.envs.recordings.recording_file import RecordingFile
 from olne_bench.envs.track_formats.commonroad import commonroad_io
-from olne_bench.envs.tracks.motion import Motion
+from olne_bench.envs.tracks.grid import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import RoadFile
 from olne_bench.envs.tracks.table import STATE_NAMES
@@ -43,19 +43,12 @@ class Episode:
     @classmethod
     def of(cls, known: RecordingFile, index: int) -> "Episode":
         """The episode with an index."""
-        metadata = known.metadata
+        metadata, times, states = known.metadata, known.times[index], known.states[index]
         entry = metadata.episodes[index]
         road = entry.road
         if road is not None and road.scenario is None:
             road = road.model_copy(update={"scenario": metadata.scenario})
-        return cls(
-            entry.players,
-            known.times[index],
-            known.states[index],
-            metadata.state_names,
-            metadata.dt,
-            road,
-        )
+        return cls(entry.players, times, states, metadata.state_names, metadata.dt, road)
 
 
 def write_csv(path: Path, episode: Episode) -> None:

@@ -1,4 +1,4 @@
-"""An excerpt of tracks on a common time grid: window, players, step."""
+"""An excerpt of tracks on a common time grid: frame, window, players, step; and motion on it."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,13 +13,43 @@ from olne_bench.envs.tracks.checks import (
     check_steps,
     check_times,
 )
-from olne_bench.envs.tracks.table import STATE_NAMES, listed
+from olne_bench.envs.tracks.table import SLOWEST, STATE_NAMES, listed
 from olne_bench.errors import UserError
 
 MOST_PLAYERS = 20  # larger games take hours
 _ROUNDING = 1e-6  # [s], tolerance of computed times
 _BRIDGED = 1.5  # largest gap that is interpolated, in steps of the data
 _SAME = 0.25  # tolerance of times on the data's own grid, as a share of a step
+_ROUGHNESS_ORDER = 3
+_ROUGHNESS_NORM = 20.0  # 1 + 9 + 9 + 1, squared coefficients of a third difference
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A change of frame, applied in this order; headings change accordingly.
+
+    Attributes:
+        flip_y: whether to reverse the direction of y.
+        rotate: angle [rad] from the x axis towards the y axis.
+        shift: shift in x and y [m].
+    """
+
+    flip_y: bool = False
+    rotate: float = 0.0
+    shift: tuple[float, float] = (0.0, 0.0)
+
+    def apply(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The table of tracks in the new frame."""
+        if self == Frame():
+            return table
+        sign = -1.0 if self.flip_y else 1.0
+        x, y = table["x"], sign * table["y"]
+        cos, sin = np.cos(self.rotate), np.sin(self.rotate)
+        return table.assign(
+            x=cos * x - sin * y + self.shift[0],
+            y=sin * x + cos * y + self.shift[1],
+            heading=sign * table["heading"] + self.rotate,
+        )
 
 
 @dataclass(frozen=True)
@@ -127,7 +157,8 @@ def _chosen(
 def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
     known = np.unique(table["time"])
     if step is None:
-        known = _merged(known, _usual_step(table))
+        rounding = STEP_TOLERANCE * _usual_step(table)
+        known = known[np.diff(known, prepend=-np.inf) > rounding]  # no times that rounding made
         check_steps(path, known)
         usual = float(np.median(np.diff(known)))
         check_number_of_steps(path, known[-1] - known[0], usual)
@@ -148,11 +179,6 @@ def _usual_step(table: pd.DataFrame) -> float:
     """The median time between two samples of a player [s]; 0 if nobody has two."""
     steps = table.sort_values("time").groupby("player")["time"].diff()
     return float(steps.median()) if steps.notna().any() else 0.0
-
-
-def _merged(times: np.ndarray, usual: float) -> np.ndarray:
-    """Times without those that differ from their predecessor by rounding only."""
-    return times[np.r_[True, np.diff(times) > STEP_TOLERANCE * usual]] if len(times) else times
 
 
 def _resampled(rows: pd.DataFrame, times: np.ndarray, rounding: float) -> np.ndarray:
@@ -183,3 +209,60 @@ def _between(
     inside = (at[before] <= times) & (times <= at[after]) & (at[after] - at[before] <= bridged)
     straight = np.interp(times, at, values)
     return np.where(same, values[nearest], np.where(inside, straight, np.nan))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One player's motion; NaN where unknown.
+
+    Attributes:
+        positions: (T, 2) positions [m].
+        headings: (T,) headings [rad], given or computed from the positions.
+        speeds: (T,) speeds [m/s], given or computed from the positions.
+    """
+
+    positions: np.ndarray
+    headings: np.ndarray
+    speeds: np.ndarray
+
+    @classmethod
+    def of(cls, states: np.ndarray, names: list[str], dt: float) -> "Motion":
+        """The motion in states (T, n) with these names of components."""
+        positions = states[:, :2]
+        velocity = _velocity(positions, dt)
+        speeds = np.linalg.norm(velocity, axis=1)
+        headings = np.where(speeds > SLOWEST, np.arctan2(velocity[:, 1], velocity[:, 0]), np.nan)
+        for name, values in zip(names, states.T, strict=True):
+            if name == "heading":
+                headings = np.where(np.isfinite(values), values, headings)
+            if name == "speed":
+                speeds = np.where(np.isfinite(values), values, speeds)
+        seen = np.isfinite(headings)
+        headings[seen] = np.unwrap(headings[seen])
+        return cls(positions, headings, speeds)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(T,) whether there is a position."""
+        return np.isfinite(self.positions).all(axis=1)
+
+
+def roughness(positions: np.ndarray) -> float:
+    """Estimate the noise of positions (T, N, 2) [m] from their roughness.
+
+    The third differences of white noise have the variance 20 sigma^2; those of a motion whose
+    acceleration hardly changes within a few steps are about zero. The motion can only add to them,
+    so this is an upper estimate. It is NaN if there are no four samples in a row.
+    """
+    rough = np.diff(positions, n=_ROUGHNESS_ORDER, axis=0)
+    rough = rough[np.isfinite(rough)]
+    return float(np.sqrt(np.mean(rough**2) / _ROUGHNESS_NORM)) if rough.size else float("nan")
+
+
+def _velocity(positions: np.ndarray, dt: float) -> np.ndarray:
+    """Velocities (T, 2) [m/s] from neighbouring samples; NaN where there are none."""
+    seen = np.flatnonzero(np.isfinite(positions).all(axis=1))
+    velocity = np.full(positions.shape, np.nan)
+    if len(seen) > 1:
+        velocity[seen] = np.gradient(positions[seen], seen * dt, axis=0)
+    return velocity

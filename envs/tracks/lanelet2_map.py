@@ -7,12 +7,10 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial import KDTree
 
-from olne_bench.envs.tracks.curve_fit import curves_through
-from olne_bench.envs.tracks.road import FARTHEST, MOST_MAP_BYTES, Road, RoadLane
+from olne_bench.envs.tracks.road import FARTHEST, MOST_MAP_BYTES, Road, RoadLane, curves_through
 from olne_bench.envs.tracks.table import plain_float
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input
-from olne_bench.games.model.lanes import Lane
 
 FOR_CARS = ("road", "highway")  # subtypes; a lanelet without one is a road
 MEET = 0.05  # [m], largest distance between the ends of two borders that meet
@@ -184,17 +182,13 @@ def _area(left: np.ndarray, right: np.ndarray) -> float:
 
 def _lane(path: Path, name: str, borders: _Borders, following: tuple[str, ...]) -> RoadLane:
     with bad_input(f"{path} is not a lanelet2 map: lanelet {name}"):
-        return RoadLane(*_curves_and_width(*borders), following)
-
-
-def _curves_and_width(left: np.ndarray, right: np.ndarray) -> tuple[tuple[Lane, ...], float]:
-    at = np.unique(np.round(np.concatenate([_fractions(left), _fractions(right)]), _DIGITS))
-    centre = (_at(left, at) + _at(right, at)) / 2
-    length = np.linalg.norm(np.diff(centre, axis=0), axis=1).sum()
-    area = _area(left, right)
-    if not (length > 0 and area > 0):
-        raise ValueError("it has no area between its borders")
-    return curves_through(centre), float(area / length)
+        fractions, area = [_fractions(border) for border in borders], _area(*borders)
+        at = np.unique(np.round(np.concatenate(fractions), _DIGITS))
+        centre = np.mean([_at(border, at) for border in borders], axis=0)
+        length = np.linalg.norm(np.diff(centre, axis=0), axis=1).sum()
+        if not (length > 0 and area > 0):
+            raise ValueError("it has no area between its borders")
+        return RoadLane(curves_through(centre), float(area / length), following)
 
 
 def _fractions(line: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Match a car to lanes: the likeliest sequence, by position and heading.
+"""Match cars to lanes: the likeliest sequence, by position and heading, and whether they are on it.
 
 The cost of a lane is the squared distance [m] to it and the deviation from its heading. A
 transition to a lane that the present one leads to is almost free. A change to any other lane is
@@ -8,17 +8,27 @@ programming (Viterbi).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from olne_bench.envs.tracks.motion import Motion
+from olne_bench.envs.tracks.grid import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane, locate
-from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.errors import UserError, bad_input
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.lanes import ArcLane, Lane, LaneKeeping, SineLane, StraightLane
 
 HEADING_UNIT = 0.3  # [rad], heading deviation that costs as much as a metre
 CHANGE = 25.0  # cost of a lane change
 _HOP = 0.1  # cost of a transition to a following lane, so that none is skipped needlessly
 _MOST_HOPS = 4  # largest number of transitions between two samples
+MARGIN = 1.0  # [m], largest distance beside a lane
+TOLERATED = 0.2  # share of a car's samples that may be off the road, or against the lanes
+_FAR = 1e4  # [m]
+_HINT = (
+    "'olne-bench import' changes the frame by --shift, --flip-y and --rotate, selects players by "
+    "--players, and takes other lanes by --road"
+)
 
 
 @dataclass(frozen=True)
@@ -70,7 +80,11 @@ def route(road: Road, legs: Sequence[Leg]) -> tuple[tuple[Lane, ...], list[str]]
     """
     curves: list[Lane] = []
     names: list[str] = []
-    for group in _groups(legs):
+    starts = [0, *(k + 1 for k, leg in enumerate(legs) if not leg.changed), len(legs)]
+    for first, after in pairwise(starts):  # legs that are connected by lane changes
+        group = legs[first:after]
+        if not group:
+            continue
         ends = [leg.lane for leg in group]
         earlier = [k for k, name in enumerate(ends[:-1]) if name == ends[-1]]
         for leg in group[earlier[-1] + 1 :] if earlier else group[-1:]:
@@ -127,16 +141,6 @@ def _ways(road: Road) -> dict[tuple[str, str], tuple[str, ...]]:
     return result
 
 
-def _groups(legs: Sequence[Leg]) -> list[list[Leg]]:
-    """Groups of legs that are connected by lane changes."""
-    groups: list[list[Leg]] = [[]]
-    for leg in legs:
-        groups[-1].append(leg)
-        if not leg.changed:
-            groups.append([])
-    return [group for group in groups if group]
-
-
 def _until(lane: RoadLane, along: float) -> list[Lane]:
     """The lane's curves up to a distance along it [m], at least one metre."""
     kept: list[Lane] = []
@@ -164,3 +168,62 @@ def shortened(curve: Lane, length: float) -> Lane:
         turn = (curve.end_phase - curve.start_phase) * length / curve.length
         return ArcLane(curve.centre, curve.radius, curve.start_phase, curve.start_phase + turn)
     raise TypeError(f"no part of a {type(curve).__name__}")
+
+
+def check_on_road(
+    road: Road, names: Sequence[str], motions: Sequence[Motion], noise: float
+) -> None:
+    """Refuse players that are off the road, or drive against its lanes.
+
+    Raises:
+        UserError: with a message that names the player, its position, and what can be done.
+    """
+    for name, motion in zip(names, motions, strict=True):
+        positions, headings = motion.positions[motion.seen], motion.headings[motion.seen]
+        places = [locate(lane.line, positions) for lane in road.lanes.values()]
+        distance = np.stack([place.distance for place in places])
+        widths = np.array([lane.width for lane in road.lanes.values()])
+        on_lane = distance < (widths / 2 + MARGIN + 2 * noise)[:, None]
+        off_road = ~on_lane.any(axis=0)
+        if off_road.mean() > TOLERATED:
+            k = int(distance.min(axis=0).argmax())
+            x, y = positions[k]
+            raise UserError(
+                f"player {name!r} is off the road: at ({x:.1f}, {y:.1f}) the nearest lane is "
+                f"{distance.min(axis=0)[k]:.1f} m away, and it is off the road in "
+                f"{off_road.mean():.0%} of its samples; {_HINT}"
+            )
+        ahead = np.cos(np.stack([place.heading for place in places]) - headings)
+        against = np.where(on_lane, ahead, -np.inf).max(axis=0) < 0
+        told = np.isfinite(headings) & ~off_road
+        if told.any() and against[told].mean() > TOLERATED:
+            k = int(np.flatnonzero(against & told)[0])
+            x, y = positions[k]
+            raise UserError(
+                f"player {name!r} drives against the lanes: at ({x:.1f}, {y:.1f}) it heads "
+                f"{np.rad2deg(headings[k]):.0f} degrees, and so in {against[told].mean():.0%} of "
+                f"its samples; {_HINT}"
+            )
+
+
+def lane_warnings(
+    names: Sequence[str], motions: Sequence[Motion], players: Sequence[Player], noise: float
+) -> list[str]:
+    """Warnings on players that end beside the lanes they are assumed to keep."""
+    warnings = []
+    for name, motion, player in zip(names, motions, players, strict=True):
+        last = motion.positions[motion.seen][-1:]
+        for term in player.task:
+            if not isinstance(term, LaneKeeping):
+                continue
+            with bad_input(f"the lanes of player {name!r}"):
+                lane = RoadLane(term.route)
+            onward = lane.line[-1] - lane.line[-2]
+            end = lane.line[-1] + _FAR * onward / np.linalg.norm(onward)
+            # The last lane of a route has no end.
+            beside = float(locate(np.vstack([lane.line, end]), last).distance[0])
+            if beside > lane.width / 2 + MARGIN + 2 * noise:
+                warnings.append(
+                    f"player {name!r} ends {beside:.1f} m beside the lanes it is assumed to keep"
+                )
+    return warnings

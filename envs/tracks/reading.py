@@ -5,20 +5,25 @@ from pathlib import Path
 
 import numpy as np
 
-from olne_bench.envs.recordings.recording_file import RecordingFile
-from olne_bench.envs.recordings.recording_metadata import EpisodeEntry, Metadata, library_versions
+from olne_bench.envs.recordings.recording_file import (
+    EpisodeEntry,
+    Metadata,
+    RecordingFile,
+    library_versions,
+)
 from olne_bench.envs.track_formats import get_format
+from olne_bench.envs.track_formats.sumo import read_net
 from olne_bench.envs.tracks.checks import check_positions, check_table, check_units
-from olne_bench.envs.tracks.frames import Frame
-from olne_bench.envs.tracks.grid import Excerpt, Grid, on_grid
+from olne_bench.envs.tracks.grid import Excerpt, Frame, Grid, on_grid
 from olne_bench.envs.tracks.lanelet2_map import read_lanelets
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import RoadFile, lane_entries, read_road_file
-from olne_bench.envs.tracks.sumo_net import read_net
 from olne_bench.envs.tracks.table import STATE_NAMES, Tracks, listed
 from olne_bench.errors import UserError, bad_input
 
-ROAD_SUFFIXES = (".toml", ".xml", ".osm")
+#: Lanes of a map that are farther from all players are left out [m].
+_NEAR = 30.0
+_NOWHERE = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -84,8 +89,7 @@ def _road(
         near = _near_part(road, tracks.origin, _positions(grid))
         return RoadFile(lanes=lane_entries(near)), [f"lanes: {len(near.lanes)} of {road}"]
     if road.suffix.lower() != ".toml":
-        *some, last = ROAD_SUFFIXES
-        raise UserError(f"--road {road}: the name must end in {', '.join(some)} or {last}")
+        raise UserError(f"--road {road}: the name must end in .toml, .xml or .osm")
     known = read_road_file(road)
     for player in known.players:
         if player not in set(tracks.table["player"]):
@@ -97,16 +101,9 @@ def _road(
     players = {name: entry for name, entry in known.players.items() if name in grid.players}
     lanes = known.lanes or (lane_entries(tracks.road) if tracks.road else {})
     known = known.model_copy(update={"players": players, "lanes": lanes})
-    try:
+    with bad_input(str(road)):
         known.check_lanes()
-    except ValueError as error:
-        raise UserError(f"{road}: {error}") from error
     return known, [f"lanes and targets: {len(known.lanes)} lanes, {len(players)} players of {road}"]
-
-
-#: Lanes of a map that are farther from all players are left out [m].
-_NEAR = 30.0
-_NOWHERE = np.empty((0, 2))
 
 
 def _near_part(path: Path, origin: tuple[float, float] | None, positions: np.ndarray) -> Road:

@@ -1,7 +1,7 @@
-"""Lanes of a road as a map: their geometry, and which lane is near a car."""
+"""Lanes of a road as a map: their geometry, which lane is near a car, and lanes through points."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,9 @@ _UNIT = 1e-3  # tolerance of a direction's length
 _ARC_STEP = np.deg2rad(2)  # [rad], largest angle between neighbouring points on an arc
 _SAGITTA = 0.01  # [m], largest distance between an arc and the chord of neighbouring points
 _SINE_STEP = 1.0  # [m] along the axis
+TOLERANCE = 0.1  # [m], largest distance between a curve and the points
+MOST_POINTS = 10_000  # of a lane; more take minutes
+_FLATTEST = 1e4  # [m]; an arc of a larger radius is a straight line
 
 
 @dataclass(frozen=True)
@@ -58,15 +61,18 @@ class RoadLane:
     @cached_property
     def line(self) -> np.ndarray:
         """Points (P, 2) of the centre line [m]."""
-        parts = [curve_points(curve) for curve in self.curves]
-        points = np.concatenate(parts)
-        apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9
-        return points[np.concatenate([[True], apart])]
+        points = np.concatenate([curve_points(curve) for curve in self.curves])
+        return _apart(points, 1e-9)
 
     @property
     def length(self) -> float:
         """Length of the centre line [m]."""
         return float(np.linalg.norm(np.diff(self.line, axis=0), axis=1).sum())
+
+
+def _apart(points: np.ndarray, least: float) -> np.ndarray:
+    """Points (P, 2) without those that are nearly [m] the ones before them."""
+    return points[np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > least]]
 
 
 def check_shown(what: str, name: str) -> None:
@@ -99,12 +105,8 @@ class Road:
 
     def near(self, positions: np.ndarray, within: float) -> "Road":
         """The lanes that pass within ``within`` [m] of any of the positions (S, 2)."""
-        kept = {
-            name: lane
-            for name, lane in self.lanes.items()
-            if locate(lane.line, positions).distance.min() < within
-        }
-        return Road(kept)
+        far = {n: locate(lane.line, positions).distance.min() for n, lane in self.lanes.items()}
+        return Road({name: lane for name, lane in self.lanes.items() if far[name] < within})
 
 
 @dataclass(frozen=True)
@@ -127,15 +129,10 @@ def locate(line: np.ndarray, positions: np.ndarray) -> Place:
     block = max(1, _PAIRS // len(line))
     starts = range(0, max(1, len(positions)), block)
     parts = [_located(line, positions[first : first + block]) for first in starts]
-    if len(parts) == 1:
-        return parts[0]
-    along, distance, heading = (
-        np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Place)
-    )
-    return Place(along, distance, heading)
+    return Place(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _located(line: np.ndarray, positions: np.ndarray) -> Place:
+def _located(line: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, ...]:
     start, step = line[:-1], np.diff(line, axis=0)
     length = np.linalg.norm(step, axis=1)
     unit = step / length[:, None]
@@ -145,10 +142,10 @@ def _located(line: np.ndarray, positions: np.ndarray) -> Place:
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(positions))
     before = np.concatenate([[0], np.cumsum(length)[:-1]])
-    return Place(
-        along=before[nearest] + along[rows, nearest],
-        distance=distance[rows, nearest],
-        heading=np.arctan2(unit[nearest, 1], unit[nearest, 0]),
+    return (
+        before[nearest] + along[rows, nearest],
+        distance[rows, nearest],
+        np.arctan2(unit[nearest, 1], unit[nearest, 0]),
     )
 
 
@@ -208,3 +205,95 @@ def _turn(curve: Lane) -> float:
 
 def _on_axis(axis: StraightLane, along: np.ndarray) -> np.ndarray:
     return np.asarray(axis.start) + along[:, None] * np.asarray(axis.direction)
+
+
+def curves_through(points: np.ndarray | Sequence[Sequence[float]]) -> tuple[Lane, ...]:
+    """A few curves within ``TOLERANCE`` of points (P, 2), from the first to the last point.
+
+    Each is the longest curve that fits: a straight line if one reaches as far as an arc.
+
+    Raises:
+        ValueError: if the points are not pairs of metres, too many, or fewer than two differ.
+    """
+    line = np.asarray(points, dtype=float)
+    if line.ndim != 2 or line.shape[1] != 2 or not np.isfinite(line).all():
+        raise ValueError("a lane's points are pairs of finite numbers")
+    if len(line) > MOST_POINTS:
+        raise ValueError(f"a lane has {len(line)} points, at most {MOST_POINTS} are expected")
+    if (np.abs(line) > FARTHEST).any():
+        raise ValueError(
+            f"a lane has a point at {line.flat[np.abs(line).argmax()]:g}, beyond {FARTHEST:g} m"
+        )
+    line = _apart(line, 1e-6)
+    if len(line) < 2:
+        raise ValueError("a lane needs at least two different points")
+    curves: list[Lane] = []
+    first = 0
+    while first < len(line) - 1:
+        last = _reach(line, first)
+        curves.append(_best(line[first : last + 1]))
+        first = last
+    return tuple(curves)
+
+
+def _reach(line: np.ndarray, first: int) -> int:
+    """Index of the last point that one curve from ``first`` fits, by doubling and bisection."""
+    good, step = first + 1, 1
+    while good < len(line) - 1 and _fits(line[first : min(good + step, len(line) - 1) + 1]):
+        good, step = min(good + step, len(line) - 1), 2 * step
+    bad = min(good + step, len(line))
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if _fits(line[first : middle + 1]):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+def _fits(points: np.ndarray) -> bool:
+    return _error(_best(points), points) < TOLERANCE
+
+
+def _best(points: np.ndarray) -> StraightLane | ArcLane:
+    straight, arc = _straight(points), _arc(points)
+    return straight if arc is None or _error(straight, points) < TOLERANCE else arc
+
+
+def _straight(points: np.ndarray) -> StraightLane:
+    step = points[-1] - points[0]
+    length = max(float(np.linalg.norm(step)), 1e-9)
+    return StraightLane(_pair(points[0]), _pair(step / length), length)
+
+
+def _arc(points: np.ndarray) -> ArcLane | None:
+    """The arc through the first, middle and last point; None if they are in line."""
+    a, b, c = points[0], points[len(points) // 2], points[-1]
+    (bx, by), (cx, cy) = b - a, c - a
+    cross = bx * cy - by * cx
+    size = max(np.abs(points - a).max(), 1e-9)
+    if len(points) < 3 or abs(cross) < size**3 / _FLATTEST / 4:
+        return None
+    squares = bx**2 + by**2, cx**2 + cy**2
+    centre = a + np.array(
+        [cy * squares[0] - by * squares[1], bx * squares[1] - cx * squares[0]]
+    ) / (2 * cross)
+    radius = float(np.linalg.norm(a - centre))
+    phases = np.unwrap(np.arctan2(*(points - centre).T[::-1]))
+    if (np.diff(phases) * np.sign(cross) <= 0).any():
+        return None
+    return ArcLane(_pair(centre), radius, float(phases[0]), float(phases[-1]))
+
+
+def _error(curve: StraightLane | ArcLane, points: np.ndarray) -> float:
+    """Largest distance of the points and the midpoints between them from the curve [m]."""
+    dense = np.concatenate([points, (points[1:] + points[:-1]) / 2])
+    if isinstance(curve, ArcLane):
+        return float(np.abs(np.linalg.norm(dense - curve.centre, axis=1) - curve.radius).max())
+    dx, dy = (dense - curve.start).T
+    cos, sin = curve.direction
+    return float(np.abs(dy * cos - dx * sin).max())
+
+
+def _pair(values: np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

@@ -18,15 +18,20 @@ parameters, as ``olne-bench export`` writes them.
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import lru_cache
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from olne_bench.checks import first_problem
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES, lane_curve, road_network
+from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.tracks.checks import FASTEST
-from olne_bench.envs.tracks.curve_fit import curves_through
 from olne_bench.envs.tracks.road import (
     DEFAULT_WIDTH,
     FARTHEST,
@@ -35,17 +40,22 @@ from olne_bench.envs.tracks.road import (
     Road,
     RoadLane,
     check_shown,
+    curves_through,
 )
 from olne_bench.envs.tracks.table import listed
+from olne_bench.envs.worlds.layout import player_name
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input, whole_file
-from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.model.costs import FinalGoal, StateDeviation
+from olne_bench.games.model.game import Player
+from olne_bench.games.model.lanes import ArcLane, Lane, LaneKeeping, SineLane, StraightLane
 
 #: Largest road file [bytes]; reading more takes minutes.
 MOST_BYTES = 2 * 10**6
 _Number = Annotated[float, Field(strict=True)]  # no text, no truth value
 _Positive = Annotated[float, Field(strict=True, gt=0)]
 _Pair = tuple[_Number, _Number]
+_BESIDE = 1.5  # largest gap between a lane's end and a following lane, in lane widths
 
 
 class _Strict(BaseModel):
@@ -66,7 +76,7 @@ class StraightEntry(_Strict):
 
 
 class SineEntry(_Strict):
-    """``games.model.lanes.SineLane`` as plain numbers."""
+    """``games.model.lanes.SineLane`` as plain numbers, those of its axis first."""
 
     kind: Literal["sine"] = "sine"
     start: _Pair
@@ -231,23 +241,12 @@ def curve_entry(curve: Lane) -> StraightEntry | SineEntry | ArcEntry:
         TypeError: on a curve of another kind.
     """
     if isinstance(curve, StraightLane):
-        return StraightEntry(start=curve.start, direction=curve.direction, length=curve.length)
+        return StraightEntry(**asdict(curve))
     if isinstance(curve, SineLane):
-        return SineEntry(
-            start=curve.axis.start,
-            direction=curve.axis.direction,
-            length=curve.length,
-            amplitude=curve.amplitude,
-            pulsation=curve.pulsation,
-            phase=curve.phase,
-        )
+        values = asdict(curve)
+        return SineEntry(**values.pop("axis"), **values)
     if isinstance(curve, ArcLane):
-        return ArcEntry(
-            centre=curve.centre,
-            radius=curve.radius,
-            start_phase=curve.start_phase,
-            end_phase=curve.end_phase,
-        )
+        return ArcEntry(**asdict(curve))
     raise TypeError(f"no plain numbers for a {type(curve).__name__}")
 
 
@@ -269,3 +268,88 @@ def lane_entries(road: Road) -> dict[str, LaneEntry]:
 def route_curves(lanes: Mapping[str, LaneEntry], names: Sequence[str]) -> tuple[Lane, ...]:
     """The curves of a route of named lanes, one after the other."""
     return tuple(curve for name in names for curve in lanes[name].lane().curves)
+
+
+def road_of_scenario(scenario: Scenario) -> Road | None:
+    """The lanes of a scenario's HighwayEnv road; None if it is not on one."""
+    if scenario.world != "highway_v0" or scenario.name not in ROAD_NAMES:
+        return None
+    return highway_road(scenario.name)
+
+
+@lru_cache(maxsize=len(ROAD_NAMES))
+def highway_road(name: str) -> Road:
+    """All lanes of one of HighwayEnv's roads; ``a_b_0`` is the first lane from node a to b."""
+    lanes = {
+        (start, end, number): RoadLane((lane_curve(lane),), float(lane.width))
+        for start, ends in road_network(name).graph.items()
+        for end, parallel in ends.items()
+        for number, lane in enumerate(parallel)
+    }
+    return Road(
+        {
+            _name(index): replace(
+                lane,
+                following=tuple(
+                    _name(other)
+                    for other, after in lanes.items()
+                    if other[0] == index[1] and _goes_on(lane, after)
+                ),
+            )
+            for index, lane in lanes.items()
+        }
+    )
+
+
+def _name(index: tuple[str, str, int]) -> str:
+    return "_".join(map(str, index))
+
+
+def _goes_on(lane: RoadLane, after: RoadLane) -> bool:
+    """Whether a car at the end of a lane can continue on another one, ahead or beside it."""
+    gap = after.line[0] - lane.line[-1]
+    turn = (after.line[1] - after.line[0]) @ (lane.line[-1] - lane.line[-2])
+    return bool(turn > 0 and np.linalg.norm(gap) < _BESIDE * lane.width)
+
+
+def road_file(scenario: Scenario) -> RoadFile:
+    """The road and the targets of a scenario's players, without their weights.
+
+    Routes over lanes that cannot be written as plain numbers are left out.
+    """
+    road = road_of_scenario(scenario)
+    lanes = lane_entries(road) if road else {}
+    players = {
+        player_name(index): _player(player, player_name(index), lanes)
+        for index, player in enumerate(scenario.game.players)
+    }
+    return RoadFile(scenario=scenario.name, lanes=lanes, players=players)
+
+
+def _player(player: Player, name: str, lanes: dict[str, LaneEntry]) -> PlayerEntry:
+    """The player's targets; lanes that only its route has are added to ``lanes``."""
+    terms = (*player.preferences, *player.task)
+    goals = [term.goal for term in terms if isinstance(term, FinalGoal)]
+    routes = [term for term in terms if isinstance(term, LaneKeeping)]
+    entry = PlayerEntry(
+        targets={t.component: float(t.target) for t in terms if isinstance(t, StateDeviation)},
+        goal=goals[0] if goals else None,
+    )
+    if not routes:
+        return entry
+    try:
+        names = [_named(curve, name, lanes) for curve in routes[0].route]
+    except TypeError:
+        return entry
+    return entry.model_copy(update={"lanes": names, "blend": float(routes[0].blend)})
+
+
+def _named(curve: Lane, player: str, lanes: dict[str, LaneEntry]) -> str:
+    """The name of the lane with exactly this curve, which is added if there is none."""
+    entry = curve_entry(curve)
+    for name, lane in lanes.items():
+        if lane.curves == [entry]:
+            return name
+    new = next(name for k in count() if (name := f"{player}_lane_{k}") not in lanes)
+    lanes[new] = LaneEntry(curves=[entry])
+    return new

@@ -103,26 +103,60 @@ def plain_float(text: str) -> float:
     return float(text)
 
 
-def numbers(path: Path, frame: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
-    """The table with the named columns as numbers.
+def numbers(
+    path: Path, frame: pd.DataFrame, names: Sequence[str], place: str = "row"
+) -> pd.DataFrame:
+    """The table with the named columns as numbers, NaN where a cell is empty.
 
     Raises:
-        UserError: with a message that names the row and the value that is not a number.
+        UserError: with a message that names the place, by its index, and what is not a number.
     """
     frame = frame.copy()
     for name in names:
         values = pd.to_numeric(frame[name], errors="coerce").astype(float)
         if pd.api.types.is_bool_dtype(frame[name]):
             values[:] = np.nan  # pandas reads True as 1
-        wrong = (frame[name].notna() & ~np.isfinite(values)).to_numpy()
+        wrong = frame[name].notna() & ~np.isfinite(values)
         if wrong.any():
-            row = int(wrong.argmax())
+            at = int(wrong.index.to_numpy()[wrong.to_numpy().argmax()])
             raise UserError(
-                f"{path}, row {row + 1}: {name} is {str(frame[name].iloc[row])[:_SHOWN_NAME]!r}, "
+                f"{path}, {place} {at + 1}: {name} is {str(frame[name][at])[:_SHOWN_NAME]!r}, "
                 "expected a finite number"
             )
         frame[name] = values
     return frame
+
+
+def no_parts(part: str | None, whole: str = "files of this format have no parts") -> None:
+    """Refuse to choose a part of a file that has none."""
+    if part is not None:
+        raise UserError(f"--part {part!r}: {whole}")
+
+
+def of_columns(**columns: object) -> pd.DataFrame:
+    """A table of tracks from its ``COLUMNS``."""
+    return pd.DataFrame(columns, columns=list(COLUMNS))
+
+
+def read_frames(
+    path: Path, player: str, names: Sequence[str], more: Sequence[str] = ()
+) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
+    """The rows of ``NN_tracks.csv``, and the metadata in ``NN_recordingMeta.csv`` and their path.
+
+    Args:
+        path: the file of tracks.
+        player: column with the names of players.
+        names: columns with numbers; ``time`` [s] comes from ``frame`` and the frame rate.
+        more: columns of the metadata to read if they are there.
+
+    Raises:
+        UserError: if a file or a column is missing, or a value is not a number.
+    """
+    rows = numbers(path, read_columns(path, (player, "frame", *names)), ("frame", *names))
+    meta_path = companion(path, "recordingMeta", "frame rate")
+    meta = read_columns(meta_path, ("frameRate",), more)
+    rows["time"] = rows["frame"] / frame_rate(meta, meta_path)
+    return rows.assign(player=player_names(rows[player])), meta, meta_path
 
 
 def companion(path: Path, suffix: str, purpose: str) -> Path:
@@ -173,9 +207,7 @@ def choose_part(path: Path, frame: pd.DataFrame, column: str, part: str | None) 
 def listed(names: Sequence[str]) -> str:
     """The first few names as text, for messages."""
     more = len(names) - _SHOWN
-    shown = (
-        name if len(name) <= _SHOWN_NAME else f"{name[:_SHOWN_NAME]}..." for name in names[:_SHOWN]
-    )
+    shown = (f"{n[:_SHOWN_NAME]}..." if len(n) > _SHOWN_NAME else n for n in names[:_SHOWN])
     return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
 
 

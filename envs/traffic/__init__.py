@@ -22,14 +22,14 @@ attempt. Some equilibria do collide, as costs are finite. ``traffic_report`` cou
 
 from typing import Any
 
+from olne_bench.envs.traffic.joint_planning import TrafficReport, traffic_report
 from olne_bench.envs.traffic.nash_vehicle import (
     AggressiveNashVehicle,
     CautiousNashVehicle,
     MixedNashVehicle,
     NashVehicle,
 )
-from olne_bench.envs.traffic.report import TrafficReport, traffic_report
-from olne_bench.envs.traffic.temperaments import TEMPERAMENTS, Temperament, temperament
+from olne_bench.envs.traffic.planning_vehicle import TEMPERAMENTS, Temperament, temperament
 
 __all__ = [
     "TEMPERAMENTS",

@@ -1,35 +1,124 @@
-"""Plan for all vehicles of a road whose plans are due: solve their games at once."""
+"""Plan for all vehicles of a road whose plans are due: solve the games of groups at once."""
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from time import perf_counter
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from highway_env.road.road import Road
 from highway_env.vehicle.kinematics import Vehicle
+from highway_env.vehicle.objects import Landmark, RoadObject
 from threadpoolctl import ThreadpoolController
 
-from olne_bench.envs.traffic.lanes_ahead import curve_speeds, points_along_lanes
-from olne_bench.envs.traffic.planning_vehicle import PlanningVehicle
-from olne_bench.envs.traffic.pursuit import pursuit_controls
-from olne_bench.envs.traffic.report import TrafficReport, traffic_report
-from olne_bench.envs.traffic.surroundings import (
-    MAX_PLAYERS,
-    NUM_OTHERS,
-    nearest_predictions,
-    planning_groups,
-)
-from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, STEPS, VehiclePlan
-from olne_bench.games.solve.reference_game import Plan, ReferenceGame, Situation
+from olne_bench.envs.traffic.lanes_ahead import curve_speeds, points_along_lanes, pursuit_controls
+from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS, PlanningVehicle, VehiclePlan
+from olne_bench.games.solve.reference_game import FAR_AWAY, Plan, ReferenceGame, Situation
 
+MAX_PLAYERS = 5  # in one game
+NEIGHBOURHOOD = 50.0  # [m] around a vehicle in which others plan with it
+NUM_OTHERS = 3  # predicted vehicles and obstacles that each player avoids besides the players
+SIGHT = 80.0  # [m], largest distance of these
 MAX_SHIFTS = 3  # plan steps for which an old plan may be used
 BETWEEN = 3  # number of points between two plan steps at which contact is checked
 #: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
 SMALL_CHANGE = (2e-3, 0.1)
-
 Group = list[PlanningVehicle]
 Starts = list[VehiclePlan | None]
+
+
+@dataclass
+class TrafficReport:
+    """Counts of the outcomes of planning on one road.
+
+    Attributes:
+        solved: number of vehicle plans that are equilibria.
+        shifted: number of times a vehicle continued its previous plan.
+        braked: number of times a vehicle fell back on the Intelligent Driver Model, as it had no
+            plan or only one that collides.
+        seconds: the latest solving times [s], by number of vehicles that planned at once.
+    """
+
+    solved: int = 0
+    shifted: int = 0
+    braked: int = 0
+    seconds: dict[int, deque[float]] = field(default_factory=dict)
+
+
+_REPORTS: WeakKeyDictionary[Road, TrafficReport] = WeakKeyDictionary()
+
+
+def traffic_report(road: Road) -> TrafficReport:
+    """The report of a road, such as ``env.unwrapped.road``."""
+    return _REPORTS.setdefault(road, TrafficReport())
+
+
+def planning_groups(road: Road) -> list[list[PlanningVehicle]]:
+    """All vehicles that plan now, in groups of at most MAX_PLAYERS neighbours.
+
+    The first vehicle on the road without a group forms one with the nearest others without one.
+    """
+    due = [
+        vehicle
+        for vehicle in road.vehicles
+        if isinstance(vehicle, PlanningVehicle) and not vehicle.crashed and vehicle.is_due()
+    ]
+    positions = np.array([vehicle.position for vehicle in due])
+    groups, free = [], np.ones(len(due), dtype=bool)
+    for first in range(len(due)):
+        if free[first]:
+            distances = np.hypot(*(positions - positions[first]).T)
+            distances[~free] = np.inf
+            distances[first] = 0.0
+            nearest = np.argsort(distances, kind="stable")[:MAX_PLAYERS]
+            group = nearest[distances[nearest] < NEIGHBOURHOOD]
+            free[group] = False
+            groups.append([due[index] for index in group])
+    return groups
+
+
+def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.ndarray:
+    """Positions (N, M, T-1, 2) that each of the N members of groups avoids besides its group.
+
+    These are the predictions that start nearest to it.
+    """
+    around = [entry for entry in (*road.vehicles, *road.objects) if not isinstance(entry, Landmark)]
+    paths = np.stack([predicted_positions(other) for other in around])
+    group_of = {id(member): index for index, group in enumerate(groups) for member in group}
+    theirs = np.array([group_of.get(id(other), -1) for other in around])
+    members = [member for group in groups for member in group]
+    own = np.array([group_of[id(member)] for member in members])
+    offsets = paths[:, 0] - np.array([member.position for member in members])[:, None]
+    distances = np.hypot(offsets[..., 0], offsets[..., 1])  # (N, others)
+    distances[own[:, None] == theirs] = np.inf
+    nearest = np.argsort(distances, axis=1, kind="stable")[:, :NUM_OTHERS]
+    found = np.full((len(members), NUM_OTHERS, STEPS, 2), FAR_AWAY)
+    row, slot = np.nonzero(np.take_along_axis(distances, nearest, axis=1) < SIGHT)
+    found[row, slot] = paths[nearest[row, slot]]
+    return found
+
+
+def predicted_positions(other: RoadObject) -> np.ndarray:
+    """The positions (T-1, 2) of a vehicle or obstacle at the next plan steps."""
+    if isinstance(other, PlanningVehicle) and not other.crashed and other.plan is not None:
+        passed = int(other.plan_age / PLAN_STEP + 0.5)
+        plan = other.plan.rest if passed else other.plan
+        return plan.states[1:, :2]
+    times = PLAN_STEP * np.arange(1, STEPS + 1)
+    if not isinstance(other, Vehicle) or other.crashed or other.lane is None:
+        return other.position + times[:, None] * other.velocity
+    _, lateral = other.lane.local_coordinates(other.position)
+    points, _ = points_along_lanes(
+        other.road.network,
+        other.lane_index,
+        getattr(other, "route", None),
+        other.position,
+        times * other.speed,
+        lateral,
+    )
+    return points[:, :2]
 
 
 def plan_together(road: Road) -> None:
@@ -57,18 +146,7 @@ def plan_together(road: Road) -> None:
 
 def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
     """Solve from previous plans; games that fail are tried again from a pursuit of the lanes."""
-    warm = [
-        np.stack(
-            [
-                pursuit_controls(*pair) if plan is None else plan.controls
-                for plan, *pair in zip(
-                    start, situation.initial_state, situation.references, strict=True
-                )
-            ],
-            axis=1,
-        )
-        for situation, start in zip(situations, starts, strict=True)
-    ]
+    warm = [_first_controls(*pair) for pair in zip(situations, starts, strict=True)]
     # BLAS on several threads is a hundred times slower on matrices this small.
     with _blas().limit(limits=1, user_api="blas"):
         solutions = _game().solve_all(situations, warm, small_change=SMALL_CHANGE)
@@ -79,17 +157,20 @@ def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
         ]
         if again:
             failed = [situations[index] for index in again]
-            cold = [_pursuits(situation) for situation in failed]
+            cold = [_first_controls(one, [None] * len(one.references)) for one in failed]
             second = _game().solve_all(failed, cold, small_change=SMALL_CHANGE)
             for index, solution in zip(again, second, strict=True):
                 solutions[index] = solution
     return solutions
 
 
-def _pursuits(situation: Situation) -> np.ndarray:
-    """Controls (T-1, N, 2) with which all players pursue their lanes."""
-    pairs = zip(situation.initial_state, situation.references, strict=True)
-    return np.stack([pursuit_controls(*pair) for pair in pairs], axis=1)
+def _first_controls(situation: Situation, start: Starts) -> np.ndarray:
+    """Controls (T-1, N, 2) of previous plans; players without one pursue their lanes."""
+    players = zip(start, situation.initial_state, situation.references, strict=True)
+    return np.stack(
+        [pursuit_controls(*pair) if plan is None else plan.controls for plan, *pair in players],
+        axis=1,
+    )
 
 
 def _next_plan(

@@ -5,9 +5,7 @@ from typing import Any
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.traffic.joint_planning import plan_together
-from olne_bench.envs.traffic.planning_vehicle import PlanningVehicle
-from olne_bench.envs.traffic.temperaments import TEMPERAMENTS
-from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP
+from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, TEMPERAMENTS, PlanningVehicle
 
 
 class NashVehicle(PlanningVehicle):

@@ -1,13 +1,88 @@
-"""A vehicle of HighwayEnv that follows a given plan."""
+"""A vehicle of HighwayEnv that has a temperament and follows a given plan."""
 
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, sin
 from typing import Any, ClassVar
 
 import numpy as np
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.objects import RoadObject
 
-from olne_bench.envs.traffic.temperaments import Temperament, temperament
-from olne_bench.envs.traffic.vehicle_plan import PLAN_STEP, VehiclePlan
+PLAN_STEP = 0.4  # [s] between plans, and the step of the games
+STEPS = 10  # steps per plan
+
+
+@dataclass(frozen=True)
+class Temperament:
+    """A driver's cost weights, in the units of ``games.solve.reference_game.Units``.
+
+    Attributes:
+        proximity: weight of proximity to others.
+        speed: weight of deviations from the target speed.
+        acceleration: weight of longitudinal comfort.
+        turning: weight of lateral comfort.
+        lane: weight of deviations from the centre of the target lane.
+        haste: factor on the target speed.
+    """
+
+    proximity: float = 2.5
+    speed: float = 1.0
+    acceleration: float = 0.5
+    turning: float = 0.5
+    lane: float = 1.0
+    haste: float = 1.0
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Weights (5,) in the order of ``games.solve.reference_game.WEIGHT_NAMES``."""
+        return np.array([self.proximity, self.speed, self.acceleration, self.turning, self.lane])
+
+
+#: Presets by name.
+TEMPERAMENTS: dict[str, Temperament] = {
+    "aggressive": Temperament(proximity=1.0, speed=2.0, acceleration=0.2, turning=0.3, haste=1.1),
+    "normal": Temperament(),
+    "cautious": Temperament(proximity=4.0, speed=0.7, acceleration=0.7, turning=0.8, haste=0.9),
+}
+
+
+def temperament(preset: str | Temperament) -> Temperament:
+    """A preset by its name; a ``Temperament`` is returned unchanged.
+
+    Raises:
+        ValueError: on an unknown name.
+    """
+    if isinstance(preset, Temperament):
+        return preset
+    if preset not in TEMPERAMENTS:
+        raise ValueError(f"unknown temperament {preset!r}; known are: {', '.join(TEMPERAMENTS)}")
+    return TEMPERAMENTS[preset]
+
+
+@dataclass(frozen=True)
+class VehiclePlan:
+    """Planned motion of one vehicle.
+
+    Attributes:
+        states: (T, 4) px [m], py [m], heading [rad], speed [m/s], from the start of the plan on.
+        controls: (T-1, 2) steering [rad], acceleration [m/s^2].
+        shifts: number of plan steps since it was solved.
+    """
+
+    states: np.ndarray
+    controls: np.ndarray
+    shifts: int = 0
+
+    @cached_property
+    def rest(self) -> "VehiclePlan":
+        """The plan without its first step, with a step of coasting at the end."""
+        states, controls = np.empty_like(self.states), np.zeros_like(self.controls)
+        states[:-1], controls[:-1] = self.states[1:], self.controls[1:]
+        px, py, heading, speed = self.states[-1].tolist()
+        ahead = PLAN_STEP * speed
+        states[-1] = px + ahead * cos(heading), py + ahead * sin(heading), heading, speed
+        return VehiclePlan(states, controls, self.shifts + 1)
 
 
 class PlanningVehicle(IDMVehicle):

@@ -5,7 +5,6 @@ and the bounds -1 and 1, and no player leaves before the episode ends. So SuperS
 Stable-Baselines3 accept the world as it is.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +15,7 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from olne_bench.envs.highway_v0 import HighwayWorld
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.worlds.layout import player_index
+from olne_bench.envs.worlds.layout import Infos, Start, Step, player_index
 from olne_bench.games.model.costs import StateDeviation
 from olne_bench.games.model.game import Player
 from olne_bench.games.model.lanes import Lane, LaneKeeping
@@ -89,25 +88,15 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     def action_space(self, agent: str) -> Box:
         return self._actions
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
         if self._draws is None or options:
             _, infos = self.env.reset(seed=seed, options=options)
         else:
-            infos = self._reset_to(self._draw(seed, self._draws))
+            infos = self._reset_to_one(seed, self._draws)
         self.agents = list(self.env.possible_agents)
         return self._observations(self.agents), self._infos(self.agents, infos)
 
-    def step(
-        self, actions: dict[str, np.ndarray]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
+    def step(self, actions: dict[str, np.ndarray]) -> Step:
         players, before = self.agents, self._world.crashed
         controls = {p: _controls(action) for p, action in actions.items() if p not in before}
         _, rewards, _, truncations, infos = self.env.step(controls)
@@ -123,12 +112,11 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
             self._infos(players, infos),
         )
 
-    def _draw(self, seed: int | None, draws: int) -> int:
+    def _reset_to_one(self, seed: int | None, draws: int) -> Infos:
+        """Reset to one of so many draws, each of which is solved once."""
         if seed is not None or self._choice is None:
             self._choice = np.random.default_rng(seed)
-        return int(self._choice.integers(draws))
-
-    def _reset_to(self, draw: int) -> dict[str, dict[str, Any]]:
+        draw = int(self._choice.integers(draws))
         known = {"scenario": self._drawn[draw]} if draw in self._drawn else None
         _, infos = self.env.reset(seed=draw, options=known)
         self._drawn[draw] = self._world.scenario
@@ -140,9 +128,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         assert isinstance(world, HighwayWorld)
         return world
 
-    def _infos(
-        self, players: list[str], infos: dict[str, dict[str, Any]]
-    ) -> dict[str, dict[str, Any]]:
+    def _infos(self, players: list[str], infos: Infos) -> Infos:
         crashed = self._world.crashed
         return {p: infos.get(p, {}) | {"crashed": p in crashed} for p in players}
 
@@ -173,7 +159,8 @@ def _controls(action: np.ndarray) -> np.ndarray:
 def _own(state: np.ndarray, player: Player, time_left: float) -> np.ndarray:
     """The entries of ``OWN`` before the weights, for a state (4,)."""
     target = next(f.target for f in player.preferences if isinstance(f, StateDeviation))
-    beside, direction = _lane_coordinates(state[:2], _route(player))
+    route = next(feature.route for feature in player.task if isinstance(feature, LaneKeeping))
+    beside, direction = _lane_coordinates(state[:2], route)
     to_lane = state[2] - direction
     return np.array(
         [
@@ -200,16 +187,12 @@ def _others(state: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.hstack(blocks)[order]
 
 
-def _route(player: Player) -> tuple[Lane, ...]:
-    return next(feature.route for feature in player.task if isinstance(feature, LaneKeeping))
-
-
-def _lane_coordinates(position: np.ndarray, route: Sequence[Lane]) -> tuple[float, float]:
+def _lane_coordinates(position: np.ndarray, route: tuple[Lane, ...]) -> tuple[float, float]:
     """Distance [m] of a position beside its lane of a route, and the lane's direction [rad].
 
     Its lane is the first one whose end is not passed.
     """
-    rows = _locator(tuple(route))(position).full()  # (lanes, 3): along, beside, direction
+    rows = _locator(route)(position).full()  # (lanes, 3): along, beside, direction
     lengths = np.array([lane.length for lane in route])
     ahead = np.flatnonzero(rows[:, 0] <= lengths)
     _, beside, direction = rows[ahead[0] if len(ahead) else -1]

@@ -1,4 +1,4 @@
-"""Layout of a world's flat observation vectors, so that wrappers can split them.
+"""Layout of a world's flat observation vectors, and the spaces of observations and actions.
 
 An observation has one block of d numbers per player, the observer's own first, the others in the
 order of their indices, and the time last::
@@ -8,9 +8,23 @@ order of their indices, and the time last::
 In a world without sensors a block is a state; views turn it into what a sensor reports.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
+from gymnasium.spaces import Box
+
+from olne_bench.envs.scenarios.scenario import Scenario
+
+#: What a world tells each player besides its observation.
+Infos: TypeAlias = dict[str, dict[str, Any]]
+#: Results of ``reset`` and ``step``, by player: observations, rewards, whether it has terminated,
+#: whether it is truncated, infos.
+Start: TypeAlias = tuple[dict[str, np.ndarray], Infos]
+Step: TypeAlias = tuple[
+    dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], Infos
+]
 
 
 def player_name(index: int) -> str:
@@ -65,3 +79,113 @@ class ObservationLayout:
         ordered = np.empty((self.num_players, self.state_size), observation.dtype)
         ordered[self.order(player)] = self.blocks(observation)
         return ordered
+
+
+@dataclass(frozen=True)
+class SpaceSize:
+    """The parameters of a scenario's spaces.
+
+    Attributes:
+        layout: layout of the observations.
+        control_names: names of the m components of an action.
+        control_limits: (m,) largest magnitude of each control.
+        state_limits: (n,) largest magnitude of each component of the state.
+        duration: duration of a whole episode [s].
+    """
+
+    layout: ObservationLayout
+    control_names: tuple[str, ...]
+    control_limits: tuple[float, ...]
+    state_limits: tuple[float, ...]
+    duration: float
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> "SpaceSize":
+        game, limits = scenario.game, scenario.limits
+        if limits is None:
+            raise ValueError(
+                f"scenario {scenario.name!r} has no limits, which the spaces of a world need: "
+                "give Scenario(..., limits=Limits(controls, states))"
+            )
+        return cls(
+            layout=ObservationLayout(game.dynamics.state_names, game.num_players),
+            control_names=game.dynamics.control_names,
+            control_limits=limits.controls,
+            state_limits=limits.states,
+            duration=(game.horizon - 1) * game.dt,
+        )
+
+
+class Spaces:
+    """Spaces of a world, which check the actions that it is given."""
+
+    def __init__(self, size: SpaceSize) -> None:
+        self.size = size
+        self.layout = size.layout
+        players = [player_name(i) for i in range(size.layout.num_players)]
+        high = np.append(np.tile(size.state_limits, len(players)), size.duration)
+        low = np.append(-high[:-1], 0.0)
+        self._limits = np.array(size.control_limits)
+        self.state = Box(low, high, dtype=np.float64)
+        self.observations = {player: Box(low, high, dtype=np.float64) for player in players}
+        self.actions = {
+            player: Box(-self._limits, self._limits, dtype=np.float64) for player in players
+        }
+        columns = np.arange(self.layout.size - 1).reshape(len(players), -1)
+        self.observation_order = {
+            player: np.append(columns[self.layout.order(player)], self.layout.size - 1)
+            for player in players
+        }
+
+    def of_player(self, player: str, spaces: Mapping[str, Box]) -> Box:
+        """A player's space in one of the dictionaries of spaces.
+
+        Raises:
+            ValueError: on an unknown player.
+        """
+        if player not in spaces:
+            raise ValueError(f"unknown player {player!r}; players are: {', '.join(spaces)}")
+        return spaces[player]
+
+    def controls(self, actions: dict[str, np.ndarray], players: list[str]) -> np.ndarray:
+        """Actions as controls (N, m), zero for players that have left the episode.
+
+        Args:
+            actions: actions (m,) by player.
+            players: players that must act.
+
+        Raises:
+            ValueError: with a message that names the player, the value and the allowed range.
+        """
+        missing = [player for player in players if player not in actions]
+        unknown = [str(player) for player in actions if player not in players]
+        faults = [
+            f"{fault} {', '.join(names)}"
+            for fault, names in (("no action for", missing), ("unknown player", unknown))
+            if names
+        ]
+        if faults:
+            raise ValueError(f"{'; '.join(faults)}; players are: {', '.join(players)}")
+        controls = np.zeros((len(self.actions), len(self._limits)))
+        for row, player in zip(controls, self.actions, strict=True):
+            if player in actions:
+                row[:] = self._numbers(player, actions[player])
+        outside = np.argwhere(~(np.abs(controls) <= self._limits))  # so is NaN
+        for i, k in outside[:1]:
+            limit = self._limits[k]
+            raise ValueError(
+                f"{self.size.control_names[k]} of {player_name(i)} is {controls[i, k]}, "
+                f"must be within [{-limit}, {limit}]"
+            )
+        return controls
+
+    def _numbers(self, player: str, action: np.ndarray) -> np.ndarray:
+        names = ", ".join(self.size.control_names)
+        expected = f"expected {len(self._limits)} numbers ({names})"
+        try:
+            numbers = np.asarray(action, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"action of {player} is {action!r}, {expected}") from error
+        if numbers.shape != self._limits.shape:
+            raise ValueError(f"action of {player} has the shape {numbers.shape}, {expected}")
+        return numbers

@@ -17,7 +17,7 @@ used; those below a sensor must keep the shape of the observations::
 
 import zlib
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -26,7 +26,7 @@ from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from olne_bench.envs.worlds.layout import ObservationLayout, player_index
+from olne_bench.envs.worlds.layout import ObservationLayout, Start, Step, player_index
 from olne_bench.games.compiled.buffered import BufferedFunction
 from olne_bench.games.model.observation import (
     ComponentView,
@@ -87,12 +87,48 @@ class BoxWithGaps(Box):
         return super().contains(x)
 
 
-class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
+class _Observing(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
+    """A wrapper that changes observations; spaces are the same objects while those below are."""
+
+    def __init__(self, env: World) -> None:
+        super().__init__(env)
+        self._known_spaces: dict[Any, tuple[Box, Box]] = {}
+
+    def observation_space(self, agent: str) -> Box:
+        return self._known(agent, self.env.observation_space(agent), self._space)
+
+    def _known(self, key: Any, below: Box, make: Callable[[Box], Box]) -> Box:
+        known = self._known_spaces.get(key)
+        if known is None or known[0] is not below:
+            known = self._known_spaces[key] = (below, make(below))
+        return known[1]
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
+        observations, infos = self.env.reset(seed=seed, options=options)
+        self._check_layout()
+        return self._observe_all(observations), infos
+
+    def step(self, actions: dict[str, np.ndarray]) -> Step:
+        observations, *rest = self.env.step(actions)
+        return self._observe_all(observations), *rest
+
+    def _check_layout(self) -> None:
+        """Find the layout below, which a reset may change."""
+
+    @abstractmethod
+    def _space(self, below: Box) -> Box:
+        """The space above from the space below."""
+
+    @abstractmethod
+    def _observe_all(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The observations above from those below."""
+
+
+class _Sensor(_Observing):
     """A wrapper that changes the blocks of observations and keeps the time at their end."""
 
     def __init__(self, env: World) -> None:
         super().__init__(env)
-        self._known_spaces: dict[str, tuple[Box, Box]] = {}
         self._known_layout: ObservationLayout | None = None
         self._check_layout()
         for player in env.possible_agents:  # a sensor that does not fit fails at once
@@ -102,32 +138,6 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     def observation_layout(self) -> ObservationLayout:
         """Layout of the observations above this wrapper."""
         return self._layout_below
-
-    def observation_space(self, agent: str) -> Box:
-        below = self.env.observation_space(agent)
-        known = self._known_spaces.get(agent)
-        if known is None or known[0] is not below:
-            known = self._known_spaces[agent] = (below, self._space(below))
-        return known[1]
-
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
-        observations, infos = self.env.reset(seed=seed, options=options)
-        self._check_layout()
-        return self._observe_all(observations), infos
-
-    def step(
-        self, actions: dict[str, np.ndarray]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
-        observations, *rest = self.env.step(actions)
-        return self._observe_all(observations), *rest
 
     def _prepare(self) -> None:
         """Prepare for a new layout below."""
@@ -161,7 +171,6 @@ class _Sensor(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         }
 
     def _check_layout(self) -> None:
-        """Find the layout below, which a reset may change."""
         layout = _layout_of(self.env)
         if layout != self._known_layout:
             self._layout_below = layout
@@ -225,10 +234,8 @@ class PartialObservation(ObservationView):
         ValueError: if no component is named, or one that the observations below do not have.
     """
 
-    def __init__(self, env: World, features: Sequence[str]) -> None:
-        if isinstance(features, str) or not features:
-            raise ValueError(f"features must be a list of component names, got {features!r}")
-        super().__init__(env, ComponentView("+".join(features), tuple(features)))
+    def __init__(self, env: World, features: tuple[str, ...]) -> None:
+        super().__init__(env, ComponentView("+".join(map(str, features)), features))
 
 
 class RangeBearing(ObservationView):
@@ -246,8 +253,7 @@ class RangeBearing(ObservationView):
     def __init__(
         self, env: World, position: tuple[float, float] = (0.0, 0.0), facing: float = 0.0
     ) -> None:
-        px, py = position
-        super().__init__(env, RangeBearingView((float(px), float(py)), float(facing)))
+        super().__init__(env, RangeBearingView(position, facing))
 
 
 class _RandomSensor(_Sensor):
@@ -262,9 +268,7 @@ class _RandomSensor(_Sensor):
         self._depth = sum(getattr(type(below), "key", None) == self.key for below in _chain(env))
         self._seed_streams(int(np.random.SeedSequence().generate_state(1)[0]))
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Start:
         if seed is not None:
             self._seed_streams(seed)
         return super().reset(seed=seed, options=options)
@@ -400,7 +404,7 @@ class DropSamples(Gaps):
         super().__init__(env, Drops(p))
 
 
-class Float32(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
+class Float32(_Observing):
     """Observation and action spaces in single precision, as learners use it.
 
     Actions reach the world unchanged: an ``olne_action``, which is float64, keeps its digits.
@@ -409,49 +413,24 @@ class Float32(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         env: the world.
     """
 
-    def __init__(self, env: World) -> None:
-        super().__init__(env)
-        self._known_spaces: dict[tuple[str, str], tuple[Box, Box]] = {}
-
-    def observation_space(self, agent: str) -> Box:
-        return self._known("observation", agent, self.env.observation_space(agent))
-
     def action_space(self, agent: str) -> Box:
-        return self._known("action", agent, self.env.action_space(agent))
+        return self._known(("action", agent), self.env.action_space(agent), self._inside)
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
-        observations, infos = self.env.reset(seed=seed, options=options)
-        return _single(observations), infos
+    def _space(self, below: Box) -> Box:
+        low, high = below.low.astype(np.float32), below.high.astype(np.float32)
+        return type(below)(low, high, dtype=np.float32)
 
-    def step(
-        self, actions: dict[str, np.ndarray]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
-        observations, *rest = self.env.step(actions)
-        return _single(observations), *rest
+    def _inside(self, below: Box) -> Box:
+        """The space in single precision, none of whose bounds is rounded outwards."""
+        near = self._space(below)
+        low = np.where(near.low < below.low, np.nextafter(near.low, np.float32(np.inf)), near.low)
+        high = np.where(
+            near.high > below.high, np.nextafter(near.high, np.float32(-np.inf)), near.high
+        )
+        return type(below)(low, high, dtype=np.float32)
 
-    def _known(self, kind: str, agent: str, below: Box) -> Box:
-        known = self._known_spaces.get((kind, agent))
-        if known is None or known[0] is not below:
-            low, high = below.low.astype(np.float32), below.high.astype(np.float32)
-            if kind == "action":
-                # The nearest single may lie outside the world's bounds; take the next one inside.
-                low = np.where(low < below.low, np.nextafter(low, np.float32(np.inf)), low)
-                high = np.where(high > below.high, np.nextafter(high, np.float32(-np.inf)), high)
-            known = (below, type(below)(low, high, dtype=np.float32))
-            self._known_spaces[kind, agent] = known
-        return known[1]
-
-
-def _single(observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {player: below.astype(np.float32) for player, below in observations.items()}
+    def _observe_all(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {player: below.astype(np.float32) for player, below in observations.items()}
 
 
 def _chain(env: Any) -> Iterator[Any]:

@@ -12,14 +12,19 @@ depend on later ones.
 """
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.charts import (
+    by_log_ratios,
+    flat_covariance,
+    from_log_ratios,
+    log_ratios_of,
+)
 from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
@@ -32,16 +37,11 @@ from olne_bench.estimators.shared.forward_model import (
     theta_of,
     uniform_weights,
 )
-from olne_bench.estimators.shared.simplex import (
-    by_log_ratios,
-    flat_covariance,
-    from_log_ratios,
-    log_ratios_of,
-)
 from olne_bench.estimators.shared.white_noise import assumed_sigma
 from olne_bench.games.compiled.complementarity import RELAXATION
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.game import Game
+from olne_bench.games.solve.batch import Batch
 from olne_bench.games.solve.newton import pack
 
 #: Weights of the first game are at least this share of uniform ones, so that phi is finite.
@@ -208,7 +208,8 @@ class FollowedGames:
         self.problem, self.start = problem, start
         sigma = assumed_sigma(problem)
         self._tolerance = _TOLERANCE * sigma
-        self._relaxation = max(RELAXATION, _RELAXED * sigma * _cost_of(game, start))
+        solver = elimination(game)
+        self._solver = solver.relaxed(max(RELAXATION, _RELAXED * sigma * _cost_of(game, start)))
 
     def point(self, game: SolvedGame) -> np.ndarray:
         """The point (n,) of a game, at weights that are no nearer to their floor than 1e-6."""
@@ -279,10 +280,7 @@ class FollowedGames:
         if time.monotonic() > self._deadline:
             raise LateError("time limit reached")
         theta, initial_states = self._theta(points), self._initial_states(points)
-        with self._relaxed():
-            batch = play_batch(
-                self.problem, self.start, theta, initial_states, tolerance=self._tolerance
-            )
+        batch = self._play(theta, initial_states, self._tolerance)
         if batch.converged[0]:
             self.start = game_of_batch(self.problem, batch, 0, theta[0])
         samples = expected_samples(self.problem, batch.states)
@@ -299,8 +297,7 @@ class FollowedGames:
             samples = self.expected(point[None])[0]
             if not np.isfinite(samples).all():
                 return None
-            with self._relaxed():
-                by_theta = sample_sensitivity(self.problem, self.start)
+            by_theta = sample_sensitivity(self.problem, self.start, self._solver)
         except ValueError:  # the equilibrium is not a function of the point
             return None
         return samples, self._by_point(by_theta, point).reshape(*samples.shape, -1)
@@ -324,20 +321,22 @@ class FollowedGames:
             LostError: if it has no equilibrium.
         """
         theta = self._theta(point[None])
-        with self._relaxed():
-            batch = play_batch(self.problem, self.start, theta, self._initial_states(point[None]))
+        batch = self._play(theta, self._initial_states(point[None]))
         if not batch.converged[0]:
             raise LostError("no equilibrium at the filter's last mean")
         return game_of_batch(self.problem, batch, 0, theta[0])
 
-    @contextmanager
-    def _relaxed(self) -> Iterator[None]:
-        solver = elimination(self.problem.game)
-        before, solver.relaxation = solver.relaxation, self._relaxation
-        try:
-            yield
-        finally:
-            solver.relaxation = before
+    def _play(
+        self, theta: np.ndarray, initial_states: np.ndarray, tolerance: float = 1e-10
+    ) -> Batch:
+        return play_batch(
+            self.problem,
+            self.start,
+            theta,
+            initial_states,
+            tolerance=tolerance,
+            solver=self._solver,
+        )
 
     def _initial_states(self, points: np.ndarray) -> np.ndarray:
         states = points[:, self.num_theta :]

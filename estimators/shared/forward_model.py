@@ -8,7 +8,7 @@ problem (``kkt_constrained``) with weights tied to uniform, because its initial 
 well. Roots from an initial state read off noisy observations often have another topology.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,6 @@ from olne_bench.estimators.shared.trajectory_fit import (
     guess_states,
     warm_up_fit,
 )
-from olne_bench.estimators.shared.white_noise import assumed_sigma
 from olne_bench.estimators.shared.window_starts import (
     followed,
     free_drive,
@@ -32,19 +31,12 @@ from olne_bench.estimators.shared.window_starts import (
     tied_settings,
     window_points,
 )
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import observe
 from olne_bench.games.solve.batch import Batch, solve_batch
 from olne_bench.games.solve.continuation import follow_coupling
-from olne_bench.games.solve.information import (
-    in_theta,
-    joint_weight_covariance,
-    observation_sensitivity,
-    of_seen,
-    unobserved_unknowns,
-)
+from olne_bench.games.solve.information import observation_sensitivity
 from olne_bench.games.solve.kkt import consistent_costates
 from olne_bench.games.solve.newton import Root, newton_root
 from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE
@@ -99,11 +91,6 @@ class SolvedGame:
 def theta_of(weights: np.ndarray, parameters: np.ndarray | None) -> np.ndarray:
     """(..., N, K + U) of weights (..., N, K) and standardised parameters (..., N, U)."""
     return weights if parameters is None else np.concatenate([weights, parameters], axis=-1)
-
-
-def without_constraints(problem: Problem) -> Problem:
-    """The problem of somebody who does not know the constraints."""
-    return replace(problem, game=replace(problem.game, constraints=()))
 
 
 def warm_up_games(problem: Problem) -> None:
@@ -322,6 +309,7 @@ def play_batch(
     initial_states: np.ndarray,
     *,
     tolerance: float = 1e-10,
+    solver: Elimination | None = None,
 ) -> Batch:
     """Solve the game at many theta and initial states, from a known root.
 
@@ -331,6 +319,7 @@ def play_batch(
         theta: (B, N, K + U).
         initial_states: (B, N, n).
         tolerance: as of ``games.solve.batch.solve_batch``.
+        solver: as of ``games.solve.batch.solve_batch``.
     """
     return solve_batch(
         problem.game,
@@ -339,6 +328,7 @@ def play_batch(
         start.theta,
         initial_states=initial_states,
         tolerance=tolerance,
+        solver=solver,
     )
 
 
@@ -388,66 +378,3 @@ def sample_sensitivity(
         noise_scale=problem.noise_scale,
         solver=solver,
     )
-
-
-@dataclass(frozen=True)
-class Certainty:
-    """How well the observations tell the maximum-likelihood theta.
-
-    Attributes:
-        covariance: (N*(K+U), N*(K+U)) of theta: inverse Fisher information. None if theta is not
-            identifiable or sigma is 0.
-        unobserved: one line that names the unknowns about which nothing was seen; empty if there
-            are none. Their variance is that of the prior.
-    """
-
-    covariance: np.ndarray | None
-    unobserved: str = ""
-
-    def message(self, said: str) -> str:
-        """What there is to say, besides what is said already."""
-        return "; ".join(filter(None, [said, self.unobserved]))
-
-
-def likelihood_certainty(
-    problem: Problem,
-    observations: Sequence[Observation],
-    games: Sequence[SolvedGame],
-    solver: Elimination | None = None,
-    *,
-    prior: bool = False,
-) -> Certainty:
-    """The inverse Fisher information at the estimate, as if no weight were at its floor.
-
-    Args:
-        problem: gives game, view and noise.
-        observations: one for each trajectory.
-        games: the estimated game of each.
-        solver: the game's elimination; built if None.
-        prior: whether the information of the unknowns' priors is added.
-    """
-    asked = problem.game
-    if problem.sigma == 0 and not asked.parameters.count:
-        return Certainty(None)
-    try:
-        sensitivities = [
-            of_seen(sample_sensitivity(problem, game, solver), one.y)
-            for one, game in zip(observations, games, strict=True)
-        ]
-    except ValueError:
-        return Certainty(None)
-    unobserved = unobserved_unknowns(asked, sensitivities, sigma=assumed_sigma(problem))
-    named = ", ".join(asked.describe_unknown(i, k) for i, k in np.argwhere(unobserved))
-    message = f"nothing that was seen depends on {named}" if named else ""
-    if problem.sigma == 0:
-        return Certainty(None, message)
-    if prior:
-        covariance = joint_weight_covariance(asked, sensitivities, prior_scale=problem.sigma)
-    else:
-        covariance = joint_weight_covariance(asked, sensitivities, unobserved=unobserved)
-    if covariance is None:
-        return Certainty(None, message)
-    covariance = problem.sigma**2 * covariance
-    if not prior:
-        covariance += np.diag(in_theta(asked, unobserved).astype(float))
-    return Certainty(covariance, message)

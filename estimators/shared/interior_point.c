@@ -25,6 +25,9 @@ typedef struct {
     const double *lower, *upper, *centre, *pull, *barrier;
 } Prior;
 
+/* Of the structs that estimators/shared/interior_point.py mirrors */
+API int interior_point_sizes(int which) { return which ? sizeof(Prior) : sizeof(Options); }
+
 static const double KNOWN_CHANGE = 1e-4, KNOWN_WEIGHTS = 1e-3; /* of the objective, relative, and
                                                                  of any weight */
 

@@ -20,8 +20,7 @@ full system has the inertia of a minimum. The sums of weights hold at the start 
 weights move on the tangent. If the line search fails, restoration is Newton's method on G = 0 at
 fixed w.
 
-``interior_point.c`` implements all of it; this module checks the arguments. Without a compiler,
-IPOPT is used instead (``joint_ipopt``).
+``interior_point.c`` implements all of it; this module checks the arguments.
 """
 
 import ctypes
@@ -33,26 +32,17 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from olne_bench.estimators.shared.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.shared.joint_problem import (
     JointPoint,
     JointSettings,
     JointSolution,
     Status,
 )
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import (
-    NativeElimination,
-    Work,
-    dense,
-    elimination,
-    vector_pointer,
-)
-from olne_bench.games.model.constraints import refuse_constraints
+from olne_bench.games.compiled.bindings import Work, check_size, dense, vector_pointer
+from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import View
 from olne_bench.games.model.simplex import sum_free
-from olne_bench.games.model.unknowns import refuse_unknowns
 from olne_bench.games.solve.newton import pack, unpack
 
 _NATIVE_SOURCE = files("olne_bench.estimators.shared").joinpath("interior_point.c").read_text()
@@ -98,7 +88,7 @@ def solve_joint(
             parameters within their ranges.
         settings: the problem's numbers, and limits.
         known: optima already found. A run that comes close to one stops and counts as not
-            converged, as it finds nothing new. IPOPT ignores them.
+            converged, as it finds nothing new.
 
     Raises:
         ValueError: if no weights satisfy the floor, or an array has the wrong shape.
@@ -106,10 +96,6 @@ def solve_joint(
     settings = settings or JointSettings()
     settings.check_floor(game.num_weights)
     solver = joint_elimination(game, view)
-    if not isinstance(solver, NativeElimination):
-        refuse_constraints(game.constraints, "IPOPT, which replaces native code,")
-        refuse_unknowns(game.parameters, "IPOPT, which replaces native code,")
-        return solve_joint_ipopt(game, view, [y], [start], settings)
     scale = np.ones(1)
     if len(settings.noise_scale):
         scale = np.tile(settings.noise_scale, game.num_players)
@@ -129,13 +115,13 @@ def solve_joint(
 
 
 def joint_elimination(game: Game, view: View) -> Elimination:
-    """Build (or fetch) the elimination of ``solve_joint``: a ``NativeElimination`` if possible."""
+    """Build (or fetch) the elimination of ``solve_joint``."""
     return elimination(game, view, _NATIVE_SOURCE)
 
 
 def _run(
     game: Game,
-    solver: NativeElimination,
+    solver: Elimination,
     settings: JointSettings,
     known: Sequence[JointSolution],
     z: np.ndarray,
@@ -200,6 +186,9 @@ def _declare(library: ctypes.CDLL) -> tuple[Any, Any]:
     """The functions of ``interior_point.c``, with the types of their arguments."""
     run, space_needed = library.interior_point, library.interior_point_space
     if not run.argtypes:
+        sizes = {"Options": _Options, "Prior": _Prior}
+        for k, (name, mirror) in enumerate(sizes.items()):
+            check_size(library.interior_point_sizes(k), ctypes.sizeof(mirror), name)
         run.argtypes = [
             *(ctypes.POINTER(Work), ctypes.POINTER(_Options), ctypes.POINTER(_Prior)),
             *(vector_pointer(2), vector_pointer(1), vector_pointer(2)),

@@ -4,8 +4,7 @@
     s.t.  G(z_k; theta) = 0 for every k,  sum theta^i = 1,  theta^i >= floor
 
 with one theta for all (Peters et al. 2021: the method "applies coherently"), and an initial state
-for each trajectory. For one trajectory it is the reference for the fast solver, and replaces it if
-there is no compiler.
+for each trajectory. For one trajectory it is the reference for the fast solver.
 """
 
 from collections.abc import Sequence

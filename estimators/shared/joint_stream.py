@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from olne_bench.estimators.protocol import Estimate, Problem
+from olne_bench.estimators.shared.incoming_samples import Past, Samples
 from olne_bench.estimators.shared.interior_point import solve_joint
 from olne_bench.estimators.shared.joint_problem import (
     JointPoint,
@@ -28,7 +29,6 @@ from olne_bench.estimators.shared.joint_problem import (
     inside,
 )
 from olne_bench.estimators.shared.joint_starts import largest_explicable
-from olne_bench.estimators.shared.stream import Past, Samples
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.estimators.shared.window_starts import seen_then_free
 from olne_bench.games.model.dynamics import rollout

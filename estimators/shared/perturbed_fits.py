@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from olne_bench.estimators.shared.residual_density import Density, Places
+from olne_bench.estimators.shared.posterior_density import Density, Places
 
 #: Steps of Newton's method, the largest error of (P1) at its end, and the longest step, in widths
 #: of the peak times the root of the number of dimensions.

@@ -17,9 +17,9 @@ from scipy.optimize import brentq
 from scipy.special import chdtri
 
 from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.shared.charts import RatioChart
 from olne_bench.estimators.shared.forward_model import SolvedGame
-from olne_bench.estimators.shared.profile_likelihood import least_error_in
-from olne_bench.estimators.shared.simplex import RatioChart
+from olne_bench.estimators.shared.outer_fit import least_error_in
 from olne_bench.games.solve.root_following import follow_root
 
 #: Ends are found to this share of their distance from the estimate.

@@ -26,10 +26,13 @@ from olne_bench.estimators.shared.joint_problem import JointPoint, JointSettings
 from olne_bench.estimators.shared.trajectory_fit import guess_controls, guess_states, smoothed
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
-from olne_bench.games.solve.best_response import best_responses
+from olne_bench.games.solve.best_response import (
+    LEAST,
+    best_responses,
+    grown_plans,
+    iterated_best_response,
+)
 from olne_bench.games.solve.continuation import coupled_features
-from olne_bench.games.solve.free_drive import LEAST, grown_plans
-from olne_bench.games.solve.iterated_response import iterated_best_response
 from olne_bench.games.solve.newton import newton_root
 
 #: An observation is a window if some player is not seen after this share of the horizon.

@@ -1,9 +1,8 @@
 """Compiles C source to libraries and keeps them in a folder that only their owner can write to.
 
 A library's file name holds two digests: one of source, flags and compiler, and one of its bytes. A
-library that does not match its name, belongs to another user or is writable by others is not
-loaded but compiled again. The least recently used libraries are deleted when all of them take more
-than ``SIZE_LIMIT``.
+library that does not match its name or cannot be trusted (``olne_bench.kept_files``) is not loaded
+but compiled again.
 
 Code is compiled for one of two kinds of processor, not for the present one (no ``-march=native``):
 for x86-64 with AVX2 and FMA, which almost all have since 2013, and else for the generic
@@ -12,26 +11,28 @@ and ``backend`` names the kind. The compiler may reorder sums (``-fassociative-m
 is then part of the machine code. Functions of the C library such as ``sin`` may still differ in the
 last digits between processor families, as in NumPy.
 
-Environment: ``CC`` names the compiler (default ``cc``), ``OLNE_BENCH_CFLAGS`` further flags,
-``OLNE_BENCH_CACHE`` the folder (default ``$XDG_CACHE_HOME/olne-bench``, then
-``~/.cache/olne-bench``); ``OLNE_BENCH_NATIVE=0`` switches native code off.
+Environment: ``CC`` names the compiler, ``OLNE_BENCH_CFLAGS`` further flags, ``OLNE_BENCH_CACHE``
+the folder (default ``$XDG_CACHE_HOME/olne-bench``, then ``~/.cache/olne-bench``). Without ``CC``
+the compiler is ``cc``; where there is none, the clang of the package ``ziglang`` (extra
+``compiler``).
 """
 
 import ctypes
 import hashlib
+import importlib.util
 import os
 import re
 import shlex
 import shutil
-import stat
 import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+
+from olne_bench.errors import UserError
+from olne_bench.kept_files import kept_folder, remove_oldest, warn, why_foreign
 
 #: Largest total size of the libraries [bytes].
 SIZE_LIMIT = 500_000_000
@@ -56,79 +57,81 @@ __attribute__((visibility("default"))) int has_wide_vectors(void)
 _LONGEST_COMPILATION = 300.0  # [s]
 _SCRATCH = "compiling-"
 _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as abandoned
-_ANNOUNCED = "OLNE_BENCH_FALLBACK_ANNOUNCED"
 #: Environment variable with folders of libraries that a process may read but not write.
 _SHARED = "OLNE_BENCH_SHARED_CACHE"
-_WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
-
-
-class NoCompilerError(Exception):
-    """Native code is not available; the message gives the reason in one line."""
 
 
 def backend() -> str:
-    """Name of the backend: the compiler of native code, or ``numpy`` without a compiler.
+    """What solves games here: ``native: `` and the compiler, its target and further flags.
 
-    Between two backends results may differ in the last digits, and in outcome on hard problems;
+    Between two compilers results may differ in the last digits, and in outcome on hard problems;
     rows of one backend are comparable. The probe is compiled, kept and loaded like all other code.
+
+    Raises:
+        UserError: as ``load`` does.
     """
-    if load(_PROBE) is None:
-        return "numpy"
-    compiler = _compiler()
-    names = [*_identity(compiler), *_processor_flags(compiler), *_further_flags()]
+    load(_PROBE)
+    command = _compiler()
+    names = [*_identity(command), *_processor_flags(command), *_further_flags()]
     return f"native: {', '.join(filter(None, names))}"
 
 
 @lru_cache(maxsize=64)
-def load(source: str) -> ctypes.CDLL | None:
-    """The library of a source, compiled or kept; None, with a line on stderr, if that fails."""
+def load(source: str) -> ctypes.CDLL:
+    """The library of a source, compiled or kept.
+
+    Raises:
+        UserError: if there is no compiler, or it fails; one line.
+    """
+    command = _compiler()
     try:
-        if os.environ.get("OLNE_BENCH_NATIVE", "1") == "0":
-            raise NoCompilerError("OLNE_BENCH_NATIVE=0 switches native code off")
-        compiler = _compiler()
-        return _load(compiler, source, _processor_flags(compiler))
-    except (NoCompilerError, OSError) as error:
-        _announce(str(error))
-        return None
+        return _load(command, source, _processor_flags(command))
+    except OSError as error:
+        raise UserError(f"games cannot be compiled: {error}") from error
 
 
-def _announce(reason: str) -> None:
-    """Warn once, child processes included, that NumPy and IPOPT are used instead."""
-    if not os.environ.get(_ANNOUNCED):
-        os.environ[_ANNOUNCED] = "1"
-        _warn(f"native code is off; the slower NumPy and IPOPT solvers are used instead: {reason}")
+def _compiler() -> tuple[str, ...]:
+    """The command of the compiler.
 
-
-def _warn(line: str) -> None:
-    print(f"olne-bench: {line}", file=sys.stderr, flush=True)
-
-
-def _compiler() -> str:
-    name = os.environ.get("CC", "cc")
-    path = shutil.which(name)
-    if path is None:
-        raise NoCompilerError(f"no C compiler {name!r} found; CC names another")
-    return path
+    Raises:
+        UserError: if there is none; one line that says what to install.
+    """
+    chosen = os.environ.get("CC")
+    if path := shutil.which(chosen or "cc"):
+        return (path,)
+    package = importlib.util.find_spec("ziglang")
+    if chosen or package is None or package.origin is None:
+        raise UserError(
+            f"no C compiler {chosen or 'cc'!r} found, which compiles the games: install one, name "
+            "another by CC, or pip install 'olne-bench[compiler]'"
+        )
+    # Not for the present processor, which is what it would compile for.
+    return str(Path(package.origin).with_name("zig")), "cc", "-mcpu=baseline"
 
 
 @lru_cache(maxsize=4)
-def _identity(compiler: str) -> tuple[str, str]:
+def _identity(command: tuple[str, ...]) -> tuple[str, str]:
     """Version and target of a compiler, such as ``gcc (Debian 12.2.0) 12.2.0``, ``x86_64-...``."""
-    version = _run([compiler, "--version"]).splitlines() or [""]
+    version = _run([*command, "--version"]).splitlines() or [""]
     # Compilers with several names report the one by which they were called.
-    return re.sub(r"^\S+ \(", "gcc (", version[0]), _run([compiler, "-dumpmachine"]).strip()
+    return re.sub(r"^\S+ \(", "gcc (", version[0]), _run([*command, "-dumpmachine"]).strip()
 
 
-def _run(command: list[str]) -> str:
+def _run(command: list[str], **environment: str) -> str:
     try:
         return subprocess.run(
-            command, check=True, capture_output=True, text=True, timeout=_LONGEST_COMPILATION
+            command,
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST_COMPILATION,
+            env=os.environ | environment,
         ).stdout
     except subprocess.CalledProcessError as error:
         reason = (error.stderr.strip() or f"exit code {error.returncode}").splitlines()[0]
-        raise NoCompilerError(f"{command[0]} failed: {reason}") from error
+        raise UserError(f"games cannot be compiled: {command[0]} failed: {reason}") from error
     except subprocess.TimeoutExpired as error:
-        raise NoCompilerError(f"{command[0]} took over {error.timeout:g} s") from error
+        raise UserError(f"{command[0]} took over {error.timeout:g} s to compile") from error
 
 
 def _further_flags() -> list[str]:
@@ -136,31 +139,33 @@ def _further_flags() -> list[str]:
 
 
 @lru_cache(maxsize=4)
-def _processor_flags(compiler: str) -> tuple[str, ...]:
+def _processor_flags(command: tuple[str, ...]) -> tuple[str, ...]:
     """Flags of the kind of processor that this is."""
-    return _WIDE_FLAGS if _load(compiler, _PROBE).has_wide_vectors() else ()
+    return _WIDE_FLAGS if _load(command, _PROBE).has_wide_vectors() else ()
 
 
-def _load(compiler: str, source: str, processor: tuple[str, ...] = ()) -> ctypes.CDLL:
+def _load(command: tuple[str, ...], source: str, processor: tuple[str, ...] = ()) -> ctypes.CDLL:
     flags = [*_FLAGS, *processor, *_further_flags()]
-    key = hashlib.sha256("\n".join([source, *flags, *_identity(compiler)]).encode()).hexdigest()
+    key = hashlib.sha256("\n".join([source, *flags, *_identity(command)]).encode()).hexdigest()
     if shared := _shared(key):
         return ctypes.CDLL(str(shared))
     folder = _folder()
     try:
         return ctypes.CDLL(
-            str(_kept(folder, key) or _compile(compiler, flags, source, folder, key))
+            str(_kept(folder, key) or _compile([*command, *flags], source, folder, key))
         )
     except OSError:  # another process may have removed it just now
-        return ctypes.CDLL(str(_compile(compiler, flags, source, folder, key)))
+        return ctypes.CDLL(str(_compile([*command, *flags], source, folder, key)))
 
 
-def _compile(compiler: str, flags: list[str], source: str, folder: Path, key: str) -> Path:
+def _compile(command: list[str], source: str, folder: Path, key: str) -> Path:
     # Compiled in a scratch folder and moved in one step, so that processes may race.
     with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder) as scratch:
         code, library = Path(scratch, "source.c"), Path(scratch, "library.so")
         code.write_text(source)
-        _run([compiler, *flags, str(code), "-o", str(library), "-lm"])
+        # Zig keeps what it has made of the C library; its own folder may be out of reach.
+        kept = {"ZIG_LOCAL_CACHE_DIR": scratch, "ZIG_GLOBAL_CACHE_DIR": str(folder / "zig")}
+        _run([*command, str(code), "-o", str(library), "-lm"], **kept)
         library.chmod(0o700)
         path = folder / _name(key, library)
         library.replace(path)
@@ -211,61 +216,13 @@ def _kept(folder: Path, key: str) -> Path | None:
             continue
         except OSError as error:
             wrong = f"unreadable ({error.strerror})"
-        _warn(f"{path} is {wrong}: compiled anew")
+        warn(f"{path} is {wrong}: compiled anew")
         path.unlink(missing_ok=True)
-    return None
-
-
-def why_foreign(path: Path) -> str:
-    """Why a file or folder cannot be trusted; empty if it can.
-
-    Raises:
-        OSError: if it does not exist or cannot be inspected.
-    """
-    found = path.lstat()
-    if stat.S_ISLNK(found.st_mode):
-        return "a link"
-    if found.st_uid != os.getuid():
-        return "owned by another user"
-    if found.st_mode & _WRITABLE_BY_OTHERS:
-        return "writable by others"
-    return ""
-
-
-def kept_folder() -> Path | None:
-    """The first usable folder, created if it is missing; None if none is usable."""
-    for folder in _folders():
-        try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            wrong = why_foreign(folder.resolve())
-            if not wrong and not os.access(folder, os.W_OK | os.X_OK):
-                wrong = "not writable"
-        except OSError as error:
-            wrong = error.strerror or str(error)
-        if not wrong:
-            return folder
-        _refuse(folder, wrong)
     return None
 
 
 def _folder() -> Path:
     return kept_folder() or Path(_scratch_folder().name)
-
-
-@lru_cache(maxsize=8)
-def _refuse(folder: Path, wrong: str) -> None:
-    _warn(f"the cache folder {folder} is not used: {wrong}")
-
-
-def _folders() -> Iterator[Path]:
-    if chosen := os.environ.get("OLNE_BENCH_CACHE"):
-        yield Path(chosen)
-    if home := os.environ.get("XDG_CACHE_HOME"):
-        yield Path(home, "olne-bench")
-    try:
-        yield Path.home() / ".cache" / "olne-bench"
-    except RuntimeError:  # a user without a home
-        return
 
 
 @lru_cache(maxsize=1)
@@ -277,21 +234,10 @@ def _scratch_folder() -> "tempfile.TemporaryDirectory[str]":
 def _tidy(folder: Path, keep: Path) -> None:
     """Remove the least recently used libraries beyond the limit, and abandoned scratch folders.
 
-    Other processes may do the same at the same time. A process whose library is removed before it
-    has loaded it compiles it again.
+    A process whose library is removed before it has loaded it compiles it again.
     """
-    libraries = []
-    for path in folder.iterdir():
-        try:
-            found = path.stat()
-        except FileNotFoundError:
-            continue
-        if path.suffix == ".so":
-            libraries.append((found.st_mtime, found.st_size, path))
-        elif path.name.startswith(_SCRATCH) and time.time() - found.st_mtime > _ABANDONED:
-            shutil.rmtree(path, ignore_errors=True)
-    total = sum(size for _, size, _ in libraries)
-    for _, size, path in sorted(libraries):
-        if total > SIZE_LIMIT and path != keep:
-            path.unlink(missing_ok=True)
-            total -= size
+    for path in folder.glob(f"{_SCRATCH}*"):
+        with suppress(FileNotFoundError):  # another process does the same
+            if time.time() - path.stat().st_mtime > _ABANDONED:
+                shutil.rmtree(path, ignore_errors=True)
+    remove_oldest(folder.glob("*.so"), SIZE_LIMIT, keep)

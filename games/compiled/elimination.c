@@ -1,12 +1,11 @@
 /* Block elimination along time for the first-order conditions of an open-loop game.
  *
- * games/compiled/native.py compiles this file once per structure of game. Before it, it writes the sizes of
- * one player (STATES n, CONTROLS m, WEIGHTS K, SAMPLES d, NUMBERS P), PLAYERS N, the constants
- * SMALLEST_STEP and ENOUGH and the functions of games/compiled/stage_functions.py; into it, the nonzero patterns, the
- * kinds of terms and the terms of a stage, each a function of one player or of a pair. The numbers
- * of a game (goals, targets, lanes, dt) are run-time data. games/compiled/elimination.py is the same
- * algorithm in NumPy and explains it; the equation labels (E1) to (E8) are defined there. The
- * caller checks all sizes.
+ * This file is compiled once per structure of game. Before it, games/compiled/source.py writes the
+ * sizes of one player (STATES n, CONTROLS m, WEIGHTS K, SAMPLES d, NUMBERS P), PLAYERS N and the
+ * functions of games/compiled/stage_functions.py; into it, the nonzero patterns, the kinds of terms
+ * and the terms of a stage, each a function of one player or of a pair. The numbers of a game
+ * (goals, targets, lanes, dt) are run-time data. games/compiled/elimination.py explains the
+ * algorithm; the equation labels (E1) to (E8) are defined there. It checks all sizes.
  *
  * A trajectory is an array (T, SZ) of rows z_t = (x_t, u_t, lambda_t); residuals have rows
  * (rx_t, ru_t, rf_t) and multipliers rows (p_t, q_t, r_t). Matrices are row-major. */
@@ -26,12 +25,17 @@
 #define WIDTH (PC > OFF_L ? PC : OFF_L)
 #define API __attribute__((visibility("default")))
 
+#define SMALLEST_STEP 0.000244140625 /* that Newton's line search tries before it gives up */
+/* A factorisation serves as long as a whole step leaves at most this share of the residual: one
+ * costs as much as two or three of the steps that it saves. */
+#define ENOUGH 0.1
+
 typedef struct {
     const int size, offset; /* number of nonzeros, first one in the stage's values */
     const int *rows, *columns;
 } Pattern;
 
-/* Functions of a term, in the order of games/compiled/stage_functions.py */
+/* Functions of a term, in the order of games/compiled/terms.py */
 enum {
     VALUE, FINAL_VALUE, JACOBIAN, FINAL_JACOBIAN, HESSIAN, FINAL_HESSIAN, COST, FINAL_COST, MOTION
 };
@@ -113,6 +117,9 @@ typedef struct {
     const double *enforced;           /* (T, MULTIPLIERS) 1 where a constraint is enforced */
     double relaxation;                /* tau of games/compiled/complementarity.py */
 } Work;
+
+/* Of the mirror in games/compiled/bindings.py */
+API int work_size(void) { return sizeof(Work); }
 
 /* ---- small dense and sparse kernels ------------------------------------------------------- */
 
@@ -681,8 +688,7 @@ static int step_to_root(Work *w, double *z, const double *theta, double shortest
     return 0;
 }
 
-/* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays fixed; games/compiled/elimination.py has
- * the same loop in Python. Where *again is set, the present factorisation serves first; it serves
+/* Damped Newton on G(z; theta) = 0 from z (T, SZ), whose x_1 stays fixed. Where *again is set, the present factorisation serves first; it serves
  * as long as whole steps leave at most a share ENOUGH of the residual. Returns max |G|;
  * *iterations counts the factorisations. */
 static double newton_one(Work *w, double *z, const double *theta, double tolerance,

@@ -6,7 +6,9 @@
 typedef struct {
     double last_tau, tolerance, tau_factor, tau_power, solved_for_tau, to_boundary;
     double shortest_step, first_shift, largest_shift, dual_range, rounding;
-} InteriorOptions; /* mirrors _OPTIONS of games/solve/interior.py */
+} InteriorOptions; /* mirrored by _OPTIONS of games/solve/interior.py */
+
+API int interior_options(void) { return sizeof(InteriorOptions); }
 
 typedef struct {
     double *z, *s, *v;         /* trajectory, slacks, multipliers */

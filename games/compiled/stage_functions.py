@@ -22,6 +22,7 @@ The blocks of one stage, all of them taken at (x_t, u_t, lambda_t, theta):
     S = d g_u/dx   R = d g_u/du   U = d g_u/dtheta   B = df/du     (dg_x/dlambda = -A', ...)
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -39,8 +40,8 @@ from olne_bench.games.compiled.constraint_functions import (
     constraint_functions,
     kind_of,
 )
-from olne_bench.games.compiled.stage_patterns import Entries, Pattern, half, merged, nonzeros, stack
-from olne_bench.games.compiled.terms import Term, TermKind, terms_of
+from olne_bench.games.compiled.stage_patterns import Entries, Pattern, half, merged, nonzeros
+from olne_bench.games.compiled.terms import Term, TermFunctions, term_functions, terms_of
 from olne_bench.games.model.constraints import Constraint
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Game
@@ -52,64 +53,6 @@ from olne_bench.games.model.numbers import (
     with_symbols,
 )
 from olne_bench.games.model.observation import View, observation_size
-
-#: Functions of a term, in the order of ``elimination.c``.
-FUNCTIONS = (
-    *("value", "final_value", "jacobian", "final_jacobian", "hessian", "final_hessian"),
-    *("cost", "final_cost", "motion"),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class TermFunctions:
-    """What terms of one kind are worth, and their derivatives.
-
-    Functions take (states of the players it looks at (count*n,), control (m,), costates (n,),
-    weights (K,), numbers (P,), multipliers p (n,), q (m,), r (n,)). All but the states are those of
-    the term's own player. Functions return one column of nonzeros.
-
-    Attributes:
-        kind: which terms these are.
-        functions: by the names of ``FUNCTIONS``.
-        patterns: for every function but the costs, the blocks of its nonzeros, in rows and columns
-            of the term: rows (g_x, g_u, f), columns (states, control, costates, weights).
-    """
-
-    kind: TermKind
-    functions: dict[str, ca.Function]
-    patterns: dict[str, tuple[Pattern, ...]]
-
-    @property
-    def num_numbers(self) -> int:
-        """P, of the player."""
-        return self.functions["value"].numel_in(4)
-
-    def own_places(self, name: str) -> np.ndarray:
-        """Where nonzeros belong in the rows (g_x, g_u, f), columns (x, u) of the own player.
-
-        Args:
-            name: ``value`` or ``final_value``, whose places are rows, or ``jacobian`` or
-                ``final_jacobian``, whose places are those of a dense matrix, row by row.
-
-        Returns:
-            -1 for derivatives in other players' states and in weights.
-        """
-        n, m = self.kind.dynamics.state_size, self.kind.dynamics.control_size
-        first_rows = {"Q": 0, "P": 0, "S": n, "R": n, "A": n + m, "B": n + m}
-        found = []
-        for block in self.patterns[name]:
-            if block.name == "G":
-                found.append(block.rows)
-            elif block.name in "QSA":
-                columns = block.columns - self.kind.owner * n
-                places = (first_rows[block.name] + block.rows) * (n + m) + columns
-                found.append(np.where((columns >= 0) & (columns < n), places, -1))
-            elif block.name in "PRB":
-                rows = first_rows[block.name] + block.rows
-                found.append(rows * (n + m) + n + block.columns)
-            else:
-                found.append(np.full(block.size, -1))
-        return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +178,7 @@ def stage_functions(game: Game, view: View, *, condensed: bool = False) -> Stage
 def _stage_functions(structure: Structure, view: View, condensed: bool) -> StageFunctions:
     terms = terms_of(structure)
     kinds = tuple(dict.fromkeys(term.kind for term in terms))
-    functions = tuple(_term_functions(kind) for kind in kinds)
+    functions = tuple(term_functions(kind) for kind in kinds)
     loss = _loss_functions(view, structure.dynamics)
     nothing: tuple[Constraint, ...] = ()
     split = (structure.constraints, nothing) if condensed else (nothing, structure.constraints)
@@ -350,13 +293,18 @@ class _Equations:
         )
 
 
+def _kinds(constraints: tuple[Constraint, ...]) -> tuple[list[Constraint], list[int]]:
+    """The kinds of constraints, and the place of each one's kind among them."""
+    kinds = list(dict.fromkeys(map(kind_of, constraints)))
+    return kinds, [kinds.index(kind_of(constraint)) for constraint in constraints]
+
+
 def _equations(
     constraints: tuple[Constraint, ...], dynamics: Dynamics
 ) -> tuple[tuple[ComplementarityFunctions, ...], _Equations]:
     """The functions of all kinds of constraints, and the kind of each."""
-    kinds = list(dict.fromkeys(map(kind_of, constraints)))
+    kinds, places = _kinds(constraints)
     functions = tuple(complementarity_functions(kind, dynamics) for kind in kinds)
-    places = [kinds.index(kind_of(constraint)) for constraint in constraints]
     return functions, _Equations(places, [functions[place].num_margins for place in places])
 
 
@@ -366,9 +314,8 @@ def _constraints(
     tuple[tuple[ConstraintFunctions, ConstraintFunctions], ...], list[int], list[list[Entries]]
 ]:
     """The functions of all kinds; of each constraint, its kind's number and nonzeros."""
-    kinds = list(dict.fromkeys(map(kind_of, constraints)))
+    kinds, places = _kinds(constraints)
     pairs = tuple(constraint_functions(kind, structure.dynamics) for kind in kinds)
-    places = [kinds.index(kind_of(constraint)) for constraint in constraints]
     nonzeros = [
         [layout.constraint_entries(constraint, functions) for functions in pairs[place]]
         for constraint, place in zip(constraints, places, strict=True)
@@ -387,66 +334,6 @@ def _constraint_places(
         ConstraintPlace(kinds[k], c.players, c.first_step, sum(sizes[:k]), (in_stage[k], at_end[k]))
         for k, c in enumerate(constraints)
     )
-
-
-@lru_cache(maxsize=64)
-def _term_functions(kind: TermKind) -> TermFunctions:
-    n, m = kind.dynamics.state_size, kind.dynamics.control_size
-    states, control = ca.SX.sym("x", kind.count * n), ca.SX.sym("u", m)
-    costates, weights = ca.SX.sym("lambda", n), ca.SX.sym("theta", kind.num_theta)
-    numbers = ca.SX.sym("numbers", 1 + len(numbers_of(kind.player)))
-    p, q, r = ca.SX.sym("p", n), ca.SX.sym("q", m), ca.SX.sym("r", n)
-    each = ca.vertsplit(states, n)
-    own = slice(kind.owner * n, (kind.owner + 1) * n)
-
-    cost = kind.cost(each, control, weights, numbers)
-    last_cost = kind.cost(each, None, weights, numbers)
-    moved = kind.dynamics.step(states, control, numbers[0]) if kind.is_own else ca.SX(0, 1)
-    lagrangian = ca.cse(cost - ca.dot(costates, moved) if kind.is_own else cost)
-    g_x, g_u = ca.gradient(lagrangian, states)[own], ca.gradient(lagrangian, control)
-    g_last = ca.gradient(last_cost, states)[own]
-
-    motion = ca.vertcat(states, control)
-    total = _slope(kind, lagrangian, motion, p, q) - (ca.dot(r, moved) if kind.is_own else 0)
-    order = ca.vertcat(states, control, costates, weights)
-    blocks = {
-        "value": nonzeros("G", ca.vertcat(g_x, g_u, moved)),
-        "final_value": nonzeros("G", g_last),
-        "hessian": nonzeros("H", half(ca.hessian(ca.cse(total), order)[0])),
-        "final_hessian": nonzeros("H", half(ca.hessian(ca.dot(p, g_last), order)[0])),
-    }
-    stacked = {
-        "jacobian": stack(
-            Q=ca.jacobian(g_x, states),
-            P=ca.jacobian(g_x, control),
-            X=ca.jacobian(g_x, weights),
-            S=ca.jacobian(g_u, states),
-            R=ca.jacobian(g_u, control),
-            U=ca.jacobian(g_u, weights),
-            A=ca.jacobian(moved, states),
-            B=ca.jacobian(moved, control),
-        ),
-        "final_jacobian": stack(Q=ca.jacobian(g_last, states), X=ca.jacobian(g_last, weights)),
-    }
-    values = {name: values for name, (_, values) in (blocks | stacked).items()}
-    values |= {"cost": cost, "final_cost": last_cost, "motion": moved}
-    arguments = [states, control, costates, weights, numbers, p, q, r]
-    return TermFunctions(
-        kind=kind,
-        functions={
-            name: ca.Function(name, arguments, [ca.cse(ca.densify(values[name]))])
-            for name in FUNCTIONS
-        },
-        patterns={name: (pattern,) for name, (pattern, _) in blocks.items()}
-        | {name: patterns for name, (patterns, _) in stacked.items()},
-    )
-
-
-def _slope(kind: TermKind, lagrangian: ca.SX, motion: ca.SX, p: ca.SX, q: ca.SX) -> ca.SX:
-    """p'g_x + q'g_u, as the slope of the Lagrangian along (p, q): half the code of the sum."""
-    n = kind.dynamics.state_size
-    along = [p if k == kind.owner else ca.SX.zeros(n) for k in range(kind.count)]
-    return ca.jtimes(lagrangian, motion, ca.vertcat(*along, q))
 
 
 @lru_cache(maxsize=64)
@@ -476,73 +363,38 @@ class _Layout:
         self.n, self.m = structure.dynamics.state_size, structure.dynamics.control_size
         self.weights = structure.num_theta
         self._theta_places = structure.theta_places
+        self._in_x, self._in_u = players * self.n, players * self.m + multipliers
 
     def entries(self, term: Term, functions: TermFunctions) -> dict[str, Entries]:
         """The nonzeros of all functions of a term but the costs."""
-        n, m = self.n, self.m
-        states = np.concatenate([np.arange(j * n, (j + 1) * n) for j in term.players])
-        own, control, weights = (
-            np.arange(term.owner * size, (term.owner + 1) * size) for size in (n, m, self.weights)
-        )
-        in_x, in_u = self.players * n, self.players * m + self.multipliers
+        states, own = _spread(term.players, self.n), _spread((term.owner,), self.n)
+        control, weights = (_spread((term.owner,), size) for size in (self.m, self.weights))
+        in_x, in_u = self._in_x, self._in_u
         rows = np.concatenate([own, in_x + control, in_x + in_u + own])
         order = np.concatenate([states, in_x + control, in_x + in_u + own])
         order = np.concatenate([order, 2 * in_x + in_u + weights])
-        sides = {"Q": (own, states), "P": (own, control), "X": (own, weights)}
-        sides |= {"S": (control, states), "R": (control, control), "U": (control, weights)}
-        sides |= {"A": (own, states), "B": (own, control), "G": (rows, np.zeros(1, dtype=int))}
-        sides["H"] = (order, order)
-        found = {}
-        for name, patterns in functions.patterns.items():
-            found[name] = [
-                (block.name, sides[block.name][0][block.rows], sides[block.name][1][block.columns])
-                for block in patterns
-            ]
-        for name in ("hessian", "final_hessian"):
-            ((block, a, b),) = found[name]
-            found[name] = [(block, np.minimum(a, b), np.maximum(a, b))]
-        return found
+        sides = _sides(own, control, states, control, weights)
+        sides |= {"A": (own, states), "B": (own, control), "G": (rows, _ONE), "H": (order, order)}
+        return _placed(functions.patterns, sides)
 
     def constraint_entries(self, constraint: Constraint, functions: ConstraintFunctions) -> Entries:
         """The nonzeros that a constraint adds to the stage blocks."""
-        n, m = self.n, self.m
-        states = np.concatenate([np.arange(j * n, (j + 1) * n) for j in constraint.players])
-        control = np.arange(constraint.players[0] * m, (constraint.players[0] + 1) * m)
-        sides = {"Q": (states, states), "P": (states, control)}
-        sides |= {"S": (control, states), "R": (control, control)}
-        return [
-            (block.name, sides[block.name][0][block.rows], sides[block.name][1][block.columns])
-            for block in functions.blocks
-        ]
+        states = _spread(constraint.players, self.n)
+        control = _spread(constraint.players[:1], self.m)
+        sides = _sides(states, control, states, control, _ONE)
+        return _placed({"condensed": functions.blocks}, sides)["condensed"]
 
     def equation_entries(
         self, constraint: Constraint, functions: ComplementarityFunctions, offset: int
     ) -> dict[str, Entries]:
         """The nonzeros of all functions of a constraint that is an equation."""
-        n, m = self.n, self.m
-        states, controls = (
-            np.concatenate([np.arange(j * size, (j + 1) * size) for j in constraint.players])
-            for size in (n, m)
-        )
-        first, theta = self.players * m + offset, self._theta_places(constraint)
+        states, controls = (_spread(constraint.players, size) for size in (self.n, self.m))
+        first, theta = self.players * self.m + offset, self._theta_places(constraint)
         inputs = np.concatenate([controls, np.arange(first, first + functions.num_margins)])
-        rows = np.concatenate([states, self.players * n + inputs])
-        order = np.concatenate(
-            [rows, 2 * self.players * n + self.players * m + self.multipliers + theta]
-        )
-        sides = {"Q": (states, states), "P": (states, inputs), "X": (states, theta)}
-        sides |= {"S": (inputs, states), "R": (inputs, inputs), "U": (inputs, theta)}
-        sides |= {"G": (rows, np.zeros(1, dtype=int)), "H": (order, order)}
-        found = {
-            name: [
-                (block.name, sides[block.name][0][block.rows], sides[block.name][1][block.columns])
-                for block in patterns
-            ]
-            for name, patterns in functions.patterns.items()
-        }
-        ((block, a, b),) = found["hessian"]
-        found["hessian"] = [(block, np.minimum(a, b), np.maximum(a, b))]
-        return found
+        rows = np.concatenate([states, self._in_x + inputs])
+        order = np.concatenate([rows, 2 * self._in_x + self._in_u + theta])
+        sides = _sides(states, inputs, states, inputs, theta)
+        return _placed(functions.patterns, sides | {"G": (rows, _ONE), "H": (order, order)})
 
     def loss_entries(self, loss: LossFunctions) -> list[Entries]:
         """The nonzeros of the Hessian of each player's loss."""
@@ -550,3 +402,37 @@ class _Layout:
             [("H", i * self.n + loss.pattern.rows, i * self.n + loss.pattern.columns)]
             for i in range(self.players)
         ]
+
+
+#: Rows and columns, by the names of blocks.
+_Sides = dict[str, tuple[np.ndarray, np.ndarray]]
+
+_ONE = np.zeros(1, dtype=int)
+
+
+def _spread(players: Sequence[int], size: int) -> np.ndarray:
+    """The places of so many components of each of some players."""
+    return np.concatenate([np.arange(j * size, (j + 1) * size) for j in players])
+
+
+def _sides(
+    by_x: np.ndarray, by_u: np.ndarray, x: np.ndarray, u: np.ndarray, theta: np.ndarray
+) -> _Sides:
+    """Rows, and columns, of the blocks of first derivatives."""
+    return {
+        **{"Q": (by_x, x), "P": (by_x, u), "X": (by_x, theta)},
+        **{"S": (by_u, x), "R": (by_u, u), "U": (by_u, theta)},
+    }
+
+
+def _placed(patterns: dict[str, tuple[Pattern, ...]], sides: _Sides) -> dict[str, Entries]:
+    """The nonzeros of functions in rows and columns of the game; of Hessians, the upper half."""
+    found = {}
+    for name, blocks in patterns.items():
+        found[name] = [
+            (block.name, sides[block.name][0][block.rows], sides[block.name][1][block.columns])
+            for block in blocks
+        ]
+        if name.endswith("hessian"):
+            found[name] = [(h, np.minimum(a, b), np.maximum(a, b)) for h, a, b in found[name]]
+    return found

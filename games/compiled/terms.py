@@ -15,11 +15,18 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from olne_bench.games.compiled.stage_patterns import Pattern, half, nonzeros, stack
 from olne_bench.games.model.costs import Feature, Stage
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Player
 from olne_bench.games.model.numbers import Structure, numbers_of, with_symbols
 from olne_bench.games.model.unknowns import at_means, unknowns_of, with_unknowns
+
+#: Functions of a term, in the order of ``elimination.c``.
+FUNCTIONS = (
+    *("value", "final_value", "jacobian", "final_jacobian", "hessian", "final_hessian"),
+    *("cost", "final_cost", "motion"),
+)
 
 #: Points at which a feature is compared with a sum over pairs.
 _TRIES = 20
@@ -88,6 +95,58 @@ class TermKind:
         return ca.SX(player.weigh(weights[:count], values))
 
 
+@dataclass(frozen=True, eq=False)
+class TermFunctions:
+    """What terms of one kind are worth, and their derivatives.
+
+    Functions take (states of the players it looks at (count*n,), control (m,), costates (n,),
+    weights (K,), numbers (P,), multipliers p (n,), q (m,), r (n,)). All but the states are those of
+    the term's own player. Functions return one column of nonzeros.
+
+    Attributes:
+        kind: which terms these are.
+        functions: by the names of ``FUNCTIONS``.
+        patterns: for every function but the costs, the blocks of its nonzeros, in rows and columns
+            of the term: rows (g_x, g_u, f), columns (states, control, costates, weights).
+    """
+
+    kind: TermKind
+    functions: dict[str, ca.Function]
+    patterns: dict[str, tuple[Pattern, ...]]
+
+    @property
+    def num_numbers(self) -> int:
+        """P, of the player."""
+        return self.functions["value"].numel_in(4)
+
+    def own_places(self, name: str) -> np.ndarray:
+        """Where nonzeros belong in the rows (g_x, g_u, f), columns (x, u) of the own player.
+
+        Args:
+            name: ``value`` or ``final_value``, whose places are rows, or ``jacobian`` or
+                ``final_jacobian``, whose places are those of a dense matrix, row by row.
+
+        Returns:
+            -1 for derivatives in other players' states and in weights.
+        """
+        n, m = self.kind.dynamics.state_size, self.kind.dynamics.control_size
+        first_rows = {"Q": 0, "P": 0, "S": n, "R": n, "A": n + m, "B": n + m}
+        found = []
+        for block in self.patterns[name]:
+            if block.name == "G":
+                found.append(block.rows)
+            elif block.name in "QSA":
+                columns = block.columns - self.kind.owner * n
+                places = (first_rows[block.name] + block.rows) * (n + m) + columns
+                found.append(np.where((columns >= 0) & (columns < n), places, -1))
+            elif block.name in "PRB":
+                rows = first_rows[block.name] + block.rows
+                found.append(rows * (n + m) + n + block.columns)
+            else:
+                found.append(np.full(block.size, -1))
+        return np.concatenate(found)
+
+
 @dataclass(frozen=True)
 class Term:
     """One term of a game.
@@ -101,6 +160,67 @@ class Term:
     kind: TermKind
     owner: int
     players: tuple[int, ...]
+
+
+@lru_cache(maxsize=64)
+def term_functions(kind: TermKind) -> TermFunctions:
+    """The functions of all terms of a kind."""
+    n, m = kind.dynamics.state_size, kind.dynamics.control_size
+    states, control = ca.SX.sym("x", kind.count * n), ca.SX.sym("u", m)
+    costates, weights = ca.SX.sym("lambda", n), ca.SX.sym("theta", kind.num_theta)
+    numbers = ca.SX.sym("numbers", 1 + len(numbers_of(kind.player)))
+    p, q, r = ca.SX.sym("p", n), ca.SX.sym("q", m), ca.SX.sym("r", n)
+    each = ca.vertsplit(states, n)
+    own = slice(kind.owner * n, (kind.owner + 1) * n)
+
+    cost = kind.cost(each, control, weights, numbers)
+    last_cost = kind.cost(each, None, weights, numbers)
+    moved = kind.dynamics.step(states, control, numbers[0]) if kind.is_own else ca.SX(0, 1)
+    lagrangian = ca.cse(cost - ca.dot(costates, moved) if kind.is_own else cost)
+    g_x, g_u = ca.gradient(lagrangian, states)[own], ca.gradient(lagrangian, control)
+    g_last = ca.gradient(last_cost, states)[own]
+
+    motion = ca.vertcat(states, control)
+    total = _slope(kind, lagrangian, motion, p, q) - (ca.dot(r, moved) if kind.is_own else 0)
+    order = ca.vertcat(states, control, costates, weights)
+    blocks = {
+        "value": nonzeros("G", ca.vertcat(g_x, g_u, moved)),
+        "final_value": nonzeros("G", g_last),
+        "hessian": nonzeros("H", half(ca.hessian(ca.cse(total), order)[0])),
+        "final_hessian": nonzeros("H", half(ca.hessian(ca.dot(p, g_last), order)[0])),
+    }
+    stacked = {
+        "jacobian": stack(
+            Q=ca.jacobian(g_x, states),
+            P=ca.jacobian(g_x, control),
+            X=ca.jacobian(g_x, weights),
+            S=ca.jacobian(g_u, states),
+            R=ca.jacobian(g_u, control),
+            U=ca.jacobian(g_u, weights),
+            A=ca.jacobian(moved, states),
+            B=ca.jacobian(moved, control),
+        ),
+        "final_jacobian": stack(Q=ca.jacobian(g_last, states), X=ca.jacobian(g_last, weights)),
+    }
+    values = {name: values for name, (_, values) in (blocks | stacked).items()}
+    values |= {"cost": cost, "final_cost": last_cost, "motion": moved}
+    arguments = [states, control, costates, weights, numbers, p, q, r]
+    return TermFunctions(
+        kind=kind,
+        functions={
+            name: ca.Function(name, arguments, [ca.cse(ca.densify(values[name]))])
+            for name in FUNCTIONS
+        },
+        patterns={name: (pattern,) for name, (pattern, _) in blocks.items()}
+        | {name: patterns for name, (patterns, _) in stacked.items()},
+    )
+
+
+def _slope(kind: TermKind, lagrangian: ca.SX, motion: ca.SX, p: ca.SX, q: ca.SX) -> ca.SX:
+    """p'g_x + q'g_u, as the slope of the Lagrangian along (p, q): half the code of the sum."""
+    n = kind.dynamics.state_size
+    along = [p if k == kind.owner else ca.SX.zeros(n) for k in range(kind.count)]
+    return ca.jtimes(lagrangian, motion, ca.vertcat(*along, q))
 
 
 def terms_of(structure: Structure) -> list[Term]:

@@ -105,11 +105,19 @@ class ComponentView(View):
     """The named state components, in that order.
 
     Raises:
-        ValueError: at its first use, on a component that the state does not have.
+        ValueError: unless they are different names; at its first use, on one that the state does
+            not have.
     """
 
     name: str
     components: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        given = self.components
+        is_list = isinstance(given, list | tuple) and all(isinstance(one, str) for one in given)
+        if not (is_list and given and len(set(given)) == len(given)):
+            raise ValueError(f"components must be a list of different names, got {given!r}")
+        object.__setattr__(self, "components", tuple(given))
 
     def expected(self, state: ca.SX, dynamics: Components) -> ca.SX:
         return ca.vertcat(*[state[k] for k in _columns(self, self.components, dynamics)])
@@ -157,11 +165,17 @@ class RangeBearingView(View):
     name: str = "range_bearing"
 
     def __post_init__(self) -> None:
-        if len(self.position) != 2 or not np.isfinite([*self.position, self.facing]).all():
+        try:
+            px, py, facing = (float(value) for value in (*self.position, self.facing))
+        except (TypeError, ValueError):
+            px = py = facing = np.nan
+        if not np.isfinite([px, py, facing]).all():
             raise ValueError(
-                "range_bearing needs a position of two numbers and a facing, got "
-                f"{self.position} and {self.facing}"
+                f"position must be px and py, got {self.position!r}, and facing a number, got "
+                f"{self.facing!r}"
             )
+        object.__setattr__(self, "position", (px, py))
+        object.__setattr__(self, "facing", facing)
         if not (np.isfinite(self.bearing_scale) and self.bearing_scale > 0):
             raise ValueError(f"bearing_scale must be above 0 rad/m, got {self.bearing_scale}")
 

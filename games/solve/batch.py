@@ -1,11 +1,10 @@
 """Many forward games at once: roots of the first-order conditions near a known equilibrium.
 
 For methods that solve one game at thousands of weights or initial states. Each root is predicted to
-first order by the implicit function theorem, then refined by Newton's method, in native code where
-it is available. Where a game has hard constraints, the interior point method solves what is left:
-other constraints may be active there. The results are roots, not certified equilibria. Near a
-certified equilibrium they are nearly always equilibria as well; ``games.solve.olne.certify`` checks
-it.
+first order by the implicit function theorem, then refined by Newton's method. Where a game has hard
+constraints, the interior point method solves what is left: other constraints may be active there.
+The results are roots, not certified equilibria. Near a certified equilibrium they are nearly always
+equilibria as well; ``games.solve.olne.certify`` checks it.
 """
 
 import time
@@ -15,8 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from olne_bench.games.compiled.complementarity import RELAXATION
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.constrained import root_near
 from olne_bench.games.solve.continuation import coupled_features
@@ -84,6 +82,7 @@ def solve_batch(
     tolerance: float = 1e-10,
     max_iterations: int = 30,
     limit: float = 60.0,
+    solver: Elimination | None = None,
 ) -> Batch:
     """Solve a game at many weights and initial states, from one known equilibrium.
 
@@ -97,17 +96,18 @@ def solve_batch(
         tolerance: stop once max |G| falls below; the error of a root is some ten times as large.
         max_iterations: factorisations per game and start at most.
         limit: wall-clock seconds for the batch; games unsolved by then have not converged.
+        solver: the game's elimination, with a relaxation of its own; built if None.
 
     Raises:
         ValueError: on a wrong shape, non-finite or negative values, or a singular start.
     """
     weights, start_weights = _check_weights(game, weights), game.check_theta(start_weights)
     initial_states = _check_initial_states(start.states[0], initial_states, len(weights))
-    solver = elimination(game)
-    linearised(game, start.states, start.controls, start.costates, start_weights, solver)
+    solver = solver or elimination(game)
+    point = start.states, start.controls, start.costates, start_weights
     search = _Search(
-        solver=solver,
-        point=pack(game, start.states, start.controls, start.costates, start_weights),
+        solver=linearised(game, *point, solver),
+        point=pack(game, *point, solver),
         weights=start_weights.ravel(),
         tolerance=tolerance,
         max_iterations=min(_few(game, solver), max_iterations),
@@ -157,9 +157,11 @@ def _solve_forward(
         states, controls, costates = (part.copy() for part in known)
         states[0] = initial_states[k].reshape(shape)
         theta = weights[k].reshape(game.num_players, -1)
-        root = root_near(game, Root(states, controls, costates, np.inf), theta, max_iterations=most)
+        near = Root(states, controls, costates, np.inf)
+        root = root_near(game, near, theta, max_iterations=most, solver=search.solver)
         if root.residual < tolerance:
-            points[k] = pack(game, root.states, root.controls, root.costates, theta)
+            found = root.states, root.controls, root.costates
+            points[k] = pack(game, *found, theta, search.solver)
             residuals[k] = root.residual
 
 

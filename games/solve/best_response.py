@@ -1,66 +1,26 @@
-"""One player's best open-loop response to the others' fixed trajectories (eqn. nash).
+"""Best open-loop responses to the others' fixed trajectories (eqn. nash), and these in turn.
 
-``best_responses`` is Newton's method in native code, where there is any, from several first plans;
-``best_response`` is IPOPT, from the player's present trajectory, where there is no compiler.
+Responses are Newton's method in native code. Iterated best response (IBR, Wang et al. 2019; the
+paper's ground truth) lets players respond to each other in turn until their plans no longer change.
+That leads into the basin of an equilibrium where Newton's method from other starts ends at a saddle
+point of somebody's cost.
 """
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
-from olne_bench.games.compiled.native import NativeElimination, Stop, elimination
+from olne_bench.games.compiled.elimination import Responses, elimination
 from olne_bench.games.model.constraints import refuse_constraints
-from olne_bench.games.model.costs import Stage
-from olne_bench.games.model.dynamics import dynamics_errors, rollout
-from olne_bench.games.model.game import Game, trajectory_symbols
-from olne_bench.games.model.numbers import Structure, structure_and_numbers, with_symbols
-from olne_bench.games.solve.ipopt import QUIET
-from olne_bench.games.solve.newton import rows
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.game import Game
+from olne_bench.games.solve.newton import Root, rows, unpack
 
-#: Responses take 3 to 100 iterations, one in a thousand takes 900; longer ones are given up.
-_MAX_ITERATIONS = 1000
+#: Plans have settled if no control changes by more than this in one round.
+_SETTLED = 1e-3
 
-
-@dataclass(frozen=True)
-class Response:
-    """A locally optimal response of one player.
-
-    Attributes:
-        states: (T, n), the player's own states.
-        controls: (T-1, m).
-        costates: (T-1, n), multipliers of the dynamics in the sign convention of
-        ``games.solve.kkt``. cost: J^i at the response. converged: whether the optimiser reached a
-        stationary point. iterations: number of the optimiser's iterations.
-    """
-
-    states: np.ndarray
-    controls: np.ndarray
-    costates: np.ndarray
-    cost: float
-    converged: bool
-    iterations: int
-
-
-@dataclass(frozen=True)
-class Responses:
-    """Locally optimal responses of one player from B first plans.
-
-    Attributes:
-        controls: (B, T-1, m).
-        costates: (B, T-1, n), of the player's own state.
-        costs: (B,) J^i. Infinity where IPOPT did not converge: its last point need not be a
-            motion. Those of Newton's method are.
-        converged: (B,) whether the optimiser reached a stationary point.
-        iterations: (B,) that the optimiser took.
-    """
-
-    controls: np.ndarray
-    costates: np.ndarray
-    costs: np.ndarray
-    converged: np.ndarray
-    iterations: np.ndarray
+#: Steps by which the horizon of ``grown_plans`` grows, and number that it begins with.
+GROWTH, LEAST = 2, 3
 
 
 def best_responses(
@@ -83,8 +43,7 @@ def best_responses(
         states: (T, N, n); the others' parts are held, the first row is the initial state.
         controls: (T-1, N, m).
         weights: (N, K).
-        tolerance: stop where Newton's step promises less than this share of 1 + |J^i|. IPOPT has a
-            tolerance and a limit of its own.
+        tolerance: stop where Newton's step promises less than this share of 1 + |J^i|.
         max_iterations: Newton steps for each plan at most.
 
     Raises:
@@ -92,113 +51,76 @@ def best_responses(
             (``games.solve.constrained_response`` honours them).
     """
     refuse_constraints(game.constraints, "best_responses")
-    solver = elimination(game)
-    if isinstance(solver, NativeElimination):
-        z = rows(game, states, controls, np.zeros_like(states[1:]))
-        found = solver.responses(
-            player,
-            plans,
-            z,
-            np.ravel(weights),
-            tolerance=tolerance,
-            max_iterations=max_iterations,
-        )
-        stopped = found.stops != Stop.EARLY
-        return Responses(found.controls, found.costates, found.costs, stopped, found.iterations)
-    return _by_ipopt(game, player, plans, states, controls, weights)
-
-
-def _by_ipopt(
-    game: Game,
-    player: int,
-    plans: np.ndarray,
-    states: np.ndarray,
-    controls: np.ndarray,
-    weights: np.ndarray,
-) -> Responses:
-    responses = []
-    for plan in plans:
-        joint, own = controls.copy(), states.copy()
-        joint[:, player] = plan
-        own[:, player] = rollout(game.dynamics, states[0], joint, game.dt)[:, player]
-        responses.append(best_response(game, player, own, joint, np.asarray(weights)[player]))
-    return Responses(
-        controls=np.array([response.controls for response in responses]),
-        costates=np.array([response.costates for response in responses]),
-        costs=np.array([response.cost if response.converged else np.inf for response in responses]),
-        converged=np.array([response.converged for response in responses]),
-        iterations=np.array([response.iterations for response in responses]),
+    z = rows(game, states, controls, np.zeros_like(states[1:]))
+    return elimination(game).responses(
+        player, plans, z, np.ravel(weights), tolerance=tolerance, max_iterations=max_iterations
     )
 
 
-def best_response(
-    game: Game, player: int, states: np.ndarray, controls: np.ndarray, weights: np.ndarray
-) -> Response:
-    """Minimise the player's cost over its own trajectory, starting from its present one.
+def iterated_best_response(
+    game: Game,
+    weights: np.ndarray,
+    initial_state: np.ndarray,
+    controls: np.ndarray,
+    *,
+    max_rounds: int = 100,
+    max_iterations: int = 1500,
+    damping: float = 1.0,
+    tolerance: float = _SETTLED,
+    first: int = 0,
+) -> Root:
+    """Let the players respond in turn until their plans no longer change.
 
     Args:
         game: the game.
-        player: index i.
-        states: (T, N, n); the other players' parts are fixed. The player's own part is the
-            starting point; its first row is the initial state.
-        controls: (T-1, N, m); the player's own part is the starting point.
-        weights: (K,) of this player.
+        weights: (N, K).
+        initial_state: (N, n).
+        controls: (T-1, N, m) first plans.
+        max_rounds: rounds through all players.
+        max_iterations: total iterations of the players' optimisers,
+            after which no round starts.
+        damping: share of the step towards its response that a player takes.
+        tolerance: stop when no response differs by more from the player's plan in one round.
+        first: the player that responds before the others.
 
-    Raises:
-        ValueError: if the game has constraints.
+    Returns:
+        The last plans; the residual is infinity, as IBR does not evaluate G.
     """
-    refuse_constraints(game.constraints, "best_response")
-    structure, numbers = structure_and_numbers(game)
-    solver = _response_solver(structure, game.horizon, player)
-    own_states, own_controls = states[:, player], controls[:, player]
-    solution = solver(
-        x0=np.concatenate([own_states[1:].ravel(), own_controls.ravel()]),
-        p=np.concatenate([states.ravel(), weights, numbers[player]]),
-        lbg=0,
-        ubg=0,
+    states = rollout(game.dynamics, initial_state, controls, game.dt)
+    z = elimination(game).respond_in_turn(
+        rows(game, states, controls, np.zeros_like(states[1:])),
+        np.ravel(weights),
+        first=first,
+        damping=damping,
+        settled=tolerance,
+        max_rounds=max_rounds,
+        max_steps=max_iterations,
     )
-    point = np.array(solution["x"]).ravel()
-    split = own_states[1:].size
-    return Response(
-        states=np.vstack([own_states[:1], point[:split].reshape(own_states[1:].shape)]),
-        controls=point[split:].reshape(own_controls.shape),
-        costates=np.array(solution["lam_g"]).reshape(own_states[1:].shape),
-        cost=float(solution["f"]),
-        converged=bool(solver.stats()["success"]),
-        iterations=int(solver.stats()["iter_count"]),
-    )
+    return Root(*unpack(game, z), residual=float("inf"))
 
 
-@lru_cache(maxsize=64)
-def _response_solver(structure: Structure, horizon: int, player: int) -> ca.Function:
-    """The problem of one player in all games of a structure; the numbers are parameters."""
-    dynamics, players = structure.dynamics, len(structure.players)
-    n, m = dynamics.state_size, dynamics.control_size
-    joint, joint_blocks = trajectory_symbols("x", (horizon, players, n))
-    own_states, own_blocks = trajectory_symbols("x_own", (horizon - 1, 1, n))
-    controls, control_blocks = trajectory_symbols("u_own", (horizon - 1, 1, m))
-    model = structure.players[player]
-    weights = ca.SX.sym("theta", len(model.preferences))
-    numbers = ca.SX.sym("numbers", structure.num_numbers)
-    dt, model = numbers[0], with_symbols(model, numbers[1:])
+def grown_plans(
+    game: Game, start: np.ndarray, weights: np.ndarray, first: np.ndarray | None = None
+) -> np.ndarray:
+    """Plans (T-1, N, m) of players whose weights couple them to nobody.
 
-    own = [joint_blocks[0][player], *[row[0] for row in own_blocks]]
-    own_controls = [row[0] for row in control_blocks]
-    rows = [
-        tuple(own[t] if j == player else block for j, block in enumerate(row))
-        for t, row in enumerate(joint_blocks)
-    ]
-    stages = [
-        Stage(player, row, control, dynamics, dt)
-        for row, control in zip(rows, [*own_controls, None], strict=True)
-    ]
-    cost = sum(model.running_cost(stage, weights) for stage in stages[:-1])
-    errors = dynamics_errors(dynamics, own, own_controls, dt)
-    problem = {
-        "x": ca.vertcat(own_states, controls),
-        "p": ca.vertcat(joint, weights, numbers),
-        "f": cost + model.final_cost(stages[-1], weights),
-        "g": ca.vertcat(*errors),
-    }
-    options = QUIET | {"ipopt.tol": 1e-10, "ipopt.max_iter": _MAX_ITERATIONS}
-    return ca.nlpsol("best_response", "ipopt", problem, options)
+    The horizon grows by a few steps at a time, so that a plan never has to find its way round a
+    bend at once.
+
+    Args:
+        game: the game, without constraints.
+        start: (N, n) x_1.
+        weights: (N, K), those of features that look at other players zero.
+        first: (S, N, m) controls of the first steps to begin with; zeros if None.
+    """
+    if first is None:
+        first = np.zeros((min(LEAST, game.horizon - 1), *game.control_shape[1:]))
+    controls = first[: game.horizon - 1]
+    while True:
+        part = replace(game, horizon=len(controls) + 1)
+        controls = iterated_best_response(part, weights, start, controls, max_rounds=1).controls
+        missing = min(GROWTH, game.horizon - part.horizon)
+        if missing == 0:
+            return controls
+        held = np.zeros((missing, *controls.shape[1:]))
+        controls = np.concatenate([controls, held])

@@ -17,8 +17,7 @@ import casadi as ca
 import numpy as np
 
 from olne_bench.games.compiled.constraint_functions import kind_of
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination, interior_elimination
+from olne_bench.games.compiled.elimination import Elimination, elimination, interior_elimination
 from olne_bench.games.model.constraints import Constraint, constraint_stage, described
 from olne_bench.games.model.dynamics import Dynamics, numeric_step, rollout
 from olne_bench.games.model.equilibrium import VIOLATION_TOLERANCE, Certificate, Equilibrium, Gains
@@ -79,7 +78,7 @@ def solve_constrained(
         ValueError: if the start breaks a constraint and no control can change that.
     """
     solution = variational_solution(game, weights, initial_state, controls)
-    root, multipliers = _polished(game, solution, weights)
+    root, multipliers = as_root(game, solution, weights)
     solver = interior_elimination(game)
     z = rows(game, root.states, root.controls, root.costates)
     margins = np.where(solver.enforced, solver.margins(z), np.inf)
@@ -94,30 +93,35 @@ def solve_constrained(
     )
 
 
-def as_root(game: Game, solution: InteriorSolution, weights: np.ndarray) -> Root:
+def as_root(
+    game: Game,
+    solution: InteriorSolution,
+    weights: np.ndarray,
+    solver: Elimination | None = None,
+) -> tuple[Root, np.ndarray]:
     """A solution of the interior point method as a root of ``games.compiled.complementarity``.
 
-    Its residual is that of the interior point method if Newton's method does not reach a root.
+    Args:
+        game: the game.
+        solution: the solution.
+        weights: (N, K), or (N, K + U) where the game has unknowns.
+        solver: the game's elimination, with a relaxation of its own; built if None.
+
+    Returns:
+        The root, and the multipliers (T, C) that belong to it. Its residual is that of the interior
+        point method if Newton's method does not reach a root.
     """
-    return _polished(game, solution, weights)[0]
-
-
-def _polished(
-    game: Game, solution: InteriorSolution, weights: np.ndarray
-) -> tuple[Root, np.ndarray]:
-    """``as_root``, and the multipliers (T, C) that belong to it."""
+    solver = solver or elimination(game)
     states, controls, costates = unpack(game, solution.z)
-    solver = interior_elimination(game, game.with_known_constraints(weights)[0])
-    pushed = solver.push(solution.z, solution.multipliers)
+    interior = interior_elimination(game, game.with_known_constraints(weights)[0])
+    pushed = interior.push(solution.z, solution.multipliers)
     costates -= pushed[1:, : costates[0].size].reshape(costates.shape)
-    points = pack(game, states, controls, costates, weights)[None]
+    points = pack(game, states, controls, costates, weights, solver)[None]
     theta = np.asarray(weights, dtype=float).reshape(1, -1)
-    residuals, _ = elimination(game).newton(
-        points, theta, tolerance=_TIGHT, max_iterations=_FEW, limit=np.inf
-    )
+    residuals, _ = solver.newton(points, theta, tolerance=_TIGHT, max_iterations=_FEW, limit=np.inf)
     if solution.solved and residuals[0] < TOLERANCE:
         root = Root(*unpack(game, points[0]), residual=float(residuals[0]))
-        return root, _multipliers(game, solver, points[0])
+        return root, _multipliers(game, interior, points[0])
     residual = solution.residual if solution.solved else np.inf
     return Root(states, controls, costates, residual), solution.multipliers
 
@@ -188,11 +192,17 @@ def _further_starts(
 
 
 def root_near(
-    game: Game, near: Root, weights: np.ndarray, *, max_iterations: int = MOST_ITERATIONS
+    game: Game,
+    near: Root,
+    weights: np.ndarray,
+    *,
+    max_iterations: int = MOST_ITERATIONS,
+    solver: Elimination | None = None,
 ) -> Root:
     """The root to which the interior point method leads from a known motion; x_1 is its first row.
 
-    The residual is infinite if there is none, or if the start breaks a constraint.
+    The residual is infinite if there is none, or if the start breaks a constraint; ``solver`` is
+    that of ``as_root``.
     """
     lost = replace(near, residual=np.inf)
     known, theta = game.with_known_constraints(weights)
@@ -200,9 +210,8 @@ def root_near(
         check_start(known, near.states[0])
     except ValueError:
         return lost
-    solver = interior_elimination(game, known)
-    solution = _near(game, solver, near, theta, max_iterations)
-    return as_root(game, solution, weights) if solution.solved else lost
+    solution = _near(game, interior_elimination(game, known), near, theta, max_iterations)
+    return as_root(game, solution, weights, solver)[0] if solution.solved else lost
 
 
 def solution_near(

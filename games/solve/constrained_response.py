@@ -1,6 +1,6 @@
-"""One player's best response to the others' motion where there are constraints, by IPOPT.
+"""One player's best response to the others' motion under its constraints, by IPOPT.
 
-It shares no code with the solver of the game, so that certificates are independent of it.
+It shares no code with the solver of the game, so that certificates and tests are independent of it.
 """
 
 from dataclasses import dataclass
@@ -118,7 +118,7 @@ def _solver(structure: Structure, horizon: int, player: int) -> tuple[ca.Functio
     cost = sum(model.running_cost(stage, weights) for stage in stages[:-1])
     errors = dynamics_errors(dynamics, own, [row[0] for row in own_control_blocks], dt)
 
-    width = 1 + max(len(numbers_of(constraint)) for constraint in structure.constraints)
+    width = 1 + max((len(numbers_of(one)) for one in structure.constraints), default=0)
     table = ca.SX.sym("constraint_numbers", width, len(structure.constraints))
     margins = []
     for index, constraint in enumerate(structure.constraints):

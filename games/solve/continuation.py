@@ -11,8 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.compiled.terms import reach
 from olne_bench.games.model.constraints import refuse_constraints
 from olne_bench.games.model.dynamics import rollout

@@ -1,4 +1,4 @@
-"""Options shared by all uses of IPOPT."""
+"""Options shared by all uses of IPOPT, and the published study's limit."""
 
 from typing import Any
 
@@ -9,3 +9,6 @@ QUIET: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
 }
+
+#: IPOPT's default limit, as in the published study.
+PUBLISHED_ITERATIONS = 3000

@@ -21,10 +21,9 @@ import casadi as ca
 import numpy as np
 
 from olne_bench.games.model.game import Game
-from olne_bench.games.solve.ipopt import QUIET
+from olne_bench.games.solve.ipopt import PUBLISHED_ITERATIONS, QUIET
 from olne_bench.games.solve.kkt import kkt_system
 from olne_bench.games.solve.newton import Root
-from olne_bench.games.solve.published import PUBLISHED_ITERATIONS
 from olne_bench.games.solve.root_following import follow_root, follow_weights
 
 

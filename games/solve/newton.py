@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.model.game import Game
 
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.equilibrium import (
     CERTIFICATE_TOLERANCE,
     Certificate,
@@ -23,11 +23,10 @@ from olne_bench.games.model.equilibrium import (
     Gains,
 )
 from olne_bench.games.model.game import Game
-from olne_bench.games.solve.best_response import best_responses
+from olne_bench.games.solve.best_response import best_responses, iterated_best_response
 from olne_bench.games.solve.constrained import certify_constrained, solve_constrained
 from olne_bench.games.solve.continuation import follow_coupling
 from olne_bench.games.solve.far_search import FarResponses, far_responses
-from olne_bench.games.solve.iterated_response import iterated_best_response
 from olne_bench.games.solve.newton import Root, newton_root, rows
 
 __all__ = [

@@ -112,36 +112,6 @@ class ReferenceGame:
         """The bicycle."""
         return bicycle(self.rear_axle, self.sub_steps)
 
-    def solve(
-        self,
-        situation: Situation,
-        controls: np.ndarray,
-        *,
-        tolerance: float = 1e-4,
-        small_change: tuple[float, float] = (0.0, 0.0),
-        max_iterations: int = 12,
-        max_change: tuple[float, float] = (0.2, 3.0),
-    ) -> Plan:
-        """Newton's method from given controls.
-
-        Args:
-            situation: the parameters.
-            controls: (T-1, N, 2) start, such as the previous plan shifted by one step.
-            tolerance: on the residual.
-            small_change: change of steering [rad] and acceleration [m/s^2]. A Newton step within it
-                is the last: the remaining error is of the order of its square.
-            max_iterations: Newton steps at most.
-            max_change: largest change of steering [rad] and acceleration [m/s^2] in one step.
-        """
-        return self.solve_all(
-            [situation],
-            [controls],
-            tolerance=tolerance,
-            small_change=small_change,
-            max_iterations=max_iterations,
-            max_change=max_change,
-        )[0]
-
     def solve_all(
         self,
         situations: Sequence[Situation],
@@ -152,9 +122,16 @@ class ReferenceGame:
         max_iterations: int = 12,
         max_change: tuple[float, float] = (0.2, 3.0),
     ) -> list[Plan]:
-        """Solve independent games at once, much faster than one after the other.
+        """Newton's method on independent games at once, much faster than one after the other.
 
-        The arguments are those of ``solve``, with one situation and one start for each game.
+        Args:
+            situations: the parameters of each game.
+            controls: (T-1, N, 2) start of each, such as the previous plan shifted by one step.
+            tolerance: on the residual.
+            small_change: change of steering [rad] and acceleration [m/s^2]. A Newton step within it
+                is the last: the remaining error is of the order of its square.
+            max_iterations: Newton steps at most.
+            max_change: largest change of steering [rad] and acceleration [m/s^2] in one step.
         """
         games = _Games.of(situations, self.max_players)
         unknowns = np.concatenate([start.swapaxes(0, 1) for start in controls]).astype(float)

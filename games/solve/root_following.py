@@ -66,7 +66,7 @@ def from_independent_players(
             solution = variational_solution(game, weights, initial_state, controls)
         except ValueError:  # the start breaks a constraint
             return None
-        found = as_root(game, solution, weights)
+        found, _ = as_root(game, solution, weights)
         return found if found.residual < RESIDUAL_TOLERANCE else None
     root = follow_coupling(
         game, weights, initial_state, controls, max_factorisations=_COUPLING_STEPS

@@ -2,7 +2,7 @@
 
 import io
 import os
-import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from playwright.sync_api import Browser, Error, sync_playwright
 
 from olne_bench.bench.commands.cli import main
-from olne_bench.bench.judge.trials import Answer, PlayerFault, PlayerTask, judge
+from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask, Staff
+from olne_bench.bench.judge.trials import judge
 from olne_bench.bench.plan import fingerprint, versions
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
@@ -137,12 +139,11 @@ class PlayerHere:
     """A player without a process, for harmless estimators."""
 
     def estimate(self, task: PlayerTask) -> Answer:
-        given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))
         try:
-            prepared = player.prepare(*given, len(task.observations))
+            prepared = player.prepare(*player.told(task))
             if prepared.declined is not None:
                 return Answer(declined=prepared.declined)
-            answered = player.estimate(task.observations, task.seed, task.time_limit)
+            answered = player.estimate(task.observations, task.time_limit)
         except BaseException as error:  # as a process would tell it
             raise PlayerFault("crash", describe_error(error)) from error
         if answered.estimate is None:
@@ -154,7 +155,7 @@ class PlayerHere:
 def judged() -> Iterator[Callable[[Trial], Outcome]]:
     """Judges a trial in this process."""
     metrics = MetricProcess(memory=None, hidden=None)
-    yield lambda trial: judge(trial, PlayerHere(), metrics)
+    yield lambda trial: judge(trial, Staff(PlayerHere(), metrics))
     metrics.stop()
 
 
@@ -167,3 +168,17 @@ def study(tmp_path: Path) -> Study:
 def lasting_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """For tests that share a run and change copies of it."""
     return Study(tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    if found is None:
+        pytest.skip("needs Chromium (Debian: apt install chromium)")
+    with sync_playwright() as play:
+        try:
+            browser = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except Error as error:
+            pytest.skip(f"Chromium does not start: {error}")
+        yield browser
+        browser.close()

@@ -1,7 +1,6 @@
 """The PettingZoo world: conformance, truth, equilibrium, bad input."""
 
 import functools
-import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -142,16 +141,6 @@ def test_reset_seed_is_the_scenario_seed():
         expected = get_scenario("random", seed)
         assert np.array_equal(world.scenario.weights, expected.weights)
         assert np.array_equal(world.scenario.initial_state, expected.initial_state)
-
-
-def test_pickled_world_plays_the_same():
-    world = olne_v0.parallel_env("random", num_players=2, max_cycles=3)
-    copy = pickle.loads(pickle.dumps(world))
-    assert data_equivalence(world.reset(seed=4), copy.reset(seed=4), exact=True)
-    for _ in range(3):
-        actions = {player: np.array([0.1, 0.2]) for player in world.agents}
-        assert data_equivalence(world.step(actions), copy.step(actions), exact=True)
-    assert copy.agents == []
 
 
 # -- the equilibrium -------------------------------------------------------------------------
@@ -442,10 +431,7 @@ def test_equilibrium_beyond_the_limits():
     [
         ({"player_1": np.array([0.0, np.nan])}, "acceleration of player_1 is nan.*-1.0, 1.0"),
         ({"player_0": np.array([1.5, 0.0])}, "yaw_rate of player_0 is 1.5.*-1.0, 1.0"),
-        ({"player_1": np.array([0.0, -np.inf])}, "acceleration of player_1 is -inf"),
         ({"player_0": np.zeros(3)}, r"player_0 has the shape \(3,\).*yaw_rate, acceleration"),
-        ({"player_0": 0.5}, r"player_0 has the shape \(\)"),
-        ({"player_0": "left"}, "player_0 is 'left', expected 2 numbers"),
         ({"player_0": None}, "player_0"),
         ({"player_7": np.zeros(2)}, "unknown player player_7; players are: player_0, player_1"),
     ],
@@ -460,13 +446,6 @@ def test_bad_actions_move_nothing(change, message):
     assert np.array_equal(world.state(), before)
     world.step(idle)
     assert world.state()[-1] == 0.25
-
-
-def test_missing_player():
-    world = olne_v0.parallel_env("two_player")
-    world.reset()
-    with pytest.raises(ValueError, match="no action for player_1; players are: player_0, player_1"):
-        world.step({"player_0": np.zeros(2)})
 
 
 def test_calls_out_of_order():

@@ -38,6 +38,7 @@ def test_layers_are_plain_data():
     assert Full().layers() == (VIEWS["full"],)
     assert Partial().layers() == (VIEWS["partial"],)
     assert RangeBearing([1, 2], 0.5).layers() == (RangeBearingView((1.0, 2.0), 0.5, 0.1),)
+    assert RangeBearing().layers() == (RangeBearingView((0.0, 0.0), 0.0, 0.1),)
     assert Drop(0.3).layers() == (Drops(0.3),)
     assert Correlated(0.2, ["px", "py"]).layers() == (CorrelatedNoise(0.2, ("px", "py")),)
     assert Correlated(covariance=[[1, 0], [0, 2]]).layers() == (
@@ -93,14 +94,6 @@ def test_correlated_noise_is_mixed_in_the_order_of_components():
     np.testing.assert_allclose(wider[..., :3], shown(by_hand), atol=1e-12)
 
 
-def test_scales_of_the_scenario_reach_the_noise():
-    scale = np.array([1.0, 1.0, 0.1, 3.0])
-    exact, unit, scaled = (
-        shown(wrap(world(), Full().layers(), *one)) for one in ((0, ONES), (1, ONES), (1, scale))
-    )
-    np.testing.assert_allclose(scaled - exact, (unit - exact) * scale, atol=1e-12)
-
-
 @pytest.mark.parametrize("sigma", [-1.0, float("nan"), float("inf")])
 def test_a_level_out_of_range(sigma):
     with pytest.raises(ValueError, match="sigma must be finite and non-negative"):
@@ -138,7 +131,3 @@ def test_two_kinds_of_gaps_do_not_share_a_stream():
     twice = wrap(world(), (Drops(0.5), Drops(0.5)), 0.0, ONES)
     missing = np.mean([np.isnan(shown(twice, seed)).mean() for seed in range(30)])
     assert missing == pytest.approx(0.75, abs=0.04)
-
-
-def test_a_range_bearing_sensor_stands_in_the_middle_unless_told():
-    assert RangeBearing().layers() == (RangeBearingView((0.0, 0.0), 0.0, 0.1),)

@@ -4,7 +4,6 @@ import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
@@ -18,14 +17,7 @@ from olne_bench.envs.traffic import (
     traffic_report,
 )
 from olne_bench.envs.traffic.lanes_ahead import points_along_lanes
-from olne_bench.envs.traffic.surroundings import (
-    MAX_PLAYERS,
-    NEIGHBOURHOOD,
-    nearest_predictions,
-    planning_groups,
-    predicted_positions,
-)
-from olne_bench.games.solve.reference_game import FAR_AWAY, ReferenceGame
+from olne_bench.games.solve.reference_game import ReferenceGame
 
 SIZES = {
     "highway-v0": {"vehicles_count": 8},
@@ -80,24 +72,6 @@ def test_random_ego_for_many_steps(version):
             world.reset(seed=step)
     assert solved > 100
     assert failed < 0.2 * solved
-
-
-# HighwayEnv's own observation space has no bounds.
-@pytest.mark.filterwarnings("ignore:.*A Box observation space")
-def test_gymnasium_conformance():
-    check_env(make("highway-v0", vehicles_count=3, duration=3).unwrapped, skip_render_check=True)
-
-
-def test_scripted_ego_and_same_seed():
-    """A seed fixes the traffic, whatever was driven before."""
-    ends = []
-    for _ in range(2):
-        world = make("highway-v0")
-        world.reset(seed=3)
-        for action in (3, 1, 0, 1, 2):
-            world.step(action)
-        ends.append([v.position.tolist() for v in world.unwrapped.road.vehicles])
-    assert ends[0] == ends[1]
 
 
 def test_vehicles_avoid_a_slow_one_ahead():
@@ -235,44 +209,6 @@ def test_points_along_lanes_are_those_of_one_distance_at_a_time(road, index, alo
         assert one[1][0] == limit
     steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
     assert (np.abs(steps - 5.0) < 1.5).all()  # lanes need not touch
-
-
-def crowd(count: int) -> Road:
-    road = straight_road()
-    rng = np.random.default_rng(1)
-    places = zip(np.cumsum(rng.uniform(8, 30, count)), rng.integers(2, size=count), strict=True)
-    road.vehicles = [NashVehicle(road, [x, 4.0 * lane], speed=22) for x, lane in places]
-    road.vehicles.insert(3, IDMVehicle(road, [5.0, 0.0], speed=22))
-    return road
-
-
-def test_everybody_who_plans_is_in_one_group_of_neighbours():
-    road = crowd(23)
-    road.vehicles[0].plan_age = 0.0  # not due
-    groups = planning_groups(road)
-    planning = [vehicle for group in groups for vehicle in group]
-    assert len(planning) == len({id(vehicle) for vehicle in planning}) == 22
-    assert road.vehicles[0] not in planning
-    assert 3 < max(len(group) for group in groups) <= MAX_PLAYERS
-    for first, *others in groups:
-        for other in others:
-            assert np.hypot(*(other.position - first.position)) < NEIGHBOURHOOD
-
-
-def test_what_is_avoided_is_near_and_not_in_the_group():
-    road = crowd(9)
-    groups = planning_groups(road)
-    found = nearest_predictions(road, groups)
-    row = 0
-    for group in groups:
-        foreign = [predicted_positions(v) for v in road.vehicles if v not in group]
-        for member in group:
-            foreign.sort(key=lambda path: np.hypot(*(path[0] - member.position)))
-            for path, expected in zip(found[row], foreign, strict=False):
-                if path[0, 0] != FAR_AWAY:
-                    np.testing.assert_array_equal(path, expected)
-            row += 1
-    assert row == len(found)
 
 
 def test_collisions_are_highway_envs():

@@ -11,7 +11,6 @@ from olne_bench.envs.scenarios.intersection import Intersection
 from olne_bench.envs.scenarios.merging import Merging
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError
 from olne_bench.envs.solved.equilibrium import certified_equilibrium
-from olne_bench.envs.solved.kept_draws import read, write
 from olne_bench.games.model.constraints import ControlBound, Distance, StateBound
 
 PAIR = ("distance", "player_0", "player_1")
@@ -90,12 +89,3 @@ def test_drawn_weights_differ_by_seed() -> None:
     assert np.ptp(Merging().draw(2).weights) == 0
     one, other = (Merging(weights="moderate").draw(seed).weights for seed in (2, 4))
     assert np.abs(one - other).max() > 0.05
-
-
-def test_kept_equilibria_keep_multipliers(tmp_path) -> None:
-    truth = certified_equilibrium(Merging().draw())
-    write(tmp_path / "kept" / "one.npz", truth)
-    kept = read(tmp_path / "kept" / "one.npz")
-    assert kept is not None
-    assert np.array_equal(kept.active, truth.active)
-    assert kept.certificate.violation == truth.certificate.violation

@@ -7,7 +7,7 @@ import pytest
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.shared.residual_density import Places
+from olne_bench.estimators.shared.posterior_density import Places
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import VIEWS, observe
 from olne_bench.games.solve.olne import solve_olne

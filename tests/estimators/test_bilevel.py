@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from olne_bench.estimators import bilevel
-from olne_bench.estimators.bilevel import Bilevel, OuterResiduals
+from olne_bench.estimators.bilevel import Bilevel
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation
-from olne_bench.estimators.shared.forward_model import Certainty, first_games, squared_error_of
-from olne_bench.estimators.shared.simplex import RatioChart
+from olne_bench.estimators.shared.certainty import Certainty
+from olne_bench.estimators.shared.charts import RatioChart
+from olne_bench.estimators.shared.forward_model import first_games, squared_error_of
+from olne_bench.estimators.shared.outer_fit import OuterResiduals
 
 RNG = np.random.default_rng(0)
 

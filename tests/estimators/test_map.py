@@ -9,11 +9,11 @@ from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import Map, probable_optima, with_prior
 from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.estimators.ridge import Ridge, flat_variance
+from olne_bench.estimators.shared.certainty import posterior_covariance
 from olne_bench.estimators.shared.forward_model import SolvedGame, squared_error_of
 from olne_bench.estimators.shared.interior_point import solve_joint
 from olne_bench.estimators.shared.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.shared.joint_problem import JointPoint, JointSettings
-from olne_bench.estimators.shared.laplace import posterior_covariance
 from olne_bench.estimators.shared.trajectory_fit import guess_states
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.olne import solve_olne

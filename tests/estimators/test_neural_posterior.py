@@ -9,7 +9,7 @@ import pytest
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.neural_posterior import NeuralPosterior, game_key, network_of
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.stream import Windows
+from olne_bench.estimators.shared.incoming_samples import Windows
 from olne_bench.games.model.observation import VIEWS, ComponentView, RangeBearingView
 from olne_bench.games.solve.olne import solve_olne
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal, multivariate_t, norm
 
 from olne_bench.envs.scenarios import get_scenario
@@ -16,13 +15,13 @@ from olne_bench.estimators.particle import (
 )
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.belief import Gaussian, LostError
+from olne_bench.estimators.shared.charts import from_log_ratios
 from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
     play_batch,
     scaled_samples,
 )
-from olne_bench.estimators.shared.simplex import from_log_ratios
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.observation import VIEWS, observe
 from olne_bench.games.solve.newton import Root
@@ -153,12 +152,12 @@ def test_a_linear_problem_has_the_posterior_of_a_kalman_filter():
     matrices = rng.standard_normal((12, 3, 5))
     samples = matrices @ rng.standard_normal(5) + 0.1 * rng.standard_normal((12, 3))
     cloud = last_cloud(prior, lambda p: np.einsum("tdn,bn->btd", matrices, p), samples, 0.1)
-    kalman = KalmanFilter(dim_x=5, dim_z=3)
-    kalman.x, kalman.P = prior.mean[:, None].copy(), prior.covariance.copy()
+    precision, pull = np.linalg.inv(prior.covariance), np.linalg.solve(prior.covariance, prior.mean)
     for matrix, sample in zip(matrices, samples, strict=True):
-        kalman.update(sample[:, None], R=0.01 * np.eye(3), H=matrix)
+        precision, pull = precision + 100 * matrix.T @ matrix, pull + 100 * matrix.T @ sample
+    mean, covariance = np.linalg.solve(precision, pull), np.linalg.inv(precision)
     assert cloud.effective >= COUNT / 2 - 1
-    assert_same_moments(cloud, kalman.x[:, 0], np.sqrt(np.diag(kalman.P)))
+    assert_same_moments(cloud, mean, np.sqrt(np.diag(covariance)))
 
 
 @pytest.mark.parametrize("degrees", [3.0, np.inf])

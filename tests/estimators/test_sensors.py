@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from olne_bench.envs.recordings.recorded_world import RecordedWorld
-from olne_bench.envs.recordings.recording import record
+from olne_bench.envs.recordings.recording import RecordedWorld, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.worlds.wrappers import Float32, wrap
 from olne_bench.estimators.bilevel import Bilevel

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators.bilevel import Bilevel, OuterResiduals
+from olne_bench.estimators.bilevel import Bilevel
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.kkt_residual import KktResidual
 from olne_bench.estimators.maxent_residual import MaxentResidual
 from olne_bench.estimators.particle import Particle
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.charts import RatioChart
 from olne_bench.estimators.shared.forward_model import first_games
-from olne_bench.estimators.shared.simplex import RatioChart
+from olne_bench.estimators.shared.outer_fit import OuterResiduals
 from olne_bench.estimators.ukf import Ukf
 from olne_bench.estimators.uniform import Uniform
 from olne_bench.games.model.observation import VIEWS, observe

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.games.compiled.native import NativeElimination, Stop, elimination, plain_elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve import olne
-from olne_bench.games.solve.best_response import best_response, best_responses
+from olne_bench.games.solve.best_response import best_responses
+from olne_bench.games.solve.constrained_response import constrained_response
 from olne_bench.games.solve.kkt import kkt_system
 from olne_bench.games.solve.newton import Root, rows
 
@@ -27,9 +28,7 @@ def test_costs_are_those_of_the_stacked_system(played) -> None:
     z = rows(game, found.states, found.controls, found.costates)
     function = kkt_system(game).cost_function
     wanted = np.array(function(found.states.ravel(), found.controls.ravel(), theta)).ravel()
-    plain = plain_elimination(game)
-    for solver in (plain, elimination(game)):
-        np.testing.assert_allclose(solver.costs(z, theta), wanted, rtol=1e-12)
+    np.testing.assert_allclose(elimination(game).costs(z, theta), wanted, rtol=1e-12)
 
 
 def deviating(scenario, found, player: int, plan: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -41,7 +40,6 @@ def deviating(scenario, found, player: int, plan: np.ndarray) -> tuple[np.ndarra
     return states, controls
 
 
-@pytest.mark.usefixtures("compiler")
 def test_near_responses_end_at_the_equilibrium(played) -> None:
     scenario, found = played
     rng = np.random.default_rng(0)
@@ -57,24 +55,23 @@ def test_near_responses_end_at_the_equilibrium(played) -> None:
             np.testing.assert_allclose(costates, found.costates[:, player], atol=1e-2)
 
 
-@pytest.mark.usefixtures("compiler")
 def test_far_responses_are_stationary_feasible_and_no_worse_than_their_plans(played) -> None:
     scenario, found = played
     game, theta = scenario.game, scenario.weights.ravel()
     solver = elimination(game)
-    assert isinstance(solver, NativeElimination)
     for player in range(game.num_players):
         plan = 0.5 * found.controls[::-1, player]
         states, controls = deviating(scenario, found, player, plan)
         z = rows(game, states, controls, found.costates)
         result = solver.responses(player, plan[None], z, theta)
-        if result.stops[0] == Stop.EARLY:
+        if not result.converged[0]:
             continue
         assert result.costs[0] <= solver.costs(z, theta)[player]
         states, controls = deviating(scenario, found, player, result.controls[0])
         z = rows(game, states, controls, found.costates)
         assert solver.costs(z, theta)[player] == pytest.approx(result.costs[0], rel=1e-12)
-        again = best_response(game, player, states, controls, scenario.weights[player])
+        own = result.controls[0], scenario.weights[player]
+        again = constrained_response(game, player, states, controls, *own)
         assert again.cost >= result.costs[0] - 1e-7 * (1 + abs(result.costs[0]))
 
 

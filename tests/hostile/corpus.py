@@ -771,7 +771,7 @@ STATE = [
         "",
         """
         os.environ["OMP_NUM_THREADS"] = "7"
-        os.environ["OLNE_BENCH_NATIVE"] = "0"
+        os.environ["CC"] = "no-such-compiler"
         sys.path[:] = ["/nowhere"]
         np.linalg.norm = lambda *args, **kwargs: 1.0
         np.linalg.solve = np.linalg.eigvalsh = None

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.trials import PlayerTask
+from olne_bench.bench.judge.players import PlayerTask
 from olne_bench.bench.process.sandbox import landlock_version
 from olne_bench.bench.run.player_process import PlayerProcess
-from olne_bench.bench.run.stream_process import StreamProcess
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.solved.draws_folder import draws_folder, shipped_draws
+from olne_bench.envs.solved import KEPT_DRAWS, shipped_draws
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.model.observation import FullView
 
@@ -31,7 +30,7 @@ def plugin(tmp_path) -> Path:
     file = tmp_path / "plugin.py"
     shutil.copy(Path(__file__).with_name("memory.py"), file)
     run, copy = tmp_path / "run", tmp_path / "copy"
-    for folder in (run, copy, draws_folder()):
+    for folder in (run, copy, KEPT_DRAWS.folder):
         folder.mkdir(exist_ok=True)
     (run / "trials.sqlite").write_text("salt")
     (draws,) = shipped_draws().glob("*.draws")
@@ -61,7 +60,7 @@ def in_trials(plugin: Path, name: str) -> list:
 
 def in_streams(plugin: Path, name: str) -> list:
     """What it says at the end of two motions."""
-    player = StreamProcess(memory=2**30, hidden=plugin.parent / "run")
+    player = PlayerProcess(memory=2**30, hidden=plugin.parent / "run")
     try:
         said = []
         for sigma in (0.0, 1.0):

@@ -1,7 +1,6 @@
 """Regret against collisions of planners that drive."""
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,31 +10,22 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from olne_bench.bench.plan.kinds import REFERENCES
-from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.formats import USUAL_FORMATS
+from olne_bench.bench.report.figures import panels, style
 
 _COLOURS = ("#1b1b1b", "#8a8a8a", "#b06a2c", "#5b7f95", "#7a5195")
 _REFERENCE_COLOURS = dict(zip(REFERENCES["drives"], _COLOURS, strict=True))
 _LINEAR = 0.01  # regrets below it are on a linear scale
-_WIDTH, _HEIGHT, _COLUMNS = 3.4, 2.8, 3  # of a panel [inch], and panels side by side
+_SIZE = 3.4, 2.8  # of a panel [inch]
 
 
-def draw_driving(
-    table: pd.DataFrame, directory: Path, formats: Sequence[str] = USUAL_FORMATS
-) -> list[Path]:
-    """Draw ``driving_<traffic>`` of each traffic; the files written.
+def figures_of(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
+    """Names and figures of a study, one for each traffic.
 
     Args:
-        table: as ``report.driving.drive_table`` makes it.
-        directory: folder for the files.
-        formats: some of ``FORMATS``.
+        table: as ``report.drive_tables.drive_table`` makes it.
     """
-    files = []
-    with style.applied():
-        for traffic, part in table.groupby("traffic", sort=False):
-            stem = directory / style.file_name(f"driving_{traffic}")
-            files += style.save(figure_of(str(traffic), part), stem, formats)
-    return files
+    for traffic, part in table.groupby("traffic", sort=False):
+        yield f"driving_{traffic}", figure_of(str(traffic), part)
 
 
 def figure_of(traffic: str, table: pd.DataFrame) -> Figure:
@@ -45,42 +35,34 @@ def figure_of(traffic: str, table: pd.DataFrame) -> Figure:
         traffic: the others.
         table: lines of one noise level.
     """
-    roads = list(dict.fromkeys(table["road"]))
-    lines = -(-len(roads) // _COLUMNS)
-    columns = min(_COLUMNS, len(roads))
-    figure = Figure(figsize=(max(2, columns) * _WIDTH, lines * _HEIGHT))
-    panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    planners = list(dict.fromkeys(table["planner"]))
+    roads = list(dict.fromkeys(table["road"]))[-panels.MOST_PANELS :]  # all of them are the last
+    counts = table.groupby("road")["drives"].max()
+    titles = [f"{'all roads' if r == 'all' else r}, {counts[r]} drives" for r in roads]
+    figure, axes = panels.grid(titles, _SIZE)
     handles = {}
-    for axes, road in zip(panels, roads, strict=False):
-        for planner in planners:
-            own = table[(table["road"] == road) & (table["planner"] == planner)]
-            if len(own):
-                handles[planner] = _point(axes, own.iloc[0], planner)
-        drives = int(table[table["road"] == road]["drives"].max())
-        axes.set_title(f"{'all roads' if road == 'all' else road}, {drives} drives")
-        axes.set_xlabel("Regret (1: a step of standing)")
-        axes.set_ylabel("Drives with a collision [%]")
-        _, most = axes.get_ylim()
-        axes.set_ylim(-most / 20, most)  # below zero there is room for markers only
-        axes.set_yticks([tick for tick in axes.get_yticks() if 0 <= tick <= most])
-        axes.set_xscale("symlog", linthresh=_LINEAR)
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    for axes in panels[len(roads) :]:
-        axes.set_axis_off()
+    for panel, road in zip(axes, roads, strict=True):
+        for row in table[table["road"] == road].to_dict("records"):
+            handles[row["planner"]] = _point(panel, row)
+        panel.set(xlabel="Regret (1: a step of standing)", ylabel="Drives with a collision [%]")
+        _, most = panel.get_ylim()
+        panel.set_ylim(-most / 20, most)  # below zero there is room for markers only
+        panel.set_yticks([tick for tick in panel.get_yticks() if 0 <= tick <= most])
+        panel.set_xscale("symlog", linthresh=_LINEAR)
+        panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     figure.suptitle(
         f"Regret against the oracle, and collisions: {traffic} traffic, "
-        f"σ = {table['sigma'].iloc[0]:g} m "
-        "(95 % intervals)"
+        f"σ = {table['sigma'].iloc[0]:g} m (95 % intervals)"
     )
     style.legend_below(figure, [(handles[name], style.printable(name)) for name in handles])
     return figure
 
 
-def _point(axes: Axes, line: pd.Series, planner: str) -> Any:
+def _point(axes: Axes, row: dict[Any, Any]) -> Any:
+    planner = row["planner"]
     colour = _REFERENCE_COLOURS.get(planner) or style.estimator_colours(planner)[0]
-    percent = 100 * line[["collision", "collision_low", "collision_high"]].to_numpy(float)
-    regret = line[["regret", "regret_low", "regret_high"]].to_numpy(float)
+    ends = ("", "_low", "_high")
+    percent = np.array([100 * row[f"collision{end}"] for end in ends])
+    regret = np.array([row[f"regret{end}"] for end in ends])
     return axes.errorbar(
         regret[0],
         percent[0],

@@ -1,6 +1,8 @@
 """Style of all figures: colours, text, legends, and how a figure is saved."""
 
+import io
 import math
+import re
 import warnings
 import zlib
 from collections.abc import Iterator, Sequence
@@ -10,10 +12,8 @@ from typing import Any
 
 import matplotlib
 import matplotlib.style
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from matplotlib.typing import LineStyleType
@@ -65,6 +65,8 @@ _SAVING: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None}, "dpi": 100},
     "pdf": {"metadata": {"CreationDate": None}, "dpi": 200},
 }
+#: Ids that Matplotlib counts, which several figures on a page would share, and metadata.
+_UNWANTED = re.compile(r' id="[A-Za-z0-9]+_\d+"|<metadata>.*?</metadata>', re.DOTALL)
 _LONGEST_NAME = 32  # characters
 _MOST_COLUMNS = 6  # of a legend
 _ENTRY_WIDTH, _ENTRY_HEIGHT, _CHARACTER_WIDTH = 0.55, 0.19, 0.077  # [inch] in a legend
@@ -105,16 +107,31 @@ def applied() -> Iterator[None]:
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> list[Path]:
     """Write ``<stem>.png`` and so on, without a date, and return their paths."""
-    equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
-    for _ in range(2 if equal else 1):  # panels of equal aspect settle in the second round
-        figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # computed once, not for each file
+    _lay_out(figure)
     paths = []
     for name in formats:
         path = stem.with_name(f"{stem.name}.{name}")
         figure.savefig(path, **_SAVING[name])
         paths.append(path)
     return paths
+
+
+def svg_text(figure: Figure) -> str:
+    """A figure as an SVG element for a page, whose text stays text."""
+    _lay_out(figure)
+    whole = io.StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        figure.savefig(whole, format="svg", **_SAVING["svg"])
+    svg = whole.getvalue()
+    return _UNWANTED.sub("", svg[svg.index("<svg") :])
+
+
+def _lay_out(figure: Figure) -> None:
+    """Compute the layout once, not for each file."""
+    equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
+    for _ in range(2 if equal else 1):  # panels of equal aspect settle in the second round
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
 
 
 def file_name(label: str) -> str:
@@ -153,48 +170,9 @@ def _digest(name: str) -> int:
     return zlib.crc32(name.encode(errors="replace"))
 
 
-def sensor_slots(labels: Sequence[str], known_only: bool = False) -> dict[str, int]:
-    """A number per sensor; the paper's two sensors always have the same.
-
-    Args:
-        labels: labels of sensors, in any order.
-        known_only: leave out the paper's sensors if they are not among the labels.
-    """
-    others = sorted(set(labels) - set(_PAPER_SENSORS))
-    slots = {label: slot for slot, label in enumerate([*_PAPER_SENSORS, *others])}
-    return {k: v for k, v in slots.items() if not known_only or k in labels}
-
-
-def shade(pair: tuple[str, str], slot: int) -> str:
-    """An estimator's colour for a sensor; each slot has another one.
-
-    The first two are the pair itself. Others lie between a darker shade of the strong colour and a
-    lighter shade of the light one, as far from their predecessors as possible.
-    """
-    if slot < len(pair):
-        return pair[slot]
-    strong, light = (np.array(to_rgb(colour)) for colour in pair)
-    place = _halvings(slot - len(pair) + 1)
-    nodes = [0.45 * strong, strong, light, 0.4 * light + 0.6]
-    mixed = [
-        np.interp(place, np.linspace(0, 1, len(nodes)), [n[c] for n in nodes]) for c in (0, 1, 2)
-    ]
-    return to_hex((mixed[0], mixed[1], mixed[2]))
-
-
-def is_light(colour: str) -> bool:
-    """Whether a colour is visible on a dark background."""
-    red, green, blue = to_rgb(colour)
-    return 0.299 * red + 0.587 * green + 0.114 * blue > 0.55
-
-
-def _halvings(number: int) -> float:
-    """Van der Corput's sequence without its ends: 1/2, 1/4, 3/4, 1/8, ... for 1, 2, 3, 4, ..."""
-    value, weight = 0.0, 0.5
-    while number:
-        value += weight * (number & 1)
-        number, weight = number >> 1, weight / 2
-    return value
+def sensor_order(labels: Sequence[str]) -> list[str]:
+    """Distinct labels of sensors, the paper's two first."""
+    return sorted(set(labels), key=lambda s: (s not in _PAPER_SENSORS, s))
 
 
 def log_axis(axes: Axes, bottom: float, top: float) -> None:

@@ -4,17 +4,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.figures.series import sensors_in
+from olne_bench.bench.report.figures import panels, style
 from olne_bench.bench.report.not_drawn import NotDrawnError
 from olne_bench.bench.report.statistics.calibration import width_table
 from olne_bench.bench.report.study import USUAL, Study
 
-_SIZE = 3.9  # of a panel [inch]
+_SIZE = 3.5, 3.1  # of a panel [inch]
 _LEVEL = 0.95
+_NARROW = 1.5  # ratio of the ends of an axis below which it is widened
 _SMALLEST, _LARGEST = 3.0, 8.0  # markers of the least and the most noise [pt]
 
 
@@ -31,50 +30,42 @@ def draw(trials: pd.DataFrame, _: Study = USUAL) -> Figure:
     table = width_table(trials)
     if table.empty:
         raise NotDrawnError("no estimate has a region with a width")
-    sensors = sensors_in(table)
+    sensors = style.sensor_order(table["sensor"].tolist())
     sigmas = sorted(table["sigma"].unique())
     sizes = dict(zip(sigmas, np.linspace(_SMALLEST, _LARGEST, len(sigmas)), strict=True))
-    estimators = style.estimator_order(list(table["estimator"]))
-    figure = Figure(figsize=(max(2, len(sensors)) * _SIZE, _SIZE))
-    panels = figure.subplots(1, len(sensors), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, sensor in zip(panels, sensors, strict=True):
-        axes.axhline(_LEVEL, color="0.5", linewidth=1, linestyle="--")
-        for name in estimators:
+    names = style.estimator_order(table["estimator"].tolist())
+    figure, axes = panels.grid(sensors, _SIZE)
+    for panel, sensor in zip(axes, sensors, strict=False):
+        _frame(panel)
+        for name in names:
             own = table[(table["sensor"] == sensor) & (table["estimator"] == name)]
-            _points(axes, own, name, sizes)
-        axes.set_title(style.printable(sensor))
-        axes.set_xlabel("Width of the region (standard deviation)")
-    panels[0].set_xscale("log")
-    panels[0].xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    panels[0].xaxis.set_minor_locator(NullLocator())
-    panels[0].xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    panels[0].set(ylim=(-0.02, 1.02), ylabel="Share of 95 % regions that hold the truth")
-    panels[0].yaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0))
-    levels = ", ".join(f"{sigma:g}" for sigma in sigmas)
+            _points(panel, own.sort_values("sigma"), name, sizes)
+        low, high = panel.get_xlim()
+        if high < _NARROW * low:  # one width, or two that differ by rounding
+            panel.set_xlim(low / _NARROW, high * _NARROW)
     scenario = trials["scenario"].iloc[0]
-    figure.suptitle(f"{scenario}: width against coverage at σ = {levels} m (small to large)")
-    style.legend_below(figure, [(_handle(name), style.printable(name)) for name in estimators])
+    levels = f"{sigmas[0]:g} to {sigmas[-1]:g} m" if len(sigmas) > 1 else f"{sigmas[0]:g} m"
+    figure.suptitle(f"{scenario}: width against coverage, σ = {levels} (small to large)")
+    style.legend_below(figure, panels.estimator_entries(names))
     return figure
+
+
+def _frame(axes: Axes) -> None:
+    axes.axhline(_LEVEL, color="0.5", linewidth=1, linestyle="--")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.set(ylim=(-0.02, 1.02), ylabel="95 % regions that hold the truth")
+    axes.set_xlabel("Width of the region (standard deviation)")
+    panels.percent(axes.yaxis)
 
 
 def _points(axes: Axes, own: pd.DataFrame, name: str, sizes: dict[float, float]) -> None:
     """The points of one estimator, with bars, joined in the order of the noise."""
-    colour, marker = style.estimator_colours(name)[0], style.estimator_marker(name)
-    own = own.sort_values("sigma")
-    axes.plot(own["width"], own["covered"], color=colour, linewidth=0.8, alpha=0.5)
+    looks = panels.estimator_looks(name)
+    axes.plot(own["width"], own["covered"], color=looks["color"], linewidth=0.8, alpha=0.5)
     for row in own.to_dict("records"):
         bars = [[row["covered"] - row["covered_low"]], [row["covered_high"] - row["covered"]]]
-        axes.errorbar(
-            row["width"],
-            row["covered"],
-            yerr=bars,
-            color=colour,
-            marker=marker,
-            markersize=sizes[row["sigma"]],
-            elinewidth=0.9,
-        )
-
-
-def _handle(name: str) -> Line2D:
-    colour, marker = style.estimator_colours(name)[0], style.estimator_marker(name)
-    return Line2D([], [], color=colour, marker=marker, markersize=5, linewidth=0.8)
+        size = looks | {"markersize": sizes[row["sigma"]], "elinewidth": 0.9}
+        axes.errorbar(row["width"], row["covered"], yerr=bars, **size)

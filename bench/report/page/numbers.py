@@ -32,6 +32,18 @@ def human(value: float | None) -> str:
     return _power(value)
 
 
+def percent(share: float) -> str:
+    """A share in percent, or a dash if there is none."""
+    return "–" if math.isnan(share) else f"{100 * share:.3g} %"
+
+
+def chance(p: float) -> str:
+    """A p-value for people."""
+    if math.isnan(p):
+        return "–"
+    return "< 0.001" if p < 0.001 else f"{p:.2g}"
+
+
 def _power(value: float) -> str:
     mantissa, exponent = f"{value:.1e}".split("e")
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"

@@ -1,33 +1,21 @@
 """The page of a study of streams: errors over time, predictions, latencies."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
-from olne_bench.bench.plan.kinds import REFERENCES, STOCK_FITTED
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.page.template import csv_texts, repeats, script, table_rows, template
-from olne_bench.bench.report.statistics.estimator_comparison import SIGNIFICANCE
+from olne_bench.bench.report.page import tables as t
+from olne_bench.bench.report.page.template import csv_texts, lead_of, repeats, study_page
+from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE
 from olne_bench.bench.run.provenance import Provenance
 
-#: Errors that the page draws over time, and how they are called.
-_DRAWN = {
-    "cosine_error": "Cosine error of the weights",
-    "fde_1s": "Position error 1 s ahead [m]",
-    "fde_3s": "Position error 3 s ahead [m]",
-}
-_GREY = "#7a7a7a"
-_LINES = ("2 3", "7 3", "9 2 2 2", "1 4 6 4", "10 3 2 3", "5 2")
-_REFERENCES = REFERENCES["streams"]
-_DASHES = dict(zip(_REFERENCES, _LINES, strict=True))
-_WIDTH, _HEIGHT = 460, 250  # of a chart, in its own units
-_LEFT, _RIGHT, _TOP, _BOTTOM = 44, 8, 10, 34
-_CROSS = 4  # half the size of a point that stands alone
-_LEAST = 1e-6  # smaller errors are drawn as this one
+_LEAD = (
+    "An estimator gets one sample after the other, and estimates after each. Medians and their "
+    "95 % intervals are over motions, each of which counts by its median over samples."
+)
 
 
 @dataclass(frozen=True)
@@ -40,138 +28,106 @@ class OnlineTables:
 
     def by_name(self) -> dict[str, pd.DataFrame]:
         """The tables by the names of their files."""
-        return {
-            "summary": self.summary,
-            "over_time": self.over_time,
-            "comparisons": self.comparisons,
-        }
+        return dict(vars(self))
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line of a chart, and the band of its interval; texts of SVG paths."""
-
-    name: str
-    path: str
-    band: str
-    colour: str
-    dash: str
-
-
-@dataclass(frozen=True)
-class Chart:
-    """A chart with a logarithmic scale.
-
-    Attributes:
-        title: what it shows.
-        lines: its lines.
-        xs: labels of the horizontal axis with their places.
-        ys: the same of the vertical axis.
-    """
-
-    title: str
-    lines: tuple[Line, ...]
-    xs: tuple[tuple[float, str], ...]
-    ys: tuple[tuple[float, str], ...]
-
-
-def online_page(tables: OnlineTables, runs: Sequence[Provenance], suite: Suite) -> str:
+def online_page(
+    tables: OnlineTables, pictures: Iterable[str], runs: Sequence[Provenance], suite: Suite
+) -> str:
     """The page as HTML.
 
     Args:
-        tables: tables of the study.
+        tables: tables of the run.
+        pictures: SVG elements of its figures.
         runs: provenance of the rows, the latest run last.
         suite: suite of that run.
     """
-    names = list(dict.fromkeys(tables.summary["estimator"]))
-    return template("streams.html").render(
+    place: dict[str, t.Content] = {"Scenario": "scenario", "Sensor": "sensor", "Noise": "sigma"}
+    place["Estimator"] = "estimator"
+    cells = ["scenario", "sensor", "sigma"]
+    return study_page(
         title=f"{suite.name}, one sample at a time",
-        description=suite.description,
-        summary=table_rows(tables.summary),
-        comparisons=table_rows(tables.comparisons),
-        charts=_charts(tables.over_time),
-        looks={name: _look(name) for name in names},
-        references=_REFERENCES,
-        fitted=STOCK_FITTED,
-        rules=suite.rules,
-        motions=int(tables.summary.groupby(["scenario", "sensor", "sigma"])["motions"].max().sum()),
-        updates=int(tables.summary["updates"].sum()),
+        lead=lead_of(suite.description, _LEAD),
+        facts=[
+            (int(tables.summary.groupby(cells)["motions"].max().sum()), "motions"),
+            (int(tables.summary["updates"].sum()), "updates"),
+            (suite.rules.lag or "all", "samples count"),
+        ],
+        sections=[("summary", "Weights and predictions"), ("provenance", "Provenance")],
+        board=_summary(tables.summary, place, suite),
+        pictures=[Markup(picture) for picture in pictures],
+        more=[
+            ("Comparisons of predictions", [_comparisons(tables.comparisons)]),
+            ("Latency", [_latency(tables.summary, place, suite)]),
+        ],
+        what="All but latencies come out the same again, if no update is late:",
         command=repeats(runs[-1], suite),
         runs=list(runs),
-        significance=SIGNIFICANCE,
-        box={"w": _WIDTH, "h": _HEIGHT, "l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
         data={"tables": csv_texts(tables.by_name())},
-        script=script(("look", "save", "online")),
     )
 
 
-def _look(name: str) -> tuple[str, str]:
-    """Colour and dashes of a line."""
-    if name in _REFERENCES:
-        return _GREY, _DASHES[name]
-    return style.estimator_colours(name)[0], ""
-
-
-def _charts(over_time: pd.DataFrame) -> list[tuple[str, list[Chart]]]:
-    """Charts of each scenario, sensor and noise level, under their titles."""
-    found = []
-    for (scenario, sensor, sigma), part in over_time.groupby(
-        ["scenario", "sensor", "sigma"], sort=False
-    ):
-        charts = [
-            _chart(part, column, title) for column, title in _DRAWN.items() if part[column].any()
-        ]
-        found.append((f"{scenario}, {sensor}, noise {sigma:g}", charts))
-    return found
-
-
-def _chart(part: pd.DataFrame, column: str, title: str) -> Chart:
-    ends = [column, f"{column}_low", f"{column}_high"]
-    told = part[[*ends, "time"]].to_numpy(float)[:, :3]
-    values = [max(v, _LEAST) for v in told.ravel().tolist() if math.isfinite(v) and v > 0]
-    lowest, highest = math.log10(min(values, default=0.1)), math.log10(max(values, default=1.0))
-    span, last = max(highest - lowest, 0.1), max(float(part["time"].max()), 1e-9)
-
-    def x(time: float) -> float:
-        return round(_LEFT + (_WIDTH - _LEFT - _RIGHT) * time / last, 1)
-
-    def y(value: float) -> float:
-        share = (math.log10(max(value, _LEAST)) - lowest) / span
-        return round(_HEIGHT - _BOTTOM - (_HEIGHT - _TOP - _BOTTOM) * min(max(share, 0), 1), 1)
-
-    lines = []
-    for name, own in part.groupby("estimator", sort=False):
-        rows = own[["time", *ends]].to_numpy(float)
-        middle = [(x(row[0]), y(row[1])) for row in rows if math.isfinite(row[1])]
-        sure = [row for row in rows if np.isfinite(row).all()] if name not in _REFERENCES else []
-        band = [(x(row[0]), y(row[3])) for row in sure]
-        band += [(x(row[0]), y(row[2])) for row in sure[::-1]]
-        if middle:
-            look = _look(str(name))
-            lines.append(Line(str(name), _path(middle), _path(band, close=True), *look))
-    return Chart(
-        title,
-        tuple(lines),
-        tuple((x(second), f"{second:g}") for second in range(int(last) + 1)),
-        tuple((y(value), f"{value:g}") for value in _round_numbers(lowest, lowest + span)),
+def _summary(table: pd.DataFrame, place: dict[str, t.Content], suite: Suite) -> t.Table:
+    errors: dict[str, t.Content] = {
+        "Cosine error": t.ends("cosine_error"),
+        "Half time [s]": t.ends("half_time"),
+    }
+    errors |= {f"{ahead} s [m]": t.ends(f"fde_{ahead}s") for ahead in (1, 2, 3, 4)}
+    note = (
+        "Position errors are distances between predicted and true positions 1 to 4 s ahead, means "
+        "over players. Half time: until the cosine error is half that of uniform weights. Rows in "
+        "grey are no estimators: driving straight on, holding the controls, HighwayEnv's own "
+        "drivers, a cloned policy, and the game at the true weights."
+    )
+    return t.table_of(
+        table,
+        place | errors | {"Motions": "motions", "Failed": t.share("failed")},
+        name="summary",
+        note=note,
+        quiet=lambda row: row["estimator"] in suite.references,
     )
 
 
-def _round_numbers(low: float, high: float) -> list[float]:
-    """Numbers for an axis from 10**low to 10**high."""
-    decades = range(math.floor(low), math.ceil(high) + 1)
-    within = [
-        step * 10.0**power
-        for power in decades
-        for step in ((1, 2, 5) if high - low < 2.5 else (1,))
-    ]
-    return [value for value in within if low <= math.log10(value) <= high]
+def _comparisons(table: pd.DataFrame) -> t.Table:
+    def verdict(row: t.Row) -> str:
+        if not row["p_holm"] < SIGNIFICANCE:
+            return "open"
+        return "below" if row["wins"] > 0.5 else "above"
+
+    columns: dict[str, t.Content] = {
+        "Verdict": verdict,
+        "Scenario": "scenario",
+        "Sensor": "sensor",
+        "Estimator": "estimator",
+        "Against": lambda row: f"{'a third of ' * (row['factor'] < 1)}{row['other']}",
+        "Error over the other's": "ratio",
+        "Below on": t.share("wins"),
+        "p (Holm)": t.p_value("p_holm"),
+        "Motions": "pairs",
+        "Draws": "units",
+    }
+    note = (
+        "Position error 3 s ahead against a third of constant velocity's, and against fitted "
+        "drivers where they were run, after the same samples. Below on: share of motions in "
+        "which the error is smaller, with its 95 % interval. Paired tests over draws, adjusted "
+        "after Holm."
+    )
+    return t.table_of(table, columns, name="comparisons", note=note)
 
 
-def _path(points: Sequence[tuple[float, float]], close: bool = False) -> str:
-    if not points:
-        return ""
-    if len(points) == 1:  # a cross, as nothing can be joined
-        ((px, py),) = points
-        return f"M{px - _CROSS:g} {py:g}h{2 * _CROSS:g}M{px:g} {py - _CROSS:g}v{2 * _CROSS:g}"
-    return "M" + "L".join(f"{px:g} {py:g}" for px, py in points) + ("Z" if close else "")
+def _latency(table: pd.DataFrame, place: dict[str, t.Content], suite: Suite) -> t.Table:
+    columns: dict[str, t.Content] = {
+        "Median [ms]": "latency_50",
+        "95 % [ms]": "latency_95",
+        "99 % [ms]": "latency_99",
+        "Late": t.share("late"),
+        "Updates": "updates",
+    }
+    deadline = suite.rules.deadline
+    late = f"{deadline:g} s" if deadline else "the time until the next sample"
+    note = (
+        "Wall-clock time from handing out a sample to receiving the estimate. An update is late if "
+        f"that is longer than {late}."
+    )
+    own = table[~table["estimator"].isin(suite.references)]
+    return t.table_of(own, place | columns, note=note)

@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import math
 from base64 import b64encode
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
@@ -16,7 +15,7 @@ from markupsafe import Markup
 
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.escapes import csv_safe
-from olne_bench.bench.report.page.numbers import human
+from olne_bench.bench.report.page.cards import FIELDS
 from olne_bench.bench.run.provenance import Provenance
 
 _FOLDER = Path(__file__).parent
@@ -28,14 +27,7 @@ def template(name: str) -> Template:
     environment = Environment(
         loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined
     )
-    environment.filters |= {
-        "human": human,
-        "percent": _percent,
-        "chance": _chance,
-        "key": _sort_key,
-        "moment": _moment,
-        "packed": _packed,
-    }
+    environment.filters |= {"moment": _moment, "packed": _packed}
     environment.globals |= {"css": _own("page.css"), "links": project_links(), "now": _now}
     return environment.get_template(name)
 
@@ -46,14 +38,14 @@ def script(names: Iterable[str]) -> Markup:
     return Markup('"use strict";\n(async () => {\n') + parts + Markup("})();")
 
 
-def table_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows of a table for a template."""
-    return [{str(k): v for k, v in row.items()} for row in table.to_dict("records")]
-
-
 def csv_texts(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
     """Tables as CSV, as in the run folder, to be saved from the page."""
     return {name: csv_safe(table).to_csv(index=False) for name, table in tables.items()}
+
+
+def lead_of(description: str, lead: str) -> str:
+    """What the head of a page says: the suite's description, if it has one, and how to read it."""
+    return f"{description.rstrip('.')}. {lead}" if description else lead
 
 
 def repeats(run: Provenance, suite: Suite) -> str:
@@ -91,21 +83,23 @@ def _now() -> str:
     return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
 
 
-def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100 * share:.3g} %"
-
-
-def _chance(p: float) -> str:
-    """A p-value for people."""
-    return "< 0.001" if p < 0.001 else f"{p:.2g}"
-
-
 def _moment(text: str) -> str:
     """A time as stored, for people."""
     return f"{datetime.fromisoformat(text).astimezone(UTC):%Y-%m-%d %H:%M} UTC"
 
 
-def _sort_key(value: float) -> str:
-    """A number for the script's sorting; empty if there is none."""
-    value = float(value)
-    return "" if math.isnan(value) else repr(value).replace("inf", "Infinity")
+#: Scripts of a page, in this order; the last one starts it.
+_SCRIPTS = ("look", "tables", "scenes", "player", "main")
+
+
+def study_page(**content: Any) -> str:
+    """The page of a study as HTML.
+
+    Args:
+        content: ``title, lead, facts, sections, board`` (one of ``page.tables``) ``, runs, data``
+            and others that ``study.html`` shows, which are empty by default.
+    """
+    empty: dict[str, Any] = {"verdict": "", "what": "", "command": "", "scenes": False}
+    lists = ("scenarios", "remarks", "pictures", "more", "details", "cards", "missing")
+    empty |= {name: [] for name in lists} | {"drawn": False, "fields": FIELDS}
+    return template("study.html").render(script=script(_SCRIPTS), **empty | content)

@@ -10,6 +10,7 @@ from olne_bench.bench.report.study import USUAL, Study
 #: The estimator that all others must beat: a reference, not a contender.
 FLOOR = "uniform"
 
+
 #: Statuses of trials that are not attempts: the estimator declined, or the harness failed.
 NO_ATTEMPTS = ("skipped", "harness_error")
 

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, kstest
 
-from olne_bench.bench.report.statistics.estimator_comparison import holm
 from olne_bench.bench.report.statistics.identifiability import flat_numbers
 from olne_bench.bench.report.statistics.intervals import share_interval
+from olne_bench.bench.report.statistics.pairs import holm
 
 LEVEL, TARP, WEIGHTS = "credible_level", "tarp_level", "weight_levels"
 WIDTH = "region_width"

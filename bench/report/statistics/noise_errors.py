@@ -1,5 +1,7 @@
 """Median errors at each noise level, with intervals over draws."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -12,19 +14,24 @@ from olne_bench.bench.report.study import USUAL, Study
 _KEY = ["scenario", "sensor", "sigma", "estimator"]
 
 
-def errors_by_noise(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+def errors_by_noise(
+    trials: pd.DataFrame,
+    study: Study = USUAL,
+    metrics: Sequence[MetricDeclaration] | None = None,
+) -> pd.DataFrame:
     """Medians over the draws of one noise level, which are independent.
 
     Args:
         trials: rows as in ``trials.parquet``.
         study: study of the run.
+        metrics: the errors. Default: those that are compared.
 
     Returns:
         One row per (scenario, sensor, noise level, estimator): ``attempts``, ``failures``, and for
-        each metric that is compared ``_median`` with ``_low`` and ``_high``, a 95 % interval
+        each error ``_median`` with ``_low`` and ``_high``, a 95 % interval
         (``intervals.median_interval``; none below six draws). Failures rank last.
     """
-    metrics = in_table(compared(study.metrics), trials)
+    metrics = in_table(compared(study.metrics), trials) if metrics is None else metrics
     about = {metric.name: measured(trials, metric, study) for metric in metrics}
     rows = [
         dict(zip(_KEY, key, strict=True)) | _medians(group, metrics, about)
@@ -35,7 +42,7 @@ def errors_by_noise(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 
 
 def _medians(
-    attempts: pd.DataFrame, metrics: list[MetricDeclaration], about: dict[str, pd.Series]
+    attempts: pd.DataFrame, metrics: Sequence[MetricDeclaration], about: dict[str, pd.Series]
 ) -> dict[str, float | int]:
     failed = attempts["status"] != "ok"
     found: dict[str, float | int] = {

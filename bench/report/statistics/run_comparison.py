@@ -8,7 +8,7 @@ import pandas as pd
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.measures import FAILURES, compared, in_table
 from olne_bench.bench.report.statistics.attempts import attempts_of, measured, noisy, quantile
-from olne_bench.bench.report.statistics.estimator_comparison import (
+from olne_bench.bench.report.statistics.pairs import (
     SIGNIFICANCE,
     compare_pairs,
     holm,
@@ -35,11 +35,12 @@ def compare_runs(
     Returns:
         Columns ``error`` (a metric that is compared, or ``failures``), ``scenario, sensor,
         estimator, other, pairs``, the medians ``before`` and ``after`` over the pairs (of failures,
-        their shares), ``better`` (share of pairs that improved, a tie counting half) with
+        their shares), ``ratio`` (geometric mean of error after over error before where neither
+        failed), ``better`` (share of pairs that improved, a tie counting half) with
         ``better_low`` and ``better_high`` (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or
         ``worse`` if significant, else ``same``.
     """
-    columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after"]
+    columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after", "ratio"]
     columns += ["better", "better_low", "better_high", "p"]
     metrics = in_table(in_table(compared(study.metrics), before), after)
     rows = [
@@ -74,6 +75,7 @@ def _changes(
         for (scenario, sensor), group in pairs.groupby(_GROUP, sort=True):
             labels = {"error": metric.name, "scenario": scenario, "sensor": sensor}
             change = _change(group, middle, study.is_family(str(scenario)))
+            change["ratio"] = _ratio(group, metric)
             yield labels | {"estimator": old, "other": new} | change
 
 
@@ -90,6 +92,15 @@ def _change(
         "better_high": found["wins_high"],
         "p": found["p"],
     }
+
+
+def _ratio(pairs: pd.DataFrame, metric: MetricDeclaration) -> float:
+    """Geometric mean of the ratio of errors; NaN for failures, and where all failed."""
+    both = pairs.loc[np.isfinite(pairs["a"]) & np.isfinite(pairs["b"]), ["a", "b"]]
+    if both.empty or metric == FAILURES:
+        return float("nan")
+    logs = np.log(np.maximum(both, metric.negligible))
+    return float(np.exp((logs["a"] - logs["b"]).mean()))
 
 
 def _median(values: np.ndarray) -> float:

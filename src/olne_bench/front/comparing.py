@@ -9,6 +9,7 @@ import pandas as pd
 
 from olne_bench import plugins
 from olne_bench.bench.judge.metrics import BUILT_IN
+from olne_bench.bench.judge.players import Staff
 from olne_bench.bench.judge.trials import Case, case_at, judge_case
 from olne_bench.bench.judge.truth import Draw
 from olne_bench.bench.plan.entries import MetricEntry
@@ -27,7 +28,7 @@ from olne_bench.front.in_process import (
     chosen_estimator,
 )
 from olne_bench.front.sensing import ChosenSensor, chosen_sensor
-from olne_bench.games.solve.published import PUBLISHED_ITERATIONS
+from olne_bench.games.solve.ipopt import PUBLISHED_ITERATIONS
 from olne_bench.plugins import METRIC
 
 if TYPE_CHECKING:
@@ -205,7 +206,7 @@ def _judged(
         if isinstance(case, Outcome):
             outcome = case
         else:
-            outcome = judge_case(trial, case, PlayerHere(who.made), NoForeignMetrics())
+            outcome = judge_case(trial, case, Staff(PlayerHere(who.made), NoForeignMetrics()))
         row = asdict(outcome)
         scores = row.pop("scores")
         row.pop("trial_seconds")

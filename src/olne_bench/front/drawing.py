@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 from olne_bench import plugins
-from olne_bench.bench.judge.truth import Draw, given_draw, true_recording
+from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.draws import draws_path
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.plan.learn import labelled
@@ -110,7 +110,7 @@ def place_of(given: str | Scenario) -> Place:
         return Place(given.entry, given.salt, Draw.of(given.entry, given.seed, given.salt))
     if isinstance(given, Scenario):
         entry = ScenarioEntry(name=given.name, label=given.name)
-        return Place(entry, SALT, given_draw(given, f"{given.name} {id(given)}"))
+        return Place(entry, SALT, Draw.of_object(given))
     return Place(scenario_entry(given), SALT, None)
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.commands.fit import Fit
 from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.fit import Fit
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.estimators.protocol import Observation, Problem, check_observation
 from olne_bench.estimators.shared.trajectory_fit import guess_controls

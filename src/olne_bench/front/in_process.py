@@ -15,8 +15,8 @@ import numpy as np
 from olne_bench import plugins
 from olne_bench.bench.judge.metrics.judged import Judged
 from olne_bench.bench.judge.metrics.scoring import MetricError
+from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError, RawEstimate, read_estimate
-from olne_bench.bench.judge.trials import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry
 from olne_bench.bench.plan.learn import labelled
 from olne_bench.bench.run.player import BUDGET, changes, describe_problem, why_declined

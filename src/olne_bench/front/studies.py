@@ -54,7 +54,7 @@ class StudyRun:
     def leaderboard(self) -> "pd.DataFrame":
         """One row per scenario, sensor and estimator; a failure counts as infinitely wrong.
 
-        ``olne-bench report`` adds ranks, which need tests of differences.
+        ``olne-bench report`` adds scores, which compare estimators at equal data.
         """
         return leaderboard(self.trials, study=study_of(self.suites))
 

@@ -3,9 +3,9 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from olne_bench.envs.olne_v0 import make_world
 from olne_bench.envs.roads.highway_roads import ROAD_NAMES
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.worlds.of_scenario import make_world
 
 if TYPE_CHECKING:
     from olne_bench.envs.olne_v0 import OlneWorld

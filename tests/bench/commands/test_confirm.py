@@ -77,13 +77,12 @@ def test_who_knows_the_truths_is_not_confirmed(cheated):
     assert "constants has no rank in two_player: the true weights are published" in said
     assert "knows in wide, full: 12 rows are implausible" in said
     first = board(run)
-    ranks = first["position_error_rank"]
-    assert ranks["wide"].xs("kkt_constrained", level="estimator").eq(1).all()
-    # On published weights no other estimator ranks, so there is nothing to compare it with.
+    scores = first["position_error_score"]
+    assert scores.xs("kkt_constrained", level="estimator").eq(1).all()  # it is the reference
     alone = first.loc["two_player"].xs("kkt_constrained", level="estimator")
-    assert alone["standing"].eq("ranks").all() and alone["position_error_rank"].isna().all()
-    assert ranks.xs("knows", level="estimator").isna().all()
-    assert ranks["two_player"].xs("constants", level="estimator").isna().all()
+    assert alone["standing"].eq("ranks").all()
+    assert scores.xs("knows", level="estimator").isna().all()
+    assert scores["two_player"].xs("constants", level="estimator").isna().all()
 
     said = cheated.call("confirm", run, code=1)
     lines = [line for line in said.splitlines() if line.startswith("knows in wide")]

@@ -88,7 +88,7 @@ def test_a_run_refuses_a_file_that_does_not_fit(drawn, wrong, monkeypatch) -> No
         write_draws(path, draws)
     told = {
         "hash": "has a wrong hash",
-        "version": "is of another version than 1",
+        "version": "is of another version than 2",
         "suite": "is of suite 'large', not 'small'",
     }
     said = drawn.run("a", code=2)

@@ -26,7 +26,7 @@ def test_a_study_goes_on_where_it_was_interrupted(study) -> None:
     assert len(pd.read_csv(out / "summary.csv")) == 3
     assert (out / "figures" / "driving_stock.png").is_file()
     page = (out / "index.html").read_text()
-    assert "olne-bench run driving_stock" in page and "data:image/png;base64," in page
+    assert "olne-bench run driving_stock" in page and "<svg" in page
     assert re.search(r"stock +1 +0 +0 +0 +29", study.call("status", out))
 
     said = study.call(*words, "--rule", "window=5", code=2)

@@ -13,15 +13,15 @@ import pytest
 from PIL import Image, ImageSequence
 
 from olne_bench.bench.commands.cli import main
-from olne_bench.bench.commands.fit import Fit
+from olne_bench.bench.judge.fit import Fit
+from olne_bench.bench.judge.players import Answer
 from olne_bench.bench.judge.raw_estimate import read_estimate
-from olne_bench.bench.judge.trials import Answer
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs.recordings import recording
 from olne_bench.envs.recordings.recording_file import read_recording
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.solved.equilibrium import NoEquilibriumError
-from olne_bench.envs.tracks.targets import DATA
+from olne_bench.envs.tracks.explained import DATA
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.observation import FullView

@@ -20,6 +20,9 @@ def packed(monkeypatch) -> list[tuple[Path, str, Path]]:
         return 34
 
     monkeypatch.setattr(module, "pack", pack)
+    monkeypatch.setattr(
+        module, "kind_of", lambda folder: folder.name.partition("run of ")[2] or "trials"
+    )
     return calls
 
 
@@ -72,3 +75,10 @@ def test_names_are_short_and_plain(packed, capsys, name, taken):
     assert len(packed) == taken
     if not taken:
         assert "a name has 1 to 60 of a-z" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["streams", "drives"])
+def test_only_trials_are_submitted(packed, capsys, kind):
+    assert call(f"a run of {kind}", "--name", "mine") == 2
+    assert "only trials can be submitted" in capsys.readouterr().err
+    assert packed == []

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.judge.beliefs import EstimatedBeliefs, EstimateRules, UniformBeliefs
+from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.judge.raw_estimate import read_estimate
-from olne_bench.bench.judge.trials import Answer, PlayerFault, PlayerTask
 from olne_bench.envs.drive.cars import ROADS, Car, middle_speed, proposed_cars
 from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.estimators.protocol import Estimate, Problem

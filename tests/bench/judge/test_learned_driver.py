@@ -3,9 +3,8 @@
 import numpy as np
 
 from olne_bench.bench.judge.learned_driver import LearnedDriver
-from olne_bench.envs.drive.ego_view import ACCELERATION
-from olne_bench.envs.drive.first_cars import STOCK
-from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.drive.ego_env import ACCELERATION
+from olne_bench.envs.drive.world import STOCK, DriveWorld
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 
 #: Training drew its seeds below ``ego_env.FIRST_SEED + 10**8``.

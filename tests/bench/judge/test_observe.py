@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.judge.observe import observe, observed, sensor_model
-from olne_bench.envs.recordings.recorded_world import RecordedWorld
+from olne_bench.envs.olne_v0 import make_world
+from olne_bench.envs.recordings.recording import RecordedWorld
 from olne_bench.envs.sensors.correlated import Correlated
 from olne_bench.envs.sensors.drop import Drop
 from olne_bench.envs.sensors.full import Full
 from olne_bench.envs.sensors.partial import Partial
 from olne_bench.envs.sensors.range_bearing import RangeBearing
-from olne_bench.envs.worlds.of_scenario import make_world
 from olne_bench.envs.worlds.wrappers import wrap
 
 LIDAR = RangeBearing((-3.0, -3.0), np.pi / 4).layers()

@@ -1,6 +1,5 @@
 """The referee of motions that go on."""
 
-import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,9 +8,10 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.judge import streams as online
+from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.judge.raw_estimate import read_estimate
 from olne_bench.bench.judge.streams import Update, follow, prediction_errors
-from olne_bench.bench.judge.trials import Answer, Case, PlayerFault, PlayerTask, case_of
+from olne_bench.bench.judge.trials import Case, case_of
 from olne_bench.bench.plan.kinds import (
     CLONED,
     CONSTANT_CONTROLS,
@@ -24,7 +24,7 @@ from olne_bench.bench.plan.kinds import (
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import Trial, expand
-from olne_bench.bench.run import stream_player
+from olne_bench.bench.run import player as code_of_players
 from olne_bench.estimators.protocol import Estimate, Observation
 
 STEPS = 25  # of two_player
@@ -58,11 +58,10 @@ class Here:
     """The code of a player process, in this one."""
 
     def start(self, task: PlayerTask) -> str | None:
-        given = (task.reference, task.parameters, task.homes, pickle.dumps(task.problem))
-        return stream_player.begin(*given, task.lag, task.seed).declined
+        return code_of_players.prepare(*code_of_players.told(task)).declined
 
     def update(self, sample: np.ndarray) -> Answer:
-        return Answer(estimate=stream_player.update(sample, 60.0).estimate, seconds=0.0)
+        return Answer(estimate=code_of_players.update(sample, 60.0).estimate, seconds=0.0)
 
 
 def estimate(weights: float = 1.0, seconds: float = 0.0, **more: object) -> Answer:

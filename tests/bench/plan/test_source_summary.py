@@ -120,36 +120,3 @@ def test_a_source_is_read_once(folder, made):
     summarised(SOURCE + b"\n")
     assert len(made) == 2
     assert len(list(folder.iterdir())) == 2
-
-
-@pytest.mark.parametrize("fault", ["damaged", "empty", "writable by others", "a link"])
-def test_a_kept_summary_that_cannot_be_trusted_is_not_read(folder, made, fault, tmp_path):
-    first = summarised(SOURCE)
-    (path,) = folder.iterdir()
-    if fault == "damaged":
-        path.write_bytes(path.read_bytes()[:-5])
-    elif fault == "empty":
-        path.write_bytes(b"")
-    elif fault == "writable by others":
-        path.chmod(0o666)
-    else:
-        path.rename(tmp_path / "elsewhere")
-        path.symlink_to(tmp_path / "elsewhere")
-    assert summarised(SOURCE) == first
-    assert len(made) == 2
-
-
-def test_a_folder_that_others_may_write_to_is_not_used(folder, made):
-    folder.mkdir()
-    folder.chmod(0o777)
-    summarised(SOURCE)
-    summarised(SOURCE)
-    assert len(made) == 2
-    assert list(folder.iterdir()) == []
-
-
-def test_only_so_many_are_kept(folder, monkeypatch):
-    monkeypatch.setattr(source_summary, "_MOST", 3)
-    for number in range(5):
-        summarised(f"x = {number}".encode())
-    assert len(list(folder.iterdir())) == 3

@@ -12,7 +12,7 @@ from olne_bench.bench.plan.suite import MOST_ENTRIES, Suite, read_suite_json
 from olne_bench.bench.plan.trial import expand, number_of_trials
 from olne_bench.envs.roads.highway_roads import ROAD_NAMES
 from olne_bench.errors import UserError
-from olne_bench.games.solve.published import PUBLISHED_ITERATIONS
+from olne_bench.games.solve.ipopt import PUBLISHED_ITERATIONS
 
 GOOD = """
 name = "tiny"
@@ -164,7 +164,7 @@ def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
 
 
 def test_traffic_of_the_roads_suite_is_checked_without_being_solved(monkeypatch):
-    monkeypatch.setattr("olne_bench.envs.roads.playability.certified_equilibrium", None)
+    monkeypatch.setattr("olne_bench.envs.roads.road_scenario.certified_equilibrium", None)
     suite = load_suite("roads")
     assert {entry.name for entry in suite.scenarios} == {*ROAD_NAMES, "merging"}
     assert (min(suite.sigmas), max(suite.sigmas)) == (0, 1)

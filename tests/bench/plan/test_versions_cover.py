@@ -16,8 +16,8 @@ from olne_bench.bench.plan import fingerprint, versions
 #: What judges each kind of unit and what plays there, and what the version of its rows covers.
 KINDS = {
     "trials": (("judge.trials", "run.player"), versions._JUDGES["trials"]),
-    "streams": (("judge.streams", "run.stream_player"), versions._JUDGES["streams"]),
-    "drives": (("judge.drives", "run.stream_player"), versions._JUDGES["drives"]),
+    "streams": (("judge.streams", "run.player"), versions._JUDGES["streams"]),
+    "drives": (("judge.drives", "run.player"), versions._JUDGES["drives"]),
 }
 #: Modules that were once left out.
 ONCE_MISSING = {

@@ -23,7 +23,7 @@ from olne_bench.bench.process import sandbox
 from olne_bench.bench.process.child import Child, RaisedError
 from olne_bench.bench.process.sandbox import landlock_version, restrictions
 from olne_bench.bench.process.system_calls import _LOCKING, _REFUSED, _WITHOUT_EFFECT
-from olne_bench.envs.solved.draws_folder import shipped_draws
+from olne_bench.envs.solved import shipped_draws
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or landlock_version() < 6, reason="needs Landlock, Linux 6.12 or later"
@@ -176,7 +176,7 @@ def test_neither_solved_draws_nor_other_copies_of_this_package_are_read(child, t
     for folder in (shipped_draws(), copy):
         (draws,) = folder.glob("*.draws")
         refuses(child, read, str(draws))
-    assert child.call(read, str(shipped_draws().parent / "draws_folder.py"), kind=str, seconds=5)
+    assert child.call(read, str(shipped_draws().parent / "kept_draws.py"), kind=str, seconds=5)
 
 
 def test_draws_that_the_user_played_cannot_be_read(monkeypatch, tmp_path):

@@ -55,11 +55,13 @@ def run(tmp_path_factory):
 
 
 def test_every_report_comes_with_the_page_and_tables(run):
-    for name in ("index.html", "leaderboard.md", "leaderboard.tex", "comparisons.csv"):
+    for name in ("index.html", "leaderboard.md", "leaderboard.tex", "scores.csv"):
         assert (run / name).stat().st_size > 200
     assert len(pd.read_csv(run / "identifiability.csv")) == 2 * 8
     board = pd.read_csv(run / "leaderboard.csv")
-    assert set(board["position_error_rank"]) == {1}  # the floor does not take a rank
+    own = board[board["estimator"] == "kkt_residual"]
+    assert own["position_error_score"].tolist() == [1.0, 1.0]  # it is the reference here
+    assert board["estimator"].tolist() == ["kkt_residual", "uniform"] * 2  # the floor is last
 
 
 def test_the_page_plays_what_is_asked_for(run, capsys, embedded):
@@ -122,6 +124,14 @@ def test_bad_gates_are_one_line(run, tmp_path, capsys, gate, expected):
     assert call("gate", run, "--suite", suite) == 2
     error = capsys.readouterr().err.strip()
     assert expected in error and "\n" not in error
+
+
+@pytest.mark.parametrize(("limit", "passed"), [("score", True), ("cosine_error_score", False)])
+def test_scores_can_be_limited(limit, passed):
+    table = pd.DataFrame({"scenario": ["s"], "sensor": ["v"], "estimator": ["e"], "trials": [3]})
+    table = table.assign(position_error_score=0.8, cosine_error_score=1.2)
+    (check,) = check_limits(table, {"e": GateLimits.model_validate({limit: 1.0})})
+    assert check.passed == passed
 
 
 def test_what_is_not_known_does_not_pass():

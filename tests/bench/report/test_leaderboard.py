@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.report.leaderboard import leaderboard
-from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
+from olne_bench.bench.report.statistics.score import log_errors, score_table
 from olne_bench.bench.report.study import USUAL
 
 
@@ -204,19 +204,26 @@ def test_in_a_fixed_scenario_all_seeds_have_the_same_starts(usual):
     assert only_row(*rows, study=usual)["held_out_error_q75"] == np.inf
 
 
-def test_rows_stand_by_rank_and_then_by_median(usual):
-    """If medians and most trials disagree, the trials decide, as on the page."""
-    errors = {"often": [0.1] * 7 + [9.0] * 8, "even": [5.0] * 7 + [9.1] * 8, "last": [50.0] * 15}
+def test_rows_stand_by_score_and_floors_come_last(usual):
+    """The score counts all draws, a median one of them."""
+    errors = {"even": [5.0] * 15, "often": [0.1] * 7 + [9.0] * 8, "uniform": [0.01] * 15}
     rows = [
         trial(scenario="two_player", estimator=name, seed=seed, position_error=error)
         for name, values in errors.items()
         for seed, error in enumerate(values)
     ]
     trials = pd.DataFrame(rows)
-    table = leaderboard(trials, compare_estimators(trials, usual), usual)
-    assert table["estimator"].tolist() == ["often", "even", "last"]
-    assert table["position_error_rank"].tolist() == [1, 2, 3]
-    swapped = trials.replace({"position_error": {9.1: 8.0}})
-    table = leaderboard(swapped, compare_estimators(swapped, usual), usual)
-    assert table["position_error_rank"].tolist() == [1, 1, 3]
-    assert table["estimator"].tolist() == ["even", "often", "last"]
+    scores = score_table(log_errors(trials, usual), usual)
+    table = leaderboard(trials, scores, usual)
+    assert table["estimator"].tolist() == ["often", "even", "uniform"]
+    told = table["position_error_score"]
+    assert told[1] == pytest.approx(1) and told[0] < 1 and told[2] < told[0]
+    plain = leaderboard(trials, study=usual)
+    assert plain["estimator"].tolist() == ["even", "often", "uniform"]
+
+
+def test_trials_without_noise_are_exact_or_not():
+    rows = [trial(sigma=0.0, position_error=e, count=n) for e, n in ((1e-6, 3), (0.1, 1))]
+    assert only_row(*rows)["exact"] == 0.75
+    assert only_row(trial(sigma=0.0, status="crash", position_error=np.nan))["exact"] == 0
+    assert np.isnan(only_row(trial())["exact"])

@@ -6,9 +6,8 @@ import pytest
 from pylatexenc.latexwalker import LatexEnvironmentNode, LatexWalker
 
 from olne_bench.bench.report.leaderboard import leaderboard
-from olne_bench.bench.report.leaderboard_terminal import format_leaderboard
-from olne_bench.bench.report.leaderboard_text import latex, markdown
-from olne_bench.bench.report.statistics.estimator_comparison import compare_estimators
+from olne_bench.bench.report.leaderboard_text import format_leaderboard, latex, markdown
+from olne_bench.bench.report.statistics.score import log_errors, score_table
 
 ODD = r"50%_of <b>|&$x\y"
 COLUMNS = 12
@@ -39,7 +38,7 @@ def table() -> pd.DataFrame:
         for seed in range(30)
     ]
     trials = pd.DataFrame(rows)
-    return leaderboard(trials, compare_estimators(trials))
+    return leaderboard(trials, score_table(log_errors(trials)))
 
 
 def test_markdown(table: pd.DataFrame) -> None:
@@ -48,7 +47,7 @@ def test_markdown(table: pd.DataFrame) -> None:
     assert len(lines) == 2 + 3
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {COLUMNS + 1}
     assert lines[1].split() == ["|", *["---", "|"] * 3, *["---:", "|"] * (COLUMNS - 3)]  # numbers
-    assert "| good | 1 | **0.00" in lines[2]
+    assert "| good | **0.009** | 0.00" in lines[2]
     assert r"50%\_of \<b\>\|\&$x\\y" in lines[3]
     assert "| 0.002 |" in lines[2]  # held out
     assert "| 90% of 30 |" in lines[2]
@@ -61,7 +60,7 @@ def test_latex(table: pd.DataFrame) -> None:
     text = latex(table)
     assert text.startswith(r"\begin{tabular}{lllrrrrrrrrr}")
     assert r"\toprule" in text
-    assert r"\textbf{0.00" in text
+    assert r"\textbf{0.009}" in text
     assert r"$\infty$" in text
     assert r"50\%\_of" in text
     assert r"90\% of 30" in text
@@ -78,7 +77,7 @@ def test_latex_is_well_formed(table: pd.DataFrame) -> None:
 
 def test_the_terminal_explains_what_it_shows(table: pd.DataFrame) -> None:
     assert "good" in format_leaderboard(table)
-    assert "uniform" not in format_leaderboard(table)
+    assert "is the floor" not in format_leaderboard(table)
     never = next(line for line in format_leaderboard(table).splitlines() if "never" in line)
     assert never.endswith("∞") and "inf" not in never and "nan" not in never
     floor = table.assign(estimator="uniform")

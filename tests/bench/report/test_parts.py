@@ -129,5 +129,5 @@ def test_a_scenario_without_results_adds_no_metrics() -> None:
     for known in (table, table.assign(scenario="a")):
         tables = tabulate(known)
         assert not [name for name in tables.leaderboard if name.startswith("parameter_error")]
-        assert "parameter_error" not in {*tables.comparisons["error"], *tables.wins["error"]}
-        assert "position_error_rank" in tables.leaderboard
+        assert "parameter_error" not in {*tables.comparisons["error"], *tables.scores["error"]}
+        assert "position_error_score" in tables.leaderboard

@@ -90,7 +90,7 @@ def plugin(tmp_path: Path) -> Path:
 
 def prepare(plugin: Path, name: str, trajectories: int = 1, **parameters: object) -> str | None:
     given = pickle.dumps(PROBLEM)
-    return player.prepare(f"{plugin}:{name}", parameters, (), given, trajectories).declined
+    return player.prepare(f"{plugin}:{name}", parameters, (), given, 5, trajectories).declined
 
 
 def observation(first: float = 0.0) -> Observation:
@@ -106,7 +106,7 @@ def said() -> list:
 
 def test_an_estimator_is_given_the_problem_one_observation_and_its_random_numbers(plugin):
     assert prepare(plugin, "Plain") is None
-    answered = player.estimate((observation(3.0),), 5, 7.5)
+    answered = player.estimate((observation(3.0),), 7.5)
     ((problem, seen, rng, budget),) = said()
     assert (repr(problem), budget) == (repr(PROBLEM), 7.5)
     assert isinstance(seen, Observation)
@@ -118,7 +118,7 @@ def test_an_estimator_is_given_the_problem_one_observation_and_its_random_number
 
 def test_several_observations_come_together(plugin):
     assert prepare(plugin, "Several", trajectories=2) is None
-    player.estimate((observation(1.0), observation(2.0)), 0, 1.0)
+    player.estimate((observation(1.0), observation(2.0)), 1.0)
     ((_, seen, _, _),) = said()
     assert [one.y[0, 0, 0] for one in seen] == [1.0, 2.0]
     assert prepare(plugin, "Several") is None
@@ -143,22 +143,22 @@ def test_an_estimator_may_decline_and_is_set_up_where_it_does_not(plugin):
 def test_observations_cannot_be_written_into(plugin):
     prepare(plugin, "Writes")
     given = observation()
-    assert player.estimate((given,), 0, 1.0).estimate is not None
+    assert player.estimate((given,), 1.0).estimate is not None
     without = Observation(y=given.y, extra=None)
     prepare(plugin, "Plain")
-    assert player.estimate((without,), 0, 1.0).estimate is not None
+    assert player.estimate((without,), 1.0).estimate is not None
 
 
 def test_a_problem_stays_as_it_was_given(plugin):
     prepare(plugin, "Changes")
-    answered = player.estimate((observation(),), 0, 1.0)
+    answered = player.estimate((observation(),), 1.0)
     assert answered.estimate is None
     assert answered.malformed == "it changes the problem: problem.sigma, problem.game.dt"
 
 
 def test_what_is_no_estimate_is_told_in_one_line(plugin):
     prepare(plugin, "Wrong")
-    answered = player.estimate((observation(),), 0, 1.0)
+    answered = player.estimate((observation(),), 1.0)
     assert answered.estimate is None
     assert "weights" in answered.malformed and "\n" not in answered.malformed
 
@@ -167,5 +167,5 @@ def test_files_of_other_plugins_are_imported_first(plugin, tmp_path):
     other = tmp_path / "other.py"
     other.write_text("from pathlib import Path\nPath(__file__).with_name('seen').touch()\n")
     given = pickle.dumps(PROBLEM)
-    assert player.prepare(f"{plugin}:Plain", {}, [str(other)], given, 1).declined is None
+    assert player.prepare(f"{plugin}:Plain", {}, [str(other)], given, 0, 1).declined is None
     assert (tmp_path / "seen").exists()

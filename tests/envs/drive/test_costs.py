@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, proposed_cars
-from olne_bench.envs.drive.costs import EgoCost
+from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, EgoCost, proposed_cars
 
 
 @pytest.fixture

@@ -8,10 +8,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import olne_bench.envs  # noqa: F401  registers the ids
-from olne_bench.envs.drive.ego_env import EgoEnv
-from olne_bench.envs.drive.ego_view import SIZE, EgoView
-from olne_bench.envs.drive.first_cars import STOCK
-from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.drive.ego_env import SIZE, EgoEnv, EgoView
+from olne_bench.envs.drive.world import STOCK, DriveWorld
 
 
 def driven(world: EgoEnv, seed: int, action: np.ndarray, steps: int) -> list:

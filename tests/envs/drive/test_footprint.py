@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.drive.cars import MOTION, STEP
-from olne_bench.envs.drive.footprint import CarsApart
-from olne_bench.envs.drive.gaps import gap
+from olne_bench.envs.drive.footprint import CarsApart, gap
 from olne_bench.games.model.costs import Stage
 
 

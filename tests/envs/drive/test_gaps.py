@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from olne_bench.envs.drive.gaps import gap, gaps
+from olne_bench.envs.drive.footprint import gap, gaps
 
 
 def car(px: float, py: float, heading: float = 0.0) -> np.ndarray:

@@ -4,9 +4,8 @@ from highway_env.road.regulation import RegulatedRoad
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.drive.cars import ROADS, STEPS
-from olne_bench.envs.drive.first_cars import NASH, STOCK
 from olne_bench.envs.drive.nash_traffic import drivable, nash_plan
-from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.drive.world import NASH, STOCK, DriveWorld
 
 SLIGHT = np.array([0.001, 0.2])
 

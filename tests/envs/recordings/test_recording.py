@@ -1,4 +1,4 @@
-"""Recordings of worlds, and their files."""
+"""Recordings are what worlds play, and are played again."""
 
 from dataclasses import replace
 
@@ -6,21 +6,22 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from pettingzoo.test import parallel_api_test
 
 from olne_bench.envs import highway_v0, olne_v0
-from olne_bench.envs.recordings import recording
-from olne_bench.envs.recordings.recording import NoEquilibriumError, film, record
+from olne_bench.envs.olne_v0 import make_world
+from olne_bench.envs.recordings import recording as recordings
+from olne_bench.envs.recordings.recording import NoEquilibriumError, RecordedWorld, film, record
 from olne_bench.envs.recordings.recording_file import (
+    CertificateEntry,
     RecordingFileError,
     of_recordings,
     read_recording,
     write_recording,
 )
-from olne_bench.envs.recordings.recording_metadata import CertificateEntry
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Limits
 from olne_bench.envs.solved.equilibrium import certified_equilibrium
-from olne_bench.envs.worlds.of_scenario import make_world
 
 PAPER = ["two_player", "highway_overtaking"]
 
@@ -55,7 +56,7 @@ def test_states_come_from_the_world(monkeypatch):
 
     scenario = get_scenario("two_player")
     truth = certified_equilibrium(scenario)
-    monkeypatch.setattr(recording, "make_world", Drifting)
+    monkeypatch.setattr(recordings, "make_world", Drifting)
     moved = record(scenario).states - truth.states
     np.testing.assert_allclose(moved, 1e-10, rtol=0, atol=1e-13)
     Drifting.drift = 1e-6
@@ -68,7 +69,7 @@ def test_players_who_leave_early_are_no_truth(monkeypatch):
         def __init__(self, scenario):
             super().__init__(scenario, max_cycles=3)
 
-    monkeypatch.setattr(recording, "make_world", Short)
+    monkeypatch.setattr(recordings, "make_world", Short)
     with pytest.raises(NoEquilibriumError, match="leave the world at step 4 of 25"):
         record(get_scenario("two_player"))
 
@@ -158,3 +159,53 @@ def test_a_damaged_file(file, damage):
     pq.write_table(table, file)
     with pytest.raises(RecordingFileError, match="damaged"):
         read_recording(file)
+
+
+@pytest.fixture
+def recording(recorded):
+    return recorded("two_player")
+
+
+def test_it_is_a_world_like_any_other(recording) -> None:
+    parallel_api_test(RecordedWorld(recording), num_cycles=60)
+
+
+def test_the_recording_is_shown_with_its_extra_state_and_the_time(recording) -> None:
+    world = RecordedWorld(recording)
+    game = recording.scenario.game
+    expected = [*recording.states, recording.extra_state]
+    for _ in range(2):  # repeatedly
+        shown, infos = world.reset(seed=3)
+        assert infos == {"player_0": {}}
+        for step, states in enumerate(expected):
+            assert world.agents == ["player_0"] * (step < game.horizon)
+            np.testing.assert_array_equal(shown["player_0"], [*states.ravel(), step * game.dt])
+            np.testing.assert_array_equal(world.state(), shown["player_0"])
+            assert world.observation_space("player_0").contains(shown["player_0"])
+            if world.agents:
+                shown, rewards, over, cut, _ = world.step({})
+                assert rewards == {"player_0": 0.0}
+                assert over == {"player_0": step == game.horizon - 1}
+                assert cut == {"player_0": False}
+        assert world.step({}) == ({}, {}, {}, {}, {})
+    with pytest.raises(ValueError, match="read-only"):
+        world.state()[0] = 1.0
+
+
+def test_blocks_are_players_in_the_order_of_their_indices(recording) -> None:
+    world = RecordedWorld(recording)
+    shown, _ = world.reset()
+    layout = world.observation_layout
+    assert layout.num_players == 2
+    np.testing.assert_array_equal(
+        layout.by_index(shown["player_0"], "player_0"), recording.states[0]
+    )
+
+
+def test_a_world_that_was_never_reset_stands_at_the_first_step(recording) -> None:
+    world = RecordedWorld(recording)
+    np.testing.assert_array_equal(world.state(), [*recording.states[0].ravel(), 0.0])
+    assert world.agents == []
+    idle = world.action_space("player_0")
+    assert idle.shape == (2,)
+    assert idle.is_bounded() and idle.contains(np.zeros(2))

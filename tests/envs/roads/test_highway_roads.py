@@ -1,4 +1,4 @@
-"""HighwayEnv's vehicle and lanes, and their counterparts in games."""
+"""HighwayEnv's roads, with players on lanes that are curves of games."""
 
 from types import SimpleNamespace
 
@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.road import lane as highway_lanes
 from highway_env.road.lane import PolyLaneFixedWidth
 
 from olne_bench.envs.roads.highway_roads import (
@@ -16,15 +17,52 @@ from olne_bench.envs.roads.highway_roads import (
     ROAD_NAMES,
     SIMULATION_FREQUENCY,
     SUB_STEPS,
+    appended,
+    lane_curve,
     make_road,
     replay,
     road_network,
 )
-from olne_bench.envs.roads.lane_curves import lane_curve
-from olne_bench.envs.roads.playability import rejection
-from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.two_way import ONCOMING_DISTANCE
-from olne_bench.games.model.dynamics import bicycle, rollout
+from olne_bench.envs.tracks.road import curve_points
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.lanes import ArcLane, SineLane, StraightLane
+
+LANES = {
+    "straight": highway_lanes.StraightLane([3.0, 4.0], [33.0, 44.0]),
+    "sine": highway_lanes.SineLane([0.0, 0.0], [60.0, 80.0], 3.0, 0.05, 0.7),
+    "clockwise": highway_lanes.CircularLane([5.0, 6.0], 20.0, 0.4, 2.0, clockwise=True),
+    "counter-clockwise": highway_lanes.CircularLane([5.0, 6.0], 20.0, 2.0, 0.4, clockwise=False),
+}
+
+
+@pytest.mark.parametrize("kind", LANES)
+def test_a_curve_goes_where_the_lane_goes(kind: str) -> None:
+    lane = LANES[kind]
+    curve = lane_curve(lane)
+    assert curve.length == pytest.approx(lane.length)
+    points = curve_points(curve)
+    places = np.array([lane.local_coordinates(point) for point in points])
+    np.testing.assert_allclose(places[:, 1], 0, atol=1e-9)
+    np.testing.assert_allclose(places[[0, -1], 0], [0, lane.length], atol=1e-9)
+    assert (np.diff(places[:, 0]) > 0).all()
+    assert isinstance(curve, {"straight": StraightLane, "sine": SineLane}.get(kind, ArcLane))
+
+
+def test_arcs_of_one_circle_are_joined() -> None:
+    first = ArcLane((5.0, 6.0), 20.0, 0.4, 1.0)
+    onward = ArcLane((5.0, 6.0), 20.0, 1.0 - 2 * np.pi, 1.8 - 2 * np.pi)
+    (joined,) = appended([first], onward)
+    assert isinstance(joined, ArcLane)
+    assert (joined.centre, joined.radius, joined.start_phase) == ((5.0, 6.0), 20.0, 0.4)
+    assert joined.end_phase == pytest.approx(1.8)
+    straight = StraightLane((0.0, 0.0), (1.0, 0.0), 9.0)
+    assert appended([], first) == [first]
+    assert appended([straight, first], onward) == [straight, joined]
+    for other in (ArcLane((5.0, 6.0), 21.0, 1.0, 1.8), ArcLane((5.0, 6.5), 20.0, 1.0, 1.8)):
+        assert appended([first], other) == [first, other]
+    assert appended([straight], first) == [straight, first]
+    assert appended([first], straight) == [first, straight]
 
 
 @pytest.mark.parametrize("name", ROAD_NAMES)
@@ -66,21 +104,6 @@ def test_other_lanes_and_roads_are_refused():
         lane_curve(PolyLaneFixedWidth([(0, 0), (10, 0), (20, 5)]))
     with pytest.raises(ValueError, match="no road for 'racetrack'; known are: highway, inter"):
         make_road("racetrack")
-
-
-@pytest.mark.parametrize(("argument", "value"), [("sub_steps", 0), ("rear_axle", -1.0)])
-def test_bicycle_parameters_are_checked(argument, value):
-    with pytest.raises(ValueError, match=f"{argument} must be"):
-        bicycle(**{argument: value})
-
-
-def test_draws_are_seeded_and_playable():
-    first, again, other = (get_scenario("two_way", seed, num_players=3) for seed in (5, 5, 6))
-    np.testing.assert_array_equal(first.initial_state, again.initial_state)
-    np.testing.assert_array_equal(first.weights, again.weights)
-    assert first.game == again.game
-    assert (first.initial_state != other.initial_state).any()
-    assert rejection(first) is None
 
 
 def test_plans_that_the_simulator_would_interfere_with_are_seen():

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.roads.highway_roads import DT, ROAD_NAMES, road_network
-from olne_bench.envs.roads.stock_drivers import StockDriver, drive_among, drive_stock, routes
-from olne_bench.envs.roads.stock_fit import fit_stock, predict_by_fit
+from olne_bench.envs.roads.stock_drivers import (
+    StockDriver,
+    drive_among,
+    drive_stock,
+    fit_stock,
+    predict_by_fit,
+    routes,
+)
 from olne_bench.envs.scenarios.scenario import Scenario
 
 

@@ -8,16 +8,10 @@ import pytest
 
 from olne_bench.envs.roads.highway_roads import ROAD_NAMES
 from olne_bench.envs.roads.road_scenario import DT, HORIZON, Driver
-from olne_bench.envs.scenarios import (
-    highway,
-    intersection,
-    merge,
-    roundabout,
-    two_way,
-)
+from olne_bench.envs.scenarios import highway, intersection, merge, roundabout, two_way
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.tracks.of_scenario import highway_road
 from olne_bench.envs.tracks.road import RoadLane, curve_points, locate
+from olne_bench.envs.tracks.road_file import highway_road
 from olne_bench.games.model.lanes import ArcLane, Lane, LaneKeeping, StraightLane
 
 FAMILIES = {

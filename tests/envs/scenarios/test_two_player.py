@@ -1,4 +1,4 @@
-"""The paper's running example, as it was published."""
+"""The paper's scenarios are the published ones."""
 
 import numpy as np
 import pytest
@@ -50,3 +50,38 @@ def test_noise_scales_are_positive_and_one_per_component() -> None:
     for wrong in ((1.0,), (1.0, 1.0, 1.0, 0.0), (1.0, 1.0, 1.0, np.nan), (1.0, 1.0, np.inf, 1.0)):
         with pytest.raises(ValueError, match="must hold 4 positive numbers, one for each of px"):
             scaled(*wrong)
+
+
+#: px, py, speed, px of the lane, target speed, weight of the proximity.
+PUBLISHED = np.array(
+    [
+        [1, 0, 0.2, 0, 0.3, 0.3],
+        [0, -3, 0.4, 0, 0.4, 0.3],
+        [1, 2, 0.1, 1, 0.1, 0.05],
+        [1, 4, 0.1, 1, 0.1, 0.05],
+        [0, 6, 0.3, 1, 0.2, 0.3],
+    ]
+)
+
+
+def test_the_scenario_is_that_of_the_publication() -> None:
+    scenario = get_scenario("highway_overtaking")
+    game = scenario.game
+    assert (game.horizon, game.dt, game.num_players) == (20, 1.0, 5)
+    states = scenario.initial_state
+    np.testing.assert_array_equal(states[:, [0, 1, 3]], PUBLISHED[:, :3])
+    np.testing.assert_allclose(states[:, 2], np.pi / 2)
+    weights = np.column_stack([PUBLISHED[:, 5], np.ones((5, 3))])
+    scaled = weights / weights.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(scenario.weights, scaled)
+    for player, (_, _, _, lane, speed, _) in zip(game.players, PUBLISHED, strict=True):
+        assert player.preferences == (
+            Proximity(0.1, 0.1),
+            StateDeviation("speed", target=speed),
+            ControlEffort("acceleration", scale=10.0),
+            ControlEffort("yaw_rate", scale=1.0),
+        )
+        assert player.task == (
+            StateDeviation("px", target=lane, scale=1.0),
+            StateDeviation("heading", target=np.pi / 2, scale=2.0),
+        )

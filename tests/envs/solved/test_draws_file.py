@@ -1,19 +1,15 @@
 """A file of solved draws: what is read is what was written, or nothing."""
 
-import hashlib
-import io
-import json
 import pickle
-import warnings
 from dataclasses import replace
 from pathlib import Path
-from zipfile import ZipFile
 
+import msgspec
 import numpy as np
 import pytest
 
 from olne_bench.envs.recordings.recording import NoEquilibriumError
-from olne_bench.envs.roads import playability
+from olne_bench.envs.roads import road_scenario
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.solved import draws_file, equilibrium, kept_draws
@@ -26,6 +22,7 @@ from olne_bench.envs.solved.draws_file import (
 )
 from olne_bench.envs.solved.equilibrium import certified_equilibrium
 from olne_bench.games.solve.olne import solve_olne
+from olne_bench.kept_files import sealed
 
 ABOUT = {"suite": "small", "salt_id": "s"}
 
@@ -121,87 +118,66 @@ def test_another_version_is_refused(file, monkeypatch) -> None:
     monkeypatch.setattr(draws_file, "VERSION", 0)
     write_draws(file, draws)
     monkeypatch.undo()
-    with pytest.raises(OtherDrawsError, match="is of another version than 1, which this"):
+    with pytest.raises(OtherDrawsError, match="is of another version than 2, which this"):
         read_draws(file)
 
 
-def rewritten(file: Path, **arrays: np.ndarray | None) -> None:
-    """Replace arrays of a file of draws, or remove them; its hash is right."""
-    buffer = io.BytesIO()
-    with np.load(io.BytesIO(file.read_bytes()[32:])) as known:
-        kept = {name: array for name, array in (dict(known) | arrays).items() if array is not None}
-    np.savez_compressed(buffer, **kept)
-    signed(file, buffer.getvalue())
+def solved_motion(**changes) -> list:
+    """A motion as it is in a file, of one step, one player and two controls."""
+    kept = {"shape": [1, 1, 2], "tolerance": 1e-6, "controls": bytes(8), "costs": bytes(8)}
+    kept |= {"local": bytes(4), "local_starts": bytes(2), "far": bytes(4), "far_starts": bytes(2)}
+    return list((kept | changes).values())
 
 
-def signed(file: Path, content: bytes) -> None:
-    file.write_bytes(hashlib.sha256(content).digest() + content)
-
-
-def text(value: object) -> np.ndarray:
-    return np.frombuffer(json.dumps(value).encode(), np.uint8)
-
-
-HEADER = {"version": 1, "tolerance": 1e-6, "suite": "a", "salt_id": "b"}
+KEY = b"k" * 16
+NAN = np.array([np.nan, 0], "<f4").tobytes()
 
 
 @pytest.mark.parametrize(
-    ("arrays", "reason"),
+    ("content", "reason"),
     [
-        ({"controls": None}, "There is no item named 'controls.npy'"),
-        ({"controls": np.zeros(3, "<f4")}, "controls has 3 numbers"),
-        ({"controls": np.zeros(3, "<f8")}, "controls has the type float64"),
-        ({"controls": np.zeros((3, 1), "<f4")}, "and the shape (3, 1)"),
-        ({"costs": np.array([np.nan, 1.0])}, "costs is not finite"),
-        ({"shapes": np.zeros((1, 3), "<u2")}, "impossible shapes"),
-        ({"shapes": np.full((1, 3), 65535, "<u2")}, "numbers, expected"),
-        ({"keys": np.zeros(5, np.uint8)}, "keys are cut off"),
-        ({"refused": np.zeros(32, np.uint8)}, "or repeat"),
-        ({"keys": np.array([{}])}, "keys has the type object"),
-        ({"header": np.zeros(3, np.uint8)}, "is damaged"),
-        ({"header": text(["a"])}, "of another version"),
-        ({"header": text({"version": 1})}, "it has no 'tolerance'"),
-        ({"header": text(HEADER | {"tolerance": float("nan")})}, "its header is not that of draws"),
-        ({"header": text(HEADER | {"suite": 3})}, "its header is not that of draws"),
-        ({"header": np.frombuffer(b"[" * 10**5, np.uint8)}, "is damaged"),
+        ({"motions": {KEY: solved_motion(controls=bytes(4))}}, "controls of a motion have a wrong"),
+        ({"motions": {KEY: solved_motion(far=bytes(3))}}, "far of a motion have a wrong size"),
+        ({"motions": {KEY: solved_motion(controls=NAN)}}, "controls of a motion are not finite"),
+        ({"motions": {KEY: solved_motion(controls="text")}}, "Expected `bytes`, got `str`"),
+        ({"motions": {KEY: solved_motion(shape=[0, 1, 2])}}, "of the shape (0, 1, 2) cannot be"),
+        ({"motions": {KEY: solved_motion(shape=[2**40, 2**40, 2])}}, "have a wrong size"),
+        ({"motions": {KEY: solved_motion(tolerance=np.nan)}}, "cannot be"),
+        ({"motions": {KEY: solved_motion()[:-1]}}, "Expected `array` of at least length 8"),
+        ({"motions": {b"short": solved_motion()}}, "a key has another length than 16 bytes"),
+        ({"refused": [b"short"]}, "a key has another length than 16 bytes"),
+        ({"about": {"suite": 3}}, "Expected `str`, got `int`"),
+        ({"version": "2"}, "Expected `int`, got `str`"),
+        ({"version": 3}, "of another version than 2"),
+        ({"more": 1}, "unknown field `more`"),
     ],
 )
-def test_what_is_signed_and_no_draws_is_refused(file, arrays, reason) -> None:
-    rewritten(file, **arrays)
+def test_what_is_signed_and_no_draws_is_refused(tmp_path, content, reason) -> None:
+    file = tmp_path / "a.draws"
+    file.write_bytes(sealed(msgspec.msgpack.encode({"version": 2} | content)))
     with pytest.raises(OtherDrawsError) as caught:
         read_draws(file)
     assert reason in str(caught.value) and str(file) in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"no archive", b"PK\x03\x04", pickle.dumps([1]), b"\x93NUMPY"])
-def test_what_is_signed_and_no_archive_is_refused(file, content) -> None:
-    signed(file, content)
-    with pytest.raises(OtherDrawsError, match="is damaged: File is not a zip file"):
-        read_draws(file)
-
-
-def test_no_memory_is_taken_for_what_an_array_only_claims(file, monkeypatch) -> None:
-    claimed = b"{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999,), }".ljust(118)
-    header = b"\x93NUMPY\x01\x00\x76\x00" + claimed
-    buffer = io.BytesIO(file.read_bytes()[32:])
-    with ZipFile(buffer, "a") as archive, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a name that is there twice: the last one counts
-        archive.writestr("controls.npy", header)
-    signed(file, buffer.getvalue())
-    with pytest.raises(OtherDrawsError, match="controls has 0 bytes for the shape"):
-        read_draws(file)
-    monkeypatch.setattr(draws_file, "_MOST_BYTES", 10)
-    signed(file, buffer.getvalue() + b" ")
-    with pytest.raises(OtherDrawsError, match="at most 10 are read"):
-        read_draws(file)
+@pytest.mark.parametrize(
+    "content",
+    [b"no draws", b"PK\x03\x04", pickle.dumps([1]), b"\x91" * 10**5, b"\xdf" + b"\xff" * 4],
+)
+def test_what_is_signed_and_no_message_is_refused(tmp_path, content) -> None:
+    (tmp_path / "a.draws").write_bytes(sealed(content))
+    with pytest.raises(OtherDrawsError, match="is damaged or of another version"):
+        read_draws(tmp_path / "a.draws")
 
 
 def test_a_motion_of_another_shape_is_refused(file, scenarios) -> None:
     one, draws = scenarios[0], read_draws(file)
     key = key_of(one.game, one.weights, one.initial_state)
-    kept = draws.motions[key]
-    for controls in (kept.controls[1:], np.full_like(kept.controls, 1e38)):
-        draws.motions[key] = kept._replace(controls=controls)
+    kept, changed = draws.motions[key], draws.motions[key].array("controls")
+    for controls in (changed[1:], np.full_like(changed, 1e38)):
+        draws.motions[key] = msgspec.structs.replace(
+            kept, shape=controls.shape, controls=controls.tobytes()
+        )
         with pytest.raises(OtherDrawsError, match="a motion in it is no equilibrium of its game"):
             draws.equilibrium(one.game, one.weights, one.initial_state)
 
@@ -217,7 +193,7 @@ def test_no_draws_are_a_file_too(tmp_path) -> None:
     assert (found.about, found.motions, found.refused) == (ABOUT, {}, set())
 
 
-def test_games_with_constraints_are_not_kept() -> None:
+def test_draws_of_games_with_constraints_are_not_kept() -> None:
     draws, scenario = Draws(), get_scenario("merging")
     draws.add(scenario.game, scenario.weights, certified_equilibrium(scenario))
     draws.refuse(scenario.game, scenario.weights, scenario.initial_state)
@@ -229,12 +205,12 @@ def test_rejected_proposals_are_noted_and_accepted_ones_not_played_again(
 ) -> None:
     found = Draws()
     reasons = iter(["collision", None])
-    monkeypatch.setattr(playability, "_reason", lambda _: next(reasons))
+    monkeypatch.setattr(road_scenario, "_reason", lambda _: next(reasons))
     with kept_draws.collecting(found):
-        assert [playability.rejection(one) for one in scenarios] == ["collision", None]
+        assert [road_scenario.rejection(one) for one in scenarios] == ["collision", None]
     one, other = scenarios
     assert found.is_refused(one.game, one.weights, one.initial_state)
     assert not found.is_refused(other.game, other.weights, other.initial_state)
     found.add(other.game, other.weights, solved[1])
     with kept_draws.travelling(found):
-        assert playability.rejection(other) is None  # without asking a third time
+        assert road_scenario.rejection(other) is None  # without asking a third time

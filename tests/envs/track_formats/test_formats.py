@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 
 from olne_bench.envs.track_formats import format_names, get_format
+from olne_bench.envs.track_formats.sumo import read_net
 from olne_bench.envs.tracks.explained import explain
 from olne_bench.envs.tracks.grid import Excerpt
 from olne_bench.envs.tracks.reading import Imported, read_tracks
-from olne_bench.envs.tracks.sumo_net import read_net
 from olne_bench.envs.tracks.table import (
     SLOWEST,
     choose_part,

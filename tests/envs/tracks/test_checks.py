@@ -6,12 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.envs.tracks.checks import (
-    check_positions,
-    check_steps,
-    check_times,
-    check_units,
-)
+from olne_bench.envs.tracks.checks import check_positions, check_steps, check_times, check_units
 from olne_bench.errors import UserError
 
 PATH = Path("some.csv")

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from olne_bench.envs.tracks.curve_fit import TOLERANCE, curves_through
-from olne_bench.envs.tracks.road import RoadLane, locate
+from olne_bench.envs.tracks.road import TOLERANCE, RoadLane, curves_through, locate
 from olne_bench.games.model.lanes import ArcLane, Lane, StraightLane
 
 

@@ -1,4 +1,4 @@
-"""From roads to tables to weights, and tracks that cannot be explained."""
+"""Recordings are explained by a scenario's costs; targets have sources."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,18 +13,159 @@ from olne_bench.envs.recordings.recording import Recording
 from olne_bench.envs.recordings.recording_file import RecordingFile, of_recordings
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.tracks import explained as module
-from olne_bench.envs.tracks.explained import explain
+from olne_bench.envs.tracks.explained import Known, Targets, check_told, explain
 from olne_bench.envs.tracks.export import Episode, write_csv
-from olne_bench.envs.tracks.frames import Frame
-from olne_bench.envs.tracks.grid import Excerpt
+from olne_bench.envs.tracks.grid import Excerpt, Frame, Motion
 from olne_bench.envs.tracks.reading import read_tracks
+from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import RoadFile, write_road_file
 from olne_bench.errors import UserError
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.games.model.costs import ControlEffort, FinalGoal, StateDeviation
-from olne_bench.games.model.game import Game
+from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
+from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.lanes import LaneKeeping, StraightLane
 from olne_bench.games.model.observation import FullView
+
+EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 100.0)
+NORTH = StraightLane((100.0, 0.0), (0.0, 1.0), 100.0)
+ROAD = Road({"east": RoadLane((EAST,)), "north": RoadLane((NORTH,))})
+
+
+def driving(speed: float, blend: float = 2.0, px: float = 0.0) -> Player:
+    return Player(
+        (Proximity(), StateDeviation("speed", speed, scale=0.5), ControlEffort("acceleration")),
+        (StateDeviation("px", px), LaneKeeping((EAST,), width=3.0, blend=blend)),
+    )
+
+
+def motion(last_x: float = 20.0, gap: bool = True) -> Motion:
+    """Eastward, faster and faster; the last sample is missing."""
+    x = np.array([0.0, 4.0, 10.0, last_x, np.nan])[: 5 if gap else 4]
+    count = len(x)
+    heading, speed = np.full(count, 0.1), np.array([7.0, 8.0, 9.0, 30.0, np.nan])[:count]
+    return Motion(np.column_stack([x, 0.5 + 0 * x]), heading, speed)
+
+
+def targets(
+    players: list[Player],
+    told: dict[str, object] | None = None,
+    drawn: Player | None = None,
+    seen: Motion | None = None,
+) -> Targets:
+    lanes = {name: {"points": [[0, 10 * k], [99, 10 * k]]} for k, name in enumerate("ab")}
+    content = {"lanes": lanes, "players": {"car": told} if told else {}}
+    known = Known(RoadFile.model_validate(content), ROAD, players)
+    return Targets("car", seen or motion(), known, drawn)
+
+
+def sources(found: Targets) -> dict[str, tuple[str, str, str]]:
+    return {one.what: (one.value, one.source, one.how) for one in found.assumptions}
+
+
+def test_the_file_comes_first() -> None:
+    told: dict[str, object] = {"targets": {"speed": 12.5, "px": 3.0}, "lanes": ["b"], "blend": 7.0}
+    found = targets([driving(9.0)], told, drawn=driving(9.0))
+    costs = found.applied(driving(9.0))
+    assert costs.preferences == (
+        Proximity(),
+        StateDeviation("speed", 12.5, scale=0.5),
+        ControlEffort("acceleration"),
+    )
+    place, keeping = costs.task
+    assert place == StateDeviation("px", 3.0)
+    assert keeping == LaneKeeping(
+        (StraightLane((0.0, 10.0), (1.0, 0.0), 99.0),), width=3.0, blend=7.0
+    )
+    assert sources(found) == {
+        "speed": ("12.5", "file", ""),
+        "px": ("3", "file", ""),
+        "lanes": ("b", "file", ""),
+    }
+
+
+def test_then_the_draw_with_its_costs_as_they_are() -> None:
+    drawn = driving(9.0, blend=5.0)
+    drawn = replace(drawn, task=(*drawn.task, FinalGoal((4.0, 5.0))))
+    found = targets([driving(7.0), drawn], drawn=drawn)
+    assert found.applied(drawn) == drawn
+    assert {one.source for one in found.assumptions} == {"draw"}
+    assert sources(found)["lanes"][0] == "1 lane"
+    assert sources(found)["goal"][0] == "(4, 5)"
+    two = replace(drawn, task=(LaneKeeping((EAST, NORTH)),))
+    found = targets([two], drawn=two)
+    found.applied(two)
+    assert sources(found)["lanes"][0] == "2 lanes"
+
+
+def test_then_the_scenario_where_all_its_players_agree() -> None:
+    found = targets([driving(9.0), driving(9.0)])
+    assert found.applied(driving(9.0)).preferences[1] == StateDeviation("speed", 9.0, scale=0.5)
+    assert sources(found)["speed"] == ("9", "scenario", "")
+
+
+def test_then_the_track() -> None:
+    players = [driving(9.0, blend=2.0, px=0.0), driving(8.0, blend=6.0, px=40.0)]
+    players[1] = replace(players[1], task=(*players[1].task, FinalGoal((0.0, 0.0))))
+    found = targets(players)
+    costs = found.applied(players[1])
+    assert costs.preferences[1] == StateDeviation("speed", 8.5, scale=0.5)  # of what is known
+    place, keeping, goal = costs.task
+    assert place == StateDeviation("px", 20.0)
+    assert isinstance(goal, FinalGoal) and goal.goal == (20.0, 0.5)
+    assert isinstance(keeping, LaneKeeping)
+    assert (keeping.route, keeping.blend, keeping.width) == ((EAST,), 6.0, 3.0)
+    assert sources(found) == {
+        "speed": ("8.5", "data", "median speed"),
+        "px": ("20", "data", "where it was last seen"),
+        "lanes": ("east", "data", "the lanes driven, by position and heading"),
+        "goal": ("(20, 0.5)", "data", "where it was last seen"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("last", "target"), [(19.9, 0.0), (20.1, 40.0), (-19.9, 0.0), (-20.1, -20.1), (60.1, 60.1)]
+)
+def test_a_lane_of_the_scenario_is_kept_within_half_a_lane(last: float, target: float) -> None:
+    players = [driving(9.0, px=0.0), driving(9.0, px=40.0), driving(9.0, px=140.0)]
+    found = targets(players, seen=motion(last))
+    assert found.applied(players[0]).task[0] == StateDeviation("px", target)
+    how = sources(found)["px"][2]
+    assert how.startswith("where" if target == last else "the scenario's lane nearest")
+
+
+def test_what_no_track_tells_is_asked_for() -> None:
+    players = [Player((StateDeviation("yaw", k),), ()) for k in (0.0, 1.0)]
+    with pytest.raises(UserError, match="the target of 'yaw' of player 'car' is unknown"):
+        targets(players).applied(players[0])
+    unseen = motion()
+    unseen.speeds[:] = np.nan
+    with pytest.raises(UserError, match="the target of 'speed' of player 'car' is unknown"):
+        targets([driving(1.0), driving(2.0)], seen=unseen).applied(driving(1.0))
+    turned = [Player((StateDeviation("heading", k),), ()) for k in (0.0, 1.0)]
+    costs = targets(turned).applied(turned[0])
+    assert costs.preferences[0] == StateDeviation("heading", 0.1)
+
+
+def test_what_the_costs_make_no_use_of_is_told() -> None:
+    def told(entry: dict[str, object], *players: Player) -> list[str]:
+        lanes = {"a": {"points": [[0, 0], [9, 0]]}}
+        content = {"lanes": lanes, "players": {"car": entry}}
+        return check_told("moon", Known(RoadFile.model_validate(content), None, players))
+
+    aimed = Player((StateDeviation("speed", 1.0),), (FinalGoal((0.0, 0.0)),))
+    assert told({"targets": {"speed": 2.0}, "goal": [1, 2]}, aimed) == []
+    assert told({"lanes": ["a"]}, driving(1.0)) == told({"lanes": ["a"]}, aimed, driving(1.0)) == []
+    unused = "of player 'car': not used, 'moon' has no such cost"
+    assert told({"lanes": ["a"], "goal": [1, 2]}, aimed) == [f"lanes {unused}"]
+    assert told({"goal": [1, 2]}, driving(1.0)) == [f"goal {unused}"]
+    with pytest.raises(
+        UserError, match="target of 'sped' for player 'car'; costs of 'moon' have: speed"
+    ):
+        told({"targets": {"sped": 2.0}}, aimed)
+    with pytest.raises(UserError, match="costs of 'moon' have: none"):
+        told({"targets": {"speed": 2.0}}, Player((Proximity(),), ()))
+
 
 #: Every road, with few players.
 ROADS = {"highway": 3, "merge": 2, "roundabout": 2, "intersection": 2, "two_way": 3}
@@ -183,44 +324,16 @@ def test_players_are_alike_unless_their_costs_differ(
         explain("two_player", None, as_tracks(away[:, :1], 0.25, tmp_path), 0)
 
 
-def test_a_target_that_nothing_tells_is_asked_for(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    original = get_scenario("two_player")
-    odd = StateDeviation("heading", target=0.3)
-    players = tuple(
-        replace(player, task=(replace(odd, component="yaw", target=k),))
-        for k, player in enumerate(original.game.players)
-    )
-    changed = replace(original, game=replace(original.game, players=players))
-    monkeypatch.setattr(module, "get_scenario", lambda *_, **__: changed)
-    known = as_tracks(cruising(original.initial_state + AWAY, 0.25), 0.25, tmp_path)
-    with pytest.raises(UserError, match="the target of 'yaw' of player 'car 0' is unknown"):
-        explain("two_player", None, known, 0)
-
-
-@pytest.mark.parametrize(
-    ("entry", "words"),
-    [
-        ({"targets": {"sped": 3.0}}, "target of 'sped' for player 'car 0'; costs of 'two_player'"),
-        ({"lanes": ["a"]}, "lanes of player 'car 0': not used, 'two_player' has no such cost"),
-    ],
-)
-def test_slips_in_the_road_file_are_told(
-    entry: dict[str, object], words: str, tmp_path: Path
-) -> None:
+def test_slips_in_the_road_file_are_told(tmp_path: Path) -> None:
     scenario = get_scenario("two_player")
     known = as_tracks(cruising(scenario.initial_state, 0.25), 0.25, tmp_path)
+    entry = {"lanes": ["a"]}
     lanes = {"a": {"points": [[0, 0], [9, 0]]}}
     road = RoadFile.model_validate({"lanes": lanes, "players": {"car 0": entry}})
     episode = known.metadata.episodes[0].model_copy(update={"road": road})
-    metadata = known.metadata.model_copy(update={"episodes": [episode]})
-    known = replace(known, metadata=metadata)
-    if "targets" in entry:
-        with pytest.raises(UserError, match=words):
-            explain("two_player", None, known, 0)
-    else:
-        assert explain("two_player", None, known, 0).warnings == (words,)
+    known = replace(known, metadata=known.metadata.model_copy(update={"episodes": [episode]}))
+    words = "lanes of player 'car 0': not used, 'two_player' has no such cost"
+    assert explain("two_player", None, known, 0).warnings == (words,)
 
 
 def test_tracks_too_short_to_tell_their_noise_are_taken_for_exact(tmp_path: Path) -> None:

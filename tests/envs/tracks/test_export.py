@@ -7,9 +7,9 @@ import numpy as np
 
 from olne_bench.envs.scenarios.roundabout import Roundabout
 from olne_bench.envs.tracks.export import Episode, write_commonroad
-from olne_bench.envs.tracks.of_scenario import highway_road, road_file
 from olne_bench.envs.tracks.reading import read_tracks
 from olne_bench.envs.tracks.road import locate
+from olne_bench.envs.tracks.road_file import highway_road, road_file
 
 NAMES = ["px", "py", "heading", "speed"]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.tracks import matching
+from olne_bench.envs.tracks.grid import Motion
 from olne_bench.envs.tracks.matching import driven, route
-from olne_bench.envs.tracks.motion import Motion, roughness
-from olne_bench.envs.tracks.of_scenario import highway_road
 from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.envs.tracks.road_file import highway_road
 from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 
 EAST, NORTH = (1.0, 0.0), (0.0, 1.0)
@@ -77,7 +77,10 @@ def test_a_turn_follows_the_road() -> None:
 def test_lanes_between_two_samples_are_on_the_route() -> None:
     lanes = {f"l{k}": straight((5.0 * k, 0), EAST, 5, f"l{k + 1}") for k in range(8)}
     road = Road(lanes | {"l8": straight((40.0, 0), EAST, 5)})
-    curves, passed = route(road, driven(road, motion(along(np.array([1.0, 16.0, 31.0, 44.0]), 0))))
+    legs = driven(road, motion(along(np.array([1.0, 16.0, 31.0, 44.0]), 0)))
+    assert [leg.until for leg in legs[1:3]] == [5.0, 5.0] and legs[-1].until == pytest.approx(4.0)
+    assert not any(leg.changed for leg in legs)
+    curves, passed = route(road, legs)
     assert passed == [f"l{k}" for k in range(9)]
     (joined,) = curves  # straight lanes that go on are one
     assert joined.length == pytest.approx(45)
@@ -91,25 +94,6 @@ def test_arcs_of_one_circle_are_joined() -> None:
     assert len(passed) > 2 and len(curves) == 1
 
 
-def test_roughness_is_the_noise_of_a_smooth_motion() -> None:
-    times = 0.1 * np.arange(200)
-    smooth = np.column_stack([10 * times, np.sin(times)])[:, None]
-    assert roughness(smooth) < 1e-3
-    noisy = smooth + 0.3 * np.random.default_rng(0).normal(size=smooth.shape)
-    assert roughness(noisy) == pytest.approx(0.3, rel=0.15)
-    assert np.isnan(roughness(smooth[:3]))
-
-
-def test_motion_without_told_speeds_has_those_of_its_positions() -> None:
-    points = along(X, 0.0)
-    points[5] = np.nan
-    found = motion(points)
-    seen = found.seen
-    assert seen.sum() == len(X) - 1
-    np.testing.assert_allclose(found.speeds[seen], 10.0)
-    np.testing.assert_allclose(found.headings[seen], 0.0)
-
-
 def test_a_leg_tells_where_its_lane_was_left_and_how() -> None:
     change = driven(ROAD, motion(along(X, np.where(X < 42, 0.0, 4.0))))
     assert [(leg.lane, leg.changed) for leg in change] == [("right", True), ("left", False)]
@@ -120,15 +104,6 @@ def test_a_leg_tells_where_its_lane_was_left_and_how() -> None:
     turn = driven(ROAD, motion(points))
     assert [(leg.lane, leg.changed) for leg in turn] == [("right", False), ("off", False)]
     assert turn[-1].until == pytest.approx(40)
-
-
-def test_lanes_passed_between_samples_are_driven_to_their_ends() -> None:
-    lanes = {f"l{k}": straight((5.0 * k, 0), EAST, 5, f"l{k + 1}") for k in range(8)}
-    road = Road(lanes | {"l8": straight((40.0, 0), EAST, 5)})
-    legs = driven(road, motion(along(np.array([1.0, 16.0, 31.0, 44.0]), 0)))
-    assert [leg.until for leg in legs[1:3]] == [5.0, 5.0]
-    assert not any(leg.changed for leg in legs)
-    assert legs[-1].until == pytest.approx(4.0)
 
 
 def test_the_cheapest_sequence_weighs_steps_against_places() -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from olne_bench.envs.tracks.motion import Motion
-from olne_bench.envs.tracks.on_road import MARGIN, check_on_road, lane_warnings
+from olne_bench.envs.tracks.grid import Motion
+from olne_bench.envs.tracks.matching import MARGIN, check_on_road, lane_warnings
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.errors import UserError
 from olne_bench.games.model.costs import StateDeviation

@@ -7,10 +7,11 @@ import pytest
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.merge import Merge
-from olne_bench.envs.tracks.of_scenario import highway_road, road_file
 from olne_bench.envs.tracks.road_file import (
     RoadFile,
+    highway_road,
     read_road_file,
+    road_file,
     route_curves,
     write_road_file,
 )

@@ -8,8 +8,15 @@ import pytest
 
 from olne_bench.envs import olne_v0
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
-from olne_bench.envs.worlds import camera as view
 from olne_bench.envs.worlds import rendering
+from olne_bench.envs.worlds.rendering import (
+    HEADER,
+    MARGIN,
+    MAX_HEIGHT,
+    MAX_WIDTH,
+    SHARPNESS,
+    Camera,
+)
 from olne_bench.envs.worlds.scene import heading_of
 from olne_bench.games.model.costs import ControlEffort, FinalGoal, StateDeviation
 from olne_bench.games.model.dynamics import DOUBLE_INTEGRATOR
@@ -28,7 +35,7 @@ def frames(world, actions=None):
 
 def shows(frame, player):
     """Number of pixels in exactly a player's colour, without the legend."""
-    scene = frame[view.HEADER :]
+    scene = frame[HEADER:]
     return int((scene == rendering._colour(player)).all(axis=-1).sum())
 
 
@@ -53,7 +60,7 @@ def test_cars_move_to_the_right_along_the_road():
     height, width, _ = shown[0].shape
     assert width > height
     columns = [
-        np.argwhere((frame[view.HEADER :] == rendering._colour(1)).all(axis=-1))[:, 1].mean()
+        np.argwhere((frame[HEADER:] == rendering._colour(1)).all(axis=-1))[:, 1].mean()
         for frame in (shown[0], shown[-1])
     ]
     assert columns[1] > columns[0] + 100
@@ -89,13 +96,13 @@ def drift(*tasks) -> Scenario:
 def test_a_car_is_a_box_along_its_heading_about_its_position(velocity, extent):
     expected = np.array([[[-10.0, -10, 0, 0]], [[10, 10, 0, 0]]])
     renderer = rendering.Renderer(drift(), expected, None)
-    shown = view.View(expected[:, 0, :2])
-    scene = renderer.draw([np.array([[4, 3, *velocity]])], 0.0)[view.HEADER :]
+    shown = Camera(expected[:, 0, :2])
+    scene = renderer.draw([np.array([[4, 3, *velocity]])], 0.0)[HEADER:]
     rows, columns = np.nonzero(scene.min(axis=-1) < 100)  # the ground is bright
     corners = np.array([[columns.min(), rows.min()], [columns.max(), rows.max()]])
-    length = rendering.CAR_LENGTH * min(view.MAX_HEIGHT, view.MAX_WIDTH)  # of a square view
+    length = rendering.CAR_LENGTH * min(MAX_HEIGHT, MAX_WIDTH)  # of a square view
     np.testing.assert_allclose(np.ptp(corners, axis=0), length * np.array(extent), atol=2.5)
-    place = np.array(shown.pixels([4, 3])) / view.SHARPNESS - [0, view.HEADER]
+    place = np.array(shown.pixels([4, 3])) / SHARPNESS - [0, HEADER]
     np.testing.assert_allclose(corners.mean(axis=0), place, atol=1.5)
 
 
@@ -104,9 +111,9 @@ def test_trails_fade_and_lead_to_the_car():
     renderer = rendering.Renderer(drift(), expected, None)
     history = [np.array([[x, 0.0, 1, 0]]) for x in np.arange(-8.0, 9.0)]
     frame = renderer.draw(history, 0.0)
-    shown = view.View(expected[:, 0, :2])
+    shown = Camera(expected[:, 0, :2])
     middles = [shown.pixels([x, 0.0]) for x in np.arange(-7.5, 7.0)]
-    columns, rows = (np.array(middles) // view.SHARPNESS).astype(int).T
+    columns, rows = (np.array(middles) // SHARPNESS).astype(int).T
     red = frame[rows, columns, 0].astype(int)  # the car's blue has none, the ground most
     assert (np.diff(red) <= 0).all()
     assert red[-1] < red[0] - 60
@@ -162,7 +169,7 @@ def is_like(frame, colour, by=12):
 def in_world(renderer, pixels):
     """Where pixels (P, 2), of rows and columns, lie in a view that is not turned [m]."""
     origin = np.array(renderer._view.pixels([0.0, 0.0]))
-    return ((pixels[:, ::-1] + 0.5) * view.SHARPNESS - origin) * [1, -1] / renderer._view.scale
+    return ((pixels[:, ::-1] + 0.5) * SHARPNESS - origin) * [1, -1] / renderer._view.scale
 
 
 def test_a_goal_is_a_ring_around_a_dot_in_its_players_colour():
@@ -172,7 +179,7 @@ def test_a_goal_is_a_ring_around_a_dot_in_its_players_colour():
     points = np.argwhere(is_like(frame, rendering._colour(1)))
     offsets = in_world(renderer, points) - goal
     of_goal = np.abs(offsets).max(axis=1) < 3
-    distance = np.hypot(*offsets[of_goal].T) * renderer._view.scale / view.SHARPNESS  # [px]
+    distance = np.hypot(*offsets[of_goal].T) * renderer._view.scale / SHARPNESS  # [px]
     np.testing.assert_allclose(offsets[of_goal].mean(axis=0), 0, atol=0.05)
     dot, ring = distance[distance < 5], distance[distance >= 5]
     assert len(dot) > 12 and dot.max() < 4
@@ -192,7 +199,7 @@ def test_a_road_has_lanes_about_what_players_keep_to(targets):
     frame = drawn(renderer, *[FAR] * len(targets))
     size = renderer._car_length
     width = targets[1] - targets[0] if len(targets) > 1 else 2 * size
-    rows = slice(view.HEADER + 120, None)  # below the cars
+    rows = slice(HEADER + 120, None)  # below the cars
     bare = is_like(frame[rows], rendering.BACKGROUND, by=2)
     # Nothing but ground beside the road, none of it on the road, from one end to the other.
     assert (bare.all(axis=0) | ~bare.any(axis=0)).all()
@@ -212,7 +219,7 @@ def test_a_road_has_lanes_about_what_players_keep_to(targets):
     assert np.abs(places[:, None] - between).min(axis=0).max() < 0.1
     line = marks[:, columns[len(columns) // 2]]
     changes = np.flatnonzero(np.diff(line.astype(int)))
-    lengths = np.diff(changes) * view.SHARPNESS / renderer._view.scale
+    lengths = np.diff(changes) * SHARPNESS / renderer._view.scale
     np.testing.assert_allclose(lengths, size, atol=0.12)
     assert len(lengths) > 5
 
@@ -221,10 +228,10 @@ def test_a_road_goes_on_where_the_view_widens():
     renderer = rendering.Renderer(drift((StateDeviation("px"),)), SQUARE, None)
     for place in ([0.0, 80.0, 0, 1], [0.0, -200.0, 0, 1]):
         frame = drawn(renderer, place)
-        middle = round(renderer._view.pixels([0.0, 0.0])[0] / view.SHARPNESS)
+        middle = round(renderer._view.pixels([0.0, 0.0])[0] / SHARPNESS)
         if renderer._view._turned:
             raise AssertionError("the first view is square")
-        line = frame[view.HEADER + 1 :, middle]
+        line = frame[HEADER + 1 :, middle]
         assert not is_like(line, rendering.BACKGROUND, by=2).any()
 
 
@@ -233,7 +240,7 @@ def test_cars_stay_visible_in_a_wide_view():
     before = renderer._car_length
     frame = drawn(renderer, [4000.0, 0.0, 1.0, 0.0])
     assert renderer._car_length > 3 * before
-    _, columns = np.nonzero(frame[view.HEADER :].min(axis=-1) < 100)
+    _, columns = np.nonzero(frame[HEADER:].min(axis=-1) < 100)
     assert np.ptp(columns) + 1 == pytest.approx(rendering.MIN_CAR_LENGTH, abs=2)
 
 
@@ -265,11 +272,11 @@ def test_a_trail_is_a_line_of_dots_narrower_than_a_car():
     history = [np.array([[x, 0.0, 1, 0]]) for x in (-8.0, -4.0, 8.0)]
     frame = renderer.draw(history, 0.0).astype(int)
     scene = ~is_like(frame, rendering.BACKGROUND, by=6)
-    scene[: view.HEADER] = False
+    scene[:HEADER] = False
 
     def thickness(x):
         """Height of what is drawn at x, between the joints or at one."""
-        column = renderer._view.pixels([x, 0.0])[0] / view.SHARPNESS
+        column = renderer._view.pixels([x, 0.0])[0] / SHARPNESS
         return scene[:, round(column)].sum()
 
     line, joint = thickness(0.0), thickness(-4.0)
@@ -278,14 +285,14 @@ def test_a_trail_is_a_line_of_dots_narrower_than_a_car():
     assert joint < thickness(8.0)
     assert thickness(-9.0) == 0
     _, columns = np.nonzero(scene)
-    first = renderer._view.pixels([-8.0, 0.0])[0] / view.SHARPNESS
+    first = renderer._view.pixels([-8.0, 0.0])[0] / SHARPNESS
     assert columns.min() == pytest.approx(first - joint / 2, abs=1.5)
 
 
 def test_the_header_has_the_time_above_the_players_in_order():
     renderer = rendering.Renderer(drift(*[()] * 3), SQUARE, None)
     frame, later = (drawn(renderer, FAR, FAR, FAR, time=t) for t in (0.0, 12.34))
-    header, next_header = frame[: view.HEADER], later[: view.HEADER]
+    header, next_header = frame[:HEADER], later[:HEADER]
     title = np.argwhere(is_like(header, rendering.INK, by=25))
     changed = np.argwhere((header != next_header).any(axis=-1))
     assert changed[:, 0].max() <= title[:, 0].max() + 2  # the time is part of the title
@@ -293,7 +300,7 @@ def test_the_header_has_the_time_above_the_players_in_order():
     legend = [np.argwhere(is_like(header, rendering._colour(k), by=25)) for k in range(3)]
     for words in legend:
         assert words[:, 0].min() > title[:, 0].max()
-        assert words[:, 0].max() < view.HEADER - 2
+        assert words[:, 0].max() < HEADER - 2
         assert 10 < np.ptp(words[:, 0]) < 25  # readable, and on a line
     assert title[:, 0].min() > 2
     # Title and legend begin below each other, off the edge.
@@ -312,3 +319,74 @@ def test_colours_are_mixed_by_their_shares():
     assert rendering._mix((1, 2, 3), (4, 5, 6), 1.0) == (1, 2, 3)
     assert rendering._colour(0) == (0x7A, 0x3F, 0xD1)
     assert all(np.ptp(rendering._colour(k)) > 50 for k in range(8))
+
+
+WIDE = np.array([[0.0, 0.0], [40.0, 10.0]])
+
+
+def test_a_view_has_a_margin_around_what_is_expected() -> None:
+    view = Camera(WIDE)
+    np.testing.assert_allclose(view.low[0], -view.high[0] + 40)
+    margin = MARGIN * 40 * (1 + 2 * MARGIN)
+    np.testing.assert_allclose([view.low[0], view.low[1]], [-margin, -margin])
+    np.testing.assert_allclose(view.high, [40 + margin, 10 + margin])
+
+
+def test_a_line_is_seen_in_a_box_no_longer_than_four_to_one() -> None:
+    view = Camera(np.array([[0.0, 5.0], [40.0, 5.0]]))
+    width, height = view.high - view.low
+    assert height == pytest.approx(
+        width * (1 + 2 * MARGIN) / (1 + 2 * MARGIN * (1 + 2 * MARGIN)) / 4
+    )
+    np.testing.assert_allclose((view.low + view.high) / 2, [20, 5])
+
+
+def test_a_single_point_has_a_view() -> None:
+    view = Camera(np.array([[3.0, 3.0]]))
+    assert (view.high > view.low).all()
+    np.testing.assert_allclose((view.high - view.low)[0], 1e-3 * 0.24 * (1 + 2 * MARGIN), rtol=0.05)
+
+
+@pytest.mark.parametrize("tall", [False, True])
+def test_frames_are_as_large_as_they_may_be(tall: bool) -> None:
+    view = Camera(WIDE[:, ::-1] if tall else WIDE)
+    width, height = view.frame_size
+    assert width == MAX_WIDTH or height - HEADER == MAX_HEIGHT
+    assert width <= MAX_WIDTH
+    assert height - HEADER <= MAX_HEIGHT
+    assert width > height
+
+
+def test_corners_come_to_the_edges_and_the_middle_below_the_header() -> None:
+    view = Camera(WIDE)
+    width, height = (SHARPNESS * n for n in view.frame_size)
+    middle = view.pixels((view.low + view.high) / 2)
+    np.testing.assert_allclose(middle, [width / 2, (SHARPNESS * HEADER + height) / 2])
+    upper_left = view.pixels([view.low[0], view.high[1]])
+    np.testing.assert_allclose(upper_left, [0, SHARPNESS * HEADER], atol=SHARPNESS)
+    lower_right = view.pixels([view.high[0], view.low[1]])
+    np.testing.assert_allclose(lower_right, [width, height], atol=SHARPNESS)
+
+
+def test_a_tall_view_is_turned_so_that_y_points_right_and_x_down() -> None:
+    view = Camera(WIDE[:, ::-1])
+    origin = np.array(view.pixels((view.low + view.high) / 2))
+    along_y = np.array(view.pixels((view.low + view.high) / 2 + [0, 1])) - origin
+    along_x = np.array(view.pixels((view.low + view.high) / 2 + [1, 0])) - origin
+    np.testing.assert_allclose(along_y, [view.scale, 0], atol=1e-9)
+    np.testing.assert_allclose(along_x, [0, view.scale], atol=1e-9)
+
+
+def test_a_view_is_widened_where_it_must_be_and_frames_stay_as_large() -> None:
+    view = Camera(WIDE)
+    low, high, size, scale = view.low, view.high, view.frame_size, view.scale
+    view.widen(np.array([[20.0, 5.0], high, low]))
+    assert view.low is low
+    assert view.high is high
+    view.widen(np.array([[high[0] + 30, 5.0], [20.0, 5.0]]))
+    assert view.frame_size == size
+    assert view.scale < scale
+    assert view.high[0] > high[0] + 30
+    assert (view.low < low).all()
+    # Widened only slightly: the margin was there before.
+    assert view.high[0] < high[0] + 30 + 0.05 * (view.high - view.low)[0]

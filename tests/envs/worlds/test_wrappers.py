@@ -177,11 +177,7 @@ def test_noise_per_component():
     assert (draws[:, 2] == 0).all()
 
 
-def test_noise_is_scaled_but_not_redrawn_for_another_sigma():
-    assert np.allclose(noise_of(AWGN(world(), 0.2)), 2 * noise_of(AWGN(world(), 0.1)))
-
-
-@pytest.mark.parametrize("sigma", [0.03, 2.0])
+@pytest.mark.parametrize("sigma", [0.0, 0.03, 2.0])
 def test_a_sensors_noise_is_scaled_by_the_scenario_to_the_last_bit(sigma):
     scale = np.array([1.0, 0.7, 0.1, 3.3])
     wrapped = wrap(world(), (VIEWS["full"],), sigma, scale)
@@ -414,8 +410,8 @@ class Doubled(BaseParallelWrapper):
     ("make", "message"),
     [
         (lambda: PartialObservation(world(), ("px", "velocity")), "'velocity'.*px, py, heading"),
-        (lambda: PartialObservation(world(), ()), "features must be a list"),
-        (lambda: PartialObservation(world(), "px"), "features must be a list.*'px'"),
+        (lambda: PartialObservation(world(), ()), "components must be a list"),
+        (lambda: PartialObservation(world(), "px"), "components must be a list.*'px'"),
         (
             lambda: RangeBearing(PartialObservation(world(), ("px",))),
             "'range_bearing'.*no component 'py' here; there are: px",
@@ -448,19 +444,6 @@ def test_world_without_a_layout():
 
     with pytest.raises(ValueError, match="no observation_layout"):
         AWGN(Foreign(), 0.1)
-
-
-@pytest.mark.parametrize("sigma", [0.0, 0.3, 2.0])
-def test_a_stack_of_layers_has_the_noise_that_is_asked_for(sigma):
-    scale = (1.0, 1.0, 0.5, 2.0)
-    env = wrap(world(), (VIEWS["full"],), sigma, scale)
-    plain = blocks(world(), episode(world())[0])
-    noise = blocks(env, episode(env)[0]) - plain
-    if sigma == 0:
-        np.testing.assert_array_equal(noise, 0)
-        return
-    deviations = noise.reshape(-1, 4).std(axis=0)
-    np.testing.assert_allclose(deviations, sigma * np.array(scale), rtol=0.35)
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.5])

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from olne_bench.estimators.protocol import Observation
-from olne_bench.estimators.shared import forward_model
+from olne_bench.estimators.shared import certainty, forward_model
+from olne_bench.estimators.shared.certainty import likelihood_certainty
 from olne_bench.estimators.shared.forward_model import (
     expected_samples,
     first_games,
     fitted_game,
     initial_state_prior,
-    likelihood_certainty,
     play_batch,
     scaled_samples,
     squared_error_of,
@@ -184,7 +184,7 @@ def test_no_covariance_where_weights_are_not_identifiable(seen, monkeypatch) -> 
     def fails(*_: object) -> None:
         raise ValueError("no function of them")
 
-    monkeypatch.setattr(forward_model, "sample_sensitivity", fails)
+    monkeypatch.setattr(certainty, "sample_sensitivity", fails)
     assert likelihood_certainty(problem, [observation], [start]).covariance is None
 
 

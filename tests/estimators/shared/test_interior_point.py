@@ -262,7 +262,6 @@ def test_observations_of_another_type_are_read_as_numbers(dtype: type) -> None:
     assert solve_joint(game, view, scattered, start).objective == wanted.objective
 
 
-@pytest.mark.usefixtures("compiler")
 def test_arrays_of_a_wrong_size_never_reach_the_native_code() -> None:
     view = VIEWS["full"]
     game, y, start = sequence("two_player", view, 0.02, seed=2)
@@ -276,16 +275,3 @@ def test_arrays_of_a_wrong_size_never_reach_the_native_code() -> None:
         solve_joint(game, view, y, start, known=[replace(known, points=(other,))])
     with pytest.raises(ValueError, match="max_iterations must be 0 to"):
         JointSettings(max_iterations=2**31)
-
-
-@pytest.mark.usefixtures("without_native_code")
-def test_ipopt_serves_where_there_is_no_compiler() -> None:
-    view = VIEWS["partial"]
-    game, y, start = sequence("two_player", view, 0.02, seed=2)
-    settings = JointSettings(tie=0.1, tolerance=1e-6)
-    found = solve_joint(game, view, y, start, settings)
-    wanted = solve_joint_ipopt(game, view, [y], [start], settings)
-    assert found.converged
-    assert found.objective == wanted.objective
-    stopped = solve_joint(game, view, y, start, JointSettings(max_iterations=1))
-    assert stopped.status is Status.NO_ITERATIONS

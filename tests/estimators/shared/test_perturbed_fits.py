@@ -12,7 +12,7 @@ from olne_bench.estimators.shared.perturbed_fits import (
     effective_sample_size,
     perturbed_fits,
 )
-from olne_bench.estimators.shared.residual_density import climbed
+from olne_bench.estimators.shared.posterior_density import climbed
 
 
 def peak(density, point) -> Peak:

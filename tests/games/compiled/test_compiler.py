@@ -1,14 +1,17 @@
-"""Compiled libraries: what is kept, what is never loaded, and the messages if nothing works."""
+"""Compiled libraries: what is kept, what is never loaded, and what is said if nothing works."""
 
 import ctypes
+import importlib.util
 import os
-import subprocess
 import sys
 import time
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 import pytest
 
+from olne_bench import kept_files
+from olne_bench.errors import UserError
 from olne_bench.games.compiled import compiler
 
 SOURCE = '__attribute__((visibility("default"))) int answer(void) { return 42; }'
@@ -22,13 +25,12 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("OLNE_BENCH_CACHE", str(folder))
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("OLNE_BENCH_CFLAGS", raising=False)
-    monkeypatch.setenv("OLNE_BENCH_FALLBACK_ANNOUNCED", "")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    compiler._refuse.cache_clear()
+    kept_files._refuse.cache_clear()
     return folder
 
 
-def load(source: str = SOURCE) -> ctypes.CDLL | None:
+def load(source: str = SOURCE) -> ctypes.CDLL:
     return compiler.load.__wrapped__(source)
 
 
@@ -43,10 +45,8 @@ def libraries(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.so"))
 
 
-@pytest.mark.usefixtures("compiler")
 def test_a_library_is_compiled_once_and_kept_for_its_owner_alone(cache: Path) -> None:
     library = load()
-    assert library is not None
     assert library.answer() == 42
     assert cache.stat().st_mode & 0o777 == 0o700
     (path,) = libraries(cache)
@@ -56,7 +56,6 @@ def test_a_library_is_compiled_once_and_kept_for_its_owner_alone(cache: Path) ->
     assert not list(cache.glob("compiling-*"))
 
 
-@pytest.mark.usefixtures("compiler")
 def test_flags_are_part_of_the_key_and_of_the_name(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -70,7 +69,6 @@ def test_flags_are_part_of_the_key_and_of_the_name(
     assert compiler.backend() == f"{plain}, -O1, -g"
 
 
-@pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("wide", [True, False])
 def test_code_is_for_the_kind_of_processor_that_this_is(
     wide: bool, cache: Path, monkeypatch: pytest.MonkeyPatch
@@ -81,11 +79,10 @@ def test_code_is_for_the_kind_of_processor_that_this_is(
     here = "avx2" in Path("/proc/cpuinfo").read_text() if sys.platform == "linux" else wide
     before = len(libraries(cache))
     if wide <= here:
-        assert load().answer() == 42  # type: ignore[union-attr]
+        assert load().answer() == 42
         assert len(libraries(cache)) == before + (wide != here)
 
 
-@pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("harm", ["truncated", "other content", "empty", "writable", "link"])
 def test_what_is_damaged_or_open_to_others_is_compiled_anew(
     harm: str, cache: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -105,7 +102,6 @@ def test_what_is_damaged_or_open_to_others_is_compiled_anew(
         path.rename(tmp_path / "elsewhere.so")
         path.symlink_to(tmp_path / "elsewhere.so")
     library = load()
-    assert library is not None
     assert library.answer() == 42
     (again,) = libraries(cache)
     assert again.read_bytes() == content
@@ -116,7 +112,6 @@ def test_what_is_damaged_or_open_to_others_is_compiled_anew(
     assert line.endswith(": compiled anew")
 
 
-@pytest.mark.usefixtures("compiler")
 def test_a_library_under_the_name_of_another_is_not_loaded(cache: Path) -> None:
     compile_only()
     compile_only(SOURCE.replace("42", "43"))
@@ -125,12 +120,9 @@ def test_a_library_under_the_name_of_another_is_not_loaded(cache: Path) -> None:
     first.unlink()
     second.rename(cache / swapped)
     library, other = load(), load(SOURCE.replace("42", "43"))
-    assert library is not None
-    assert other is not None
     assert (library.answer(), other.answer()) == (42, 43)
 
 
-@pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("wrong", ["writable by others", "owned by another user", "a file"])
 def test_a_folder_that_is_not_ours_alone_is_not_used(
     wrong: str,
@@ -149,7 +141,6 @@ def test_a_folder_that_is_not_ours_alone_is_not_used(
         user = os.getuid()
         monkeypatch.setattr(os, "getuid", lambda: user + 1)
     library = load()
-    assert library is not None
     assert library.answer() == 42
     assert not cache.is_dir() or not libraries(cache)
     error = capfd.readouterr().err
@@ -158,7 +149,7 @@ def test_a_folder_that_is_not_ours_alone_is_not_used(
         assert len(libraries(tmp_path / "home" / ".cache" / "olne-bench")) == 1
 
 
-@pytest.mark.usefixtures("compiler", "cache")
+@pytest.mark.usefixtures("cache")
 def test_the_folder_follows_the_standard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OLNE_BENCH_CACHE")
     load()
@@ -168,7 +159,6 @@ def test_the_folder_follows_the_standard(tmp_path: Path, monkeypatch: pytest.Mon
     assert len(libraries(tmp_path / "xdg" / "olne-bench")) == 1
 
 
-@pytest.mark.usefixtures("compiler")
 def test_the_least_recently_used_libraries_go(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sources = [SOURCE.replace("42", str(number)) for number in range(4)]
     found: list[Path] = []
@@ -194,37 +184,30 @@ def test_the_least_recently_used_libraries_go(cache: Path, monkeypatch: pytest.M
     ("variable", "value", "reason"),
     [
         ("CC", "no-such-compiler", "no C compiler 'no-such-compiler' found"),
+        ("CC", "no-such-compiler", "pip install 'olne-bench[compiler]'"),
         ("CC", "false", "false failed: exit code 1"),
-        ("OLNE_BENCH_NATIVE", "0", "OLNE_BENCH_NATIVE=0"),
         ("OLNE_BENCH_CFLAGS", "--no-such-flag", "--no-such-flag"),
     ],
 )
-@pytest.mark.usefixtures("cache", "compiler")
-def test_the_fallback_is_announced_once_with_its_reason(
-    variable: str,
-    value: str,
-    reason: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+@pytest.mark.usefixtures("cache")
+def test_without_a_compiler_that_works_one_line_says_why(
+    variable: str, value: str, reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(variable, value)
-    assert load() is None
-    assert load(SOURCE + "\n") is None
-    (line,) = capfd.readouterr().err.splitlines()
-    assert line.startswith(
-        "olne-bench: native code is off; the slower NumPy and IPOPT solvers are used instead"
-    )
-    assert reason in line
+    with pytest.raises(UserError) as error:
+        load()
+    assert reason in str(error.value) and "\n" not in str(error.value)
 
 
-@pytest.mark.usefixtures("cache")
-def test_processes_that_are_started_later_keep_quiet(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+def test_the_compiler_of_the_package_index_serves_where_there_is_no_other(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("OLNE_BENCH_NATIVE", "0")
-    assert load() is None
-    code = "from olne_bench.games.compiled import native; print(native.backend())"
-    subprocess.run([sys.executable, "-c", code], check=True)
-    out, error = capfd.readouterr()
-    assert out == "numpy\n"
-    assert error.count("native code is off") == 1
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    found = ModuleSpec("ziglang", None, origin=str(tmp_path / "ziglang" / "__init__.py"))
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: found)
+    command = compiler._compiler()
+    assert command == (str(tmp_path / "ziglang" / "zig"), "cc", "-mcpu=baseline")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(UserError, match="no C compiler 'cc' found"):
+        compiler._compiler()

@@ -6,8 +6,7 @@ import pytest
 
 from olne_bench.estimators.shared.joint_ipopt import joint_solver
 from olne_bench.games.compiled.complementarity import RELAXATION, _smooth
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination, plain_elimination
+from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.model.constraints import ControlBound, Distance, Ellipse, StateBound
 from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
 from olne_bench.games.model.dynamics import UNICYCLE
@@ -15,7 +14,7 @@ from olne_bench.games.model.equilibrium import Equilibrium
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.observation import VIEWS
 from olne_bench.games.solve.batch import solve_batch
-from olne_bench.games.solve.best_response import best_response, best_responses
+from olne_bench.games.solve.best_response import best_responses
 from olne_bench.games.solve.continuation import follow_coupling
 from olne_bench.games.solve.information import trajectory_sensitivity
 from olne_bench.games.solve.kkt import kkt_system
@@ -75,36 +74,30 @@ def test_the_smooth_equation_says_complementarity() -> None:
     assert np.isfinite(float(phi(-1e6, 0.0, 1e-9)))
 
 
-def test_native_code_and_numpy_agree_and_derivatives_are_true() -> None:
-    native, plain, theta, h = elimination(GAME), plain_elimination(GAME), WEIGHTS.ravel(), 1e-6
-    z, d = _random_point(native)
-    assert np.allclose(native.evaluate(z, theta), plain.evaluate(z, theta), atol=1e-12)
-    assert np.allclose(native.step_margins(z, theta), plain.step_margins(z, theta))
-    assert native.linearise(z, theta) and plain.linearise(z, theta)
-    step = native.solve(d)
-    assert np.allclose(step, plain.solve(d), atol=1e-9 * np.abs(step).max())
-    ahead, behind = (native.evaluate(z + sign * h * step, theta) for sign in (1, -1))
+def test_derivatives_are_true() -> None:
+    solver, theta, h = elimination(GAME), WEIGHTS.ravel(), 1e-6
+    z, d = _random_point(solver)
+    assert solver.linearise(z, theta)
+    step = solver.solve(d)
+    ahead, behind = (solver.evaluate(z + sign * h * step, theta) for sign in (1, -1))
     assert np.allclose((ahead - behind) / (2 * h), d, atol=1e-5 * np.abs(d).max())
 
 
 def test_second_derivatives_are_true() -> None:
-    native, plain, theta, h = elimination(GAME), plain_elimination(GAME), WEIGHTS.ravel(), 1e-6
-    z, d = _random_point(native)
+    solver, theta, h = elimination(GAME), WEIGHTS.ravel(), 1e-6
+    z, d = _random_point(solver)
     multipliers = np.random.default_rng(1).standard_normal(z.shape)
-    multipliers[0, : native.stages.num_states] = multipliers[-1, native.stages.num_states :] = 0
-    hessians = []
-    for solver in (native, plain):
-        solver.set_observations(np.full((12, solver.stages.num_samples), np.nan))
-        solver.linearise(z, theta)
-        solver.sensitivities()
-        hessians.append(solver.reduced_hessian(z, theta, multipliers))
-    assert np.allclose(*hessians, atol=1e-9 * np.abs(hessians[0]).max())
-    product, _ = native.hessian_product(d, np.zeros(theta.size))
+    multipliers[0, : solver.stages.num_states] = multipliers[-1, solver.stages.num_states :] = 0
+    solver.set_observations(np.full((12, solver.stages.num_samples), np.nan))
+    solver.linearise(z, theta)
+    solver.sensitivities()
+    solver.reduced_hessian(z, theta, multipliers)
+    product, _ = solver.hessian_product(d, np.zeros(theta.size))
 
     def slope(sign: int) -> float:
         """The derivative of multipliers' G along d."""
         point = z + sign * h * d
-        values = [native.evaluate(point + k * 1e-4 * d, theta) for k in (1, -1)]
+        values = [solver.evaluate(point + k * 1e-4 * d, theta) for k in (1, -1)]
         return float((multipliers * (values[0] - values[1])).sum() / 2e-4)
 
     h = 1e-3
@@ -176,7 +169,6 @@ def test_ellipses_are_kept_in_a_solution() -> None:
     "call",
     [
         lambda: kkt_system(GAME),
-        lambda: best_response(GAME, 0, np.zeros((12, 2, 4)), np.zeros((11, 2, 2)), WEIGHTS[0]),
         lambda: best_responses(
             GAME, 0, np.zeros((1, 11, 2)), np.zeros((12, 2, 4)), np.zeros((11, 2, 2)), WEIGHTS
         ),

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from olne_bench.games.compiled.native import plain_elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.compiled.stage_functions import stage_functions
 from olne_bench.games.compiled.terms import terms_of
 from olne_bench.games.model.costs import CarProximity, ControlEffort, Feature, Proximity, Stage
@@ -92,7 +92,7 @@ def test_rows_are_those_of_the_stacked_system(feature: Feature) -> None:
     inner = stages.num_states + stages.num_controls
     z[-1, stages.num_states :] = 0
     theta = rng.uniform(0.1, 1, stages.num_weights)
-    rows = plain_elimination(game).evaluate(z, theta)
+    rows = elimination(game).evaluate(z, theta)
     found = [rows[1:, : stages.num_states], rows[:-1, stages.num_states : inner], rows[:-1, inner:]]
     point = [part.ravel() for part in unpack(game, z)]
     wanted = np.array(kkt_system(game).residual_function(*point, theta)).ravel()

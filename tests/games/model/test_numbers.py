@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import highway, intersection, merge, roundabout, two_way
-from olne_bench.games.compiled.native import elimination, plain_elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.costs import (
     ControlEffort,
     Feature,
@@ -156,10 +156,9 @@ def rows_agree(own: Game) -> None:
     theta = rng.uniform(0.1, 1, own.num_players * own.num_weights)
     point = [part.ravel() for part in unpack(own, z)]
     wanted = np.array(kkt_system(own).residual_function(*point, theta)).ravel()
-    for solver in (elimination(own), plain_elimination(own)):
-        rows = solver.evaluate(z, theta)
-        found = [rows[1:, :states], rows[:-1, states:inner], rows[:-1, inner:]]
-        np.testing.assert_allclose(np.concatenate([f.ravel() for f in found]), wanted, atol=1e-12)
+    rows = elimination(own).evaluate(z, theta)
+    found = [rows[1:, :states], rows[:-1, states:inner], rows[:-1, inner:]]
+    np.testing.assert_allclose(np.concatenate([f.ravel() for f in found]), wanted, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", [OneSided, Directed, Typed])
@@ -227,7 +226,6 @@ class Sided(View):
         return state[:2] * (2.0 if self.side > 0 else -3.0)
 
 
-@pytest.mark.parametrize("native", [True, False], ids=["native", "numpy"])
 @pytest.mark.parametrize(
     "view",
     [
@@ -238,9 +236,9 @@ class Sided(View):
         WhitenedView(ComponentView("two", ("px", "speed")), ((2.0, 0.0), (0.5, 3.0))),
     ],
 )
-def test_the_loss_is_that_of_the_view_at_hand(view: View, native: bool) -> None:
+def test_the_loss_is_that_of_the_view_at_hand(view: View) -> None:
     own = of_own(StateDeviation("speed", 1.0))
-    solver = (elimination if native else plain_elimination)(own, view)
+    solver = elimination(own, view)
     z = np.random.default_rng(2).uniform(0.5, 1.5, (own.horizon, solver.stages.size))
     seen = observe(view, own.dynamics, unpack(own, z)[0]).reshape(own.horizon, -1)
     solver.set_observations(seen + 0.1)

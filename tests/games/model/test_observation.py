@@ -151,7 +151,9 @@ def test_components_are_read_off_by_their_names():
     ],
 )
 def test_a_lidar_stands_somewhere_and_has_noise(wrong):
-    with pytest.raises(ValueError, match=r"range_bearing needs|bearing_scale must be above 0"):
+    with pytest.raises(
+        ValueError, match=r"position must be px and py|bearing_scale must be above 0"
+    ):
         RangeBearingView(**wrong)
 
 

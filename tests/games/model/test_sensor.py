@@ -136,8 +136,8 @@ def test_gaps_with_no_probability(p):
     [
         ({"bearing_scale": 0.0}, "bearing_scale must be above 0"),
         ({"bearing_scale": float("nan")}, "bearing_scale must be above 0"),
-        ({"position": (1.0,)}, "a position of two numbers"),
-        ({"facing": float("inf")}, "and a facing"),
+        ({"position": (1.0,)}, "position must be px and py"),
+        ({"facing": float("inf")}, "and facing a number"),
     ],
 )
 def test_range_and_bearing_out_of_range(arguments, message):

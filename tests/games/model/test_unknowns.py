@@ -9,7 +9,7 @@ import pytest
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.shared.interior_point import joint_elimination
-from olne_bench.games.compiled.native import elimination, plain_elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.costs import FinalGoal, StateDeviation
 from olne_bench.games.model.game import Game, player_cost
 from olne_bench.games.model.observation import VIEWS
@@ -95,41 +95,35 @@ def point_of(game: Game) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("ragged", [False, True])
-@pytest.mark.parametrize("make", [elimination, plain_elimination])
-def test_conditions_are_those_of_the_known_game(make: Any, ragged: bool) -> None:
+def test_conditions_are_those_of_the_known_game(ragged: bool) -> None:
     game = asked(ragged=ragged)
     z, theta, values = point_of(game)
-    solver, known = make(game), make(game.known(values))
+    solver, known = elimination(game), elimination(game.known(values))
     expected = known.evaluate(z, theta[:, :4].ravel())
     np.testing.assert_allclose(solver.evaluate(z, theta.ravel()), expected, atol=1e-10)
 
 
-@pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("ragged", [False, True])
-def test_native_second_derivatives_are_those_of_numpy_and_of_differences(ragged: bool) -> None:
+def test_second_derivatives_are_those_of_differences(ragged: bool) -> None:
     game, view = asked(ragged=ragged), VIEWS["partial"]
     z, theta, _ = point_of(game)
     rng = np.random.default_rng(4)
     multipliers = rng.standard_normal(z.shape)
     multipliers[0, : 2 * 4] = 0.0  # x_1 is given and has no condition
-    native, plain = joint_elimination(game, view), plain_elimination(game, view)
-    found = []
-    for solver in (native, plain):
-        solver.set_observations(np.zeros((game.horizon, 6)), np.ones(6))
-        assert solver.linearise(z, theta.ravel())
-        solver.sensitivities()
-        W = solver.reduced_hessian(z, theta.ravel(), multipliers)
-        found.append((W, *solver.hessian_product(np.zeros_like(z), rng_like(theta))))
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(other).max())
+    solver = joint_elimination(game, view)
+    solver.set_observations(np.zeros((game.horizon, 6)), np.ones(6))
+    assert solver.linearise(z, theta.ravel())
+    solver.sensitivities()
+    solver.reduced_hessian(z, theta.ravel(), multipliers)
+    _, product = solver.hessian_product(np.zeros_like(z), rng_like(theta))
 
     def slope(shift: float) -> np.ndarray:
         moved = theta.ravel() + shift * rng_like(theta)
-        return np.sum(multipliers * plain.evaluate(z, moved))
+        return np.sum(multipliers * solver.evaluate(z, moved))
 
     step = 1e-3
     second = (slope(step) - 2 * slope(0) + slope(-step)) / step**2
-    assert rng_like(theta) @ found[0][2] == pytest.approx(second, rel=1e-3, abs=1e-3)
+    assert rng_like(theta) @ product == pytest.approx(second, rel=1e-3, abs=1e-3)
 
 
 def rng_like(theta: np.ndarray) -> np.ndarray:

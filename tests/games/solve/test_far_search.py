@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario, intersection, roundabout
-from olne_bench.games.compiled.native import elimination
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve import olne
-from olne_bench.games.solve.far_search import control_units, far_responses, first_plans
+from olne_bench.games.solve.far_search import control_units, far_responses
 from olne_bench.games.solve.newton import Root, newton_root, rows
 from olne_bench.games.solve.olne import Equilibrium, certify, iterated_best_response, solve_olne
 from tests.games.conftest import GoalGame
@@ -49,7 +49,6 @@ def solved(name: str, seed: int, **options: int) -> tuple[Game, np.ndarray, Equi
         ],
     ],
 )
-@pytest.mark.usefixtures("compiler")
 def test_known_better_responses_are_found(
     name: str, seed: int, options: dict[str, int], player: int, gain: float
 ) -> None:
@@ -126,38 +125,6 @@ def test_the_better_response_is_a_motion_with_that_cost(
         z = rows(game, states, controls, root.costates)
         cost = elimination(game).costs(z, weights.ravel())[player]
         assert cost == pytest.approx(found.costs[player], abs=1e-12)
-
-
-@pytest.mark.usefixtures("without_native_code")
-def test_ipopt_finds_the_same(detour: tuple[Game, np.ndarray, dict[str, Root]]) -> None:
-    game, weights, roots = detour
-    root = roots["right"]
-    plans = first_plans(game, root.states, root.controls, weights, 0)
-    found = olne.best_responses(
-        game, 0, plans["passes"], root.states, root.controls, weights, max_iterations=60
-    )
-    left = elimination(game).costs(
-        rows(game, roots["left"].states, roots["left"].controls, roots["left"].costates),
-        weights.ravel(),
-    )
-    assert found.costs.min() == pytest.approx(left[0], rel=0.02)
-
-
-@pytest.mark.usefixtures("without_native_code")
-def test_a_response_that_ipopt_gives_up_has_no_cost(
-    detour: tuple[Game, np.ndarray, dict[str, Root]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from olne_bench.games.solve import best_response as module
-
-    original = module.best_response
-    monkeypatch.setattr(
-        module, "best_response", lambda *args: replace(original(*args), converged=False)
-    )
-    game, weights, roots = detour
-    root = roots["left"]
-    plans = root.controls[None, :, 0]
-    found = module.best_responses(game, 0, plans, root.states, root.controls, weights)
-    assert found.costs[0] == np.inf and not found.converged[0]
 
 
 @pytest.mark.parametrize("count", [1, 2])

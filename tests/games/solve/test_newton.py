@@ -8,15 +8,14 @@ import pytest
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.games.compiled import native
-from olne_bench.games.compiled.elimination import Elimination
-from olne_bench.games.compiled.native import elimination, plain_elimination
+from olne_bench.games.compiled.elimination import elimination
+from olne_bench.games.compiled.source import source_of
 from olne_bench.games.compiled.stage_functions import stage_functions
 from olne_bench.games.model.observation import VIEWS
 from olne_bench.games.solve.batch import solve_batch
 from olne_bench.games.solve.information import trajectory_sensitivity
 from olne_bench.games.solve.newton import newton_root, rows, unpack
-from olne_bench.games.solve.olne import Equilibrium, certify, solve_olne
+from olne_bench.games.solve.olne import Equilibrium, solve_olne
 
 
 @pytest.fixture(scope="module")
@@ -68,28 +67,10 @@ def test_newton_returns_an_undefined_start_as_it_is(
     assert not root.residual < math.inf
 
 
-@pytest.mark.usefixtures("compiler")
-def test_numpy_and_native_newton_agree(scenario: Scenario, nearby: np.ndarray) -> None:
-    game = scenario.game
-    plain = plain_elimination(game)
-    start = solve_olne(game, scenario.weights, scenario.initial_state)
-    points = np.repeat(rows(game, start.states, start.controls, start.costates)[None], 5, axis=0)
-    results = []
-    for solver in (plain, elimination(game)):
-        z = points.copy()
-        residuals, iterations = solver.newton(
-            z, nearby[:5].reshape(5, -1), tolerance=1e-11, max_iterations=30, limit=60.0
-        )
-        assert (residuals < 1e-11).all()
-        results.append((z, iterations))
-    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-9)
-    np.testing.assert_array_equal(results[0][1], results[1][1])
-
-
 def test_a_factorisation_serves_several_steps_and_games(
     scenario: Scenario, equilibrium: Equilibrium
 ) -> None:
-    game, solver = scenario.game, plain_elimination(scenario.game)
+    game, solver = scenario.game, elimination(scenario.game)
     limits = {"tolerance": 1e-10, "max_iterations": 20, "limit": 10.0}
     point = rows(game, equilibrium.states, equilibrium.controls, equilibrium.costates)
     starts = np.repeat(point[None], 3, axis=0)
@@ -180,18 +161,5 @@ def test_games_that_differ_in_numbers_share_one_library() -> None:
     goals = [get_scenario("random", seed, num_players=2).game for seed in (1, 2)]
     games = [*goals, dataclasses.replace(goals[0], dt=0.2, horizon=7)]
     assert len({stage_functions(game, VIEWS["full"]) for game in games}) == 1
-    sources = {native._source(stage_functions(game, VIEWS["full"])) for game in games}
+    sources = {source_of(stage_functions(game, VIEWS["full"])) for game in games}
     assert len(sources) == 1
-
-
-@pytest.mark.usefixtures("without_native_code")
-def test_without_a_compiler_numpy_serves(scenario: Scenario, equilibrium: Equilibrium) -> None:
-    assert type(elimination(scenario.game)) is Elimination
-    root = newton_root(
-        scenario.game,
-        equilibrium.states,
-        equilibrium.controls + 1e-3,
-        equilibrium.costates,
-        scenario.weights,
-    )
-    assert certify(scenario.game, root, scenario.weights).passed

@@ -14,7 +14,8 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.model.costs import ControlEffort, FinalGoal, Stage, StateDeviation
 from olne_bench.games.model.dynamics import DOUBLE_INTEGRATOR, rollout
 from olne_bench.games.model.game import Game, Player
-from olne_bench.games.solve.best_response import Responses, best_response, best_responses
+from olne_bench.games.solve.best_response import Responses, best_responses
+from olne_bench.games.solve.constrained_response import constrained_response
 from olne_bench.games.solve.kkt import consistent_costates, kkt_residual_norm
 from olne_bench.games.solve.newton import newton_root
 from olne_bench.games.solve.olne import Equilibrium, certify, solve_olne
@@ -348,7 +349,8 @@ def test_smallest_games(goal_game: GoalGame, horizon: int, players: int) -> None
     found = solve_olne(game, np.ones((players, 4)), initial_state)
     assert found.certificate.passed
     assert found.states.shape == game.state_shape
-    response = best_response(game, 0, found.states, found.controls, np.full(4, 0.25))
+    own = found.controls[:, 0], np.full(4, 0.25)
+    response = constrained_response(game, 0, found.states, found.controls, *own)
     np.testing.assert_allclose(response.states, found.states[:, 0], atol=1e-6)
 
 

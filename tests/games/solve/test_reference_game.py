@@ -11,6 +11,7 @@ from olne_bench.games.solve import reference_game as module
 from olne_bench.games.solve.reference_game import (
     FAR_AWAY,
     WEIGHT_NAMES,
+    Plan,
     ReferenceGame,
     Situation,
     Units,
@@ -18,6 +19,10 @@ from olne_bench.games.solve.reference_game import (
 )
 
 STEPS = 6
+
+
+def solve(game: ReferenceGame, one: Situation, start: np.ndarray, **options: object) -> Plan:
+    return game.solve_all([one], [start], **options)[0]  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +41,7 @@ def situation(count: int) -> Situation:
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_solution_is_stationary_and_convex(game, count):
-    plan = game.solve(situation(count), np.zeros((STEPS, count, 2)), tolerance=1e-9)
+    plan = solve(game, situation(count), np.zeros((STEPS, count, 2)), tolerance=1e-9)
     assert plan.converged and plan.residual < 1e-9
     played = rollout(game.dynamics, plan.states[0], plan.controls, game.dt)
     np.testing.assert_allclose(plan.states, played, atol=1e-12)
@@ -62,7 +67,7 @@ def test_newton_matrix_is_the_derivative_of_the_gradients(game):
 def test_no_player_gains_by_a_small_deviation(game):
     """Costs by quadrature of gradients along the deviation: no private cost function needed."""
     here = situation(3)
-    plan = game.solve(here, np.zeros((STEPS, 3, 2)), tolerance=1e-10)
+    plan = solve(game, here, np.zeros((STEPS, 3, 2)), tolerance=1e-10)
     rng = np.random.default_rng(1)
     games = _Games.of([here], game.max_players)
     for player in range(3):
@@ -83,15 +88,15 @@ def test_no_player_gains_by_a_small_deviation(game):
 def test_predicted_others_are_avoided(game):
     free = situation(1)
     start = np.zeros((STEPS, 1, 2))
-    straight = game.solve(free, start).states[:, 0]
+    straight = solve(game, free, start).states[:, 0]
     beside = straight[1:, :2] + [0.0, 2.5]  # a car that drives alongside on the right
-    aside = game.solve(replace(free, others=beside[None, None]), start).states[:, 0]
+    aside = solve(game, replace(free, others=beside[None, None]), start).states[:, 0]
     assert aside[-1, 1] < straight[-1, 1] - 0.1
 
 
 def test_unsolvable_situations_are_reported(game):
     broken = replace(situation(2), initial_state=np.full((2, 4), np.nan))
-    assert not game.solve(broken, np.zeros((STEPS, 2, 2))).converged
+    assert not solve(game, broken, np.zeros((STEPS, 2, 2))).converged
 
 
 def turned(here: Situation, angle: float, shift: np.ndarray) -> Situation:
@@ -113,8 +118,8 @@ def turned(here: Situation, angle: float, shift: np.ndarray) -> Situation:
 def test_it_does_not_matter_where_the_road_lies_and_leads(game, angle):
     here = replace(situation(3), others=np.full((3, 1, STEPS, 2), [40.0, 2.0]))
     start = np.zeros((STEPS, 3, 2))
-    plan = game.solve(here, start, tolerance=1e-9)
-    there = game.solve(turned(here, angle, np.array([300.0, -20.0])), start, tolerance=1e-9)
+    plan = solve(game, here, start, tolerance=1e-9)
+    there = solve(game, turned(here, angle, np.array([300.0, -20.0])), start, tolerance=1e-9)
     assert plan.converged and there.converged
     np.testing.assert_allclose(there.controls, plan.controls, atol=1e-7)
 
@@ -165,13 +170,13 @@ def test_steps_of_the_search_are_limited(game):
     here, start = situation(2), np.zeros((STEPS, 2, 2))
     hasty = replace(here, references=here.references + np.array([0, 3.0, 0, 30.0]))
     for limit in ((0.02, 0.3), (0.2, 3.0)):
-        once = game.solve(hasty, start, max_iterations=1, max_change=limit)
+        once = solve(game, hasty, start, max_iterations=1, max_change=limit)
         assert once.iterations == 1 and not once.converged
         assert (np.abs(once.controls) / limit).max() <= 1 + 1e-12
-    assert game.solve(hasty, start, max_iterations=0).iterations == 0
-    done = game.solve(here, start)
+    assert solve(game, hasty, start, max_iterations=0).iterations == 0
+    done = solve(game, here, start)
     assert done.residual < 1e-4
-    again = game.solve(here, done.controls)
+    again = solve(game, here, done.controls)
     assert again.iterations == 0
     np.testing.assert_array_equal(again.controls, done.controls)
 
@@ -185,7 +190,7 @@ def test_games_at_once_are_those_one_by_one(game):
     together = game.solve_all(here, starts, tolerance=1e-9)
     assert [plan.converged for plan in together] == [True, True, False, True, True]
     for plan, one, start in zip(together, here, starts, strict=True):
-        alone = game.solve(one, start, tolerance=1e-9)
+        alone = solve(game, one, start, tolerance=1e-9)
         assert plan.iterations == alone.iterations
         np.testing.assert_allclose(plan.controls, alone.controls, atol=1e-10)
 
@@ -218,8 +223,8 @@ def test_gradients_and_own_hessians_are_derivatives_of_the_cost(game):
 def test_the_last_step_may_be_a_small_one(game):
     """What it leaves is far smaller than itself."""
     start = np.full((STEPS, 3, 2), 0.003)
-    exact = game.solve(situation(3), start, tolerance=1e-9)
-    early = game.solve(situation(3), start, tolerance=1e-9, small_change=(2e-3, 0.1))
+    exact = solve(game, situation(3), start, tolerance=1e-9)
+    early = solve(game, situation(3), start, tolerance=1e-9, small_change=(2e-3, 0.1))
     assert early.converged and early.iterations < exact.iterations
     np.testing.assert_allclose(early.controls[..., 0], exact.controls[..., 0], atol=2e-4)
     np.testing.assert_allclose(early.controls[..., 1], exact.controls[..., 1], atol=1e-2)
@@ -240,6 +245,6 @@ def test_a_lone_car_goes_straight_on_however_many_may_play_and_wherever_the_road
             references=references,
             others=np.full((1, others, STEPS, 2), FAR_AWAY),
         )
-        plan = game.solve(alone, np.zeros((STEPS, 1, 2)), tolerance=1e-9, max_iterations=40)
+        plan = solve(game, alone, np.zeros((STEPS, 1, 2)), tolerance=1e-9, max_iterations=40)
         expected = 25.0 * 0.4 * STEPS * np.array([cos, sin])
         np.testing.assert_allclose(plan.states[-1, 0, :2], expected, atol=1e-6)

@@ -1,10 +1,9 @@
-/* Colours, numbers, tips, canvases. */
+/* The page's data, colours, numbers, canvases. */
 const packed = Uint8Array.from(atob(document.getElementById("data").textContent), (c) => c.charCodeAt(0));
 const unpacked = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
 const data = await new Response(unpacked).json();
 const byId = (id) => document.getElementById(id);
 const all = (selector, root = document) => [...root.querySelectorAll(selector)];
-const tip = byId("tip");
 
 const systemDark = matchMedia("(prefers-color-scheme: dark)");
 const themes = ["auto", "light", "dark"];
@@ -48,31 +47,11 @@ const number = (value) => {
   return `${mantissa}·10${superscript(exponent)}`;
 };
 
-function showTip(lines, x, y) {
-  tip.textContent = lines.join("\n");
-  tip.hidden = false;
-  const box = tip.getBoundingClientRect();
-  tip.style.left = `${Math.max(4, Math.min(x + 14, innerWidth - box.width - 6))}px`;
-  tip.style.top = `${y + 18 + box.height > innerHeight ? y - box.height - 12 : y + 18}px`;
-}
-const hideTip = () => { tip.hidden = true; };
-
-let replacement = null, forcedRatio = 0;
-
-/* Draw on another context in place of a canvas's; returns the context. */
-function instead(make, draw) {
-  const context = make();
-  replacement = context;
-  try { draw(); } finally { replacement = null; }
-  return context;
-}
-
 /* A canvas of the size at which it is shown, cleared. */
 function prepare(canvas, height) {
   const width = canvas.clientWidth;
   if (height) canvas.style.height = `${height}px`;
-  if (replacement) return { context: replacement, width, height: canvas.clientHeight };
-  const ratio = forcedRatio || devicePixelRatio || 1;
+  const ratio = devicePixelRatio || 1;
   canvas.width = Math.round(width * ratio);
   canvas.height = Math.round(canvas.clientHeight * ratio);
   const context = canvas.getContext("2d");

@@ -1,81 +1,91 @@
 /* Starts the page; the last file. */
-const charts = all("canvas[data-metric]").map((canvas) => new Chart(canvas, metricOf.get(canvas.dataset.metric)));
-
-/* Legend of the charts' lines and signs; the buttons show the colours. */
-function legend() {
-  const shown = visible(), entries = [];
-  const curves = scenario().curves;
-  for (const sensor of curves ? allSensors : []) {
-    const one = shown.find((s) => s.sensor === sensor && !looks.get(s.estimator).floor);
-    if (one) entries.push([`l-dash-${one.dash}`, `${sensor}, rolling median`]);
-  }
-  if (!curves) entries.push(["l-mid", "median of a noise level"]);
-  const lines = shown.filter((s) => !looks.get(s.estimator).floor).flatMap((s) => Object.values(s.rolling));
-  if (lines.some((r) => r.low.some((low) => low !== null))) entries.push([curves ? "l-band" : "l-bar", "quartiles"]);
-  if (charts.some((chart) => chart.failing.length)) entries.push(["l-failed", "failed"]);
-  const floor = shown.find((s) => looks.get(s.estimator).floor);
-  if (floor) entries.push(["l-floor", `${floor.estimator}, the floor`]);
-  byId("chart-axis").textContent = curves ? "Mean absolute error of the observed positions [m]" : "Noise level σ [m]";
-  byId("chart-legend").replaceChildren(...entries.map(([kind, text]) => {
-    const entry = document.createElement("span");
-    entry.className = kind;
-    entry.textContent = text;
-    return entry;
-  }));
-}
-
 function redraw() {
-  hideTip();
-  charts.forEach((chart) => { chart.at = null; chart.draw(); });
-  legend();
-  buildBundles();
   drawPlayer();
-  filterTables();
+  filterTables(scenario().name);
   writeAddress();
 }
 
-/* Legend of a chart's lines and points, for files. */
-function chartLegend() {
-  const shown = visible().map((s) => [seriesColour(s), looks.get(s.estimator).floor ? s.estimator : `${s.estimator}, ${s.sensor}`]);
-  return [...new Map(shown.map((entry) => [entry[1], entry])).values()];
+/* Buttons for the predictions: at first, those of the first two estimators. */
+function setUpEstimators() {
+  byId("estimators").replaceChildren(...data.estimators.map(({ name, colours }) => {
+    const button = document.createElement("button"), swatch = document.createElement("i");
+    button.type = "button";
+    swatch.className = "swatch";
+    swatch.style.setProperty("--a", colours[0]);
+    swatch.style.setProperty("--b", colours[1]);
+    button.append(swatch, name);
+    button.setAttribute("aria-pressed", String(state.estimators.has(name)));
+    button.addEventListener("click", () => {
+      const on = !state.estimators.delete(name);
+      if (on) state.estimators.add(name);
+      button.setAttribute("aria-pressed", String(on));
+      redraw();
+    });
+    return button;
+  }));
 }
 
-function setUpChartSaves() {
-  for (const chart of charts) {
-    const title = () => `${scenario().name}: ${chart.metric.title} over ${byId("chart-axis").textContent.replace(/^[A-Z]/, (c) => c.toLowerCase())}`;
-    chart.canvas.closest("figure").querySelector("figcaption").append(saveButtons(
-      () => vectorFigure(chart.canvas, () => chart.draw(), title(), chartLegend()),
-      () => fileName(chart.metric.name, scenario().name)));
+function showScenario(index) {
+  play(false);
+  Object.assign(state, { scenario: index, sample: 0 });
+  const { name, pictures, scene } = scenario();
+  state.estimators = new Set(scene ? scene.shown : []);
+  byId("scenario").selectedIndex = index;
+  byId("shown-scenario").textContent = name;
+  if (Object.keys(pictures).length) {
+    byId("plots").replaceChildren(...Object.values(pictures).map((svg) => {
+      const figure = document.createElement("figure");
+      figure.className = "plot";
+      figure.innerHTML = svg; // drawn by this package, with its names escaped
+      return figure;
+    }));
   }
+  setUpEstimators();
+  setUpTrials();
 }
 
-function setUp() {
-  setUpTheme(redraw);
-  setUpBoard();
-  chips(byId("sensors"), allSensors, state.sensors, false);
-  chips(byId("estimators"), data.estimators.map((e) => e.name), state.estimators, true);
-  byId("scenario").addEventListener("change", (event) => {
-    play(false);
-    state.scenario = Number(event.target.value);
-    state.sample = 0;
+/* What is shown stands in the page's address, such as #scenario=two_player&sigma=0.1&seed=3. */
+let quiet = true;
+function writeAddress() {
+  const { scene, name } = scenario();
+  if (quiet) return;
+  const told = new URLSearchParams({ scenario: name });
+  if (scene) {
+    const { sigma, seed } = trialSample();
+    Object.entries({ sigma, seed, seen: state.sensor, step: state.time }).forEach(([key, value]) => told.set(key, value));
+  }
+  history.replaceState(null, "", `#${told}`);
+}
+
+function readAddress() {
+  const text = location.hash.slice(1), said = new URLSearchParams(byId(text) ? "" : text);
+  quiet = true;
+  showScenario(Math.max(0, data.scenarios.findIndex((s) => s.name === said.get("scenario"))));
+  const { scene } = scenario();
+  if (scene && said.has("sigma")) {
+    state.sensor = said.get("seen") || state.sensor;
+    const same = (s) => s.sigma === Number(said.get("sigma")) && s.seed === Number(said.get("seed"));
+    state.sample = Math.max(0, scene.samples.findIndex(same));
     setUpTrials();
-    redraw();
-  });
+    if (said.has("step")) setTime(Math.max(0, Math.min(lastStep(), Number(said.get("step")) || 0)));
+  }
+  redraw();
+  quiet = false;
+}
+
+function setUpScenes() {
+  byId("scenario").addEventListener("change", (event) => { showScenario(event.target.selectedIndex); redraw(); });
   byId("trial").addEventListener("change", (event) => showTrial(Number(event.target.value)));
-  byId("trial-sensor").addEventListener("change", (event) => {
-    state.sensor = event.target.value;
-    drawPlayer();
-    writeAddress();
-  });
+  byId("trial-sensor").addEventListener("change", (event) => { state.sensor = event.target.value; redraw(); });
   byId("time").addEventListener("input", (event) => { play(false); setTime(Number(event.target.value)); });
   byId("play").addEventListener("click", () => play(!playing));
-  byId("pair-error").addEventListener("change", () => { filterTables(); writeAddress(); });
   let width = innerWidth;
-  addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; redraw(); } });
-  setUpTables();
-  setUpChartSaves();
-  setUpPlayerSaves();
-  setUpLinks();
-  applyAddress();
+  addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; drawPlayer(); } });
+  addEventListener("hashchange", () => { if (!byId(location.hash.slice(1))) readAddress(); });
+  readAddress();
 }
-setUp();
+
+const playable = Boolean(data.scenarios && data.scenarios.length);
+setUpTheme(() => { if (playable) drawPlayer(); });
+setUpTables();
+if (playable) setUpScenes();

@@ -1,17 +1,22 @@
 /* The player of one trial. */
+const state = { scenario: 0, estimators: new Set(), sample: 0, sensor: "", time: 0 };
+const scenario = () => data.scenarios[state.scenario];
+/* A scene with one of its draws: the shared parts, and the draw's truth, limits and lanes. */
+const drawOf = (sample) => ({ ...scenario().scene, ...scenario().scene.draws[sample.draw] });
+const looks = new Map((data.estimators || []).map((e) => [e.name, e]));
 let playing = 0, clock = 0;
 
 const trialSample = () => scenario().scene.samples[state.sample];
 const lastStep = () => drawOf(trialSample()).truth[0].length - 1;
 const trialSensors = () => [...new Set(scenario().scene.samples.flatMap((s) => s.predictions.map((p) => p.sensor)))]
-  .sort((a, b) => allSensors.indexOf(a) - allSensors.indexOf(b));
+  .sort((a, b) => data.sensors.indexOf(a) - data.sensors.indexOf(b));
 const trialPredictions = () => trialSample().predictions.filter(
   (p) => p.sensor === state.sensor && state.estimators.has(p.estimator));
 const pace = () => Math.max(60, Math.min(250, 6000 / lastStep())); // milliseconds per step
 
 function setUpTrials() {
   const scene = scenario().scene, select = byId("trial");
-  for (const part of all(".stage, #bundles, #bundle-title")) part.hidden = !scene;
+  all(".stage").forEach((part) => { part.hidden = !scene; });
   document.querySelector(".missing").hidden = Boolean(scene);
   if (!scene) return;
   select.replaceChildren(...scene.samples.map((s, k) => new Option(`σ = ${number(s.sigma)}, seed ${s.seed}`, k)));
@@ -25,22 +30,13 @@ function setUpTrials() {
   setTime(lastStep());
 }
 
-/* Show a trial from its beginning, chosen from the list or by a point of a chart. */
+/* Show a trial, chosen from the list. */
 function showTrial(sample) {
   play(false);
   state.sample = sample;
   byId("trial").value = sample;
   byId("time").max = lastStep();
   setTime(lastStep());
-}
-
-function playTrial(sample, sensor) {
-  state.sensor = sensor;
-  byId("trial-sensor").value = sensor;
-  showTrial(sample);
-  goTo("trajectories");
-  byId("play").focus({ preventScroll: true });
-  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) play(true);
 }
 
 function setTime(step) {
@@ -113,52 +109,6 @@ function fillEstimates(scene, shown) {
     });
     return row;
   })));
-}
-
-/* Title and legend of the player's trial, for files. */
-const trialTitle = () => `${scenario().name}, ${state.sensor}, σ = ${number(trialSample().sigma)}, seed ${trialSample().seed}`;
-const trialLegend = () => [[css("--ink"), "truth (dashed)"], [css("--soft"), "observed"],
-  ...trialPredictions().map((p) => [shade(looks.get(p.estimator).colours[0]), p.estimator])];
-const trialFile = () => fileName("trial", scenario().name, state.sensor, `sigma=${trialSample().sigma}`, `seed=${trialSample().seed}`);
-
-const GIF_WIDTH = 880; // largest width [pixels]
-
-/* The whole trial as an animated GIF, with title, time and legend. */
-function trialGif() {
-  const canvas = byId("player"), sample = trialSample(), scene = drawOf(sample), shown = trialPredictions();
-  const scale = Math.min(1, GIF_WIDTH / canvas.clientWidth), head = 26, frames = [];
-  const copy = document.createElement("canvas"), c = copy.getContext("2d", { willReadFrequently: true });
-  copy.width = Math.round(canvas.clientWidth * scale);
-  copy.height = head * 2 + Math.round(canvas.clientHeight * scale);
-  forcedRatio = scale;
-  for (let t = 0; t <= lastStep(); t += 1) {
-    drawTrial(sample, scene, shown, t);
-    c.fillStyle = css("--card");
-    c.fillRect(0, 0, copy.width, copy.height);
-    c.drawImage(canvas, 0, head);
-    c.fillStyle = css("--ink");
-    c.font = "600 13px system-ui, sans-serif";
-    c.fillText(`${trialTitle()}, ${number(t * scene.dt)} s`, 8, 17);
-    c.font = "12px system-ui, sans-serif";
-    trialLegend().reduce((x, [colour, label]) => {
-      c.fillStyle = colour;
-      c.fillRect(x, copy.height - 19, 10, 10);
-      c.fillText(label, x + 14, copy.height - 10);
-      return x + 30 + c.measureText(label).width;
-    }, 8);
-    frames.push(c.getImageData(0, 0, copy.width, copy.height).data);
-  }
-  forcedRatio = 0;
-  drawPlayer();
-  return encodeGif(frames, copy.width, copy.height, pace());
-}
-
-function setUpPlayerSaves() {
-  const draw = () => drawTrial(trialSample(), drawOf(trialSample()), trialPredictions(), state.time);
-  const gif = button("GIF", "Save this trial as an animated GIF");
-  gif.addEventListener("click", () => { play(false); save(`${trialFile()}.gif`, [trialGif()], "image/gif"); });
-  byId("player-saves").append(
-    gif, saveButtons(() => vectorFigure(byId("player"), draw, trialTitle(), trialLegend()), trialFile));
 }
 
 function fillValues(scene, shown, t) {

@@ -1,4 +1,4 @@
-/* Scenes: the plane of a draw, and bundles of sequences in it. */
+/* Scenes: the plane of a draw. */
 const LOWEST = 110; // least height of a scene [pixels]
 const CAR = [5, 2]; // metres, HighwayEnv's cars
 
@@ -97,104 +97,7 @@ class Plane {
   }
 }
 
-const playerColour = (i) => shade(data.players[i % data.players.length]);
 const isWide = (scene) => {
   const [[left, right], [bottom, top]] = scene.limits;
   return right - left > 2 * (top - bottom);
 };
-
-class Bundle {
-  constructor(series) {
-    this.series = series;
-    this.at = -1;
-    this.figure = document.createElement("figure");
-    const caption = document.createElement("figcaption");
-    caption.textContent = series ? `${series.estimator}, ${series.sensor}` : "Truth and observations";
-    this.canvas = document.createElement("canvas");
-    this.canvas.tabIndex = 0;
-    this.canvas.setAttribute("role", "application");
-    this.canvas.setAttribute("aria-roledescription", "chart");
-    this.canvas.setAttribute("aria-label", `Trajectories: ${caption.textContent}`);
-    this.figure.append(caption, this.canvas);
-    this.canvas.addEventListener("pointermove", (event) => this.hover(event));
-    this.canvas.addEventListener("pointerdown", (event) => this.hover(event));
-    this.canvas.addEventListener("pointerleave", () => this.select(-1));
-    this.canvas.addEventListener("blur", () => this.select(-1));
-    this.canvas.addEventListener("keydown", (event) => {
-      const turn = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-      if (event.key === "Escape") this.select(-1);
-      if (!turn || !this.bundle.length) return;
-      event.preventDefault();
-      this.select((Math.max(this.at, turn > 0 ? -1 : 0) + turn + this.bundle.length) % this.bundle.length);
-    });
-    const scene = scenario().scene, own = scene.samples[0].draw;
-    this.bundle = scene.samples.filter((s) => s.sigma === scene.bundle && s.draw === own).map((sample) => {
-      const found = series && sample.predictions.find((p) => p.estimator === series.estimator && p.sensor === series.sensor);
-      return { sample, found, paths: series ? found && found.paths : sample.observed };
-    }).filter((one) => one.sample && (!series || one.found));
-    const missing = this.bundle.filter((one) => !one.paths);
-    const without = missing.filter((one) => one.found.status !== "ok").length, undrawn = missing.length - without;
-    this.bundle = this.bundle.filter((one) => one.paths);
-    const small = document.createElement("small");
-    small.textContent = ` · ${this.bundle.length} sequence${this.bundle.length === 1 ? "" : "s"}${without ? `, ${without} without a prediction` : ""}${undrawn ? `, ${undrawn} not drawn` : ""}`;
-    caption.append(small);
-    const title = `${scenario().name}: ${this.canvas.getAttribute("aria-label")}`;
-    caption.append(saveButtons(
-      () => vectorFigure(this.canvas, () => this.draw(), title, scene.draws[own].truth.map((_, i) => [playerColour(i), `player ${i + 1}`])),
-      () => fileName("trajectories", scenario().name, series ? series.estimator : "observations", series ? series.sensor : "")));
-  }
-
-  draw() {
-    const scene = drawOf(scenario().scene.samples[0]);
-    const plane = this.plane = new Plane(this.canvas, scene, isWide(scene) ? 300 : 330);
-    const faint = this.at < 0 ? 1 : 0.35;
-    const [alpha, width] = this.bundle.length > 6 ? [0.5, 1.1] : [0.8, this.series ? 2.6 : 1.6];
-    this.bundle.forEach((one, k) => { if (k !== this.at) this.one(one, alpha * faint, width); });
-    scene.truth.forEach((path) => {
-      plane.path(path, css("--ink"), { width: 1.4, dash: [5, 4] });
-      plane.car(path[0], css("--ink"), { radius: 3.5 });
-    });
-    if (this.at >= 0) this.one(this.bundle[this.at], 1, 2.6);
-  }
-
-  one(one, alpha, width) {
-    one.paths.forEach((path, i) => {
-      if (this.series) {
-        this.plane.path(path, playerColour(i), { alpha, width });
-        if (this.plane.scene.down) this.plane.car(path[path.length - 1], playerColour(i), { filled: false });
-      }
-      else path.forEach((point) => this.plane.dot(point, playerColour(i), width, alpha));
-    });
-  }
-
-  select(k, x, y) {
-    if (k === this.at) return;
-    this.at = k;
-    this.draw();
-    if (k < 0) { hideTip(); return; }
-    const { sample, found } = this.bundle[k], box = this.canvas.getBoundingClientRect();
-    const lines = [`σ = ${number(sample.sigma)}, seed ${sample.seed}`];
-    if (found) lines.push(...data.metrics.map((metric) => `${metric.label} ${withUnit(metric, found.errors[metric.name] ?? "–")}`));
-    showTip(lines, x ?? box.left + box.width / 2, y ?? box.top + 10);
-  }
-
-  hover(event) {
-    const box = this.canvas.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
-    let best = -1, least = 20 ** 2;
-    this.bundle.forEach((one, k) => one.paths.forEach((path) => path.forEach((point) => {
-      const d = (this.plane.x(point[0]) - x) ** 2 + (this.plane.y(point[1]) - y) ** 2;
-      if (d < least) { least = d; best = k; }
-    })));
-    this.select(best, event.clientX, event.clientY);
-  }
-}
-
-let bundles = [];
-function buildBundles() {
-  const scene = scenario().scene, holder = byId("bundles");
-  byId("bundle-title").textContent = scene ? `Bundles at σ = ${number(scene.bundle)}` : "Bundles";
-  bundles = scene ? [new Bundle(null), ...visible().filter((s) => !looks.get(s.estimator).floor).map((s) => new Bundle(s))] : [];
-  holder.className = scene && isWide(drawOf(scene.samples[0])) ? "wide-scenes" : "tall";
-  holder.replaceChildren(...bundles.map((b) => b.figure));
-  bundles.forEach((b) => b.draw());
-}

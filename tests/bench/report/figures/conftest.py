@@ -5,8 +5,6 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.judge.truth import true_recording
-from olne_bench.bench.report.figures.scene import Scene, scene_of
-from olne_bench.bench.report.study import Study
 
 Trials = Callable[..., pd.DataFrame]
 
@@ -45,6 +43,7 @@ def make_trials(prediction_error, usual) -> Trials:
                                 "status": status,
                                 "message": "",
                                 "cosine_error": error,
+                                "cosine_limit": sigma**2,
                                 "position_error": prediction_error(scenario, seed, weights),
                                 "reconstruction_error": error,
                                 "observation_error": 0.8 * sigma,
@@ -66,9 +65,3 @@ def make_trials(prediction_error, usual) -> Trials:
         return frame
 
     return make
-
-
-@pytest.fixture(scope="session")
-def scene(make_trials: Trials, usual: Study) -> Scene:
-    """The scene of the two players."""
-    return scene_of(make_trials(), usual)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.figures import calibration, ranks, widths
+from olne_bench.bench.report.figures import calibration, widths
 from olne_bench.bench.report.not_drawn import NotDrawnError
 
 NUMBER = 60
@@ -41,21 +41,13 @@ def told() -> pd.DataFrame:
     return pd.concat(frames)
 
 
-def test_a_curve_for_each_region_and_for_random_points(told: pd.DataFrame) -> None:
-    figure = calibration.draw(told)
-    assert [axes.get_title() for axes in figure.axes] == [
-        f"{sensor}: {NUMBER} trials or more" for sensor in ("full", "partial")
-    ]
-    for axes in figure.axes:
-        # the diagonal, two regions, and one around random points
+def test_a_curve_for_each_region_and_for_random_points_and_a_line_for_each_weight(told) -> None:
+    above, below = np.reshape(calibration.draw(told).axes, (2, 2))
+    assert [axes.get_title() for axes in above] == ["full", "partial"]
+    for axes in above:  # the diagonal, two regions, and one around random points
         assert [line.get_linestyle() for line in axes.lines].count(":") == 1
         assert len(axes.lines) == 4
-
-
-def test_a_line_for_each_weight(told: pd.DataFrame) -> None:
-    figure = ranks.draw(told)
-    assert [axes.get_title() for axes in figure.axes] == ["full", "partial"]
-    for axes in figure.axes:
+    for axes in below:
         assert len(axes.lines) == 1 + 2 * 3
         for line in axes.lines[1:]:
             assert np.abs(line.get_ydata()[[0, -1]]).max() < 1e-12
@@ -64,16 +56,16 @@ def test_a_line_for_each_weight(told: pd.DataFrame) -> None:
 def test_a_player_of_some_draws_has_its_lines(told: pd.DataFrame) -> None:
     more = [np.full((3, 3), 0.5).tolist() if k % 2 else [[0.1] * 3] * 2 for k in range(NUMBER)]
     told.loc[told["estimator"] == "posterior", "weight_levels"] = pd.Series(more * 2).values
-    figure = ranks.draw(told)
-    for axes in figure.axes:
+    for axes in calibration.draw(told).axes[2:]:
         assert len(axes.lines) == 1 + 3 * 3
-        assert [text.get_text() for text in axes.texts] == [f"{NUMBER // 2} seeds or more"]
 
 
-def test_the_band_counts_a_seed_once_at_all_its_noise_levels(told: pd.DataFrame) -> None:
-    figure = ranks.draw(pd.concat([told, told.assign(sigma=0.2)]))
-    for axes in figure.axes:
-        assert [text.get_text() for text in axes.texts] == [f"{NUMBER} seeds"]
+def test_the_band_of_weights_counts_a_draw_once_at_all_its_noise_levels(told) -> None:
+    bands = [
+        calibration.draw(table).axes[2].collections[0].get_paths()[0].vertices
+        for table in (told, pd.concat([told, told.assign(sigma=0.2)]))
+    ]
+    np.testing.assert_array_equal(*bands)
 
 
 def test_a_point_with_bars_for_each_noise_level(told: pd.DataFrame) -> None:
@@ -90,6 +82,6 @@ def test_a_point_with_bars_for_each_noise_level(told: pd.DataFrame) -> None:
 
 def test_nothing_to_draw_is_said(told: pd.DataFrame) -> None:
     silent = told[told["estimator"] == "uniform"]
-    for module in (calibration, ranks, widths):
+    for module in (calibration, widths):
         with pytest.raises(NotDrawnError):
             module.draw(silent)

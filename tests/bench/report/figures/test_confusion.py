@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.bench.report import figures
-from olne_bench.bench.report.figures import confusion, draw_figures, style, trial
+from olne_bench.bench.report.figures import confusion, style
 from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.statistics.recognition import confusion_table, drivers
 from olne_bench.bench.report.study import Study
 from olne_bench.envs.scenarios import check_options
 
@@ -46,29 +46,26 @@ def trials() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_a_row_of_panels_per_level_and_a_column_per_estimator(trials) -> None:
+def test_a_panel_per_estimator_whose_rows_are_shares(trials) -> None:
     with style.applied():
-        figure = confusion.draw(trials, STUDY)
-    assert len(figure.axes) == 5 * len(ESTIMATORS)  # of six levels, five are shown
-    titles = [axes.get_title() for axes in figure.axes]
-    assert titles[:3] == list(ESTIMATORS) and not any(titles[3:])
-    assert figure.axes[-3].get_ylabel() == "σ = 1 m"
+        figure = confusion.draw(confusion_table(drivers(trials, STUDY)))
+    assert [axes.get_title() for axes in figure.axes] == list(ESTIMATORS)
     for axes in figure.axes:
         (image,) = axes.get_images()
         np.testing.assert_allclose(image.get_array().sum(axis=1), 1)
-    for axes in figure.axes[2::3]:  # equal weights are those of a normal driver
-        (image,) = axes.get_images()
-        np.testing.assert_array_equal(image.get_array()[:, 1], 1)
+    (image,) = figure.axes[-1].get_images()  # equal weights are those of a normal driver
+    np.testing.assert_array_equal(image.get_array()[:, 1], 1)
 
 
-def test_it_is_drawn_where_drivers_have_temperaments_only(trials, tmp_path, monkeypatch) -> None:
-    plain = Study(
-        scenarios={"road": ROAD.model_copy(update={"options": {"num_players": 3}})}, salt="s"
-    )
+def test_there_is_none_where_drivers_have_no_temperaments(trials) -> None:
+    options = {"options": {"num_players": 3}}
+    plain = Study(scenarios={"road": ROAD.model_copy(update=options)}, salt="s")
     with pytest.raises(NotDrawnError, match="no driver has a temperament"):
-        confusion.draw(trials, plain)
-    monkeypatch.setattr(figures, "_KINDS", {})  # the others take their time
-    monkeypatch.setattr(trial, "is_road", lambda *_: False)
-    drawn = [draw_figures(trials, tmp_path, ("png",), study) for study in (STUDY, plain)]
-    assert [[file.name for file in one.files] for one in drawn] == [["confusion_road.png"], []]
-    assert not drawn[1].notes
+        confusion.draw(confusion_table(drivers(trials, plain)))
+
+
+def test_of_many_estimators_the_floor_is_left_out(trials) -> None:
+    table = confusion_table(drivers(trials, STUDY))
+    more = [table, *(table.assign(estimator=f"e{k}") for k in range(4))]
+    titles = [axes.get_title() for axes in confusion.draw(pd.concat(more)).axes]
+    assert len(titles) == 6 and "uniform" not in titles

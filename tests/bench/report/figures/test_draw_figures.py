@@ -2,23 +2,23 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import matplotlib.image
-import numpy as np
 import pandas as pd
 import pytest
 
 from olne_bench.bench.report.figures import FORMATS, draw_figures, errors, style
+from olne_bench.bench.report.tables import tabulate
 
 #: Those that all figures are tried in take their time.
 ONE_FORMAT = ("png",)
-KINDS = ("errors", "failures", "trajectories", "landscape", "identifiability")
-#: Those of trials without noise, or with a sensor that is not known here.
-FEWER = KINDS[:-1]
+KINDS = ("errors", "failures", "trial", "identifiability")
+#: Those of trials without noise, of one estimator, or with a sensor that is not known here.
+FEWER = ("errors", "failures")
 
 
 @pytest.fixture
 def drawn(usual):
     def draw(trials: pd.DataFrame, folder: Path, formats=ONE_FORMAT) -> list[Path]:
-        return draw_figures(trials, folder, formats, usual).files
+        return draw_figures(trials, tabulate(trials, usual), folder, formats, usual).files
 
     return draw
 
@@ -30,7 +30,12 @@ def names(files: list[Path]) -> set[str]:
 def expected(
     scenario: str, kinds: tuple[str, ...] = KINDS, formats: tuple[str, ...] = ONE_FORMAT
 ) -> set[str]:
+    """Names of the files of a scenario."""
     return {f"{kind}_{scenario}.{ending}" for kind in kinds for ending in formats}
+
+
+def scores(formats: tuple[str, ...] = ONE_FORMAT) -> set[str]:
+    return {f"scores.{ending}" for ending in formats}
 
 
 def assert_drawn(files: list[Path]) -> None:
@@ -60,7 +65,7 @@ def test_a_study_gives_every_figure_small_and_not_blank(
     drawn, make_trials, tmp_path, formats, part
 ):
     files = drawn(make_trials(**part), tmp_path / "new" / "folder", formats)
-    assert names(files) == expected("two_player", formats=formats)
+    assert names(files) == expected("two_player", formats=formats) | scores(formats)
     assert_drawn(files)
     assert max(file.stat().st_size for file in files) < 300_000
 
@@ -88,27 +93,17 @@ def test_the_users_own_settings_do_not_matter(drawn, make_trials, tmp_path):
 @pytest.mark.parametrize(
     ("part", "kinds"),
     [
-        ({"estimators": ("uniform",)}, KINDS),
+        ({"estimators": ("uniform",)}, (*FEWER, "identifiability")),
         ({"estimators": ("unknown_method",), "sensors": ("partial",), "sigmas": (0.0,)}, FEWER),
-        (
-            {"estimators": ("kkt_residual",), "sigmas": (0.1,), "seeds": 1, "sensors": ("full",)},
-            KINDS,
-        ),
-        ({"sensors": ("bearing_only",), "sigmas": (0.05,)}, FEWER),
-        ({"status": "failed_forward"}, KINDS),
+        ({"sensors": ("bearing_only",), "sigmas": (0.05,)}, (*FEWER, "trial", "scores")),
+        ({"status": "failed_forward"}, (*FEWER, "identifiability", "scores")),
+        ({"status": "not_converged"}, (*FEWER, "identifiability")),
     ],
-    ids=["floor only", "no noise", "single row", "unknown sensor", "no prediction"],
+    ids=["floor only", "no noise", "unknown sensor", "no prediction", "failures only"],
 )
 def test_any_part_of_a_study_will_do(drawn, make_trials, tmp_path, part, kinds):
     files = drawn(make_trials(**part), tmp_path)
-    assert names(files) == expected("two_player", kinds)
-    assert_drawn(files)
-
-
-def test_failures_alone_are_drawn_as_such(drawn, make_trials, tmp_path):
-    files = drawn(make_trials(status="not_converged"), tmp_path)
-    # Without weights there is no landscape, but the bundles say that all failed.
-    assert names(files) == expected("two_player", tuple(k for k in KINDS if k != "landscape"))
+    assert {name.partition("_")[0].partition(".")[0] for name in names(files)} == {*kinds}
     assert_drawn(files)
 
 
@@ -123,38 +118,19 @@ def test_nothing_attempted_gives_no_figure(drawn, make_trials, tmp_path):
     assert drawn(trials.head(0), tmp_path) == []
 
 
-@pytest.mark.long
-def test_skipped_trials_change_nothing(drawn, make_trials, tmp_path):
-    trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
-    declined = make_trials(estimators=("picky",), status="skipped")
-    alone = drawn(trials, tmp_path / "a")
-    together = drawn(pd.concat([trials, declined], ignore_index=True), tmp_path / "b")
-    for a, b in zip(alone, together, strict=True):
-        assert a.read_bytes() == b.read_bytes(), a.name
-
-
 def test_a_scenario_unknown_here_still_has_statistics(drawn, make_trials, tmp_path):
     trials = make_trials().assign(scenario="of_another_version")
     files = drawn(trials, tmp_path)
-    assert names(files) == expected("of_another_version", ("errors", "failures"))
+    assert names(files) == expected("of_another_version", FEWER) | scores()
 
 
 def test_each_scenario_on_its_own(drawn, make_trials, tmp_path):
-    highway = make_trials("highway_overtaking", ("kkt_residual",), ("full",), (0.1,), 1)
-    family = make_trials("random", ("kkt_residual",), ("full",), (0.1,), 3)
+    two = ("kkt_residual", "kkt_constrained")
+    highway = make_trials("highway_overtaking", two, ("full",), (0.1,), 1)
+    family = make_trials("random", two, ("full",), (0.1,), 3)
     files = drawn(pd.concat([highway, family], ignore_index=True), tmp_path)
-    assert names(files) == expected("highway_overtaking") | expected("random")
+    assert names(files) == expected("highway_overtaking") | expected("random") | scores()
     assert_drawn(files)
-
-
-def test_weights_as_read_from_parquet(drawn, make_trials, tmp_path):
-    trials = make_trials(estimators=("a",), sensors=("full",), seeds=1, sigmas=(0.1,))
-    trials.to_parquet(tmp_path / "trials.parquet")
-    stored = pd.read_parquet(tmp_path / "trials.parquet")
-    assert isinstance(stored["weights"].iloc[0], np.ndarray)
-    fresh, read = drawn(trials, tmp_path / "a"), drawn(stored, tmp_path / "b")
-    for a, b in zip(fresh, read, strict=True):
-        assert a.read_bytes() == b.read_bytes(), a.name
 
 
 ODD_NAMES = (
@@ -172,7 +148,7 @@ ODD_NAMES = (
 
 def test_names_of_estimators_are_text_and_nothing_else(drawn, make_trials, tmp_path):
     files = drawn(make_trials("two_player", ODD_NAMES, ("full",), (0.1,), 1), tmp_path, ("svg",))
-    assert names(files) == expected("two_player", formats=("svg",))
+    assert names(files) == expected("two_player", formats=("svg",)) | scores(("svg",))
     assert_drawn(files)
     for file in files:
         tags = {element.tag.rpartition("}")[2] for element in ET.parse(file).iter()}

@@ -4,18 +4,12 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.report.figures import failures, style
-from olne_bench.bench.report.figures.series import split
-
-
-def only(trials):
-    (found,) = split(trials)
-    return found
 
 
 def test_shares_of_failures_with_intervals(make_trials):
     trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.0, 0.1), seeds=10)
     trials.loc[trials.index[1:5], "status"] = "timeout"  # 4 of the 10 with noise
-    shares = failures.failure_shares(only(trials)).set_index("sigma")
+    shares = failures.failure_shares(trials).set_index("sigma").drop(columns="estimator")
     assert shares.loc[0.0].tolist() == [0, 0, 0]  # 40 equal sequences: nothing random
     # Wilson's formula: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n)
     p, n, z = 0.4, 10, 1.959964
@@ -28,10 +22,10 @@ def test_failures_are_those_of_the_published_study(make_trials):
     trials = make_trials(estimators=("a",), sensors=("full",), sigmas=(0.1,), seeds=4)
     trials.loc[trials.index[0], "published_forward"] = 0
     trials.loc[trials.index[1], "status"] = "failed_forward"
-    assert failures.failure_shares(only(trials))["share"].tolist() == [0.5]
+    assert failures.failure_shares(trials)["share"].tolist() == [0.5]
     figure = failures.draw(trials)
     (text,) = (text.get_text() for text in figure.legends[0].get_texts())
-    assert text == "a, full: 2 of 4, 1 without a prediction"
+    assert text == "a: 2 of 4, 1 without a prediction"
 
 
 def draw(trials):
@@ -74,12 +68,3 @@ def test_intervals_are_whole_within_the_panel(make_trials, failed, top):
     assert low < 0 <= interval[0, 1] < interval[1, 1] <= high
     assert high <= 1.1 * max(interval[1, 1], 0.05)
     assert top is None or high == top
-
-
-def test_the_floor_is_a_thin_line_without_intervals(make_trials):
-    axes = draw(make_trials(estimators=("uniform", "a"), sensors=("full",), sigmas=(0.1, 0.2)))
-    assert len(axes.lines) == 2
-    assert len(axes.collections) == 1
-    floor, other = sorted(axes.lines, key=lambda line: line.get_linewidth())
-    assert floor.get_color() == style.FLOOR_COLOUR
-    assert floor.get_marker() == "None" != other.get_marker()

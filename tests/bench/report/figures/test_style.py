@@ -41,33 +41,6 @@ def test_no_player_looks_like_an_estimator() -> None:
     assert len(set(PLAYER_COLOURS)) == len(PLAYER_COLOURS) == 8  # as many as a road holds
 
 
-def test_sensors_have_slots_and_the_papers_the_first() -> None:
-    assert style.sensor_slots(["b", "full", "a"]) == {"full": 0, "partial": 1, "a": 2, "b": 3}
-    assert style.sensor_slots(["b", "full"], known_only=True) == {"full": 0, "b": 2}
-    assert style.sensor_slots([]) == {"full": 0, "partial": 1}
-
-
-def test_shades_are_those_of_the_pair_and_then_between_darker_and_lighter() -> None:
-    pair = style.ESTIMATOR_COLOURS["kkt_constrained"]
-    assert [style.shade(pair, slot) for slot in (0, 1)] == list(pair)
-    strong, light = (np.array(to_rgb(colour)) for colour in pair)
-    middle, first, last = (np.array(to_rgb(style.shade(pair, slot))) for slot in (2, 3, 4))
-    np.testing.assert_allclose(middle, (strong + light) / 2, atol=1 / 200)
-    np.testing.assert_allclose(first, (0.25 * 0.45 + 0.75) * strong, atol=1 / 200)
-    np.testing.assert_allclose(last, 0.75 * light + 0.25 * (0.4 * light + 0.6), atol=1 / 200)
-    shades = [style.shade(pair, slot) for slot in range(16)]
-    assert len(set(shades)) == 16
-
-
-def test_light_colours_are_told_from_dark_ones() -> None:
-    assert style.is_light("#FFFFFF")
-    assert style.is_light("#00FF00")
-    assert not style.is_light("#FF0000")
-    assert not style.is_light("#0000FF")
-    assert not style.is_light("#808080")
-    assert style.is_light("#909090")
-
-
 def test_line_styles_and_markers_differ() -> None:
     assert len({str(one) for one in style.LINE_STYLES}) == len(style.LINE_STYLES)
     assert len(set(style.MARKERS)) == len(style.MARKERS)
@@ -120,26 +93,6 @@ def test_settings_hold_only_where_they_are_applied(tmp_path) -> None:
     assert all(path.stat().st_size > 1000 for path in paths)
 
 
-def test_text_is_small_but_readable_and_lines_are_thin() -> None:
-    with style.applied():
-        sizes = {name: matplotlib.rcParams[name] for name in matplotlib.rcParams if "size" in name}
-        labels = [sizes[f"{axis}tick.labelsize"] for axis in "xy"]
-        texts = [*labels, sizes["legend.fontsize"], sizes["axes.labelsize"], sizes["font.size"]]
-        assert texts == sorted(texts)
-        assert 7 < texts[0] <= texts[-1] < 11
-        assert sizes["axes.titlesize"] == sizes["axes.labelsize"] == sizes["font.size"]
-        assert sizes["font.size"] < sizes["figure.titlesize"] < 12
-        rc = matplotlib.rcParams
-        assert rc["grid.linewidth"] < 1 < rc["lines.linewidth"] < 2
-        assert 0.1 < rc["grid.alpha"] < 0.5
-        assert rc["axes.grid"] and not rc["legend.frameon"]
-        assert not rc["axes.spines.right"] and not rc["axes.spines.top"]
-        assert rc["figure.constrained_layout.use"]
-        assert rc["pdf.fonttype"] == 42  # TrueType
-        assert 100 <= rc["figure.dpi"] <= 200
-        assert 0 < rc["path.simplify_threshold"] < 1
-
-
 def test_dashes_are_told_apart_by_their_lengths() -> None:
     solid, *dashed = style.LINE_STYLES
     assert solid == "-"
@@ -170,3 +123,16 @@ def test_columns_fill_the_width_that_there_is() -> None:
         figure = Figure(figsize=(width, 3.0))
         style.legend_below(figure, [(Line2D([], []), "a" * length)] * 8)
         assert figure.legends[0]._ncols == columns
+
+
+def test_the_papers_sensors_come_first() -> None:
+    assert style.sensor_order(["b", "partial", "a", "full", "b"]) == ["full", "partial", "a", "b"]
+
+
+def test_a_picture_of_a_page_keeps_its_text_and_shares_no_counted_ids() -> None:
+    with style.applied():
+        figure = Figure()
+        figure.add_subplot().set_title("a < b")
+        text = style.svg_text(figure)
+    assert text.startswith("<svg") and "a &lt; b" in text
+    assert 'id="axes_1"' not in text and "dc:date" not in text

@@ -1,17 +1,17 @@
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from playwright.sync_api import Browser, Error, sync_playwright
+from playwright.sync_api import Browser
 from playwright.sync_api import Page as Tab
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.plan.select import Selection
-from olne_bench.bench.report.page.render import render_page
+from olne_bench.bench.report.figures import draw_figures
+from olne_bench.bench.report.page.render import Extras, render_page
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
@@ -81,23 +81,11 @@ def small_study(prediction_error) -> pd.DataFrame:
 def page(small_study: pd.DataFrame, usual: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "index.html"
     tables = tabulate(small_study, usual)
-    html = render_page(small_study, tables, [provenance()], usual).html
+    drawn = draw_figures(small_study, tables, path.parent / "figures", ("png",), usual)
+    extras = Extras(pictures=drawn.pictures)
+    html = render_page(small_study, tables, [provenance()], usual, extras=extras).html
     path.write_text(html, encoding="utf-8")
     return path
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    found = shutil.which("chromium") or shutil.which("google-chrome")
-    if found is None:
-        pytest.skip("needs Chromium (Debian: apt install chromium)")
-    with sync_playwright() as play:
-        try:
-            browser = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        except Error as error:
-            pytest.skip(f"Chromium does not start: {error}")
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

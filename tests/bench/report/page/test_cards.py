@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from olne_bench.bench.plan.entries import EstimatorEntry
-from olne_bench.bench.report.page.cards import FIELDS, card_of, read_text
+from olne_bench.bench.report.page.cards import FIELDS, card_of
 from olne_bench.plugins import ESTIMATOR, is_built_in, names
 
 DOC = """A method, in a line
@@ -27,26 +27,23 @@ Cost: none.
 """
 
 
-def test_a_docstring_in_its_parts() -> None:
-    text = read_text(DOC)
-    assert text.method == "A method, in a line that goes on."
-    assert text.equations == ("min_x  f(x)\ns.t.   g(x) = 0",)
-    assert text.fields == {
+def test_a_docstring_in_its_parts(tmp_path: Path) -> None:
+    card = card_of(plugin(tmp_path, f'"""{DOC}"""'))
+    assert card.method == "A method, in a line that goes on."
+    assert card.fields == {
         "Paper": "Somebody 2020.",
         "Assumes": "that all is well, and stays so.",
         "Cost": "none.",
     }
-    assert text.more == ("Some more about x.", "- one thing", "- another one, at length")
 
 
 @pytest.mark.parametrize("name", [n for n in names(ESTIMATOR) if is_built_in(ESTIMATOR, n)])
 def test_every_estimator_of_this_package_says_what_a_card_asks_for(name: str) -> None:
     card = card_of(EstimatorEntry(name=name, label=name))
     assert card.missing == ""
-    assert card.text.method
+    assert card.method
     expected = set(FIELDS) - ({"Paper"} if name == "uniform" else set())
-    assert set(card.text.fields) == expected
-    assert bool(card.text.equations) == (name not in ("uniform", "ignorant"))
+    assert set(card.fields) == expected
     assert card.origin == f"olne_bench.estimators.{name}"
 
 
@@ -61,13 +58,13 @@ CLASS = 'class A:\n    """Of A.\n\n    Cost: some."""\n    def estimate(self): .
 
 def test_the_class_speaks_where_the_module_does_not(tmp_path: Path) -> None:
     card = card_of(plugin(tmp_path, "raise SystemExit\n" + CLASS))
-    assert (card.text.method, card.text.fields) == ("Of A.", {"Cost": "some."})
+    assert (card.method, card.fields) == ("Of A.", {"Cost": "some."})
     assert (card.origin, card.parameters) == ("mine.py", {"k": 2})
 
 
 def test_of_several_classes_the_named_one_speaks(tmp_path: Path) -> None:
     two = CLASS + CLASS.replace("A", "B")
-    assert card_of(plugin(tmp_path, two, "mine.py:B")).text.method == "Of B."
+    assert card_of(plugin(tmp_path, two, "mine.py:B")).method == "Of B."
 
 
 @pytest.mark.parametrize(

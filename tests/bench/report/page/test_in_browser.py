@@ -2,25 +2,25 @@
 
 import io
 import re
-from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
+from olne_bench.bench.report.tables import tabulate
+
 HOSTILE = "<img src=x onerror=\"document.title='broken'\"></script><b>&"
 
 
-def column(tab: Page, number: int) -> list[str]:
-    cells = tab.locator(f"#board tbody tr:not([hidden]) > :nth-child({number})")
+BOARD = "#board table >> nth=0"
+
+
+def column(tab: Page, number: int, table: str = BOARD) -> list[str]:
+    cells = tab.locator(f"{table} >> tbody tr:not([hidden]) > :nth-child({number})")
     return [text.strip() for text in cells.all_inner_texts()]
-
-
-def keys(tab: Page, label: str) -> list[float]:
-    cells = tab.locator(f'#board tbody tr:not([hidden]) > [data-label="{label}"]')
-    return [float(cell.get_attribute("data-key") or "nan") for cell in cells.all()]
 
 
 def pixels(tab: Page, selector: str) -> np.ndarray:
@@ -28,54 +28,56 @@ def pixels(tab: Page, selector: str) -> np.ndarray:
 
 
 def test_sorting(tab: Page) -> None:
-    given = keys(tab, "Position error [m]")
-    head = tab.locator("#board thead th", has_text="Position error [m]").first
+    assert column(tab, 1)[-1].startswith("uniform")
+    head = tab.locator(f"{BOARD} >> thead th", has_text="Time")
     head.locator("button").click()
     assert head.get_attribute("aria-sort") == "ascending"
-    assert keys(tab, "Position error [m]") == sorted(given) != given
     head.locator("button").press("Enter")
     assert head.get_attribute("aria-sort") == "descending"
-    assert keys(tab, "Position error [m]") == sorted(given, reverse=True)
-    tab.locator("#board thead th button", has_text="Scenario").click()
-    assert column(tab, 1) == ["highway_overtaking"] * 6 + ["two_player"] * 6
+    tab.locator(f"{BOARD} >> thead th button", has_text="Estimator").click()
+    assert column(tab, 1) == sorted(column(tab, 1), key=str.lower)
+    tab.locator(f"{BOARD} >> thead th button", has_text="Score").click()
+    scores = [float(text.split()[0]) for text in column(tab, 2)]
+    assert scores == sorted(scores)
 
 
-def test_filtering(tab: Page) -> None:
-    assert len(column(tab, 1)) == 12
-    tab.fill("#filter", "two_player KKT")
-    assert column(tab, 3) == ["kkt_constrained"] * 2
-    assert tab.locator("#board-count").inner_text() == "2 of 12 rows"
-    tab.select_option("#board-sensor", "partial")
-    assert column(tab, 2) == ["partial"]
-    tab.fill("#filter", "")
-    assert len(column(tab, 1)) == 6
-    assert HOSTILE in column(tab, 3)
+def test_the_verdict_and_the_score_come_before_all_else(tab: Page) -> None:
+    assert "has the smallest position errors" in tab.locator(".verdict").inner_text()
+    assert tab.locator(f"{BOARD} >> thead th").count() == 5
+    tables = tab.locator("#board details table")
+    assert tables.first.is_hidden()
+    tab.locator("#board details > summary").last.click()
+    assert tables.first.is_visible()
+    assert HOSTILE in tables.first.inner_text()
 
 
-def test_who_comes_first_is_said_before_all_else(tab: Page) -> None:
-    cards = tab.locator(".verdicts article")
-    assert cards.locator("h3").all_inner_texts() == ["highway_overtaking", "two_player"]
-    first = cards.first.locator("dd").first.inner_text()
-    assert re.match(r"(kkt_constrained|<img).* [0-9.]+\sm", first)
+def test_tables_are_those_of_the_run_folder(tab: Page, small_study, usual) -> None:
+    tab.locator("#board details > summary").last.click()
+    tables = tabulate(small_study, usual).by_name()
+    for name in ("scores", "leaderboard", "comparisons"):
+        with tab.expect_download() as told:
+            tab.locator(f'button[data-table="{name}"]').first.click()
+        read = pd.read_csv(told.value.path())
+        assert told.value.suggested_filename == f"{name}.csv"
+        assert list(read) == list(tables[name]) and len(read) == len(tables[name])
 
 
-def test_a_phone_shows_the_main_numbers_and_the_others_on_demand(
-    browser: Browser, page: Path
-) -> None:
-    context = browser.new_context(viewport={"width": 390, "height": 844})
-    tab = context.new_page()
-    tab.goto(page.as_uri())
-    minor = tab.locator("#board tbody tr >> nth=0").locator(".minor").first
-    assert minor.is_hidden()
-    tab.locator("#board-all").click()
-    assert minor.is_visible()
-    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
-    context.close()
+def test_an_address_leads_to_a_trial(browser: Browser, page: Path) -> None:
+    tab = browser.new_page()
+    tab.goto(f"{page.as_uri()}#scenario=two_player&sigma=0.01&seed=0&seen=partial&step=3")
+    assert tab.locator("#scenario").input_value() == "two_player"
+    assert "σ = 0.01" in tab.locator("#trial option:checked").inner_text()
+    assert tab.locator("#trial-sensor").input_value() == "partial"
+    assert tab.locator("#time").input_value() == "3"
+    tab.select_option("#scenario", label="highway_overtaking")
+    assert "scenario=highway_overtaking" in tab.url
+    tab.close()
 
 
 def test_slider_and_player(tab: Page) -> None:
     end = pixels(tab, "#player")
-    assert tab.locator("#values tbody tr").count() == 3
+    tab.locator(".stage details > summary").click()
+    assert tab.locator("#values tbody tr").count() == 2
     tab.locator("#time").focus()
     tab.keyboard.press("Home")
     assert tab.locator("#clock").inner_text() == "0 / 19 s"
@@ -87,40 +89,24 @@ def test_slider_and_player(tab: Page) -> None:
     tab.locator("#play").click()
     expect(tab.locator("#clock")).to_have_text(re.compile("^[3-9] / 19 s"))
     tab.locator("#play").click()
-    tab.select_option("#trial", index=5)
-    assert "crash" in tab.locator("#values").inner_text()
 
 
 def test_picking_estimators_and_scenarios(tab: Page) -> None:
-    both = pixels(tab, "#chart-position_error")
-    assert tab.locator("#bundles figure").count() == 5
+    both = pixels(tab, "#player")
+    tab.locator(".stage details > summary").click()
     chip = tab.locator("#estimators button", has_text="kkt_constrained")
+    assert chip.get_attribute("aria-pressed") == "true"
     chip.click()
     assert chip.get_attribute("aria-pressed") == "false"
-    assert tab.locator("#bundles figure").count() == 3
-    assert (pixels(tab, "#chart-position_error") != both).any()
+    assert tab.locator("#values tbody tr").count() == 1
+    assert (pixels(tab, "#player") != both).any()
+    tab.locator("#figures details > summary").first.click()
+    assert tab.locator("#figures table >> nth=0 >> tbody tr:not([hidden])").count() == 2 * 5 * 4
     tab.select_option("#scenario", label="two_player")
-    assert tab.locator("#weights tbody tr:not([hidden])").count() == 16
+    assert tab.locator("#figures table >> nth=0 >> tbody tr:not([hidden])").count() == 16
+    assert tab.locator("#figures h2").inner_text() == "Figures of two_player"
+    assert tab.locator("#plots figure").count() == 4
     assert tab.locator("#clock").inner_text() == "6 / 6 s"
-
-
-def test_values_on_hover_and_by_keyboard(tab: Page) -> None:
-    tab.locator("#chart-position_error").scroll_into_view_if_needed()
-    tab.locator("#chart-position_error").focus()
-    tab.keyboard.press("ArrowRight")
-    said = tab.locator("#tip").inner_text()
-    assert "σ = " in said and "position error" in said
-    tab.keyboard.press("ArrowRight")
-    assert tab.locator("#tip").inner_text() != said
-    tab.keyboard.press("Escape")
-    assert tab.locator("#tip").is_hidden()
-    box = tab.locator("#chart-cosine_error").bounding_box()
-    assert box is not None
-    found = False
-    for x, y in product(np.arange(0.2, 0.9, 0.05), np.arange(0.1, 0.9, 0.05)):
-        tab.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"])
-        found = found or tab.locator("#tip").is_visible()
-    assert found
 
 
 @pytest.mark.parametrize("width", [390, 1200])
@@ -135,12 +121,7 @@ def test_looks(browser: Browser, page: Path, width: int, scheme: str) -> None:
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
     background = pixels(tab, "header").mean()
     assert background > 200 if scheme == "light" else background < 90
-    for selector in (
-        "#chart-cosine_error",
-        "#chart-position_error",
-        "#player",
-        "#bundles canvas >> nth=1",
-    ):
+    for selector in ("#player", "#board .plot", "#plots figure >> nth=1"):
         shown = pixels(tab, selector)
         colours = np.unique(shown.reshape(-1, 3), axis=0)
         assert len(colours) > 50, f"{selector} is blank"
@@ -160,26 +141,12 @@ def test_paper_is_white_whatever_the_theme(browser: Browser, page: Path) -> None
     context.close()
 
 
-def test_print_shows_all_that_a_card_says(browser: Browser, page: Path) -> None:
+def test_print_cuts_nothing(browser: Browser, page: Path) -> None:
     context = browser.new_context(viewport={"width": 1054, "height": 726})
     tab = context.new_page()
     tab.goto(page.as_uri())
     tab.emulate_media(media="print")
-    cut = "(e) => e.scrollWidth > e.clientWidth"
-    assert not tab.evaluate(f"[...document.querySelectorAll('pre, .scroll')].some({cut})")
-    assert tab.locator("button:visible").count() == tab.locator("#board th button").count()
+    cut = "(e) => e.scrollWidth > e.clientWidth + 1"
+    assert not tab.evaluate(f"[...document.querySelectorAll('pre, .scroll, .plot')].some({cut})")
+    assert tab.locator("select:visible, #play:visible, nav:visible").count() == 0
     context.close()
-
-
-def test_draws_won_of_all_scenarios_are_always_shown(tab: Page) -> None:
-    def shown() -> list[tuple[str, str]]:
-        rows = tab.locator("#win-table tbody tr:visible")
-        told = rows.evaluate_all("rows => rows.map((r) => [r.dataset.scenario, r.dataset.error])")
-        return [tuple(pair) for pair in told]
-
-    assert shown() == [
-        (name, "position_error") for name in ("", "highway_overtaking") for _ in "abc"
-    ]
-    tab.select_option("#scenario", label="two_player")
-    tab.select_option("#pair-error", "cosine_error")
-    assert shown() == [(name, "cosine_error") for name in ("", "two_player") for _ in "abc"]

@@ -29,8 +29,8 @@ def test_a_package_that_is_not_installed_states_none(monkeypatch: pytest.MonkeyP
 
 
 def test_parts_of_the_script_share_one_scope() -> None:
-    text = template.script(("look", "gif"))
+    text = template.script(("look", "tables"))
     assert text.startswith('"use strict";')
     assert text.count("(async () => {\n/*") == 1
-    assert "function encodeGif(" in text
+    assert "function setUpTables(" in text
     assert "&lt;" not in text

@@ -1,7 +1,9 @@
 """One page for two runs: estimators of the second are shown beside those of the first."""
 
-import numpy as np
+from io import StringIO
+
 import pandas as pd
+import pytest
 
 from olne_bench.bench.report.page.two_runs import after_name, two_runs_page
 from olne_bench.bench.report.statistics.run_comparison import compare_runs
@@ -20,13 +22,10 @@ def test_both_runs_are_on_the_page_and_only_what_they_share(
     data = embedded(html)
     labels = [e["name"] for e in data["estimators"]]
     assert labels == ["kkt_constrained", "kkt_constrained (second)", "uniform"]
-    points = {(s["estimator"], s["sensor"]): s["points"] for s in data["scenarios"][0]["series"]}
-    first = points["kkt_constrained", "full"]
-    second = points["kkt_constrained (second)", "full"]
-    assert len(first["x"]) == len(second["x"]) == 2 * 4
-    np.testing.assert_allclose(
-        np.array(second["position_error"]) * 2, first["position_error"], rtol=2e-3
-    )
+    scores = pd.read_csv(StringIO(data["tables"]["leaderboard"]))
+    assert set(scores["trials"]) == {2 * 4}
+    own = scores.set_index(["estimator", "sensor"])["position_error_score"]
+    assert own["kkt_constrained (second)", "full"] == pytest.approx(0.5)
     assert "<h1>runs/a and runs/b</h1>" in html
     assert html.count('<span class="yes">better</span>') == (changes["verdict"] == "better").sum()
     assert "only the trials that both runs/a and runs/b have" in html

@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.report.leaderboard_terminal import format_leaderboard, format_notes
-from olne_bench.bench.report.leaderboard_text import markdown
+from olne_bench.bench.report.leaderboard_text import format_leaderboard, format_notes, markdown
 from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.statistics.harness_errors import harness_errors, in_words
 from olne_bench.bench.report.tables import tabulate
@@ -56,7 +55,7 @@ def test_they_are_counted_by_message():
 
 def test_all_reports_say_so():
     tables = tabulate(trials(4))
-    assert "harness_errors" in format_leaderboard(tables.leaderboard)
+    assert "Harness errors" in format_leaderboard(tables.leaderboard)
     assert "| Harness errors |" in markdown(tables.leaderboard)
     said = format_notes(tables, ["figure x: why"])
     assert "3 x e on" in said and "figure x: why" in said

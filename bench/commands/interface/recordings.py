@@ -1,0 +1,146 @@
+"""How the commands on recordings are called."""
+
+import click
+
+from olne_bench.bench.commands.options import (
+    BUDGET,
+    PATH,
+    FiniteRange,
+    NumberPair,
+    Window,
+    command,
+    memory_option,
+)
+
+#: Repeats ``envs.track_formats.format_names()``, whose import is slow.
+FORMATS = ("commonroad", "csv", "highd", "ind", "interaction", "ngsim", "sumo")
+
+
+@command()
+@click.argument("scenario")
+@click.option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Number of draws to play, from seed 0 on; a fixed scenario has only one.",
+)
+@click.option("--out", type=PATH, required=True, help="New Parquet file.")
+@click.option("--video", type=PATH, help="New GIF or MP4 file of the first draw.")
+@click.option(
+    "--option",
+    "options",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="An option of the scenario, such as num_players=3 (repeatable).",
+)
+def record() -> None:
+    """Play SCENARIO at its equilibrium and write the recording.
+
+    A draw without a certified equilibrium, locally or globally so far, is named in the summary and
+    not written.
+    """
+
+
+@command("import")
+@click.argument("tracks", type=PATH)
+@click.option("--out", type=PATH, required=True, help="New Parquet file.")
+@click.option(
+    "--format",
+    "format_name",
+    default="csv",
+    show_default=True,
+    metavar="|".join(FORMATS),
+    help="What kind of file TRACKS is.",
+)
+@click.option(
+    "--road",
+    type=PATH,
+    help="TOML file of lanes and targets, SUMO's .net.xml or a lanelet2 map (.osm). Default: the "
+    "TOML file beside TRACKS that has its name, if there is one.",
+)
+@click.option("--window", type=Window(), help="First and last time [s].")
+@click.option("--players", help="Names, separated by commas. Default: all.")
+@click.option(
+    "--resample",
+    type=FiniteRange(min=0.001, max=10),
+    help="Time step of the recording [s]. Default: that of the tracks.",
+)
+@click.option("--part", help="Part of a file whose player names repeat, such as a case.")
+@click.option("--flip-y", is_flag=True, help="Reverse the direction of y.")
+@click.option("--rotate", type=FiniteRange(), default=0.0, help="Then rotate the tracks [degrees].")
+@click.option("--shift", type=NumberPair(), default="0,0", help="Then shift them by x,y [m].")
+def import_tracks() -> None:
+    """Make a recording from TRACKS, whose true weights are unknown.
+
+    Rows may be in any order. Cars that enter or leave have missing samples while they are not
+    seen. --flip-y, --rotate and --shift bring tracks into the frame of the lanes; they do not
+    move the lanes.
+    """
+
+
+@command()
+@click.argument("recording", type=PATH)
+@click.option(
+    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Episode to write."
+)
+@click.option("--out", type=PATH, required=True, help="New CSV or CommonRoad XML file.")
+def export() -> None:
+    """Write the motion in RECORDING as a table or a CommonRoad scenario.
+
+    Lanes and the players' targets go to a TOML file of the same name beside it. Weights are not
+    written: 'olne-bench import' and 'olne-bench estimate' recover them.
+    """
+
+
+@command()
+@click.argument("recording", type=PATH)
+@click.option(
+    "--scenario",
+    help="Scenario whose cost features the players have. Default: that of the recording.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    help="Draw of the scenario family that the tracks show; players that start there get its "
+    "targets.",
+)
+@click.option(
+    "--estimator", default="kkt_constrained", show_default=True, help="Name, or FILE.py[:CLASS]."
+)
+@click.option(
+    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Episode to use."
+)
+@click.option(
+    "--noise",
+    type=FiniteRange(min=0, min_open=True),
+    help="Standard deviation of position noise [m]. Default: from the roughness of the tracks.",
+)
+@click.option(
+    "--budget", type=BUDGET, default=60.0, show_default=True, help="Time limit of the estimate [s]."
+)
+@click.option("--out", type=PATH, help="New CSV file for the weights.")
+def estimate() -> None:
+    """Estimate the weights of every player in RECORDING.
+
+    Motion model, cost features and noise scales are those of the scenario. Target speeds, lanes
+    and goals are taken from the recording's road file, from a draw with the same start, from the
+    scenario or from the data; each is printed with its source. Tracks that leave the road or run
+    against its lanes are refused.
+    """
+
+
+@command()
+@click.argument("road")
+@click.option("--out", type=PATH, required=True, help="The film: MP4 or GIF.")
+@click.option(
+    "--suite",
+    default="driving",
+    show_default=True,
+    help="Suite of drives that says traffic, noise and rules, such as driving_stock.",
+)
+@click.option("--planner", default="oracle", show_default=True, help="Who drives the ego.")
+@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True)
+@memory_option("Memory limit of the estimator's process.")
+def film() -> None:
+    """Write one drive on ROAD as a video, with the ego's plan and what it expects of others."""

@@ -1,3 +1,0 @@
-/* The page of an online study: its charts are there already. */
-setUpTheme(() => {});
-setUpTables();

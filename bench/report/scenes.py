@@ -1,0 +1,334 @@
+"""Scenes for pictures and pages: a truth, what was seen of it, and what estimates predict.
+
+This is the only module of reports, besides those of identifiability and plausibility, that plays
+truths again: a store keeps only the error of each prediction. So a motion is searched again, the
+cheapest way first, and recognised by its error. One that a few dozen iterations do not find is not
+shown, nor is one that the published step does not find, as in the published figures.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.bench.judge.metrics.formulas import position_error
+from olne_bench.bench.judge.observe import observe
+from olne_bench.bench.judge.truth import Draw, true_recording
+from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.statistics.attempts import attempts_of
+from olne_bench.bench.report.statistics.score import REFERENCE
+from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
+from olne_bench.envs.recordings.recording import Recording
+from olne_bench.envs.worlds.scene import is_on_road
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import FullView
+from olne_bench.games.solve.nearest_root import nearest_root, predict
+from olne_bench.games.solve.root_following import follow_weights
+
+if TYPE_CHECKING:
+    from olne_bench.envs.roads.road_shapes import LaneShape
+
+#: Noise level and seed of a sequence.
+Place = tuple[float, int]
+Limits = tuple[tuple[float, float], tuple[float, float]]
+
+_MARGIN, _LEAST_MARGIN = 0.12, 0.05  # of the extent, on each side; of the larger extent
+_ROAD_MARGIN = 7.0  # [m] on each side of a road's cars
+_ELONGATED = 2.0  # ratio of extents above which a scene is drawn along the page
+_FLATTEST, _MOST_STRETCH = 6.0, 3.0  # ratio of extents of a stretched road, and largest stretch
+_ITERATIONS = 60  # of IPOPT
+_TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known
+_ENOUGH = 0.5  # share of the draws that both estimators of a choice must predict
+_TRIES = 5  # draws that are looked at for two predictions
+_TRIAL = ["sensor", "sigma", "seed"]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One truth, and the plane in which it is drawn.
+
+    Attributes:
+        study: study of the run.
+        name: label of the scenario.
+        recording: the truth.
+        axes_order: indices of the position components drawn to the right and upwards.
+        limits: ((low, high) to the right, (low, high) upwards) [m].
+        lanes: lanes of HighwayEnv's road, if it is on one.
+    """
+
+    study: Study
+    name: str
+    recording: Recording
+    axes_order: tuple[int, int]
+    limits: Limits
+    lanes: "tuple[LaneShape, ...]" = ()
+
+    @property
+    def on_road(self) -> bool:
+        """Whether it is on HighwayEnv's road: y points down, and cars have a size."""
+        return is_on_road(self.recording.scenario)
+
+    @property
+    def extents(self) -> tuple[float, float]:
+        """Width and height [m]."""
+        (left, right), (bottom, top) = self.limits
+        return right - left, top - bottom
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether panels are placed below each other rather than side by side."""
+        width, height = self.extents
+        return width > _ELONGATED * height
+
+    @property
+    def stretch(self) -> float:
+        """Stretch of the ordinate against the abscissa, as a long road would look like a line."""
+        width, height = self.extents
+        wanted = round(2 * width / height / _FLATTEST) / 2
+        return float(np.clip(wanted, 1, _MOST_STRETCH)) if self.on_road else 1.0
+
+    @property
+    def axis_names(self) -> tuple[str, str]:
+        """Names of the position components to the right and upwards."""
+        names = self.recording.scenario.game.dynamics.state_names
+        return names[self.axes_order[0]], names[self.axes_order[1]]
+
+    def observed(self, sigma: float, seed: int) -> np.ndarray:
+        """Full states (T, N, n) under a trial's noise, whatever its sensor shows of them."""
+        noise = self.study.noise_seed(self.name, sigma, seed)
+        return observe((self.recording,), (FullView(),), sigma, noise)[0].y
+
+    def predicted(self, trial: Mapping[Any, Any]) -> np.ndarray | None:
+        """The predicted states (T, N, n) of a trial.
+
+        Args:
+            trial: its row, with ``seed, status, weights, unknowns, position_error,
+                published_forward``.
+
+        Returns:
+            None if it has no prediction by the published step, or no motion with its error is
+            found.
+
+        Raises:
+            NotDrawnError: if its weights do not fit the scenario.
+        """
+        told = self.recording.scenario.told
+        weights = estimated_weights(trial["weights"], told)
+        if trial["status"] != "ok" or weights is None or trial["published_forward"] == 0:
+            return None
+        theta = weights
+        if told.parameters.used.any():
+            unknowns = np.array([list(row) for row in trial["unknowns"]], dtype=float)
+            theta = np.hstack([weights, told.parameters.standardised(unknowns)])
+        draw = self.study.draw(self.name, int(trial["seed"]))
+        return _predicted(draw, theta.tobytes(), float(trial["position_error"]))
+
+    def plane(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates to the right and upwards of states (..., n)."""
+        return states[..., self.axes_order[0]], states[..., self.axes_order[1]]
+
+
+def scene_of(name: str, seed: int, study: Study = USUAL) -> Scene:
+    """The scene of a scenario's draw.
+
+    Raises:
+        NotDrawnError: if it cannot be played here.
+    """
+    try:
+        recording = true_recording(study.draw(name, seed))
+    except UNKNOWN_HERE as error:
+        raise NotDrawnError(f"it cannot be played here: {why_unknown(error)}") from error
+    road = is_on_road(recording.scenario)
+    limits = _limits(recording.states[..., :2].reshape(-1, 2), road)
+    if road:
+        from olne_bench.envs.roads.road_shapes import lane_shapes  # HighwayEnv is slow to import
+
+        lanes = tuple(lane_shapes(recording.scenario.name, *np.array(limits).T))
+        return Scene(study, name, recording, (0, 1), limits, lanes)
+    width, height = (high - low for low, high in limits)
+    order = (1, 0) if height > _ELONGATED * width else (0, 1)
+    return Scene(study, name, recording, order, (limits[order[0]], limits[order[1]]))
+
+
+def _limits(positions: np.ndarray, road: bool) -> Limits:
+    """What to show around positions (S, 2): ((low, high) of px, (low, high) of py) [m]."""
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    extents = high - low
+    margins = np.maximum(_MARGIN * extents, _LEAST_MARGIN * extents.max())
+    if road:
+        margins = np.full(2, _ROAD_MARGIN)
+    (left, bottom), (right, top) = (low - margins).tolist(), (high + margins).tolist()
+    return (left, right), (bottom, top)
+
+
+def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
+    """Weights (N, K) of a row; None if it has none.
+
+    Raises:
+        NotDrawnError: on weights that the game does not accept, such as those of another version.
+    """
+    if value is None or (isinstance(value, float) and np.isnan(value)) or value is pd.NA:
+        return None
+    try:
+        rows = np.array([list(row) for row in value], dtype=float)
+        game.check_weights(rows)
+    except (TypeError, ValueError) as error:
+        raise NotDrawnError(f"stored weights do not fit the scenario: {error}") from error
+    return rows  # unscaled: rounding can change where the published step ends
+
+
+@lru_cache(maxsize=4096)  # the page and the figures show the same trials
+def _predicted(draw: Draw, theta: bytes, error: float) -> np.ndarray | None:
+    recording = true_recording(draw)
+    shaped = np.frombuffer(theta).reshape(recording.scenario.theta.shape)
+    absolute, relative = _TOLERANCE
+    ways: tuple[Callable[..., np.ndarray | None], ...] = (_followed, _nearest)
+    for find in ways:
+        states = find(recording, shaped)
+        if states is None:
+            continue
+        if abs(position_error(recording.states, states) - error) <= absolute + relative * error:
+            return states
+    return None
+
+
+def _followed(recording: Recording, theta: np.ndarray) -> np.ndarray | None:
+    truth = recording.scenario
+    root = follow_weights(truth.told, recording.root, truth.theta, theta)
+    return None if root is None else root.states
+
+
+def _nearest(recording: Recording, theta: np.ndarray) -> np.ndarray | None:
+    truth = recording.scenario
+    if truth.told.constraints or truth.told.parameters.count:
+        found = predict(truth.told, theta, recording.root, truth.theta).root
+        return None if found is None else found.states
+    root = nearest_root(
+        truth.told,
+        theta,
+        recording.states,
+        recording.controls,
+        np.zeros_like(recording.costates),
+        max_iterations=_ITERATIONS,
+    )
+    return None if root is None else root.states
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Trials that may be shown, all with the same sensor and noise.
+
+    Attributes:
+        estimators: labels of the two whose predictions are shown.
+        sensor: label of the sensor.
+        sigma: noise level [m].
+        seeds: draws, the one whose difference of errors is nearest to the median first.
+    """
+
+    estimators: tuple[str, str]
+    sensor: str
+    sigma: float
+    seeds: tuple[int, ...]
+
+
+def choose(trials: pd.DataFrame, study: Study = USUAL) -> Choice:
+    """Choose the trial of a scenario to show, by a rule that no result can bend.
+
+    The first estimator has the least median position error, the second one is the paper's method,
+    or the next one. The noise is the largest at which both predict at least half of the draws, with
+    the first sensor for which they do.
+
+    Args:
+        trials: trials of one scenario.
+        study: study of the run.
+
+    Raises:
+        NotDrawnError: if there are no two estimators, or no trial with predictions of both.
+    """
+    attempts = attempts_of(trials)
+    if attempts.empty:
+        raise NotDrawnError("nothing was attempted")
+    first, second = _two_estimators(attempts, study)
+    drawn = attempts["status"].eq("ok") & ~attempts["published_forward"].eq(0)
+    told = attempts[_TRIAL].assign(drawn=drawn, error=attempts["position_error"])
+    parts = [told[attempts["estimator"] == name] for name in (first, second)]
+    pairs = parts[0].merge(parts[1], on=_TRIAL)
+    pairs["drawn"] = pairs["drawn_x"] & pairs["drawn_y"]
+    shares = pairs.groupby(["sensor", "sigma"])["drawn"].mean()
+    if not (shares > 0).any():
+        raise NotDrawnError(f"{first} and {second} predict no trial in common")
+    enough = shares[shares >= min(_ENOUGH, shares.max())].index
+    order = sorted(attempts["sensor"].unique(), key=lambda s: (s != "full", s))
+    sensor, sigma = max(enough, key=lambda cell: (cell[1], -order.index(cell[0])))
+    here = pairs[(pairs["sensor"] == sensor) & (pairs["sigma"] == sigma) & pairs["drawn"]]
+    gaps = (here["error_x"] - here["error_y"]).abs()
+    seeds = here["seed"].to_numpy(int)[np.lexsort((here["seed"], gaps))]
+    middle = np.argsort(np.abs(np.arange(len(seeds)) - (len(seeds) - 1) // 2), kind="stable")
+    return Choice((first, second), str(sensor), float(sigma), tuple(seeds[middle].tolist()))
+
+
+def _two_estimators(attempts: pd.DataFrame, study: Study) -> tuple[str, str]:
+    if "position_error" not in attempts:
+        raise NotDrawnError("there is no position error")
+    failed = attempts["status"].ne("ok") | attempts["position_error"].isna()
+    errors = attempts["position_error"].astype(float).where(~failed, np.inf)
+    medians = errors.groupby(attempts["estimator"]).median().sort_values(kind="stable")
+    names = [str(name) for name in medians.index if not study.is_floor(str(name))]
+    if len(names) < 2:
+        raise NotDrawnError("it takes two estimators")
+    return names[0], REFERENCE if REFERENCE in names[1:] else names[1]
+
+
+def shown_trial(
+    trials: pd.DataFrame, choice: Choice, study: Study = USUAL
+) -> tuple[int, Scene, list[dict[Any, Any]], list[np.ndarray]]:
+    """The first draw of a choice whose predictions are found: seed, scene, rows, predictions.
+
+    Raises:
+        NotDrawnError: if none of the first draws has both, or it cannot be played here.
+    """
+    for seed in choice.seeds[:_TRIES]:
+        here = trials[trials["seed"] == seed]
+        here = here[(here["sensor"] == choice.sensor) & (here["sigma"] == choice.sigma)]
+        rows = here.set_index("estimator", drop=False).loc[list(choice.estimators)]
+        scene = scene_of(str(rows["scenario"].iloc[0]), seed, study)
+        told = rows.to_dict("records")
+        found = [states for row in told if (states := scene.predicted(row)) is not None]
+        if len(found) == len(told):
+            return seed, scene, told, found
+    raise NotDrawnError("the predictions of the chosen trials are not found again")
+
+
+def sequences(
+    trials: pd.DataFrame, most: int, wanted: Sequence[Place] = (), study: Study = USUAL
+) -> tuple[list[Place], list[str]]:
+    """Sequences of a scenario that a page plays, the chosen one first, and the two estimators.
+
+    The others are the wanted ones, and those of the same draw at other noise levels.
+
+    Args:
+        trials: trials of one scenario.
+        most: number of sequences, the wanted ones apart.
+        wanted: sequences that must be among them, if the scenario has them.
+        study: study of the run.
+
+    Raises:
+        NotDrawnError: if nothing was attempted.
+    """
+    attempts = attempts_of(trials)
+    if attempts.empty:
+        raise NotDrawnError("nothing was attempted")
+    known = {(float(sigma), int(seed)) for sigma, seed in attempts[["sigma", "seed"]].to_numpy()}
+    try:
+        choice = choose(attempts, study)
+        first, shown = (choice.sigma, choice.seeds[0]), [*choice.estimators]
+    except NotDrawnError:
+        first = max(known, key=lambda place: (place[0], -place[1]))
+        shown = sorted(attempts["estimator"].unique())[:2]
+    same_draw = sorted((place for place in known if place[1] == first[1]), reverse=True)
+    asked = [place for place in wanted if place in known]
+    kept = list(dict.fromkeys([first, *asked, *same_draw]))
+    return kept[: max(most, 1 + len(asked))], shown

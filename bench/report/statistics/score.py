@@ -1,0 +1,325 @@
+"""The score: by how much an estimator's errors are smaller than those of the paper's method.
+
+A score is the geometric mean over trials of an error over the same trial's error of the reference,
+the paper's method; 0.79 reads: errors are 21 % smaller. Trials without noise do not count, as
+rounding would decide there; whether an estimator is exact without noise is a check of its own
+(``leaderboard``). Only draws that all ranked estimators share count. A failure counts as the error
+of ``uniform`` in its trial, and never as less than the largest error that anybody has there: in
+some scenarios equal weights happen to be the truth.
+
+A draw is one piece of luck: in a family a seed, with all its noise levels and sensors; in a fixed
+scenario one noise, with all sensors. Intervals resample draws within scenarios, and tests change
+the signs of whole draws.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.bench.report.measures import in_table, primary, scored
+from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, measured
+from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE, holm
+from olne_bench.bench.report.study import USUAL, Study
+
+#: In place of a scenario or a sensor: all of them.
+ALL = "all"
+#: The paper's method, to whose errors all others are compared.
+REFERENCE = "kkt_constrained"
+
+#: An estimator ranks in a cell if it has this share of the draws that the others have, and over all
+#: scenarios if it ranks in this share of the cells of scenario and sensor.
+_LARGE_PART, _ENOUGH_CELLS = 0.4, 0.25
+#: With fewer draws no test can be significant, and an interval would be too narrow.
+FEWEST_DRAWS = 6
+_RESAMPLES, _SIGN_CHANGES, _BATCH = 1000, 19_999, 1000
+_NEGLIGIBLE, _ROUNDING = 1e-3, 1e-9  # of log ratios; of their sums
+_TAILS = 0.025, 0.975
+
+_CELL = ["scenario", "sensor"]
+_TRIAL = [*_CELL, "sigma", "draw"]
+_LABELS = ["error", *_CELL, "estimator"]
+#: What rows of ``score_table`` are about, the widest first.
+_SLICES: tuple[list[str], ...] = ([], ["sigma"], ["scenario"], _CELL)
+_SCORES = ["ranked", "scenarios", "draws", "trials", "failures", "median"]
+_SCORES += ["score", "score_low", "score_high"]
+_PAIR = ["draws", "ratio", "ratio_low", "ratio_high", "p"]
+
+
+def log_errors(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """Logarithms of the errors that count, of some scenarios.
+
+    Args:
+        trials: one row per trial; of estimators that may rank, and floors.
+        study: study of the run.
+
+    Returns:
+        Columns ``error, scenario, sensor, sigma, draw, estimator``, ``log`` (of the error, or of
+        what counts in place of a failure), ``failed`` and ``ranked``: whether the estimator ranks
+        in this scenario and sensor.
+    """
+    noisy = attempts_of(trials[trials["sigma"] > 0])
+    metrics = in_table(scored(study.metrics), trials) if len(noisy) else []
+    family = noisy["scenario"].map({s: study.is_family(s) for s in noisy["scenario"].unique()})
+    level = noisy["sigma"].where(~family.astype(bool), 0.0)
+    draw = noisy["seed"].astype(str) + ":" + level.map("{:g}".format).astype(str)
+    floors = [name for name in noisy["estimator"].unique() if study.is_floor(name)]
+    parts = []
+    for metric in metrics:
+        about = measured(noisy, metric, study)
+        rows = noisy.loc[about, [*_CELL, "sigma", "estimator"]].assign(draw=draw[about])
+        logs = np.log(np.maximum(errors_of(noisy[about], metric), metric.negligible))
+        parts.append(_shared(rows.assign(error=metric.name, log=logs), floors))
+    columns = ["error", *_TRIAL, "estimator", "log", "failed", "ranked"]
+    whole = pd.concat(parts) if parts else pd.DataFrame(columns=columns)
+    whole = whole[columns].astype(dict.fromkeys(_LABELS, str))
+    return whole.astype({"failed": bool, "ranked": bool})
+
+
+def _shared(rows: pd.DataFrame, floors: Sequence[str]) -> pd.DataFrame:
+    """The trials that all ranked estimators of a cell share, with failures replaced."""
+    kept = []
+    for _, cell in rows.groupby(_CELL, sort=True):
+        draws = cell.groupby("estimator")["draw"].nunique()
+        contenders = draws[~draws.index.isin(floors)]
+        if contenders.empty:
+            continue
+        ranked = contenders.index[contenders >= _LARGE_PART * contenders.max()]
+        own = cell.assign(ranked=cell["estimator"].isin(ranked))
+        trial = [own["sigma"], own["draw"]]
+        own = own[own["ranked"].groupby(trial).transform("sum") == len(ranked)]
+        finite = own["log"].where(np.isfinite(own["log"]))
+        worst = finite.groupby([own["sigma"], own["draw"]]).transform("max")
+        failed = ~np.isfinite(own["log"])
+        kept.append(own.assign(log=own["log"].where(~failed, worst), failed=failed))
+    found = pd.concat(kept) if kept else rows.assign(failed=False, ranked=False).iloc[:0]
+    return found[found["log"].notna()]
+
+
+def references(logs: pd.DataFrame, study: Study = USUAL) -> dict[str, str]:
+    """To whose errors those of each kind are compared: the paper's method, or the first one."""
+    found = {}
+    for error, rows in logs[logs["ranked"]].groupby("error"):
+        names = set(rows["estimator"])
+        order = [REFERENCE, *study.estimators, *sorted(names)]
+        found[str(error)] = next(name for name in order if name in names)
+    return found
+
+
+def score_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """The score of each estimator, by each error.
+
+    Args:
+        logs: from ``log_errors``, of all scenarios.
+        study: study of the run.
+
+    Returns:
+        Columns ``error, scenario, sensor, sigma, estimator`` (of rows over all scenarios or sensors
+        ``all``, over all noise levels NaN), ``reference``, ``ranked``, the numbers of
+        ``scenarios``, ``draws``, ``trials`` and ``failures`` that count, the ``median`` error of
+        these trials, in which failures are infinite, and ``score`` with ``score_low`` and
+        ``score_high``, a 95 % bootstrap interval.
+    """
+    rows: list[dict[str, object]] = []
+    for error, reference in references(logs, study).items():
+        ratios = _ratios(logs[logs["error"] == error], reference)
+        common = _common(ratios)
+        for keys in _SLICES:
+            rows_of = ratios if "scenario" in keys else common
+            for place, part in rows_of.groupby(keys) if keys else [((), rows_of)]:
+                labels = {"error": error, "scenario": ALL, "sensor": ALL, "sigma": np.nan}
+                labels |= dict(zip(keys, place, strict=True)) | {"reference": reference}
+                rows += [labels | one for one in _scores(part)]
+    columns = ["error", *_CELL, "sigma", "estimator", "reference", *_SCORES]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def pair_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """Ranked estimators in pairs, over all scenarios and in each, by each error.
+
+    Args:
+        logs: from ``log_errors``, of all scenarios.
+        study: study of the run.
+
+    Returns:
+        Columns ``error, scenario, estimator, other``, ``draws`` that both have, ``ratio`` (the
+        geometric mean of the first's errors over the other's) with ``ratio_low`` and ``ratio_high``
+        (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm for all pairs of an
+        error in the same scenarios.
+    """
+    rows: list[dict[str, object]] = []
+    for error, reference in references(logs, study).items():
+        ratios = _ratios(logs[logs["error"] == error], reference)
+        ratios = ratios[ratios["ranked"]]
+        for scenario, part in [(ALL, _common(ratios)), *ratios.groupby("scenario")]:
+            found = list(_pairs(part))
+            adjusted = holm(np.array([one["p"] for one in found], dtype=float))
+            labels = {"error": error, "scenario": scenario}
+            rows += [labels | one | {"p_holm": p} for one, p in zip(found, adjusted, strict=True)]
+    return pd.DataFrame(rows, columns=["error", "scenario", "estimator", "other", *_PAIR, "p_holm"])
+
+
+def _ratios(logs: pd.DataFrame, reference: str) -> pd.DataFrame:
+    """Rows with ``ratio``, the logarithm of error over the reference's in the same trial."""
+    own = logs.loc[logs["estimator"] == reference, [*_TRIAL, "log"]]
+    both = logs.merge(own.rename(columns={"log": "of_reference"}), on=_TRIAL)
+    return both.assign(ratio=both["log"] - both["of_reference"])
+
+
+def _common(ratios: pd.DataFrame) -> pd.DataFrame:
+    """The cells that all estimators share that rank over all scenarios; others do not rank."""
+    cells = ratios.loc[ratios["ranked"], [*_CELL, "estimator"]].drop_duplicates()
+    numbers = cells.groupby("estimator").size().sort_values(ascending=False, kind="stable")
+    shared, ranked = pd.MultiIndex.from_frame(cells[_CELL].drop_duplicates()), []
+    for name in numbers.index[numbers >= _ENOUGH_CELLS * numbers.max()]:
+        own = pd.MultiIndex.from_frame(cells.loc[cells["estimator"] == name, _CELL])
+        if len(both := shared.intersection(own)):
+            shared = both
+            ranked.append(name)
+    here = ratios[pd.MultiIndex.from_frame(ratios[_CELL]).isin(shared)]
+    return here.assign(ranked=here["estimator"].isin(ranked))
+
+
+class _Draws:
+    """Values of trials, such as log ratios, summed by draw.
+
+    Attributes:
+        sums: (U, C) sums of the U draws, one column for each estimator or pair.
+        sizes: (U, C) numbers of trials that have a value.
+        strata: (U,) scenario of each draw, as a number.
+    """
+
+    def __init__(self, trials: pd.Index, values: np.ndarray) -> None:
+        """Sum values (T, C) of trials with the levels ``_TRIAL``; NaN where there is none."""
+        scenarios, draws = (trials.get_level_values(name) for name in ("scenario", "draw"))
+        strata, labels = pd.factorize(scenarios)
+        codes, units = pd.factorize(strata + len(labels) * pd.factorize(draws)[0])
+        known, number = np.isfinite(values), len(units)
+        self.sums = _by_code(codes, np.where(known, values, 0.0), number)
+        self.sizes = _by_code(codes, known.astype(float), number)
+        self.strata = units % len(labels)
+
+    @property
+    def draws(self) -> np.ndarray:
+        """(C,) numbers of draws that have a value."""
+        return (self.sizes > 0).sum(axis=0)
+
+    @property
+    def means(self) -> np.ndarray:
+        """(C,) means over trials."""
+        with np.errstate(invalid="ignore"):
+            found: np.ndarray = self.sums.sum(axis=0) / self.sizes.sum(axis=0)
+        return found
+
+    def interval(self) -> np.ndarray:
+        """(2, C) ends of 95 % bootstrap intervals of the means; NaN for few draws."""
+        rng = np.random.default_rng(0)
+        times = np.empty((_RESAMPLES, len(self.sums)))
+        for stratum in np.unique(self.strata):
+            here = np.flatnonzero(self.strata == stratum)
+            even = np.full(len(here), 1 / len(here))
+            times[:, here] = rng.multinomial(len(here), even, size=_RESAMPLES)
+        with np.errstate(invalid="ignore"):
+            drawn = (times @ self.sums) / (times @ self.sizes)
+        found = np.full((2, self.sums.shape[1]), np.nan)
+        enough = self.draws >= FEWEST_DRAWS
+        found[:, enough] = np.nanquantile(drawn[:, enough], _TAILS, axis=0)
+        return found
+
+    def p(self) -> np.ndarray:
+        """(C,) two-sided chances of sums as far from zero, if each draw had either sign."""
+        rng = np.random.default_rng(0)
+        seen = np.abs(self.sums.sum(axis=0)) * (1 - _ROUNDING)
+        as_far = np.zeros(len(seen))
+        for start in range(0, _SIGN_CHANGES, _BATCH):
+            size = min(_BATCH, _SIGN_CHANGES - start), len(self.sums)
+            as_far += (np.abs(rng.choice([-1.0, 1.0], size=size) @ self.sums) >= seen).sum(axis=0)
+        return np.where(self.draws >= FEWEST_DRAWS, (1 + as_far) / (1 + _SIGN_CHANGES), 1.0)
+
+
+def _by_code(codes: np.ndarray, values: np.ndarray, number: int) -> np.ndarray:
+    columns = [np.bincount(codes, own, minlength=number) for own in values.T]
+    return np.array(columns).T.reshape(number, values.shape[1])
+
+
+def _wide(rows: pd.DataFrame, column: str) -> pd.DataFrame:
+    """A column as a table of trials and estimators."""
+    return rows.pivot_table(column, _TRIAL, "estimator", aggfunc="first", sort=True)
+
+
+def _scores(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
+    """Scores of one slice, without its labels."""
+    wide = _wide(ratios, "ratio")
+    told = _Draws(wide.index, wide.to_numpy(float))
+    scores, (low, high) = np.exp(told.means), np.exp(told.interval())
+    by_name = ratios.groupby("estimator")
+    failures, ranked = by_name["failed"].sum(), by_name["ranked"].all()
+    scenarios = by_name["scenario"].nunique()
+    errors = np.exp(ratios["log"]).where(~ratios["failed"], np.inf)
+    medians = errors.groupby(ratios["estimator"]).apply(np.median)
+    for k, name in enumerate(wide.columns):
+        numbers = int(told.draws[k]), int(told.sizes[:, k].sum()), int(failures[name])
+        values = (
+            bool(ranked[name]),
+            int(scenarios[name]),
+            *numbers,
+            float(medians[name]),
+            scores[k],
+            low[k],
+            high[k],
+        )
+        yield {"estimator": name} | dict(zip(_SCORES, values, strict=True))
+
+
+def _pairs(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
+    """Comparisons of the estimators of one slice, without its labels."""
+    wide = _wide(ratios, "ratio")
+    pairs = list(combinations(range(wide.shape[1]), 2))
+    if not pairs:
+        return
+    values, (first, second) = wide.to_numpy(float), np.array(pairs).T
+    differences = values[:, first] - values[:, second]
+    # Solvers that end at the same optimum differ by rounding.
+    differences[np.abs(differences) < _NEGLIGIBLE] = 0.0
+    told = _Draws(wide.index, differences)
+    ratio, (low, high), chance = np.exp(told.means), np.exp(told.interval()), told.p()
+    for k, (a, b) in enumerate(pairs):
+        if told.draws[k]:
+            names = {"estimator": wide.columns[a], "other": wide.columns[b]}
+            values_of_pair = int(told.draws[k]), ratio[k], low[k], high[k], chance[k]
+            yield names | dict(zip(_PAIR, values_of_pair, strict=True))
+
+
+def board_rows(scores: pd.DataFrame, study: Study = USUAL) -> dict[str, pd.DataFrame]:
+    """Rows of ``score_table`` over all scenarios and noise levels, by error.
+
+    Ranked estimators come first, by their score; then others, and floors at the end.
+    """
+    ordered = in_order(scores[(scores["scenario"] == ALL) & scores["sigma"].isna()], study)
+    found = dict(iter(ordered.groupby("error", sort=False)))
+    errors = [metric.name for metric in scored(study.metrics) if metric.name in found]
+    first = [metric.name for metric in [primary(study.metrics)] if metric and metric.name in errors]
+    return {error: found[error] for error in dict.fromkeys([*first, *errors])}
+
+
+def in_order(rows: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """Rows with ``estimator, ranked, score`` in the order of a board, and ``floor, unranked``."""
+    floor = rows["estimator"].map(study.is_floor).astype(bool)
+    found = rows.assign(floor=floor, unranked=~rows["ranked"].eq(True))
+    return found.sort_values(["floor", "unranked", "score"], kind="stable")
+
+
+def best_group(pairs: pd.DataFrame, names: Sequence[str]) -> list[str]:
+    """The first of some names, which are in the order of their scores, and who ties with it.
+
+    Args:
+        pairs: rows of ``pair_table`` of one error and scenario.
+        names: labels of ranked estimators.
+    """
+    if not names:
+        return []
+    told = pairs[pairs["p_holm"] < SIGNIFICANCE]
+    one, other = told["estimator"] == names[0], told["other"] == names[0]
+    worse = {*told.loc[one, "other"], *told.loc[other, "estimator"]}
+    return [name for name in names if name not in worse]

@@ -1,1 +1,0 @@
-"""Submissions: pack runs for a pull request, and check them before they are accepted."""

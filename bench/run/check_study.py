@@ -1,0 +1,177 @@
+"""Check before a run that the parts of a suite fit each other and its kind."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from olne_bench import plugins
+from olne_bench.bench.judge.priors import alpha_of, exclusion
+from olne_bench.bench.judge.trials import layers_of
+from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
+from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.trial import foreign_worlds
+from olne_bench.bench.process.child import Child, ChildError, RaisedError, StartError
+from olne_bench.bench.run.describe_plugins import LOAD_LIMIT, LOAD_MEMORY
+from olne_bench.envs.recordings.recording import NoEquilibriumError
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.errors import UserError
+from olne_bench.games.model.dynamics import UNICYCLE
+from olne_bench.games.model.sensor import SensorModel
+
+
+def check_fit(suite: Suite, hidden: Path | None = None) -> None:
+    """Refuse sensors that do not fit a scenario, such as one for a component that states lack.
+
+    Args:
+        suite: suite to be run.
+        hidden: folder that foreign code cannot read.
+
+    Raises:
+        UserError: with a message that names the first such pair.
+    """
+    for scenario, sensor in product(suite.scenarios, suite.sensors):
+        foreign = foreign_worlds(scenario, sensor)
+        if problem := _asked(foreign, hidden, misfit, scenario, sensor):
+            raise UserError(
+                f"suite {suite.name!r}: sensor {sensor.label!r} does not fit scenario "
+                f"{scenario.label!r}: {problem}"
+            )
+
+
+def check_priors(suite: Suite, hidden: Path | None = None) -> None:
+    """Refuse priors that give the truth of a fixed scenario no mass.
+
+    Truths that seeds draw are known when they are judged: such a trial is ``invalid``.
+
+    Args:
+        suite: suite to be run.
+        hidden: folder that foreign code cannot read.
+
+    Raises:
+        UserError: with a message that names the first such pair, the weight, and what to do.
+    """
+    for scenario, estimator in suite.pairs():
+        if scenario.family or alpha_of(estimator) <= 1:
+            continue
+        own = plugins.is_built_in(plugins.SCENARIO, scenario.name)
+        foreign = () if own else (scenario.name, estimator.name)
+        if why := _asked(foreign, hidden, excluded, scenario, estimator):
+            raise UserError(
+                f"suite {suite.name!r}: estimator {estimator.label!r} cannot be run in scenario "
+                f"{scenario.label!r}: {why}; choose an alpha nearer to 1, or limit the estimator "
+                "to other scenarios (key 'scenarios')"
+            )
+
+
+def check_kind(suite: Suite) -> None:
+    """Refuse what cannot be run one sample at a time in a study of streams, or driven in others.
+
+    Raises:
+        UserError: in streams on several trajectories, on scenarios and sensors that are plugins,
+            and on a lag longer than a motion; in drives on scenarios that are no roads, on unknown
+            options of roads, on sensors but ``full``, and on a window longer than a drive.
+    """
+    if suite.kind == "drives":
+        _check_drives(suite)
+    if suite.kind != "streams":
+        return
+    for scenario, sensor in product(suite.scenarios, suite.sensors):
+        if scenario.trajectories > 1:
+            raise UserError(
+                f"scenario {scenario.label!r} has {scenario.trajectories} trajectories; in a study "
+                "of streams there is one motion at a time"
+            )
+        if foreign := foreign_worlds(scenario, sensor):
+            raise UserError(
+                f"{foreign[0]!r} is a plugin; in a study of streams, scenarios and sensors are "
+                "built-in ones"
+            )
+    for scenario in suite.scenarios if suite.rules.lag else ():
+        _check_lag(scenario, suite.rules.lag or 0)
+
+
+def _check_drives(suite: Suite) -> None:
+    # It imports HighwayEnv, which takes longer than all else.
+    from olne_bench.envs.drive.cars import ROADS, STEPS, WEIGHTS
+    from olne_bench.envs.drive.world import TRAFFIC
+
+    known = {"traffic": TRAFFIC, "weights": WEIGHTS}
+    for road in suite.scenarios:
+        if road.name not in ROADS or road.trajectories > 1:
+            raise UserError(
+                f"scenario {road.label!r}: drives are on one of {', '.join(ROADS)}, with one "
+                "trajectory"
+            )
+        for name, value in road.options.items():
+            if value not in known.get(name, ()):
+                choice = "; ".join(f"{key}: {', '.join(of)}" for key, of in known.items())
+                raise UserError(
+                    f"scenario {road.label!r}: option {name} = {value!r}; drives have {choice}"
+                )
+    for sensor in suite.sensors:
+        if [layer.name for layer in sensor.layers] != ["full"]:
+            raise UserError(f"sensor {sensor.label!r}: in a study of drives it is 'full'")
+    if suite.rules.window > STEPS:
+        raise UserError(f"rule window = {suite.rules.window}: a drive has {STEPS} samples")
+
+
+def _check_lag(scenario: ScenarioEntry, lag: int) -> None:
+    with suppress(NoEquilibriumError):  # another draw may be played
+        samples = get_scenario(scenario.name, 0, **scenario.options).game.horizon
+        if lag > samples:  # all draws have as many
+            raise UserError(
+                f"rule lag = {lag}: a motion of scenario {scenario.label!r} has {samples} samples; "
+                "use fewer, or no lag for all so far"
+            )
+
+
+def _asked(
+    foreign: Sequence[str], hidden: Path | None, function: Callable[..., str], *about: Any
+) -> str:
+    """What a function says, in a process of its own where foreign code takes part.
+
+    It says nothing if a draw fails there, which the trials will show.
+
+    Raises:
+        StartError: if no process can be started.
+    """
+    if not foreign:
+        return function(*about)
+    child = Child(restricted=True, memory=LOAD_MEMORY, plugins=foreign, hidden=hidden)
+    try:
+        return str(child.call(function, *about, kind=str, seconds=LOAD_LIMIT))
+    except StartError:
+        raise
+    except (ChildError, RaisedError, UserError):
+        return ""
+    finally:
+        child.stop()
+
+
+def excluded(scenario: ScenarioEntry, estimator: EstimatorEntry) -> str:
+    """Why the prior of an estimator excludes the truth of a scenario; empty if it does not."""
+    try:
+        return exclusion(estimator, get_scenario(scenario.name, **scenario.options))
+    except NoEquilibriumError:
+        return ""
+
+
+def misfit(scenario: ScenarioEntry, sensor: SensorEntry) -> str:
+    """What is wrong with a sensor in a scenario, on one line; empty if nothing is."""
+    dynamics, scale = UNICYCLE, np.ones(UNICYCLE.state_size)
+    # States of built-in scenarios all have the same components, and a draw may take long.
+    if not plugins.is_built_in(plugins.SCENARIO, scenario.name):
+        try:
+            drawn = get_scenario(scenario.name, 0, **scenario.options)
+        except NoEquilibriumError:
+            return ""
+        dynamics, scale = drawn.game.dynamics, np.asarray(drawn.noise_scale)
+    try:
+        SensorModel.of(layers_of(sensor), dynamics, scale)
+    except ValueError as error:
+        return " ".join(str(error).split())
+    return ""
