@@ -81,7 +81,7 @@ submissions: setup
 	$(BIN)/olne-bench verify results/submissions/*/ --jobs $(JOBS) --page results/submissions/index.html
 
 rl: $(VENV)/.learners
-	$(BIN)/python scripts/train_ppo.py --out $(OUT)/rl
+	$(BIN)/python scripts/train_ppo.py traffic --out $(OUT)/rl
 
 gate: setup
 	$(BIN)/olne-bench gate $(OUT)/paper

@@ -16,7 +16,8 @@ from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from olne_bench.envs.scenarios import Scenario, checked_seed, get_scenario
-from olne_bench.envs.solved.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
 from olne_bench.envs.solved.kept_draws import keeping
 from olne_bench.envs.worlds.episode import Episode
 from olne_bench.envs.worlds.layout import (

@@ -8,7 +8,7 @@ is standard normal (``charts``), the network maximises
 
 over them, which among all densities the posterior does. Then one pass through the network is an
 estimate. There is one network for each known game, and its file is part of this package;
-``scripts/train_learned.py`` trains it.
+``scripts/train_learned.py posterior`` trains it.
 
 Paper: after Papamakarios and Murray 2016 (mixture density network), Greenberg et al. 2019.
 Assumes: a game that it was trained for, weights from a flat Dirichlet distribution, starts near

@@ -340,7 +340,7 @@ class _Pool:
         playable = np.isfinite(expected).all(axis=(1, 2))
         squared = np.nansum(((expected - self._samples) / self._sigma) ** 2, axis=2)
         squared[~playable] = np.inf
-        return squared
+        return np.asarray(squared)
 
 
 class _Proposal:
@@ -418,7 +418,7 @@ def _tempered(log_shares: np.ndarray, enough: float) -> np.ndarray:
 
 
 def _normalised(log_shares: np.ndarray) -> np.ndarray:
-    return np.exp(log_shares - logsumexp(log_shares))
+    return np.asarray(np.exp(log_shares - logsumexp(log_shares)))
 
 
 def _covariance(points: np.ndarray, shares: np.ndarray) -> np.ndarray:

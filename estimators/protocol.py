@@ -216,6 +216,22 @@ class Estimate:
     message: str = ""
     extras: Mapping[str, Any] = field(default_factory=dict)
 
+    def theta(self, game: Game) -> np.ndarray:
+        """(N, K + U): weights and standardised parameters, as solvers of a game take them."""
+        if self.parameters is None:
+            return self.weights
+        return np.hstack([self.weights, game.parameters.standardised(self.parameters)])
+
+    def sampled_theta(self, game: Game, most: int) -> np.ndarray | None:
+        """(M, N, K + U) of so many samples at most, evenly spaced; None without samples."""
+        if self.samples is None or (game.parameters.count and self.parameter_samples is None):
+            return None
+        chosen = np.linspace(0, len(self.samples) - 1, min(most, len(self.samples))).astype(int)
+        if self.parameter_samples is None:
+            return np.asarray(self.samples[chosen])
+        unknown = [game.parameters.standardised(one) for one in self.parameter_samples[chosen]]
+        return np.concatenate([self.samples[chosen], unknown], axis=2)
+
     def __repr__(self) -> str:
         """One line: the weights, what else there is, and whether it is valid."""
         given = [

@@ -11,8 +11,9 @@ or interrupted run took, by scenario and estimator.
 
 import os
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import shared
@@ -25,21 +26,6 @@ from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.run.cluster import run_on_dask
 from olne_bench.bench.run.store import read_store
 from olne_bench.bench.run.time_left import time_left
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """What a number of workers did.
-
-    Attributes:
-        rate: trials a second, from the first outcome on.
-        start: time until the first outcome [s].
-        judged: seconds that the trials took, each on its worker.
-    """
-
-    rate: float
-    start: float
-    judged: float
 
 
 def main(
@@ -59,41 +45,42 @@ def main(
     trials = [replace(trial, draws=draws) for trial in expand(part, seeds)]
     _measured(trials, 2)  # compiles
     print(f"{len(trials)} trials of {whole.name}, {os.cpu_count()} cores")
-    print("workers  trials/s  of ideal [%]  seconds a trial  start [s]")
-    first = None
-    for number in workers:
-        one = _measured(trials, number)
-        first = first or one.rate / number
-        ideal = first * min(number, os.cpu_count() or 1)
-        share = 100 * one.rate / ideal
-        each = one.judged / len(trials)
-        print(
-            f"{number:7}  {one.rate:8.2f}  {share:12.0f}  {each:15.3f}  {one.start:9.1f}",
-            flush=True,
-        )
+
+    def rows() -> Iterator[dict[str, object]]:
+        first = None
+        for number in workers:
+            rate, start, judged = _measured(trials, number)
+            first = first or rate / number
+            yield {
+                "workers": number,
+                "trials/s": f"{rate:.2f}",
+                "of ideal [%]": f"{100 * rate / (first * min(number, os.cpu_count() or 1)):.0f}",
+                "seconds a trial": f"{judged / len(trials):.3f}",
+                "start [s]": f"{start:.1f}",
+            }
+
+    shared.show(rows())
     if costs:
         for line in _whole(whole, costs, cores):
             print(line)
 
 
-def _measured(trials: list[Trial], workers: int) -> Scaling:
+def _measured(trials: list[Trial], workers: int) -> tuple[float, float, float]:
+    """Trials a second from the first outcome on, the time until it, and that of trials [s]."""
     began = time.monotonic()
     first, judged, number = began, 0.0, 0
     for number, (_, outcome) in enumerate(run_on_dask(trials, cluster=f"local:{workers}")):
         if number == 0:
             first = time.monotonic()
         judged += outcome.trial_seconds or 0.0
-    return Scaling(number / (time.monotonic() - first), first - began, judged)
+    return number / (time.monotonic() - first), first - began, judged
 
 
 def _whole(suite: Suite, folder: Path, cores: Sequence[int]) -> Iterator[str]:
     """What the whole suite takes, by the costs of a run in a folder."""
     with read_store(folder) as store:
         costs = store.costs()
-    counts: dict[tuple[str, str], int] = {}
-    for trial in expand(suite):
-        key = trial.scenario.label, trial.estimator.label
-        counts[key] = counts.get(key, 0) + 1
+    counts = Counter((one.scenario.label, one.estimator.label) for one in expand(suite))
     seconds = 0.0
     for left in time_left(counts, costs):
         seconds += left.seconds

@@ -3,12 +3,12 @@
     python scripts/docs_tables.py
 
 A table is between the comments ``<!-- table: NAME -->`` and ``<!-- end -->``, and is replaced by
-what the function of that name returns.
+what ``TABLES`` has under that name.
 """
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,17 +33,19 @@ PAGES = (
 _UNKNOWN = ", unknown speeds"
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
-Row = dict[Any, Any]
-#: Heads of a table, and what is below each: a column, or a text of a row.
-Columns = dict[str, str | Callable[[Row], str]]
-
-_PLACE: Columns = {"Scenario": "scenario", "Sensor": "sensor", "Estimator": "estimator"}
-_FAILURES: Columns = {"Failures": lambda row: f"{row['failures']} of {row['trials']}"}
-_END: Columns = _FAILURES | {"ms": lambda row: _number(1e3 * row["solve_seconds_median"])}
-_SCORE: Columns = {"Score": lambda row: _number(row["score"])}
-_POSITION: Columns = {"Position error [m]": "position_error_median"}
-_COSINE: Columns = {"Cosine error": "cosine_error_median"}
-_COVERED: Columns = {"Covered": "covers_truth_share"}
+#: Heads of columns that their names do not tell.
+HEADS = {
+    "by": "Prediction by", "position_error_median": "Position error [m]", "p_holm": "p",
+    "held_out_error_median": "Held-out error [m]", "cosine_error_mean": "Cosine error",
+    "limit_ratio": "Error / bound", "covers_truth_share": "Covered", "crps_median": "CRPS",
+    "covers_parameters_share": "Covered", "held_out_log_score_median": "Log score lost",
+    "fde_1s": "Error in 1 s [m]", "fde_3s": "Error in 3 s [m]", "latency_50": "ms", "ms": "ms",
+    "sigma": "Noise [m]", "progress": "Progress [m]", "jerk": "Jerk [m/s^3]",
+    "regret": "Regret [%]", "cycle_50": "Cycle [ms]", "cycle_99": "99 % [ms]",
+    "ratio": "Posterior / best rival",
+    **{name: name for name in ("posterior", "kkt_constrained", "map", "ridge", "uniform")},
+}  # fmt: skip
+PLACE = ["scenario", "sensor", "estimator"]
 
 
 def filled(page: str) -> str:
@@ -52,187 +54,171 @@ def filled(page: str) -> str:
     Raises:
         KeyError: on the name of a table that does not exist.
     """
-    return _TABLE.sub(lambda found: f"{found[1]}\n{TABLES[found[2]]()}\n\n{found[3]}", page)
+
+    def table(found: re.Match[str]) -> str:
+        return f"{found[1]}\n{_markdown(TABLES[found[2]]())}\n\n{found[3]}"
+
+    return _TABLE.sub(table, page)
 
 
-def paper() -> str:
-    """The paper's two scenarios: one row per estimator, best first."""
-    board = _board("paper").sort_values(
-        ["scenario", "sensor", "position_error_median"], ascending=[False, True, True]
-    )
-    return _table(board, _PLACE | _POSITION | _COSINE | {"Error / bound": "limit_ratio"} | _END)
+def main() -> None:
+    """Rewrite the pages whose tables have changed."""
+    for name in PAGES:
+        before = (ROOT / name).read_text(encoding="utf-8")
+        after = filled(before)
+        if after != before:
+            (ROOT / name).write_text(after, encoding="utf-8")
+            print(f"{name}: tables updated")
 
 
-def times() -> str:
-    """Median time [ms] of one estimate: the paper's scenarios, and the median of the roads."""
-    board = _board("field")
-    board["where"] = board["scenario"].where(board["scenario"].isin(PAPER), "roads")
+# ---------------------------------------------------------------------------------------- results
+
+
+def _csv(study: str, name: str) -> pd.DataFrame:
+    table = pd.read_csv(RESULTS / study / f"{name}.csv")
+    return table.rename(columns={"view": "sensor"})  # its name in tables before version 0.1
+
+
+def _board(study: str) -> pd.DataFrame:
+    board = _csv(study, "leaderboard")
     board["ms"] = 1e3 * board["solve_seconds_median"]
-    wide = board.pivot_table("ms", "estimator", "where", "median")[[*PAPER, "roads"]]
-    return _wide(["Estimator"], wide.map(_number))
+    return board.assign(failures=_parts(board))
 
 
-def coverage() -> str:
-    """Share of 95 % ellipsoids that hold the truth, by noise level."""
-    trials = pd.read_parquet(RESULTS / "paper" / "trials.parquet")
-    trials = trials[trials["sigma"].isin([0.001, 0.005, 0.01, 0.02, 0.05, 0.1])]
-    by = ["scenario", "sensor", "estimator"]
-    wide = trials.dropna(subset="covers_truth").pivot_table("covers_truth", by, "sigma")
-    return _wide(list(_PLACE), wide.map("{:.0%}".format).rename(columns="{:g} m".format))
+def _parts(table: pd.DataFrame) -> pd.Series:
+    return table["failures"].astype(str) + " of " + table["trials"].astype(str)
 
 
-def exponents() -> str:
-    """Exponents, with 95 % intervals, of the decrease of errors with the number of trajectories."""
-    table = _csv("several_trajectories", "exponents")
-    bounds = table[["exponent", "exponent_low", "exponent_high"]].itertuples(index=False)
-    table["shown"] = [f"{a:.2f} [{low:.2f}, {high:.2f}]" for a, low, high in bounds]
-    by = ["sensor", "sigma"]
-    wide = table.pivot_table("shown", by, "estimator", aggfunc="first")
-    limit = table.groupby(by)["limit_exponent"].first().map("{:.2f}".format)
-    wide = wide.assign(**{"Cramér-Rao limit": limit}).rename("{:g}".format, level=1)
-    return _wide(["Sensor", "Noise [m]"], wide, left=1)
-
-
-def roads() -> str:
-    """Suite ``roads``, full sensor, known target speeds: scores and median errors."""
-    held: Columns = {"Held-out error [m]": "held_out_error_median"}
-    start: Columns = {"Road": "scenario", "Estimator": "estimator"}
-    columns = start | _SCORE | _POSITION | held | _COSINE | _COVERED | _END
-    return _table(_roads_seen_whole(unknown=False), columns)
-
-
-def roads_errors() -> str:
-    """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with scores."""
-    board = _roads_seen_whole(unknown=False)
-    board = board[board["scenario"] != "merging"]
-    pairs = board[["position_error_median", "score"]].itertuples(index=False)
-    board = board.assign(shown=[f"{_number(error)} ({_number(score)})" for error, score in pairs])
-    wide = board.pivot_table("shown", "estimator", "scenario", aggfunc="first")
-    return _wide(["Estimator"], wide.loc[estimator_order(list(wide.index))])
-
-
-def roads_unknown() -> str:
-    """Suite ``roads``, full sensor, unknown target speeds: scores and median errors."""
-    start: Columns = {
-        "Road": lambda row: row["scenario"].removesuffix(_UNKNOWN),
-        "Estimator": "estimator",
-    }
-    speeds: Columns = {"Error of target speeds [deviations]": "parameter_error_median"}
-    columns = start | _SCORE | _POSITION | speeds | _COSINE | _END
-    return _table(_roads_seen_whole(unknown=True), columns, left=2)
-
-
-def _roads_seen_whole(unknown: bool) -> pd.DataFrame:
-    """The roads' board of the full sensor: target speeds unknown or known."""
-    board = _board("roads")
-    part = board["scenario"].str.endswith(_UNKNOWN) == unknown
-    board = board[part & (board["sensor"] == "full") & (board["trials"] > 0)]
-    scores = _scores("position_error")
-    place = ["scenario", "sensor", "estimator"]
-    return board.merge(scores[scores["sigma"].isna()][[*place, "score"]], how="left", on=place)
+def _in_order(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows with trials, the best known estimators of each scenario and sensor first."""
+    order = {name: place for place, name in enumerate(estimator_order(list(table["estimator"])))}
+    table = table[table["trials"] > 0].assign(place=table["estimator"].map(order))
+    return table.sort_values(["scenario", "sensor", "place"], kind="stable")
 
 
 def _scores(error: str) -> pd.DataFrame:
     """Scores by an error in the suite ``roads``; those who do not rank have none, floors apart."""
     table = _csv("roads", "scores")
     shown = table["ranked"] | (table["estimator"] == "uniform")
-    return table[(table["error"] == error) & shown]
+    return table[(table["error"] == error) & shown & table["sigma"].isna()]
 
 
-def road_scores() -> str:
+def _roads(unknown: bool) -> pd.DataFrame:
+    """The roads' board of the full sensor with its scores: target speeds unknown or known."""
+    board = _board("roads")
+    part = board["scenario"].str.endswith(_UNKNOWN) == unknown
+    board = board[part & (board["sensor"] == "full") & (board["trials"] > 0)]
+    board = board.merge(_scores("position_error")[[*PLACE, "score"]], how="left", on=PLACE)
+    return board.assign(road=board["scenario"].str.removesuffix(_UNKNOWN))
+
+
+# ----------------------------------------------------------------------------------------- tables
+
+
+def times() -> pd.DataFrame:
+    """Median time [ms] of one estimate: the paper's scenarios, and the median of the roads."""
+    board = _board("field")
+    board["where"] = board["scenario"].where(board["scenario"].isin(PAPER), "roads")
+    wide = board.pivot_table("ms", "estimator", "where", "median")
+    return wide[[*PAPER, "roads"]].map(_number)
+
+
+def coverage() -> pd.DataFrame:
+    """Share of 95 % ellipsoids that hold the truth, by noise level."""
+    trials = pd.read_parquet(RESULTS / "paper" / "trials.parquet").dropna(subset="covers_truth")
+    trials = trials[trials["sigma"].isin([0.001, 0.005, 0.01, 0.02, 0.05, 0.1])]
+    wide = trials.pivot_table("covers_truth", PLACE, "sigma")
+    return wide.map("{:.0%}".format).rename(columns="{:g} m".format)
+
+
+def exponents() -> pd.DataFrame:
+    """Exponents, with 95 % intervals, of the decrease of errors with the number of trajectories."""
+    table, by = _csv("several_trajectories", "exponents"), ["sensor", "sigma"]
+    wide = _pivot(table, _cells(table, "exponent[.2f]"), by).sort_index(axis=1)
+    limit = table.groupby(by)["limit_exponent"].first().map("{:.2f}".format)
+    wide = wide.assign(**{"Cramér-Rao limit": limit}).rename("{:g}".format, level=1)
+    return wide.rename_axis(["sensor", "Noise [m]"]).reset_index("Noise [m]")
+
+
+def roads_errors() -> pd.DataFrame:
+    """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with scores."""
+    board = _roads(unknown=False)
+    board = board[board["scenario"] != "merging"]
+    wide = _pivot(
+        board, _pairs(board, "{} ({})", "position_error_median", "score"), "estimator", "scenario"
+    )
+    return wide.sort_index(axis=1).loc[estimator_order(list(wide.index))]
+
+
+def road_scores() -> pd.DataFrame:
     """Suite ``roads``: scores of all roads together, by three errors, and failures."""
-    errors = {"Position error": "position_error", "Held-out error": "held_out_error"}
-    errors["Cosine error"] = "cosine_error"
     columns = {}
-    for head, error in errors.items():
-        table = _scores(error)
-        whole = table[(table["scenario"] == "all") & table["sigma"].isna()]
-        whole = whole.set_index("estimator").sort_values("score")
-        columns[head] = pd.Series(
-            {
-                name: f"{row['score']:.2f} [{row['score_low']:.2f}, {row['score_high']:.2f}]"
-                for name, row in whole.iterrows()
-            }
-        )
-        if error == "position_error":
-            failed = whole["failures"].astype(str) + " of " + whole["trials"].astype(str)
-    wide = pd.DataFrame(columns | {"Failures": failed}).reindex(columns["Position error"].index)
-    return _wide(["Estimator"], wide)
+    for head in ("Cosine error", "Held-out error", "Position error"):
+        whole = _scores(head.lower().replace("-", "_").replace(" ", "_"))
+        whole = whole[whole["scenario"] == "all"].set_index("estimator").sort_values("score")
+        columns[head] = pd.Series(_cells(whole, "score[.2f]"), whole.index)
+    table = pd.DataFrame(columns | {"Failures": _parts(whole)}).reindex(whole.index)
+    return table[["Position error", "Held-out error", "Cosine error", "Failures"]]
 
 
-def recognised() -> str:
+def recognised() -> pd.DataFrame:
     """Suite ``roads``, full sensor: shares of drivers whose temperament is recognised."""
     table = pd.read_csv(RESULTS / "roads" / "temperaments.csv.gz")
     table = table[(table["sensor"] == "full") & table["sigma"].isna()]
     table["known"] = table["recognised"] * table["drivers"]
     table["unknown"] = table["scenario"].str.endswith(_UNKNOWN)
-    counts = table.groupby(["estimator", "unknown", "temperament"])[["known", "drivers"]].sum()
-    shares = counts["known"] / counts["drivers"]
+    by = ["unknown", "temperament"]
+    counts = table.pivot_table(["known", "drivers"], "estimator", by, "sum")
+    wide: Any = (counts["known"] / counts["drivers"]).map(_share)
     columns = [(unknown, name) for unknown in (False, True) for name in TEMPERAMENTS]
-    rows = [
-        [one, *(_share(shares.get((one, *column), math.nan)) for column in columns)]
-        for one in estimator_order(list(table["estimator"]))
-    ]
-    heads = [f"{name.capitalize()}{_UNKNOWN if unknown else ''}" for unknown, name in columns]
-    return _markdown(["Estimator", *heads], rows, left=1)
+    wide = wide.loc[estimator_order(list(wide.index)), columns]
+    heads = [f"{name}{_UNKNOWN if unknown else ''}".capitalize() for unknown, name in columns]
+    return pd.DataFrame(wide.set_axis(heads, axis=1))
 
 
-def predictions() -> str:
+def predictions() -> pd.DataFrame:
     """Suite ``roads``, full sensor: errors of predictions after half of the samples, by road."""
     names = ["true_weights", "map", "kkt_constrained", "constant_velocity", "constant_controls"]
     names += ["stock", "stock_fitted"]
     table = _csv("predictions", "over_time")
     table = table[np.isclose(table["time"], 3.6) & table["estimator"].isin(names)]
     order = [names.index(name) for name in table["estimator"]]
-    table = table.assign(order=order, road=pd.factorize(table["scenario"])[0])
-    columns: Columns = {"Road": "scenario", "Prediction by": "estimator"}
-    columns |= {f"{ahead} s": _interval_of(f"fde_{ahead}s", ahead == 3) for ahead in (1, 2, 3, 4)}
-    return _table(table.sort_values(["road", "order"]), columns)
+    table = table.assign(order=order, place=pd.factorize(table["scenario"])[0])
+    table = table.rename(columns={"scenario": "road", "estimator": "by"})
+    columns = "fde_1s fde_2s fde_3s[] fde_4s"
+    shown = _rows(table.sort_values(["place", "order"]), "road by", columns)
+    return shown.set_axis([f"{ahead} s" for ahead in (1, 2, 3, 4)], axis=1)
 
 
-def prediction_tests() -> str:
-    """Suite ``roads``, full sensor: whether predictions are better than HighwayEnv's drivers."""
-    return _tests_online("predictions")
-
-
-def parameters() -> str:
-    """Suite ``parameters``: errors of weights and unknowns, all noise levels together."""
-    board = _board("parameters")
-    errors: Columns = {"Parameter error": "parameter_error_median"}
-    errors |= {"Covered": "covers_parameters_share"}
-    return _table(board[board["cosine_error_median"].notna()], _PLACE | _COSINE | errors | _END)
-
-
-def constrained() -> str:
+def constrained() -> pd.DataFrame:
     """Suite ``constrained``, full sensor: median errors with the constraints and in ignorance."""
     board = _board("constrained")
-    board = board[board["sensor"] == "full"].set_index(["scenario", "estimator"])
-    columns = {"Position error": _POSITION["Position error [m]"]} | _COSINE | _FAILURES
-    rows = []
-    for scenario, name in board.index:
-        if (scenario, f"{name}, ignorant") in board.index:
-            pair = [board.loc[(scenario, one)].to_dict() for one in (name, f"{name}, ignorant")]
-            cells = [_cell(one, how) for how in columns.values() for one in pair]
-            rows.append([scenario, name, *cells])
-    both = [f"{head}{end}" for head in columns for end in ("", ", ignorant")]
-    return _markdown(["Scenario", "Estimator", *both], rows, left=2)
+    shown = _rows(
+        board[board["sensor"] == "full"].rename(
+            columns={"position_error_median": "position_error"}
+        ),
+        "scenario estimator",
+        "position_error cosine_error_median failures",
+    )
+    rivals = shown.rename(lambda name: f"{name}, ignorant", axis=1)
+    known = shown.index.get_level_values(1).str.endswith(", ignorant")
+    rivals = rivals[known].rename(lambda name: name.removesuffix(", ignorant"), level=1)
+    both = shown.join(rivals, how="inner")
+    return both[[name for one in shown for name in (one, f"{one}, ignorant")]]
 
 
-def claims() -> str:
+def claims() -> pd.DataFrame:
     """The measurements of ``scripts/paper_claims.py``."""
-    rows = [
-        [
-            "holds" if claim.holds else "**fails**",
-            claim.text,
-            f"{claim.value:.4g}",
-            f"{claim.low:g} to {claim.high:g}".replace("-inf to", "at most"),
-        ]
-        for claim in claims_of(RESULTS / "paper")
-    ]
-    return _markdown(["", "Claim", "Measured", "Allowed"], rows, left=2)
+    rows = []
+    for claim in claims_of(RESULTS / "paper"):
+        allowed = f"{claim.low:g} to {claim.high:g}".replace("-inf to", "at most")
+        verdict = "holds" if claim.holds else "**fails**"
+        rows.append([verdict, claim.text, f"{claim.value:.4g}", allowed])
+    table = pd.DataFrame(rows, columns=["", "Claim", "Measured", "Allowed"])
+    return table.set_index(["", "Claim"])
 
 
-def posterior() -> str:
+def posterior() -> pd.DataFrame:
     """Of ``scripts/posterior_calibration.py``: a row for each view and noise level."""
     # Heads, and the columns that the script prints.
     shown = {
@@ -248,133 +234,75 @@ def posterior() -> str:
             if cells[0] == "all":
                 cells.insert(1, "all")
             rows.append([scenario, *(cells[place] for place in shown.values())])
-    return _markdown(["Scenario", *shown], rows, left=2)
+    return pd.DataFrame(rows, columns=["scenario", *shown]).set_index(["scenario", "View"])
 
 
-def regions() -> str:
-    """Suite ``calibration``: coverage of 95 % regions with exact intervals, and their widths."""
-    rows = _calibration().to_dict("records")
-    cells = [f"{_exact(row['covered_95'], row['trials'])}, {_number(row['width'])}" for row in rows]
-    return _by_level(_calibration(), cells)
+def levels(form: str, *names: str) -> pd.DataFrame:
+    """Suite ``calibration``: what is known of regions, by noise level."""
+    table = _in_order(_csv("calibration", "calibration"))
+    table["covered"] = [
+        _exact(*one) for one in zip(table["covered_95"], table["trials"], strict=True)
+    ]
+    return _by_level(table, _pairs(table, form, *names))
 
 
-def levels() -> str:
-    """Suite ``calibration``: the probabilities of levels of regions, of weights, and of TARP."""
-    shown = _calibration()[["p_uniform", "p_weights", "p_tarp"]].map(_chance)
-    return _by_level(_calibration(), [", ".join(row) for row in shown.itertuples(index=False)])
-
-
-def scores() -> str:
-    """Suite ``calibration``: proper scores and cosine errors, all noise levels together."""
-    board = _board("calibration")
-    columns: Columns = {"Energy score": "energy_score_median", "CRPS": "crps_median"}
-    columns |= {"Log score lost": "held_out_log_score_median", "Cosine error": "cosine_error_mean"}
-    return _table(_in_order(board[board["trials"] > 0]), _PLACE | columns | _FAILURES)
-
-
-def gains() -> str:
-    """Suite ``calibration``: mean cosine errors of ``posterior`` and its rivals, cell by cell."""
-    names = ("posterior", "kkt_constrained", "map", "ridge", "uniform")
-    columns: Columns = {"Scenario": "scenario", "Sensor": "sensor"}
-    columns |= {"Noise [m]": lambda row: f"{row['sigma']:g}"}
-    columns |= {"Trials": lambda row: str(row["trials"])} | {name: name for name in names}
-    columns["Posterior / best rival"] = lambda row: (
-        f"{row['ratio']:.2f} [{row['ratio_low']:.2f}, {row['ratio_high']:.2f}]"
-    )
-    columns["p"] = lambda row: _chance(row["p_holm"])
-    return _table(_csv("calibration", "posterior_gains"), columns)
-
-
-def identified() -> str:
+def identified() -> pd.DataFrame:
     """Suite ``calibration``: share of weights that are identified, and what is left, by noise."""
     table = _csv("calibration", "identifiability_by_noise")
     found = table.groupby(["scenario", "sensor", "sigma"])[["identified", "left"]].mean()
-    shown = [f"{known:.0%}, {left:.0%}" for known, left in found.itertuples(index=False)]
-    return _by_level(found.reset_index(), shown)
+    found = found.map("{:.0%}".format).reset_index()
+    return _by_level(found, _pairs(found, "{}, {}", "identified", "left"))
 
 
-def learned() -> str:
-    """What is learned beside what solves games: errors, coverage, energy score and time."""
-    columns = _PLACE | _POSITION | _COSINE | _COVERED | {"Energy score": "energy_score_median"}
-    return _table(_in_order(_board("learned")), columns | _END)
-
-
-def learned_errors() -> str:
+def learned_errors() -> pd.DataFrame:
     """Means over views and noise levels of what ``learned_error.py`` prints, and their range."""
-    rows = []
+    rows = {}
     for scenario in PAPER:
         path = RESULTS / "learned" / f"errors_{scenario}.txt"
         table = pd.read_csv(path, sep=r"\s*\|\s*", engine="python")
-        errors = [_number(table[f"cos {name}"].mean()) for name in ("neural", "map", "uniform")]
         shares = [
             f"{_share(table[name].mean())} [{table[name].min():.0%}, {table[name].max():.0%}]"
             for name in ("ellipsoid", "interval")
         ]
-        rows.append([scenario, str(table.iloc[0, 0]).split()[-1], *errors, *shares])
-    heads = "Scenario, Draws, neural_posterior, map, uniform, In 95 % ellipsoid, In 95 % interval"
-    return _markdown(heads.split(", "), rows, left=1)
+        errors = [_number(table[f"cos {name}"].mean()) for name in ("neural", "map", "uniform")]
+        rows[scenario] = [str(table.iloc[0, 0]).split()[-1], *errors, *shares]
+    heads = "Draws, neural_posterior, map, uniform, In 95 % ellipsoid, In 95 % interval"
+    found = pd.DataFrame.from_dict(rows, orient="index", columns=heads.split(", "))
+    return found.rename_axis("scenario")
 
 
-def learned_online() -> str:
-    """Predictions while samples come in, of what is learned and what is not."""
-    columns: Columns = {"Scenario": "scenario", "Prediction by": "estimator"}
-    columns |= {"Cosine error": "cosine_error", "Error in 1 s [m]": "fde_1s"}
-    columns |= {"Error in 3 s [m]": _interval_of("fde_3s"), "ms": "latency_50"}
-    return _table(_csv("learned", "online_summary"), columns)
-
-
-def online() -> str:
+def online() -> pd.DataFrame:
     """Median errors of predictions 3 s ahead while samples come in, by road."""
+    table = _csv("online", "summary").rename(columns={"scenario": "road"})
+    wide = _pivot(table, _cells(table, "fde_3s[]"), "road")
     names = ["map", "kkt_constrained", "uniform", "true_weights"]
-    names += ["constant_velocity", "stock", "stock_fitted"]
-    table = _csv("online", "summary")
-    table["shown"] = [_interval_of("fde_3s")(row) for row in table.to_dict("records")]
-    wide = table.pivot_table("shown", "scenario", "estimator", aggfunc="first", sort=False)
-    return _wide(["Road"], wide[names])
+    return wide[[*names, "constant_velocity", "stock", "stock_fitted"]]
 
 
-def online_tests() -> str:
+def tests_online(study: str) -> pd.DataFrame:
     """Errors over those of constant velocity and of fitted drivers, and the time to be sure."""
-    return _tests_online("online")
-
-
-def _tests_online(study: str) -> str:
-    table, summary = _csv(study, "comparisons"), _csv(study, "summary")
+    table, summary = _csv(study, "comparisons"), _csv(study, "summary").set_index("scenario")
     table["pair"] = table["estimator"] + " / " + table["other"]
-    pairs = table[["ratio", "p_holm"]].itertuples(index=False)
-    table["shown"] = [f"{_number(ratio)} (p {_chance(p)})" for ratio, p in pairs]
-    wide = table.pivot_table("shown", "scenario", "pair", aggfunc="first", sort=False)
-    known = summary[summary["estimator"] == "map"].to_dict("records")
-    shown = _interval_of("half_time")
-    half = pd.Series([shown(row) for row in known], [row["scenario"] for row in known])
-    return _wide(["Road"], wide.assign(**{"Half time of map [s]": half}))
+    table = table.rename(columns={"scenario": "road"})
+    wide = _pivot(table, _pairs(table, "{} (p {})", "ratio", "p_holm"), "road", "pair")
+    known = summary[summary["estimator"] == "map"]
+    half = pd.Series(_cells(known, "half_time[]"), known.index)
+    return wide.assign(**{"Half time of map [s]": half})
 
 
-def drives() -> str:
-    """What became of drives among Nash traffic, by road and planner."""
-    return _drives("nash")
-
-
-def stock_drives() -> str:
-    """What became of drives among HighwayEnv's own drivers, by road and planner."""
-    return _drives("stock")
-
-
-def _drives(traffic: str) -> str:
-    def regret(row: Row) -> str:
-        value, low, high = (100 * row[f"regret{end}"] for end in ("", "_low", "_high"))
-        return f"{value:.2f}" + ("" if math.isnan(low) else f" [{low:.2f}, {high:.2f}]")
-
+def drives(traffic: str) -> pd.DataFrame:
+    """What became of drives, by road and planner."""
     table = _csv("driving", "summary")
-    columns: Columns = {"Road": "road", "Planner": "planner"}
-    columns |= {"Drives": lambda row: str(row["drives"])}
-    columns |= {"Collisions": lambda row: _exact(row["collision"], int(row["drives"]))}
-    columns |= {"Regret [%]": regret, "Progress [m]": "progress", "Jerk [m/s^3]": "jerk"}
-    columns |= {"Error in 3 s [m]": "fde_3s", "Cycle [ms]": "cycle_50", "99 % [ms]": "cycle_99"}
-    return _table(table[table["traffic"] == traffic], columns)
+    table = table[table["traffic"] == traffic]
+    shares = zip(table["collision"], table["drives"], strict=True)
+    table = table.assign(collisions=[_exact(*one) for one in shares])
+    for end in ("", "_low", "_high"):
+        table[f"regret{end}"] *= 100
+    columns = "drives collisions regret[.2f] progress jerk fde_3s cycle_50 cycle_99"
+    return _rows(table, "road planner", columns)
 
 
-def drive_tests() -> str:
+def drive_tests() -> pd.DataFrame:
     """Paired differences of planners of the game to those that know nothing of the others."""
     heads = {"collision": "Collisions [%]", "cost": "Cost [%]", "fde_3s": "Error in 3 s [m]"}
     table = _csv("driving", "tests")
@@ -382,105 +310,138 @@ def drive_tests() -> str:
     table = table[(table["traffic"] == "nash") & players]
     table["pair"] = table["column"].map(heads) + ", less " + table["other"]
     table.loc[table["column"] != "fde_3s", "difference"] *= 100
-    numbers = table[["difference", "p_holm"]].itertuples(index=False)
-    table["shown"] = [f"{_number(difference)} (p {_chance(p)})" for difference, p in numbers]
+    cells = _pairs(table, "{} (p {})", "difference", "p_holm")
     rivals = ("uniform", "constant_velocity")
     pairs = [f"{head}, less {other}" for head in heads.values() for other in rivals]
-    wide = table.pivot_table("shown", ["road", "planner"], "pair", aggfunc="first", sort=False)
-    return _wide(["Road", "Planner"], wide.reindex(columns=pairs).fillna("–"))
+    return _pivot(table, cells, ["road", "planner"], "pair").reindex(columns=pairs).fillna("–")
 
 
-TABLES: dict[str, Callable[[], str]] = {
-    name: found
-    for name, found in list(globals().items())
-    if getattr(found, "__module__", "") == __name__ and name[0] != "_" and name != "filled"
+_ALL = "scenario sensor estimator"
+_ERRORS = "position_error_median cosine_error_median"
+_GAINS = "sigma trials posterior kkt_constrained map ridge uniform ratio[.2f] p_holm"
+TABLES: dict[str, Callable[[], pd.DataFrame]] = {
+    "paper": lambda: _rows(
+        _board("paper").sort_values(
+            ["scenario", "sensor", "position_error_median"], ascending=[False, True, True]
+        ),
+        *(_ALL, f"{_ERRORS} limit_ratio failures ms"),
+    ),
+    "roads": lambda: _rows(
+        _roads(unknown=False),
+        "road estimator",
+        "score position_error_median held_out_error_median cosine_error_median covers_truth_share "
+        "failures ms",
+    ),
+    "roads_unknown": lambda: _rows(
+        _roads(unknown=True),
+        "road estimator",
+        "score position_error_median parameter_error_median cosine_error_median failures ms",
+    ).rename(columns={"Parameter error": "Error of target speeds [deviations]"}),
+    "prediction_tests": lambda: tests_online("predictions"),
+    "parameters": lambda: _rows(
+        _board("parameters").dropna(subset="cosine_error_median"),
+        *(_ALL, "cosine_error_median parameter_error_median covers_parameters_share failures ms"),
+    ),
+    "regions": lambda: levels("{}, {}", "covered", "width"),
+    "levels": lambda: levels("{}, {}, {}", "p_uniform", "p_weights", "p_tarp"),
+    "scores": lambda: _rows(
+        _in_order(_csv("calibration", "leaderboard")).assign(failures=_parts),
+        _ALL,
+        "energy_score_median crps_median held_out_log_score_median cosine_error_mean failures",
+    ),
+    "gains": lambda: _rows(_csv("calibration", "posterior_gains"), "scenario sensor", _GAINS),
+    "learned": lambda: _rows(
+        _in_order(_board("learned")),
+        *(_ALL, f"{_ERRORS} covers_truth_share energy_score_median failures ms"),
+    ),
+    "learned_online": lambda: _rows(
+        _csv("learned", "online_summary").rename(columns={"estimator": "by"}),
+        *("scenario by", "cosine_error fde_1s fde_3s[] latency_50"),
+    ),
+    "online_tests": lambda: tests_online("online"),
+    "drives": lambda: drives("nash"),
+    "stock_drives": lambda: drives("stock"),
 }
+_OTHERS = (
+    times, coverage, exponents, roads_errors, road_scores, recognised, predictions,
+    constrained, claims, posterior, identified, learned_errors, online, drive_tests,
+)  # fmt: skip
+TABLES |= {table.__name__: table for table in _OTHERS}
 
 
-def _csv(study: str, name: str) -> pd.DataFrame:
-    table = pd.read_csv(RESULTS / study / f"{name}.csv")
-    return table.rename(columns={"view": "sensor"})  # its name in tables before version 0.1
+# ------------------------------------------------------------------------------------------ cells
 
 
-def _board(study: str) -> pd.DataFrame:
-    return _csv(study, "leaderboard")
+def _rows(table: pd.DataFrame, labels: str, columns: str) -> pd.DataFrame:
+    """A line for each row: columns as text, behind the labels."""
+    cells = {name.partition("[")[0]: _cells(table, name) for name in columns.split()}
+    shown = pd.DataFrame(cells, pd.MultiIndex.from_frame(table[labels.split()]))
+    return shown.rename(columns=_head)
 
 
-def _calibration() -> pd.DataFrame:
-    """Rows of ``calibration.csv``, the best known kinds of regions first."""
-    return _in_order(_csv("calibration", "calibration"))
+def _pivot(
+    table: pd.DataFrame, cells: list[str], index: str | list[str], columns: str = "estimator"
+) -> pd.DataFrame:
+    """One cell of each row, by labels in the order of the table."""
+    told = table.assign(cell=cells)
+    return told.pivot_table("cell", index, columns, aggfunc="first", sort=False)
 
 
-def _in_order(table: pd.DataFrame) -> pd.DataFrame:
-    order = {name: place for place, name in enumerate(estimator_order(list(table["estimator"])))}
-    table = table.assign(place=table["estimator"].map(order))
-    return table.sort_values(["scenario", "sensor", "place"], kind="stable")
-
-
-def _by_level(table: pd.DataFrame, cells: list[str]) -> str:
+def _by_level(table: pd.DataFrame, cells: list[str]) -> pd.DataFrame:
     """A row for each scenario, sensor and perhaps estimator, a column for each noise level.
 
     Scenarios have noise levels of their own, which are named with them.
     """
-    keys = [key for key in _PLACE.values() if key in table]
-    sigmas = {str(name): sorted(own["sigma"].unique()) for name, own in table.groupby("scenario")}
-    most = max(map(len, sigmas.values()))
-    rows = []
-    for labels, group in table.assign(cell=cells).groupby(keys, sort=False):
-        place = [str(label) for label in labels]
-        told = sigmas[place[0]]
-        cell = dict(zip(group["sigma"], group["cell"], strict=True))
-        noise = ", ".join(f"{sigma:g}" for sigma in told)
-        shown = [cell.get(sigma, "–") for sigma in told] + ["–"] * (most - len(told))
-        rows.append([f"{place[0]}: {noise} m", *place[1:], *shown])
-    heads = [str(key).capitalize() for key in keys]
-    heads += ["Least noise", *(["More"] * (most - 2)), "Most"][:most]
-    return _markdown(heads, rows, left=len(keys))
+    keys = [key for key in PLACE if key in table]
+    levels = table.groupby("scenario")["sigma"].unique().map(sorted)
+    places = [
+        levels[name].index(sigma)
+        for name, sigma in zip(table["scenario"], table["sigma"], strict=True)
+    ]
+    noise = {name: ", ".join(f"{sigma:g}" for sigma in own) for name, own in levels.items()}
+    told = table["scenario"].map(lambda name: f"{name}: {noise[name]} m")
+    wide = _pivot(table.assign(scenario=told, level=places), cells, keys, "level")
+    heads = ["Least noise", *(["More"] * (wide.shape[1] - 2)), "Most"][: wide.shape[1]]
+    return wide.sort_index(axis=1).fillna("–").set_axis(heads, axis=1)
 
 
-def _table(table: pd.DataFrame, columns: Columns, left: int = 0) -> str:
-    """A line for each row; columns of texts are first, and stand on the left."""
-    rows = table.to_dict("records")
-    left = left or sum(isinstance(rows[0].get(how), str) for how in columns.values())
-    lines = ([_cell(row, how) for how in columns.values()] for row in rows)
-    return _markdown(list(columns), lines, left)
-
-
-def _cell(row: Row, how: str | Callable[[Row], str]) -> str:
-    if callable(how):
-        return how(row)
-    value = row[how]
-    if isinstance(value, str):
-        return value
-    return _share(value) if how.endswith("_share") else _number(value)
-
-
-def _wide(heads: list[str], wide: pd.DataFrame, left: int = 0) -> str:
-    """A line for each row of texts, after the labels of its index."""
-    labels = [label if isinstance(label, tuple) else (label,) for label in wide.index]
-    rows = [[*map(str, label), *row] for label, row in zip(labels, wide.to_numpy(), strict=True)]
-    return _markdown([*heads, *map(str, wide.columns)], rows, left or len(heads))
-
-
-def _markdown(heads: list[str], rows: Iterable[list[str]], left: int) -> str:
-    rule = ["---" if k < left else "---:" for k in range(len(heads))]
+def _markdown(table: pd.DataFrame) -> str:
+    """A table of texts; labels stand on the left."""
+    labels, rows = table.index.nlevels, table.reset_index().astype(str).to_numpy()
+    heads = [_head(str(name)) for name in table.index.names] + list(map(str, table.columns))
+    rule = ["---" if k < labels else "---:" for k in range(len(heads))]
     cells = [[cell.replace("_", r"\_") for cell in row] for row in (heads, *rows)]
     return "\n".join(f"| {' | '.join(row)} |" for row in (cells[0], rule, *cells[1:]))
 
 
-def _interval_of(name: str, interval: bool = True) -> Callable[[Row], str]:
-    """A value, with its interval."""
-
-    def shown(row: Row) -> str:
-        value, low, high = (_number(row.get(f"{name}{end}", 0)) for end in ("", "_low", "_high"))
-        return f"{value} [{low}, {high}]" if interval else value
-
-    return shown
+def _head(name: str) -> str:
+    usual = name.removesuffix("_median").replace("_", " ")
+    return HEADS.get(name, usual[:1].upper() + usual[1:])
 
 
-def _exact(share: float, trials: int) -> str:
+def _pairs(table: pd.DataFrame, form: str, *names: str) -> list[str]:
+    """Several columns in one text."""
+    columns = [_cells(table, name) for name in names]
+    return [form.format(*row) for row in zip(*columns, strict=True)]
+
+
+def _cells(table: pd.DataFrame, name: str) -> list[str]:
+    """A column as texts; with ``[]``, or a format in it, intervals as well."""
+    name, _, form = name.partition("[")
+    if form:
+        show = _number if form == "]" else f"{{:{form[:-1]}}}".format
+        ends = zip(*(table[f"{name}{end}"] for end in ("", "_low", "_high")), strict=True)
+        return [
+            show(value) + ("" if math.isnan(low) else f" [{show(low)}, {show(high)}]")
+            for value, low, high in ends
+        ]
+    show = _share if name.endswith("_share") else _chance if name[:2] == "p_" else _number
+    return [value if isinstance(value, str) else show(value) for value in table[name]]
+
+
+def _exact(share: float, trials: float) -> str:
     """A share with its exact 95 % interval (Clopper and Pearson)."""
-    bounds = binomtest(round(share * trials), trials).proportion_ci(0.95, method="exact")
+    bounds = binomtest(round(share * trials), int(trials)).proportion_ci(0.95, method="exact")
     return f"{share:.0%} [{100 * bounds.low:.0f}, {100 * bounds.high:.0f}]"
 
 
@@ -500,17 +461,6 @@ def _number(value: float) -> str:
     if abs(value) < 1e-9:
         return "0"
     return f"{value:.0f}" if abs(value) >= 99.5 else f"{float(f'{value:.2g}'):g}"
-
-
-def main() -> None:
-    """Rewrite the pages whose tables have changed."""
-    for name in PAGES:
-        path = ROOT / name
-        before = path.read_text(encoding="utf-8")
-        after = filled(before)
-        if after != before:
-            path.write_text(after, encoding="utf-8")
-            print(f"{name}: tables updated")
 
 
 if __name__ == "__main__":

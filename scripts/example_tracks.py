@@ -10,7 +10,6 @@ fifth car comes into view late. These files contain no licensed data.
 """
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,118 +33,79 @@ DECIMALS = 6
 LANES = (0.0, 4.0, 8.0, 12.0)  # [m], y of HighwayEnv's lanes
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Samples of all cars, one row each: time, car (from 1 on), x, y, heading, speed, vx, vy."""
+def sampled(times: np.ndarray, states: np.ndarray, rate: float) -> pd.DataFrame:
+    """A row for each car and sample: cubic splines through states (T, N, 4), at ``rate`` [Hz].
 
-    rows: pd.DataFrame
-
-    @classmethod
-    def of(cls, times: np.ndarray, states: np.ndarray, rate: float) -> "Motion":
-        """Cubic splines through states (T, N, 4), sampled at ``rate`` [Hz]."""
-        at = np.arange(round((times[-1] - times[0]) * rate) + 1) / rate
-        smooth = CubicSpline(times - times[0], states)(at)
-        frames = []
-        for i in range(states.shape[1]):
-            x, y, heading, speed = smooth[:, i].T
-            frame = pd.DataFrame({"time": at, "car": i + 1, "x": x, "y": y})
-            frame = frame.assign(heading=heading, speed=speed)
-            seen = at >= LATE - 1e-9 if i + 1 == states.shape[1] else at >= 0
-            frames.append(frame[seen])
-        rows = pd.concat(frames, ignore_index=True)
-        rows["frame"] = np.rint(rows["time"] * rate).astype(int)
-        rows["vx"] = rows["speed"] * np.cos(rows["heading"])
-        rows["vy"] = rows["speed"] * np.sin(rows["heading"])
-        return cls(rows)
+    Columns are time, frame, car (from 1 on), x, y, heading, speed, vx and vy.
+    """
+    at = np.arange(round((times[-1] - times[0]) * rate) + 1) / rate
+    smooth = CubicSpline(times - times[0], states)(at)
+    frames = []
+    for i in range(states.shape[1]):
+        frame = pd.DataFrame(smooth[:, i], columns=["x", "y", "heading", "speed"])
+        frame = frame.assign(time=at, car=i + 1)
+        frames.append(frame[at >= LATE - 1e-9] if i + 1 == states.shape[1] else frame)
+    rows = pd.concat(frames, ignore_index=True)
+    rows["frame"] = np.rint(rows["time"] * rate).astype(int)
+    rows["vx"] = rows["speed"] * np.cos(rows["heading"])
+    rows["vy"] = rows["speed"] * np.sin(rows["heading"])
+    return rows
 
 
-def write_highd(folder: Path, rows: pd.DataFrame) -> None:
-    """Write highD: 25 frames per second, upper left corners of boxes."""
-    table = {
-        "frame": rows["frame"] + 1,
-        "id": rows["car"],
-        "x": rows["x"] - CAR_LENGTH / 2,
-        "y": rows["y"] - CAR_WIDTH / 2,
-        "width": CAR_LENGTH,
-        "height": CAR_WIDTH,
-        "xVelocity": rows["vx"],
-        "yVelocity": rows["vy"],
+def highd(rows: pd.DataFrame) -> dict[str, Any]:
+    """25 frames per second, upper left corners of boxes."""
+    return {
+        **{"frame": rows["frame"] + 1, "id": rows["car"]},
+        **{"x": rows["x"] - CAR_LENGTH / 2, "y": rows["y"] - CAR_WIDTH / 2},
+        **{"width": CAR_LENGTH, "height": CAR_WIDTH},
+        **{"xVelocity": rows["vx"], "yVelocity": rows["vy"]},
     }
-    _write(folder / "highd_tracks.csv", table)
-    markings = ";".join(f"{lane - 2:g}" for lane in LANES) + f";{LANES[-1] + 2:g}"
-    text = f"id,frameRate,upperLaneMarkings,lowerLaneMarkings\n1,25,,{markings}\n"
-    (folder / "highd_recordingMeta.csv").write_text(text)
+
+
+def ind(rows: pd.DataFrame) -> dict[str, Any]:
+    """Centres, and headings in degrees."""
+    return {
+        **{"recordingId": 1, "trackId": rows["car"], "frame": rows["frame"]},
+        **{"xCenter": rows["x"], "yCenter": rows["y"]},
+        "heading": np.rad2deg(rows["heading"]) % 360,
+        **{"width": CAR_WIDTH, "length": CAR_LENGTH},
+        **{"xVelocity": rows["vx"], "yVelocity": rows["vy"]},
+    }
+
+
+def ngsim(rows: pd.DataFrame) -> dict[str, Any]:
+    """Feet, and the centre of the front."""
+    return {
+        **{"Vehicle_ID": rows["car"], "Frame_ID": rows["frame"] + 1},
+        "Global_Time": 1118846980200 + 100 * rows["frame"],
+        **{"Local_X": rows["y"] / FOOT, "Local_Y": (rows["x"] + CAR_LENGTH / 2) / FOOT},
+        **{"v_Length": CAR_LENGTH / FOOT, "v_Width": CAR_WIDTH / FOOT},
+        "v_Vel": rows["speed"] / FOOT,
+        "Lane_ID": np.abs(rows["y"].to_numpy()[:, None] - LANES).argmin(axis=1) + 1,
+    }
+
+
+def interaction(rows: pd.DataFrame) -> pd.DataFrame:
+    """Milliseconds, and a second case with the same names of cars."""
+    frame = rows["frame"] + 1
+    columns = {
+        **{"case_id": 1.0, "track_id": rows["car"], "frame_id": frame},
+        **{"timestamp_ms": 100 * frame, "agent_type": "car"},
+        **{name: rows[name] for name in ("x", "y", "vx", "vy")},
+        **{"psi_rad": rows["heading"], "length": CAR_LENGTH, "width": CAR_WIDTH},
+    }
+    table = pd.DataFrame(columns)
+    return pd.concat([table, table[table["frame_id"] <= 4].assign(case_id=2.0)])
 
 
 def write_highd_targets(folder: Path) -> None:
     """Write the targets of ``highway.toml`` for the cars and the lanes of highD."""
-    known = read_road_file(folder / "highway.toml")
-    players = {
-        str(k): PlayerEntry(
-            targets=entry.targets,
-            lanes=[f"lower_{int(name[-1]) + 1}" for name in entry.lanes or []],
-        )
-        for k, entry in enumerate(known.players.values(), start=1)
-    }
+    known, players = read_road_file(folder / "highway.toml"), {}
+    for k, entry in enumerate(known.players.values(), start=1):
+        lanes = [f"lower_{int(name[-1]) + 1}" for name in entry.lanes or []]
+        players[str(k)] = PlayerEntry(targets=entry.targets, lanes=lanes)
     road = RoadFile(scenario=known.scenario, players=players)
     write_road_file(folder / "highd_tracks.toml", road)
-
-
-def write_ind(folder: Path, rows: pd.DataFrame) -> None:
-    """Write inD: centres, and headings in degrees."""
-    table = {
-        "recordingId": 1,
-        "trackId": rows["car"],
-        "frame": rows["frame"],
-        "xCenter": rows["x"],
-        "yCenter": rows["y"],
-        "heading": np.rad2deg(rows["heading"]) % 360,
-        "width": CAR_WIDTH,
-        "length": CAR_LENGTH,
-        "xVelocity": rows["vx"],
-        "yVelocity": rows["vy"],
-    }
-    _write(folder / "ind_tracks.csv", table)
-    (folder / "ind_recordingMeta.csv").write_text("recordingId,frameRate\n1,10\n")
-
-
-def write_ngsim(folder: Path, rows: pd.DataFrame) -> None:
-    """Write NGSIM: feet, and the centre of the front."""
-    lane = np.abs(rows["y"].to_numpy()[:, None] - LANES).argmin(axis=1) + 1
-    table = {
-        "Vehicle_ID": rows["car"],
-        "Frame_ID": rows["frame"] + 1,
-        "Global_Time": 1118846980200 + 100 * rows["frame"],
-        "Local_X": rows["y"] / FOOT,
-        "Local_Y": (rows["x"] + CAR_LENGTH / 2) / FOOT,
-        "v_Length": CAR_LENGTH / FOOT,
-        "v_Width": CAR_WIDTH / FOOT,
-        "v_Vel": rows["speed"] / FOOT,
-        "Lane_ID": lane,
-    }
-    _write(folder / "ngsim.csv", table)
-
-
-def write_interaction(folder: Path, rows: pd.DataFrame) -> None:
-    """Write INTERACTION: milliseconds, and a second case with the same names of cars."""
-    table = pd.DataFrame(
-        {
-            "case_id": 1.0,
-            "track_id": rows["car"],
-            "frame_id": rows["frame"] + 1,
-            "timestamp_ms": 100 * (rows["frame"] + 1),
-            "agent_type": "car",
-            "x": rows["x"],
-            "y": rows["y"],
-            "vx": rows["vx"],
-            "vy": rows["vy"],
-            "psi_rad": rows["heading"],
-            "length": CAR_LENGTH,
-            "width": CAR_WIDTH,
-        }
-    )
-    other = table[table["frame_id"] <= 4].assign(case_id=2.0)
-    _write(folder / "interaction.csv", pd.concat([table, other]))
 
 
 def write_sumo(folder: Path, rows: pd.DataFrame) -> None:
@@ -205,20 +165,23 @@ def write_lanelet2(folder: Path) -> None:
     (folder / "interaction.osm").write_text("\n".join(lines))
 
 
-def _write(path: Path, table: dict[str, Any] | pd.DataFrame) -> None:
-    pd.DataFrame(table).round(DECIMALS).to_csv(path, index=False)
-
-
 def write_all(folder: Path) -> None:
     """Write all files beside the folder's ``highway.csv``."""
     known = read_tracks(folder / "highway.csv").recording
-    times, states = known.times[0], known.states[0]
-    often, tenths = Motion.of(times, states, 25).rows, Motion.of(times, states, 10).rows
-    write_highd(folder, often)
+    often, tenths = (sampled(known.times[0], known.states[0], rate) for rate in (25, 10))
+    tables: dict[str, Any] = {
+        "highd_tracks": highd(often),
+        "ind_tracks": ind(tenths),
+        "ngsim": ngsim(tenths),
+        "interaction": interaction(tenths),
+    }
+    for name, table in tables.items():
+        pd.DataFrame(table).round(DECIMALS).to_csv(folder / f"{name}.csv", index=False)
+    markings = ";".join(f"{lane - 2:g}" for lane in LANES) + f";{LANES[-1] + 2:g}"
+    text = f"id,frameRate,upperLaneMarkings,lowerLaneMarkings\n1,25,,{markings}\n"
+    (folder / "highd_recordingMeta.csv").write_text(text)
+    (folder / "ind_recordingMeta.csv").write_text("recordingId,frameRate\n1,10\n")
     write_highd_targets(folder)
-    write_ind(folder, tenths)
-    write_ngsim(folder, tenths)
-    write_interaction(folder, tenths)
     write_lanelet2(folder)
     write_sumo(folder, tenths)
     write_commonroad(folder / "commonroad.xml", Episode.of(known, 0))

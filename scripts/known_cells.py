@@ -51,15 +51,13 @@ def main(run: Path, out: Path = FOLDER) -> None:
 
 def _covered(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
     judged = rows[(rows["estimator"] == MLE) & rows["covers_truth"].notna()]
-    for cell, own in judged.groupby(CELL):
-        yield dict(zip(CELL, cell, strict=True)) | _share(own["covers_truth"])
-    yield {"scenario": "all", "sensor": "", "sigma": np.nan} | _share(judged["covers_truth"])
-
-
-def _share(holds: pd.Series) -> dict[str, Any]:
-    count, number = int(holds.sum()), len(holds)
-    exact = binomtest(count, number).proportion_ci()
-    return {"trials": number, "covered": count / number, "low": exact.low, "high": exact.high}
+    whole = {"scenario": "all", "sensor": "", "sigma": np.nan}
+    cells = [(dict(zip(CELL, cell, strict=True)), own) for cell, own in judged.groupby(CELL)]
+    for place, own in [*cells, (whole, judged)]:
+        count, number = int(own["covers_truth"].sum()), len(own)
+        exact = binomtest(count, number).proportion_ci()
+        share = {"covered": count / number, "low": exact.low, "high": exact.high}
+        yield place | {"trials": number} | share
 
 
 def _gains(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -69,31 +67,25 @@ def _gains(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
     for cell, own in wide.groupby(level=CELL):
         means = own.mean()
         best = str(means[list(RIVALS)].idxmin())
-        low, high = _interval(own["posterior"], own[best])
+        interval = bootstrap(
+            (own["posterior"].to_numpy(), own[best].to_numpy()),
+            lambda a, b, axis: a.mean(axis=axis) / b.mean(axis=axis),
+            paired=True,
+            vectorized=True,
+            n_resamples=SAMPLES,
+            method="percentile",
+            rng=np.random.default_rng(0),
+        ).confidence_interval
         yield dict(zip(CELL, cell, strict=True)) | {
             "trials": len(own),
             "not_converged": int((poor[CELL] == list(cell)).all(axis=1).sum()),
-            **{name: means[name] for name in ("posterior", *RIVALS)},
+            **means,
             "best": best,
             "ratio": means["posterior"] / means[best],
-            "ratio_low": low,
-            "ratio_high": high,
+            "ratio_low": interval.low,
+            "ratio_high": interval.high,
             "p": wilcoxon(own["posterior"] - own[MLE], alternative="less").pvalue,
         }
-
-
-def _interval(first: pd.Series, second: pd.Series) -> tuple[float, float]:
-    """Of the ratio of two means of the same trials."""
-    found = bootstrap(
-        (first.to_numpy(), second.to_numpy()),
-        lambda a, b, axis: a.mean(axis=axis) / b.mean(axis=axis),
-        paired=True,
-        vectorized=True,
-        n_resamples=SAMPLES,
-        method="percentile",
-        rng=np.random.default_rng(0),
-    ).confidence_interval
-    return float(found.low), float(found.high)
 
 
 if __name__ == "__main__":

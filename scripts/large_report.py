@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
+from itertools import islice, product
 from pathlib import Path
 
 import shared
@@ -65,57 +66,44 @@ def main(
 
 def _fill(folder: Path, suite: Suite, table: Path, count: int, copies: int) -> None:
     """Store rows of a suite, with its metrics and its provenance."""
-    labels = {e.label: [_copied(e.label, k) for k in range(copies)] for e in suite.scenarios}
-    entries = [
+    labels = {
+        entry.label: [f"{entry.label} {k + 1}" if k else entry.label for k in range(copies)]
+        for entry in suite.scenarios
+    }
+    entries = (
         entry.model_copy(update={"label": label})
         for entry in suite.scenarios
         for label in labels[entry.label]
-    ]
-    suite = suite.model_copy(update={"scenarios": tuple(entries)})
-    source = provenance(
-        suite=suite.model_dump_json(),
-        suite_text="",
-        selection=Selection(),
-        seeds=suite.seeds,
-        executor="rows repeated",
     )
+    suite = suite.model_copy(update={"scenarios": tuple(entries)})
+    told = {"suite": suite.model_dump_json(), "suite_text": "", "executor": "rows repeated"}
     with open_store(folder) as store:
-        store.begin_run(source, [])
+        store.begin_run(provenance(selection=Selection(), seeds=suite.seeds, **told), [])
     known = pd.read_parquet(table)
     metrics = sorted(entry.column for entry in suite.metrics if entry.column in known)
-    columns = COLUMNS | dict.fromkeys(metrics, "REAL")
+    columns, sums = COLUMNS | dict.fromkeys(metrics, "REAL"), Checksums(metrics)
     names, places = quoted((*columns, "checksum")), ", ".join("?" * (len(columns) + 1))
-    sums = Checksums(metrics)
     with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
         connection.create_function("checksum", -1, checksum)
         add_metric_columns(connection, metrics)
         rows = _rows(known.reindex(columns=list(columns)), count, labels)
         stored = (tuple(map(as_stored, row, columns.values())) for row in rows)
-        connection.executemany(
-            f"INSERT INTO trials ({names}) VALUES ({places})",
-            ((*row, sums.of(row)) for row in stored),
-        )
-
-
-def _copied(label: str, number: int) -> str:
-    return f"{label} {number + 1}" if number else label
+        insert = f"INSERT INTO trials ({names}) VALUES ({places})"
+        connection.executemany(insert, ((*row, sums.of(row)) for row in stored))
 
 
 def _rows(
     known: pd.DataFrame, count: int, labels: Mapping[str, Sequence[str]]
 ) -> Iterator[tuple[object, ...]]:
+    """Rows of a table, over and over: each copy has another label, or other noise draws."""
     for name in set(NESTED) & set(known):
         texts = [None if w is None else json.dumps(np.stack(w).tolist()) for w in known[name]]
         known = known.assign(**{name: pd.Series(texts, known.index, dtype=object)})
     templates = known.astype(object).where(known.notna(), None).to_dict("records")
-    for number in range(count):
-        copy, place = divmod(number, len(templates))
-        row = templates[place]
+    for copy, row in islice(product(range(count), templates), count):
         names = labels[row["scenario"]]
-        # Each copy has another label, or other noise draws.
-        other = {"scenario": names[copy % len(names)]}
-        other |= {"seed": row["seed"] + SEEDS * (copy // len(names))}
-        yield tuple((row | other).values())
+        seed = row["seed"] + SEEDS * (copy // len(names))
+        yield tuple((row | {"scenario": names[copy % len(names)], "seed": seed}).values())
 
 
 if __name__ == "__main__":

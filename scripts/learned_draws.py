@@ -34,7 +34,7 @@ DRAWS = {"two_player": 20_000, "highway_overtaking": 10_000}
 def main(
     scenario: Annotated[str, sorted(DRAWS)], draws: int | None = None, out: Path | None = None
 ) -> None:
-    """Draw, write, and print how many there are and what they cost."""
+    """Command line."""
     path = out or Path("runs/learned") / f"{scenario}.npz"
     write_draws(scenario, draws or DRAWS[scenario], path)
 
@@ -59,15 +59,14 @@ def write_draws(name: str, count: int, out: Path) -> None:
 
 def _drawn(name: str, index: int) -> Scenario:
     """The scenario with weights and starts of a draw."""
-    scenario = get_scenario(name, 0, weights=DIRICHLET)
-    rng = np.random.default_rng([_STREAM, index])
-    shape = scenario.weights.shape
-    errors = START_DEVIATIONS[name] * rng.standard_normal(scenario.initial_state.shape)
-    return replace(
-        scenario,
-        weights=rng.dirichlet(np.ones(shape[1]), shape[0]),
-        initial_state=scenario.initial_state + errors,
+    scenario, rng = (
+        get_scenario(name, 0, weights=DIRICHLET),
+        np.random.default_rng([_STREAM, index]),
     )
+    players, count = scenario.weights.shape
+    start = scenario.initial_state
+    start = start + START_DEVIATIONS[name] * rng.standard_normal(start.shape)
+    return replace(scenario, weights=rng.dirichlet(np.ones(count), players), initial_state=start)
 
 
 def _equilibrium(scenario: Scenario) -> np.ndarray | None:
@@ -75,9 +74,8 @@ def _equilibrium(scenario: Scenario) -> np.ndarray | None:
     found = solve_olne(scenario.game, scenario.weights, scenario.initial_state, search_far=True)
     limits = scenario.limits
     assert limits is not None, "worlds need limits"
-    played = (np.abs(found.controls) <= limits.controls).all() and (
-        np.abs(found.states) <= limits.states
-    ).all()
+    played = (np.abs(found.controls) <= limits.controls).all()
+    played &= (np.abs(found.states) <= limits.states).all()
     return found.states if found.certificate.passed and played else None
 
 

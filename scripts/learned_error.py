@@ -7,20 +7,21 @@ noise level: mean cosine errors, the mean energy score of samples, how often the
 the samples and their 95 % intervals hold the truth, and the median time of an estimate.
 """
 
-import time
 from collections.abc import Iterator
-from typing import Annotated
+from itertools import product
+from typing import Annotated, Any
 
 import shared
 import numpy as np
+import pandas as pd
 import scoringrules
+from noisy import noisy
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.neural_posterior import NeuralPosterior
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.games.model.observation import VIEWS, observe
 from olne_bench.games.solve.olne import solve_olne
 
 #: Noise levels of the suite ``calibration``.
@@ -32,38 +33,34 @@ COLUMNS = ("cos neural", "cos map", "cos uniform", "energy", "ellipsoid", "inter
 def main(scenario: Annotated[str, sorted(SIGMAS)], draws: int = 100) -> None:
     """Draw, estimate, print."""
     print("view sigma draws", *COLUMNS, sep=" | ")
-    found: dict[tuple[str, float], list[tuple[float, ...]]] = {}
-    for seed in range(FIRST, FIRST + draws):
-        for key, numbers in judged(scenario, seed):
-            found.setdefault(key, []).append(numbers)
-    for (view, sigma), rows in found.items():
-        means = [*np.mean(rows, axis=0)[:-1], np.median(rows, axis=0)[-1]]
-        print(f"{view} {sigma:g} {len(rows)}", *(f"{one:.3f}" for one in means), sep=" | ")
+    rows = [row for seed in range(FIRST, FIRST + draws) for row in judged(scenario, seed)]
+    for (view, sigma), own in pd.DataFrame(rows).groupby([0, 1], sort=False):
+        numbers = own.drop(columns=[0, 1])
+        means = [*numbers.mean()[:-1], numbers.median().iloc[-1]]
+        print(f"{view} {sigma:g} {len(own)}", *(f"{one:.3f}" for one in means), sep=" | ")
 
 
-def judged(name: str, seed: int) -> Iterator[tuple[tuple[str, float], tuple[float, ...]]]:
-    """View and noise level, and the numbers of ``COLUMNS``; nothing without an equilibrium."""
+def judged(name: str, seed: int) -> Iterator[tuple[Any, ...]]:
+    """View, noise level, and the numbers of ``COLUMNS``; nothing without an equilibrium."""
     scenario = get_scenario(name, seed, weights="dirichlet")
-    game, weights = scenario.game, scenario.weights
-    truth = solve_olne(game, weights, scenario.initial_state, search_far=True)
+    weights = scenario.weights
+    truth = solve_olne(scenario.game, weights, scenario.initial_state, search_far=True)
     if not truth.certificate.passed:
         return
     rng = np.random.default_rng(seed)
-    noise = rng.standard_normal(truth.states.shape)
-    for view in ("full", "partial"):
-        for sigma in SIGMAS[name]:
-            seen = observe(VIEWS[view], game.dynamics, truth.states + sigma * noise)
-            problem = Problem(game, VIEWS[view], sigma)
-            yield (view, sigma), numbers_of(problem, Observation(seen), weights, rng)
+    rng.standard_normal(truth.states.shape)  # the noise
+    for view, sigma in product(("full", "partial"), SIGMAS[name]):
+        given = noisy(scenario, truth.states, sigma, view, rng=seed)
+        yield view, sigma, *numbers_of(*given, weights, rng)
 
 
 def numbers_of(
     problem: Problem, seen: Observation, weights: np.ndarray, rng: np.random.Generator
 ) -> tuple[float, ...]:
     """The numbers of ``COLUMNS``."""
-    begin = time.perf_counter()
+    began = shared.clock()
     found = NeuralPosterior().estimate(problem, seen, rng=rng, budget=60.0)
-    took = time.perf_counter() - begin
+    took = shared.clock()[1] - began[1]
     best = Map().estimate(problem, seen, rng=rng, budget=60.0)
     assert found.samples is not None, "the network knows these scenarios"
     samples, truth = found.samples.reshape(len(found.samples), -1), weights.ravel()

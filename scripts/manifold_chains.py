@@ -1,34 +1,22 @@
 """Long Markov chains on a density of errors, as a reference for faster samplers.
 
-Steps are those of the simplified manifold Metropolis-adjusted Langevin algorithm (Girolami and
-Calderhead 2011). With F and its derivative J at a place (``posterior_density``), G = J' J:
+Every step of the chains has three parts. F and its derivative J are those at a place
+(``posterior_density``), G = J' J; a point without a game has a density of zero.
 
-    x' ~ N(x - h^2/2 G^-1 J' F, h^2 G^-1),
-
-accepted by Metropolis and Hastings. Every step of every chain has a length of its own, as bends
-need short ones and tails long ones: a log-normal number times a length that is adapted in the first
-half, which is not kept. A point without a game has a density of zero.
-
-These steps are short against a bent or a second mode. So after each, every chain takes one of
-differential evolution (ter Braak 2006), along the difference of two other chains a and b:
-
-    x' = x + length (a - b) + noise,
-
-symmetric, as a and b are of the other half of the chains. One in ten has the length 1, which leads
-from one mode to another.
-
-Both are short where a narrow valley bends. The third kind of step is taken in coordinates in which
-it is straight: with the Q of J = QR at an anchor, xi = Q' F(x) has the density
-pi(x) / |det Q' J(x)|, nearly a normal one (Bardsley et al. 2014), and
-
-    xi' = sqrt(1 - s^2) xi + s N(0, I)
-
-leaves the normal one as it is (Cotter et al. 2013). Newton's method finds x'. Anchors are the peaks
-and places that the first half of the chains has reached.
+1. The simplified manifold Metropolis-adjusted Langevin algorithm (Girolami and Calderhead 2011):
+   x' ~ N(x - h^2/2 G^-1 J' F, h^2 G^-1), with log-normal lengths h, as bends need short steps and
+   tails long ones. The scale of h is adapted in the first half, which is not kept.
+2. Differential evolution (ter Braak 2006), against bent and second modes: x' = x + length (a - b) +
+   noise, where a and b are two chains of the other half. One in ten steps has the length 1, which
+   leads from one mode to another.
+3. Against narrow valleys that bend, a step in coordinates in which they are straight: with the Q of
+   J = QR at an anchor, xi = Q' F(x) has the density pi(x) / |det Q' J(x)|, nearly a normal one
+   (Bardsley et al. 2014), which xi' = sqrt(1 - s^2) xi + s N(0, I) leaves as it is (Cotter et al.
+   2013). Newton's method finds x'. Anchors are the peaks and places of the first half.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 from tqdm import tqdm
@@ -52,37 +40,21 @@ _NEWTON, _SOLVED = 8, 1e-4
 _ACCEPTED, _LENGTH, _RATE, _SPREAD = 0.5, 0.8, 0.1, 1.0
 
 
-@dataclass(frozen=True)
-class Chains:
-    """The second half of all chains.
-
-    Attributes:
-        points: (C, S, d).
-        accepted: share of accepted straightened steps.
-    """
-
-    points: np.ndarray
-    accepted: float
-
-
 def run_chains(
-    density: Density,
-    peaks: list[Peak],
-    rng: np.random.Generator,
-    *,
-    count: int,
-    steps: int,
-    thin: int,
-) -> Chains:
-    """Chains that start around all peaks.
+    density: Density, peaks: list[Peak], rng: np.random.Generator, count: int, steps: int, thin: int
+) -> tuple[np.ndarray, float]:
+    """Chains that start around all peaks, by Laplace's approximation.
 
     Args:
         density: of what is sampled.
-        peaks: where chains start, by Laplace's approximation.
+        peaks: where chains start.
         rng: the source of randomness.
         count: number of chains.
         steps: of each chain; the first half is not kept.
         thin: one of so many points is kept.
+
+    Returns:
+        Points (C, S, d) of the second half, and the share of accepted straightened steps.
     """
     places, length, turn = _starts(density, peaks, count, rng), _LENGTH, _TURN
     anchors, half, kept, accepted = list(peaks), steps // 2, [], []
@@ -99,7 +71,7 @@ def run_chains(
             accepted.append(turned)
             if step % thin == 0:
                 kept.append(places.points.copy())
-    return Chains(np.stack(kept, axis=1), float(np.mean(accepted)))
+    return np.stack(kept, axis=1), float(np.mean(accepted))
 
 
 def _anchor(places: Places, rng: np.random.Generator) -> list[Peak]:
@@ -118,30 +90,43 @@ def _starts(density: Density, peaks: list[Peak], count: int, rng: np.random.Gene
         trial = density.reach(places.points + offsets, places)
         places.put(trial.possible, trial.at(trial.possible))
         found.append(places)
-    return _joined(found)
-
-
-def _joined(several: list[Places]) -> Places:
-    """All places, one after the other."""
     names = [field.name for field in fields(Places)]
-    return Places(*(np.concatenate([getattr(one, name) for one in several]) for name in names))
+    return Places(*(np.concatenate([getattr(one, name) for one in found]) for name in names))
 
 
 def _step(density: Density, places: Places, length: float, rng: np.random.Generator) -> float:
-    """One step of all chains, in place; the share that is accepted."""
+    """One Langevin step of all chains, in place; the share that is accepted."""
     lengths = length * np.exp(_SPREAD * rng.standard_normal(len(places)))
-    here = _Proposal.at(places, lengths)
+    means, roots = _proposal(places, lengths)
     noise = rng.standard_normal(places.points.shape)
-    trial = density.reach(here.draw(noise), places)
+    upper = np.swapaxes(roots, 1, 2)
+    trial = density.reach(means + np.linalg.solve(upper, noise[..., None])[..., 0], places)
     good = trial.possible.copy()
     if good.any():
-        back = _Proposal.at(trial.at(good), lengths[good])
+        back = _proposal(trial.at(good), lengths[good])
         gain = trial.log_density[good] - places.log_density[good]
-        gain += back.log_density(places.points[good])
-        gain -= here.log_density(trial.points)[good]
+        gain += _log_normal(*back, places.points[good])
+        gain -= _log_normal(means, roots, trial.points)[good]
         good[good] = np.log(rng.random(int(good.sum()))) < gain
         places.put(good, trial.at(good))
     return float(good.mean())
+
+
+def _proposal(places: Places, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where chains go: means (B, d), and roots L (B, d, d) of the precisions L L'."""
+    rows = np.stack(list(places.rows))
+    metric = np.swapaxes(rows, 1, 2) @ rows
+    slope = np.einsum("bod,bo->bd", rows, places.errors)
+    drift = np.linalg.solve(metric, slope[..., None])[..., 0]
+    means = places.points - lengths[:, None] ** 2 / 2 * drift
+    return means, np.linalg.cholesky(metric) / lengths[:, None, None]
+
+
+def _log_normal(means: np.ndarray, roots: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Log density (B,), less a constant, of points (B, d)."""
+    away = np.einsum("bij,bi->bj", roots, points - means)
+    volumes = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+    return np.asarray(volumes - np.sum(away**2, axis=1) / 2)
 
 
 def _evolve(density: Density, places: Places, rng: np.random.Generator) -> None:
@@ -207,31 +192,3 @@ def _followed(
         if not left.size:
             break
     return found, solved
-
-
-@dataclass(frozen=True)
-class _Proposal:
-    """Where chains go from places: means (B, d), and roots L (B, d, d) of the precisions L L'."""
-
-    means: np.ndarray
-    roots: np.ndarray
-
-    @classmethod
-    def at(cls, places: Places, lengths: np.ndarray) -> "_Proposal":
-        rows = np.stack(list(places.rows))
-        metric = np.swapaxes(rows, 1, 2) @ rows
-        slope = np.einsum("bod,bo->bd", rows, places.errors)
-        drift = np.linalg.solve(metric, slope[..., None])[..., 0]
-        means = places.points - lengths[:, None] ** 2 / 2 * drift
-        return cls(means, np.linalg.cholesky(metric) / lengths[:, None, None])
-
-    def draw(self, noise: np.ndarray) -> np.ndarray:
-        """Points (B, d) for standard normal numbers (B, d)."""
-        upper = np.swapaxes(self.roots, 1, 2)
-        return np.asarray(self.means + np.linalg.solve(upper, noise[..., None])[..., 0])
-
-    def log_density(self, points: np.ndarray) -> np.ndarray:
-        """Log density (B,), less a constant, of points (B, d)."""
-        away = np.einsum("bij,bi->bj", self.roots, points - self.means)
-        volumes = np.log(np.diagonal(self.roots, axis1=1, axis2=2)).sum(axis=1)
-        return np.asarray(volumes - np.sum(away**2, axis=1) / 2)

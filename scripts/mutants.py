@@ -24,13 +24,15 @@ import signal
 import subprocess
 import sys
 import time
-import types
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from contextlib import suppress
+from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from threading import get_ident
+from typing import NamedTuple
 
 import shared
 from cosmic_ray.ast import ast_nodes, get_ast
@@ -77,9 +79,6 @@ def mirror(module: str, root: Path = ROOT) -> tuple[str, ...]:
     return tuple(str(file.relative_to(root)) for file in names)
 
 
-# --------------------------------------------------------------------------------------- operators
-
-
 #: An operator is replaced by one of its kind. Any test would notice ``a << b`` on floats, and
 #: ``is`` for ``==`` makes no difference for the objects compared here.
 KINDS = (
@@ -91,36 +90,36 @@ KINDS = (
 
 
 def operators() -> dict[str, list[Operator]]:
-    """Return the possible mutations, as operators of cosmic-ray, by type of syntax."""
-    found: dict[str, list[Operator]] = {
-        "number": [NumberReplacer()],
-        "keyword": [
-            boolean_replacer.ReplaceTrueWithFalse(),
-            boolean_replacer.ReplaceFalseWithTrue(),
-            boolean_replacer.ReplaceAndWithOr(),
-            boolean_replacer.ReplaceOrWithAnd(),
-        ],
-        "operator": _of_a_kind(binary_operator_replacement),
-        "comparison": _of_a_kind(comparison_operator_replacement),
-    }
+    """The possible mutations, as operators of cosmic-ray, by type of syntax."""
+    truth = (
+        boolean_replacer.ReplaceTrueWithFalse,
+        boolean_replacer.ReplaceFalseWithTrue,
+        boolean_replacer.ReplaceAndWithOr,
+        boolean_replacer.ReplaceOrWithAnd,
+    )
+    families = binary_operator_replacement, comparison_operator_replacement
+    binary, comparison = (
+        [
+            one()
+            for one in family.operators()
+            if any(set(one.__name__.split("_")[-2:]) <= kind for kind in KINDS)
+        ]
+        for family in families
+    )
+    signs = ("USub_UAdd", "Delete_USub", "Delete_Not")
     unary = [
-        operator()
-        for operator in unary_operator_replacement.operators()
-        if operator.__name__.endswith(("USub_UAdd", "Delete_USub", "Delete_Not"))
+        one() for one in unary_operator_replacement.operators() if one.__name__.endswith(signs)
     ]
     # The types share one object, as places are counted by operator.
-    for types_of_syntax, of_them in (
-        (("if_stmt", "while_stmt", "assert_stmt", "test"), [boolean_replacer.AddNot()]),
-        (("factor", "not_test"), unary),
-    ):
-        found |= dict.fromkeys(types_of_syntax, of_them)
-    return found
-
-
-def _of_a_kind(family: types.ModuleType) -> list[Operator]:
-    """Return the operators of a family that stay within one of ``KINDS``."""
-    changes = [(set(one.__name__.split("_")[-2:]), one) for one in family.operators()]
-    return [one() for change, one in changes if any(change <= kind for kind in KINDS)]
+    negation: list[Operator] = [boolean_replacer.AddNot()]
+    return {
+        "number": [NumberReplacer()],
+        "keyword": [one() for one in truth],
+        "operator": binary,
+        "comparison": comparison,
+        **dict.fromkeys(("if_stmt", "while_stmt", "assert_stmt", "test"), negation),
+        **dict.fromkeys(("factor", "not_test"), unary),
+    }
 
 
 # ------------------------------------------------------------------------------------------ places
@@ -140,7 +139,7 @@ Position = tuple[int, int]
 
 
 def skipped(source: str) -> list[tuple[Position, Position]]:
-    """Return the ranges of a module's text that are not mutated.
+    """The ranges of a module's text that are not mutated.
 
     These are annotations and aliases of types, ``__all__``, ``if TYPE_CHECKING``, messages
     (arguments of errors, prints, warnings and logs), and the arguments of ``WITHOUT_EFFECT``.
@@ -148,59 +147,55 @@ def skipped(source: str) -> list[tuple[Position, Position]]:
     """
     lines = source.splitlines()
 
-    def position(line: int, column: int) -> Position:
-        return line, len(lines[line - 1].encode()[:column].decode())
+    def position(line: int | None, column: int | None) -> Position:
+        return line or 0, len(lines[(line or 0) - 1].encode()[:column].decode())
 
-    ranges = []
-    for node in ast.walk(ast.parse(source)):
-        for inner in _without_tests(node):
-            start = position(inner.lineno, inner.col_offset)
-            ranges.append((start, position(inner.end_lineno or 0, inner.end_col_offset or 0)))
-    return ranges
+    return [
+        (position(part.lineno, part.col_offset), position(part.end_lineno, part.end_col_offset))
+        for node in ast.walk(ast.parse(source))
+        for part in _without_tests(node)
+        if part is not None
+    ]
 
 
-def _without_tests(node: ast.AST) -> list[ast.expr]:
-    """Return the parts of a node that are not mutated."""
-    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-        return [node.returns] if node.returns else []
-    if isinstance(node, ast.arg | ast.AnnAssign):
-        return [node.annotation] if node.annotation else []
-    if isinstance(node, ast.Raise):
-        return [node.exc] if node.exc else []
-    if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-        return [node.test]
-    if isinstance(node, ast.Assign):
-        names = [target.id for target in node.targets if isinstance(target, ast.Name)]
-        union = isinstance(node.value, ast.BinOp) and isinstance(node.value.op, ast.BitOr)
-        alias = union and any(name.lstrip("_")[:1].isupper() for name in names)
-        return [node.value] if alias or "__all__" in names else []
-    if isinstance(node, ast.Call):
-        name = ast.unparse(node.func).split(".")[-1]
-        if name in MESSAGES or name.endswith("Error"):
-            return [*node.args, *(keyword.value for keyword in node.keywords)]
-        return [word.value for word in node.keywords if (name, word.arg) in WITHOUT_EFFECT]
+def _without_tests(node: ast.AST) -> Sequence[ast.expr | None]:
+    """The parts of a node that are not mutated."""
+    match node:
+        case ast.FunctionDef(returns=part) | ast.AsyncFunctionDef(returns=part):
+            return [part]
+        case ast.arg(annotation=part) | ast.AnnAssign(annotation=part) | ast.Raise(exc=part):
+            return [part]
+        case ast.If(test=ast.Name(id="TYPE_CHECKING") as part):
+            return [part]
+        case ast.Assign(targets=targets, value=value):
+            names = [target.id for target in targets if isinstance(target, ast.Name)]
+            union = isinstance(value, ast.BinOp) and isinstance(value.op, ast.BitOr)
+            alias = union and any(name.lstrip("_")[:1].isupper() for name in names)
+            return [value] if alias or "__all__" in names else []
+        case ast.Call(func=function, args=args, keywords=keywords):
+            name = ast.unparse(function).split(".")[-1]
+            if name in MESSAGES or name.endswith("Error"):
+                return [*args, *(keyword.value for keyword in keywords)]
+            return [word.value for word in keywords if (name, word.arg) in WITHOUT_EFFECT]
     return []
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """A token of a module and its possible mutations: operators and their occurrence numbers."""
 
-    module: str
-    start: Position
-    choices: tuple[tuple[Operator, int], ...]
     order: str
+    module: str
+    line: int
+    choices: list[tuple[Operator, int]]
 
 
-def places(
-    module: str, source: str, all_operators: dict[str, list[Operator]], seed: int
-) -> Iterator[Place]:
-    """Yield the places of a module that can be mutated, with their order in the draw of a seed."""
-    ranges = skipped(source)
+def places(module: str, source: str, seed: int) -> Iterator[Place]:
+    """The places of a module that can be mutated, with their order in the draw of a seed."""
+    every, ranges = operators(), skipped(source)
     counts: Counter[Operator] = Counter()
     found: dict[Position, list[tuple[Operator, int]]] = {}
     for node in ast_nodes(get_ast(source)):
-        for operator in all_operators.get(node.type, ()):
+        for operator in every.get(node.type, ()):
             for start, _ in operator.mutation_positions(node):
                 # A bare * or / among parameters refuses calls that are never made.
                 if node.parent is None or node.parent.type != "parameters":
@@ -210,16 +205,15 @@ def places(
     before: Counter[str] = Counter()
     for start in sorted(found):
         # The text does not change if lines are added above it, so draws stay the same.
-        text = f"{seed}|{module}|{lines[start[0] - 1].strip()}|"
-        text += str(start[1] - len(lines[start[0] - 1]) + len(lines[start[0] - 1].lstrip()))
+        line, column = lines[start[0] - 1], start[1]
+        text = f"{seed}|{module}|{line.strip()}|{column - len(line) + len(line.lstrip())}"
         before[text] += 1
         if not any(first <= start < last for first, last in ranges):
             order = hashlib.sha256(f"{text}|{before[text]}".encode()).hexdigest()
-            yield Place(module, start, tuple(found[start]), order)
+            yield Place(order, module, start[0], found[start])
 
 
-@dataclass(frozen=True)
-class Mutant:
+class Mutant(NamedTuple):
     """A module with one token changed; ``before`` and ``after`` are its lines."""
 
     module: str
@@ -230,71 +224,53 @@ class Mutant:
 
 
 def mutate(place: Place, source: str) -> Mutant | None:
-    """Return a random mutant of a place, or None if no choice gives another program."""
+    """A random mutant of a place; None if no choice gives another program."""
     choices = list(place.choices)
     random.Random(place.order).shuffle(choices)
     for operator, occurrence in choices:
         changed = mutate_code(source, operator, occurrence)
-        if changed is None or not _differs(source, changed):
-            continue
-        lines = [
-            line
-            for line in difflib.ndiff(source.splitlines(), changed.splitlines())
-            if line[0] in "+-"
-        ]
-        texts = [" ".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+"]
-        return Mutant(place.module, place.start[0], texts[0], texts[1], changed)
+        with suppress(SyntaxError):
+            if changed and ast.dump(ast.parse(source)) != ast.dump(ast.parse(changed)):
+                lines = list(difflib.ndiff(source.splitlines(), changed.splitlines()))
+                before, after = (
+                    " ".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+"
+                )
+                return Mutant(place.module, place.line, before, after, changed)
     return None
 
 
-def _differs(source: str, changed: str) -> bool:
-    try:
-        return ast.dump(ast.parse(source)) != ast.dump(ast.parse(changed))
-    except SyntaxError:
-        return False
-
-
 def draw(count: int, only: str, seed: int) -> list[Mutant]:
-    """Return the first ``count`` mutants of the modules whose path begins with ``only``.
+    """The first ``count`` mutants of the modules whose path begins with ``only``.
 
     They are in the order of the draw, so those tried before an interruption are a fair sample.
     """
-    sources: dict[str, str] = {}
-    found: list[Place] = []
-    all_operators = operators()
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            module = str(path.relative_to(ROOT))
-            if "templates" not in path.parts and module.startswith(only):
-                sources[module] = path.read_text()
-                found += places(module, sources[module], all_operators, seed)
-    mutants: list[Mutant] = []
-    for place in sorted(found, key=lambda place: place.order):
-        if len(mutants) == count:
-            break
-        mutant = mutate(place, sources[place.module])
-        mutants += [mutant] if mutant else []
+    files = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+    sources = {
+        str(path.relative_to(ROOT)): path.read_text()
+        for path in files
+        if "templates" not in path.parts and str(path.relative_to(ROOT)).startswith(only)
+    }
+    found = [place for module, source in sources.items() for place in places(module, source, seed)]
+    drawn = (mutate(one, sources[one.module]) for one in sorted(found, key=itemgetter(0)))
+    mutants = list(islice(filter(None, drawn), count))
     print(f"{len(mutants)} mutants of {len(found)} places in {len(sources)} modules")
     return mutants
 
 
-def in_order(mutant: Mutant) -> tuple[int, str, int]:
-    """Return the sort key of a mutant in the printed list."""
-    return PACKAGES.index(Path(mutant.module).parts[0]), mutant.module, mutant.line
+def in_order(mutants: Iterable[Mutant]) -> list[Mutant]:
+    """By package, module and line."""
+
+    def place(one: Mutant) -> tuple[int, str, int]:
+        return PACKAGES.index(Path(one.module).parts[0]), one.module, one.line
+
+    return sorted(mutants, key=place)
 
 
 # --------------------------------------------------------------------------------------- judgement
 
 
-@dataclass(frozen=True)
-class Result:
-    """The result of running tests: ``passed``, ``failed``, ``too long`` or ``no tests``.
-
-    Attributes:
-        outcome: one of these.
-        seconds: time that they took [s].
-        by: the test that failed.
-    """
+class Result(NamedTuple):
+    """What became of tests (passed, failed, too long, no tests), in which time [s], and by what."""
 
     outcome: str
     seconds: float = 0.0
@@ -305,20 +281,22 @@ class Laboratory:
     """Copies of the tree, one for each thread, in which mutants are tried, and known results."""
 
     def __init__(self, out: Path) -> None:
+        out.mkdir(parents=True, exist_ok=True)
         self._known_file, self._trees = out / "results.jsonl", out.absolute() / "trees"
         shutil.rmtree(self._trees, ignore_errors=True)
-        self._known: dict[str, Result] = {}
-        if self._known_file.is_file():
-            for line in self._known_file.read_text().splitlines():
-                entry = json.loads(line)
-                self._known[entry.pop("key")] = Result(**entry)
+        lines = self._known_file.read_text().splitlines() if self._known_file.is_file() else []
+        entries = [json.loads(line) for line in lines]
+        self._known = {entry.pop("key"): Result(**entry) for entry in entries}
 
     def run(self, tests: tuple[str, ...], module: str = "", source: str = "") -> Result:
         """Run tests with a module's text replaced, unless the result is known."""
         if not tests:
             return Result("no tests")
-        texts = [file.read_text() for file in self._files(tests)]
-        key = hashlib.sha256("\0".join([*tests, *texts, module, source]).encode()).hexdigest()
+        folders = {ROOT / folder for name in tests for folder in Path(name).parents}
+        above = sorted(folder / "conftest.py" for folder in folders)
+        files = [*(ROOT / name for name in tests), *(file for file in above if file.is_file())]
+        texts = [*tests, *(file.read_text() for file in files), module, source]
+        key = hashlib.sha256("\0".join(texts).encode()).hexdigest()
         if key not in self._known:
             tree = self._trees / str(get_ident())
             if not tree.exists():
@@ -329,18 +307,12 @@ class Laboratory:
             if module:
                 shutil.copy2(ROOT / module, tree / module)
             with self._known_file.open("a") as file:
-                file.write(json.dumps({"key": key, **asdict(self._known[key])}) + "\n")
+                file.write(json.dumps({"key": key, **self._known[key]._asdict()}) + "\n")
         return self._known[key]
 
     def try_mutant(self, mutant: Mutant) -> Result:
         """Run the tests of a mutant."""
         return self.run(mirror(mutant.module), mutant.module, mutant.source)
-
-    def _files(self, tests: tuple[str, ...]) -> list[Path]:
-        """The test files, and each ``conftest.py`` above them."""
-        folders = {ROOT / folder for name in tests for folder in Path(name).parents}
-        above = sorted(folder / "conftest.py" for folder in folders)
-        return [*(ROOT / name for name in tests), *(file for file in above if file.is_file())]
 
 
 def _copy_tree(tree: Path) -> None:
@@ -380,7 +352,7 @@ def _pytest(tree: Path, tests: tuple[str, ...]) -> Result:
 
 def report(results: list[tuple[Mutant, Result]]) -> None:
     """Print the share of noticed mutants by package, and the survivors."""
-    explained = EXPLAINED.read_text() if EXPLAINED.is_file() else ""
+    explained = EXPLAINED.read_text()
     print("\npackage      mutants  noticed  share")
     for package in (*PACKAGES, ""):
         outcomes = [result for mutant, result in results if mutant.module.startswith(package)]
@@ -388,9 +360,9 @@ def report(results: list[tuple[Mutant, Result]]) -> None:
         share = f"{noticed / len(outcomes):6.1%}" if outcomes else "     –"
         print(f"{package or 'all':12} {len(outcomes):7}  {noticed:7}  {share}")
     print("\nsurvivors")
-    for mutant, result in sorted(results, key=lambda pair: in_order(pair[0])):
-        if result.outcome in ("passed", "no tests"):
-            show(mutant, ", explained" if f"`{mutant.after}`" in explained else "")
+    left = [mutant for mutant, result in results if result.outcome in ("passed", "no tests")]
+    for mutant in in_order(left):
+        show(mutant, ", explained" if f"`{mutant.after}`" in explained else "")
 
 
 def show(mutant: Mutant, said: str = "") -> None:
@@ -412,10 +384,9 @@ def main(
     """Draw mutants, try them and report; with ``check``, run all their tests without mutants."""
     mutants = draw(count, only, seed)
     if listed:
-        for mutant in sorted(mutants, key=in_order):
+        for mutant in in_order(mutants):
             show(mutant)
         return
-    out.mkdir(parents=True, exist_ok=True)
     laboratory, results = Laboratory(out), []
     with ThreadPoolExecutor(jobs) as pool:
         for mutant, result in zip(mutants, pool.map(laboratory.try_mutant, mutants), strict=True):

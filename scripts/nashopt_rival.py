@@ -5,6 +5,7 @@ scalar instructions, which are executed on JAX scalars. A scan over the steps ro
 (single shooting). JAX computes the derivatives.
 """
 
+import operator
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -24,26 +25,15 @@ with warnings.catch_warnings():
 
 jax.config.update("jax_enable_x64", True)
 
-_UNARY: dict[int, Callable[[Any], Any]] = {
-    ca.OP_ASSIGN: lambda a: a,
-    ca.OP_NEG: lambda a: -a,
-    ca.OP_SQ: lambda a: a * a,
-    ca.OP_TWICE: lambda a: 2 * a,
-    ca.OP_INV: lambda a: 1 / a,
-    ca.OP_SQRT: jnp.sqrt,
-    ca.OP_LOG: jnp.log,
-    ca.OP_EXP: jnp.exp,
-    ca.OP_SIN: jnp.sin,
-    ca.OP_COS: jnp.cos,
-    ca.OP_TAN: jnp.tan,
-    ca.OP_ATAN: jnp.arctan,
-}
-_BINARY: dict[int, Callable[[Any, Any], Any]] = {
-    ca.OP_ADD: lambda a, b: a + b,
-    ca.OP_SUB: lambda a, b: a - b,
-    ca.OP_MUL: lambda a, b: a * b,
-    ca.OP_DIV: lambda a, b: a / b,
-}
+#: CasADi's operations in JAX.
+_OPERATIONS: dict[int, Callable[..., Any]] = {
+    ca.OP_ASSIGN: lambda a: a, ca.OP_NEG: operator.neg, ca.OP_SQ: lambda a: a * a,
+    ca.OP_TWICE: lambda a: 2 * a, ca.OP_INV: lambda a: 1 / a, ca.OP_SQRT: jnp.sqrt,
+    ca.OP_LOG: jnp.log, ca.OP_EXP: jnp.exp, ca.OP_SIN: jnp.sin, ca.OP_COS: jnp.cos,
+    ca.OP_TAN: jnp.tan, ca.OP_ATAN: jnp.arctan,
+    ca.OP_ADD: operator.add, ca.OP_SUB: operator.sub, ca.OP_MUL: operator.mul,
+    ca.OP_DIV: operator.truediv,
+}  # fmt: skip
 
 
 class NashOptForward:
@@ -102,10 +92,8 @@ def _in_jax(function: ca.Function) -> Callable[..., Any]:
                 result[into[1]] = work[inputs[0]]
             elif code == ca.OP_CONST:
                 work[into[0]] = function.instruction_constant(k)
-            elif code in _UNARY:
-                work[into[0]] = _UNARY[code](work[inputs[0]])
-            elif code in _BINARY:
-                work[into[0]] = _BINARY[code](work[inputs[0]], work[inputs[1]])
+            elif code in _OPERATIONS:
+                work[into[0]] = _OPERATIONS[code](*(work[place] for place in inputs))
             else:
                 raise ValueError(f"{function.name()} has an operation without JAX form: {code}")
         return jnp.stack([jnp.asarray(entry, dtype=float) for entry in result])

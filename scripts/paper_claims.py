@@ -6,8 +6,8 @@ Prints one line per claim with the measured value and its bounds; exit code 1 if
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import shared
 import pandas as pd
@@ -19,8 +19,7 @@ from olne_bench.bench.report.leaderboard import published_failures
 MISSED = 26
 
 
-@dataclass(frozen=True)
-class Claim:
+class Claim(NamedTuple):
     """A measured value that should lie within bounds."""
 
     text: str

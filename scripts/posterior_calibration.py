@@ -14,10 +14,8 @@ The column "control" says how many draws the score test at the truth holds at th
 depends on the noise alone, and its distribution is exact: where it is far from 95 %, so is luck.
 """
 
-import time
-from dataclasses import dataclass
 from itertools import product
-from typing import Annotated
+from typing import Annotated, Any
 
 import shared
 import numpy as np
@@ -43,31 +41,7 @@ from olne_bench.games.solve.information import of_seen
 LEVEL = 0.95
 BINS = 10  # of the ranks' histogram
 MARGINAL_LEVELS = (0.5, 0.8, 0.95)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One draw.
-
-    Attributes:
-        error: mean cosine error of the posterior mean.
-        covered: whether the region holds the truth.
-        control: whether the score test at the truth does not refuse it.
-        ranks: (N, K) share of the samples below each true weight, in [0, 1].
-        effective: effective sample size.
-        r_hat: split R-hat.
-        converged: whether the estimator said so.
-        seconds: processor time.
-    """
-
-    error: float
-    covered: bool
-    control: bool
-    ranks: np.ndarray
-    effective: float
-    r_hat: float
-    converged: bool
-    seconds: float
+Outcome = dict[str, Any]
 
 
 def main(
@@ -99,26 +73,29 @@ def main(
 
 
 def _outcome(draw: Draw, view: str, sigma: float, *, flat: bool) -> Outcome:
+    """One draw.
+
+    Whether the region holds the truth, and whether the score test at the truth does not refuse it;
+    ranks (N, K): the share of the samples below each true weight.
+    """
     truth = draw.recording.scenario.weights
     problem, seen = draw.seen(view, sigma)
-    start = None if flat else draw.start
-    estimator, rng = PosteriorOfDraws(start=start), np.random.default_rng(draw.seed)
+    estimator = PosteriorOfDraws(start=None if flat else draw.start)
     estimator.warm_up(problem)
-    started = time.process_time()
-    found = estimator.estimate(problem, seen, rng=rng, budget=600.0)
-    seconds = time.process_time() - started
+    rng = np.random.default_rng(draw.seed)
+    seconds, found = shared.timed(estimator.estimate, problem, seen, rng=rng, budget=600.0)
     truth = truth / truth.sum(axis=1, keepdims=True)
     samples = found.samples
-    return Outcome(
-        error=cosine_error(truth, found.weights),
-        covered=samples is not None and covers(samples, truth),
-        control=_control(problem, draw.recording, seen.y),
-        ranks=np.full(truth.shape, np.nan) if samples is None else (samples < truth).mean(axis=0),
-        effective=float(found.extras.get("effective_sample_size", 0.0)),
-        r_hat=float(found.extras.get("split_r_hat", np.inf)),
-        converged=found.converged,
-        seconds=seconds,
-    )
+    return {
+        "error": cosine_error(truth, found.weights),
+        "covered": samples is not None and covers(samples, truth),
+        "control": _control(problem, draw.recording, seen.y),
+        "ranks": truth * np.nan if samples is None else (samples < truth).mean(axis=0),
+        "effective": found.extras.get("effective_sample_size", 0.0),
+        "r_hat": found.extras.get("split_r_hat", np.inf),
+        "converged": found.converged,
+        "seconds": seconds,
+    }
 
 
 def _control(problem: Problem, recording: Recording, y: np.ndarray) -> bool:
@@ -136,17 +113,15 @@ def _control(problem: Problem, recording: Recording, y: np.ndarray) -> bool:
 
 def covers(samples: np.ndarray, truth: np.ndarray) -> bool:
     """Whether the 95 % region of samples (M, N, K) holds the truth (N, K)."""
-    ratios, true_ratios = _log_ratios(samples), _log_ratios(truth)
+    ratios, true_ratios = (
+        np.log(weights[..., :-1] / weights[..., -1:]).reshape(*weights.shape[:-2], -1)
+        for weights in (samples, truth)
+    )
     mean, spread = ratios.mean(axis=0), np.cov(ratios, rowvar=False)
     inverse = np.linalg.pinv(spread)
     distances = np.einsum("mi,ij,mj->m", ratios - mean, inverse, ratios - mean)
     own = (true_ratios - mean) @ inverse @ (true_ratios - mean)
     return bool(own <= np.quantile(distances, LEVEL))
-
-
-def _log_ratios(weights: np.ndarray) -> np.ndarray:
-    ratios = np.log(weights[..., :-1] / weights[..., -1:])
-    return ratios.reshape(*weights.shape[:-2], -1)
 
 
 _TITLES = (
@@ -159,22 +134,18 @@ _TITLES = (
 
 def _line(outcomes: list[Outcome]) -> str:
     """The columns of some draws."""
-    covered = [one.covered for one in outcomes]
-    interval = binomtest(sum(covered), len(covered)).proportion_ci()
-    share = f"{100 * np.mean(covered):.1f} [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
-    ranks = np.array([one.ranks.ravel() for one in outcomes])
+    of = {name: np.array([one[name] for one in outcomes]) for name in outcomes[0]}
+    interval = binomtest(int(of["covered"].sum()), len(outcomes)).proportion_ci()
+    low, high = 100 * interval.low, 100 * interval.high
+    share = f"{100 * of['covered'].mean():.1f} [{low:.1f}, {high:.1f}]"
+    ranks = of["ranks"].reshape(len(outcomes), -1)
     within = [100 * np.mean(np.abs(ranks - 0.5) <= level / 2) for level in MARGINAL_LEVELS]
-    effective = np.array([one.effective for one in outcomes])
-    r_hats = [one.r_hat for one in outcomes]
-    poor = 100 * np.mean([not one.converged for one in outcomes])
-    seconds = [one.seconds for one in outcomes]
     return (
-        f"{len(outcomes):7}{np.mean([one.error for one in outcomes]):8.4f}{share:>27}"
-        f"{100 * np.mean([one.control for one in outcomes]):9.1f}"
+        f"{len(outcomes):7}{of['error'].mean():8.4f}{share:>27}{100 * of['control'].mean():9.1f}"
         f"{'  '.join(f'{value:.1f}' for value in within):>25}{least_p(ranks):9.3f}"
-        f"{np.quantile(effective, 0.05):9.0f}{np.median(effective):8.0f}"
-        f"{np.quantile(r_hats, 0.95):12.3f}{poor:8.1f}"
-        f"{np.median(seconds):10.2f}{np.quantile(seconds, 0.95):7.2f}"
+        f"{np.quantile(of['effective'], 0.05):9.0f}{np.median(of['effective']):8.0f}"
+        f"{np.quantile(of['r_hat'], 0.95):12.3f}{100 * (1 - of['converged'].mean()):8.1f}"
+        f"{np.median(of['seconds']):10.2f}{np.quantile(of['seconds'], 0.95):7.2f}"
     )
 
 

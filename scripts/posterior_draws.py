@@ -6,15 +6,15 @@ starts are those of the scenario plus normal errors, and the posterior knows the
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from tqdm import tqdm
 
-from olne_bench.bench.judge.observe import observe, sensor_model
+from olne_bench.bench.judge.observe import observe, problem_of, sensor_model
 from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording, record
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.scenarios.true_weights import DIRICHLET
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Observation, Problem
@@ -59,9 +59,8 @@ class Draw:
 
     def seen(self, view: str, sigma: float) -> tuple[Problem, Observation]:
         """What an estimator is told, and noisy observations; noise is the same in every call."""
-        layers = (VIEWS[view],)
-        scale = sensor_model(self.recording.scenario, layers).noise_scale
-        problem = Problem(self.recording.scenario.told, VIEWS[view], sigma, noise_scale=scale)
+        layers, scenario = (VIEWS[view],), self.recording.scenario
+        problem = problem_of(scenario.told, sensor_model(scenario, layers), sigma)
         noise = np.random.SeedSequence([self.seed, len(view), round(1e6 * sigma)])
         (seen,) = observe([self.recording], layers, sigma, int(noise.generate_state(1)[0]))
         return problem, seen
@@ -69,19 +68,12 @@ class Draw:
 
 def draws(name: str, seeds: range) -> Iterator[Draw]:
     """Those that have a certified equilibrium."""
-    for seed in tqdm(seeds, desc="draws", disable=None, leave=False):
-        try:
-            scenario, start = _scenario(name, seed)
-            yield Draw(seed, record(scenario), start)
-        except NoEquilibriumError:
-            continue
-
-
-def _scenario(name: str, seed: int) -> tuple[Scenario, StartPrior]:
     players = {"num_players": 3} if name in ("highway", "merge") else {}
-    scenario = get_scenario(name, seed, weights=DIRICHLET, **players)
-    mean = np.asarray(scenario.initial_state)
-    deviation = np.broadcast_to(START_DEVIATIONS[name], mean.shape)
-    errors = np.random.default_rng([seed, 1]).standard_normal(mean.shape)
-    drawn = replace(scenario, initial_state=mean + deviation * errors)
-    return drawn, StartPrior(mean, deviation)
+    for seed in tqdm(seeds, desc="draws", disable=None, leave=False):
+        with suppress(NoEquilibriumError):
+            scenario = get_scenario(name, seed, weights=DIRICHLET, **players)
+            mean = np.asarray(scenario.initial_state)
+            deviation = np.broadcast_to(START_DEVIATIONS[name], mean.shape)
+            errors = np.random.default_rng([seed, 1]).standard_normal(mean.shape)
+            drawn = replace(scenario, initial_state=mean + deviation * errors)
+            yield Draw(seed, record(drawn), StartPrior(mean, deviation))

@@ -13,7 +13,6 @@ observation, and writes the chains' samples to results/calibration/references_SC
 """
 
 import time
-from dataclasses import dataclass
 from itertools import cycle, product
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,37 +21,21 @@ import shared
 import arviz
 import numpy as np
 import pandas as pd
-from manifold_chains import Chains, run_chains
+from manifold_chains import run_chains
 from posterior_draws import SIGMAS, Draw, PosteriorOfDraws, draws
 from sklearn.model_selection import StratifiedKFold, cross_val_score
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from olne_bench.estimators.protocol import Estimate
+from olne_bench.estimators.shared.perturbed_fits import Peak
+from olne_bench.estimators.shared.posterior_density import GameDensity
 
 FOLDER = Path(__file__).parents[1] / "results" / "calibration"
 #: Seed of the first draw. `scripts/posterior_calibration.py` uses others.
 FIRST = 7000
 KEPT = 1000  # samples of each observation
 AGREED = 1.05  # R-hat of chains that agree
-
-
-@dataclass(frozen=True)
-class Reference:
-    """Samples of the chains.
-
-    Attributes:
-        weights: (M, N, K).
-        r_hat: the largest over weights.
-        effective: the least bulk effective sample size.
-        accepted: share of accepted straightened steps.
-    """
-
-    weights: np.ndarray
-    r_hat: float
-    effective: float
-    accepted: float
 
 
 def main(
@@ -84,73 +67,51 @@ def main(
 def _row(draw: Draw, view: str, sigma: float, lengths: tuple[int, int, int]) -> dict[str, Any]:
     """An observation with its reference; ``line`` is what is printed of it."""
     started = time.process_time()
-    estimate, reference, peaks = _both(draw, view, sigma, lengths)
-    score = c2st(estimate, reference) if estimate.samples is not None else np.nan
-    effective = estimate.extras.get("effective_sample_size", 0)
+    (problem, seen), rng = draw.seen(view, sigma), np.random.default_rng(draw.seed)
+    # Four times as many fits as by default: repeated samples would give themselves away.
+    estimator = PosteriorOfDraws(first=1200, more=600, most=9600, enough=2e3, start=draw.start)
+    estimate = estimator.estimate(problem, seen, rng=rng, budget=600.0)
+    density, peaks = estimator.peaks(problem, seen, time.monotonic() + 24 * 3600.0)
+    weights, row, accepted = _reference(density, peaks, draw.seed, lengths)
+    samples = estimate.samples
+    score = np.nan if samples is None else c2st(np.asarray(samples)[:KEPT], weights)
     line = (
-        f"{draw.seed} {view:8}{sigma:5g}  {score:.3f}  {peaks:5}  {reference.r_hat:.3f}"
-        f"{reference.effective:6.0f}  {reference.accepted:8.2f}  {effective:16.0f}"
+        f"{draw.seed} {view:8}{sigma:5g}  {score:.3f}  {len(peaks):5}  {row['r_hat']:.3f}"
+        f"{row['effective']:6.0f}  {accepted:8.2f}  "
+        f"{estimate.extras.get('effective_sample_size', 0):16.0f}"
         f"{'' if estimate.converged else ' (not converged)'}"
         f"  {time.process_time() - started:7.0f}"
     )
-    return {
-        "seed": draw.seed,
-        "view": view,
-        "sigma": sigma,
-        "c2st": score,
-        "r_hat": reference.r_hat,
-        "effective": reference.effective,
-        "line": line,
-        "weights": reference.weights[..., :-1].astype(np.float32).ravel(),
-    }
+    told = {"seed": draw.seed, "view": view, "sigma": sigma, "c2st": score, **row, "line": line}
+    return told | {"weights": weights[..., :-1].astype(np.float32).ravel()}
 
 
-def _both(
-    draw: Draw, view: str, sigma: float, lengths: tuple[int, int, int]
-) -> tuple[Estimate, Reference, int]:
-    (problem, seen), seed = draw.seen(view, sigma), draw.seed
-    # Four times as many fits as by default: repeated samples would give themselves away.
-    estimator = PosteriorOfDraws(first=1200, more=600, most=9600, enough=2e3, start=draw.start)
-    estimate = estimator.estimate(problem, seen, rng=np.random.default_rng(seed), budget=600.0)
-    deadline = time.monotonic() + 24 * 3600.0
-    density, peaks = estimator.peaks(problem, seen, deadline)
+def _reference(
+    density: GameDensity, peaks: list[Peak], seed: int, lengths: tuple[int, int, int]
+) -> tuple[np.ndarray, dict[str, float], float]:
+    """Weights (M, N, K) of chains, their statistics, and the share of accepted steps."""
     count, steps, most = lengths
     while True:
-        chains = run_chains(
-            density,
-            peaks,
-            np.random.default_rng([seed, 1]),
-            count=count,
-            steps=steps,
-            thin=max(1, count * steps // (8 * KEPT)),
-        )
-        weights = density.chart.weights(chains.points[..., : density.chart.size])
-        reference = _reference(chains, weights, seed)
+        rng, thin = np.random.default_rng([seed, 1]), max(1, count * steps // (8 * KEPT))
+        points, accepted = run_chains(density, peaks, rng, count, steps, thin)
+        weights = density.chart.weights(points[..., : density.chart.size])  # (C, S, N, K)
+        data = arviz.convert_to_dataset({"weights": weights})
+        r_hat = float(arviz.rhat(data)["weights"].max())
         steps *= 2
-        if reference.r_hat < AGREED or steps > most:
-            return estimate, reference, len(peaks)
-
-
-def _reference(chains: Chains, weights: np.ndarray, seed: int) -> Reference:
-    """Of weights (C, S, N, K)."""
-    data = arviz.convert_to_dataset({"weights": weights})
-    r_hat = float(arviz.rhat(data)["weights"].max())
+        if r_hat < AGREED or steps > most:
+            break
     effective = float(arviz.ess(data)["weights"].min())
     flat = weights.reshape(-1, *weights.shape[2:])
     chosen = np.random.default_rng(seed).choice(len(flat), KEPT, replace=len(flat) < KEPT)
-    return Reference(flat[chosen], r_hat, effective, chains.accepted)
+    return flat[chosen], {"r_hat": r_hat, "effective": effective}, accepted
 
 
-def c2st(estimate: Estimate, reference: Reference) -> float:
-    """Share of right answers of a network that tells the samples of both apart."""
-    assert estimate.samples is not None
-    own = np.asarray(estimate.samples)[:KEPT, :, :-1].reshape(min(KEPT, len(estimate.samples)), -1)
-    other = reference.weights[:, :, :-1].reshape(KEPT, -1)
-    points, labels = np.vstack([own, other]), np.repeat([0, 1], [len(own), len(other)])
-    size = 10 * points.shape[1]
+def c2st(own: np.ndarray, other: np.ndarray) -> float:
+    """Share of right answers of a network that tells samples (M, N, K) of both apart."""
+    points = np.vstack([one[:, :, :-1].reshape(len(one), -1) for one in (own, other)])
+    labels, size = np.repeat([0, 1], [len(own), len(other)]), 10 * points.shape[1]
     network = make_pipeline(
-        StandardScaler(),
-        MLPClassifier((size, size), max_iter=1000, random_state=1),
+        StandardScaler(), MLPClassifier((size, size), max_iter=1000, random_state=1)
     )
     folds = StratifiedKFold(5, shuffle=True, random_state=1)
     return float(cross_val_score(network, points, labels, cv=folds).mean())

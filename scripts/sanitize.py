@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 TESTS = (
@@ -43,14 +44,20 @@ def main() -> None:
     compiler = shutil.which(os.environ.get("CC", "gcc"))
     if compiler is None:
         raise SystemExit("sanitize.py needs gcc; CC names another")
+    visible = '__attribute__((visibility("default"))) '
+    planted = (
+        "from olne_bench.games.compiled import compiler\n"
+        f"compiler.load({visible + SAMPLE!r}).sample(7)\n"
+    )
+    tests = sys.argv[1:] or [*TESTS, "-k", LEFT_OUT]
     with tempfile.TemporaryDirectory() as cache:
-        environment = sanitized(compiler, Path(cache))
-        planted = run_planted(environment)
-        if planted.returncode == 0 or "runtime error" not in planted.stderr + planted.stdout:
-            raise SystemExit(f"the sanitizer misses a planted error:\n{planted.stderr}")
-        tests = sys.argv[1:] or [*TESTS, "-k", LEFT_OUT]
+        given: dict[str, Any] = {"cwd": ROOT, "env": sanitized(compiler, Path(cache))}
+        command = [sys.executable, "-c", planted]
+        ended = subprocess.run(command, capture_output=True, text=True, **given)
+        if ended.returncode == 0 or "runtime error" not in ended.stderr + ended.stdout:
+            raise SystemExit(f"the sanitizer misses a planted error:\n{ended.stderr}")
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-s", *tests]
-        raise SystemExit(subprocess.run(command, cwd=ROOT, env=environment).returncode)
+        raise SystemExit(subprocess.run(command, **given).returncode)
 
 
 def sanitized(compiler: str, cache: Path) -> dict[str, str]:
@@ -86,17 +93,6 @@ def runtime(compiler: str, name: str) -> str:
     if not path.is_absolute():
         raise SystemExit(f"{compiler} has no {name}: install its sanitizers")
     return str(path.resolve())
-
-
-def run_planted(environment: dict[str, str]) -> "subprocess.CompletedProcess[str]":
-    """Run a process that reads beyond an array, in code compiled like ours."""
-    visible = '__attribute__((visibility("default"))) '
-    code = (
-        "from olne_bench.games.compiled import compiler\n"
-        f"compiler.load({visible + SAMPLE!r}).sample(7)\n"
-    )
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
 
 
 if __name__ == "__main__":

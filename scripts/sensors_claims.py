@@ -17,7 +17,7 @@ import shared
 import numpy as np
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
-from olne_bench.bench.judge.observe import observe, sensor_model
+from olne_bench.bench.judge.observe import observe, problem_of, sensor_model
 from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.sensors.correlated import Correlated
@@ -26,7 +26,6 @@ from olne_bench.envs.sensors.full import Full
 from olne_bench.envs.sensors.partial import Partial
 from olne_bench.envs.sensors.range_bearing import RangeBearing
 from olne_bench.estimators.kkt_constrained import KktConstrained
-from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.sensor import Layer
 from olne_bench.games.solve.information import (
     cosine_error_limit,
@@ -51,14 +50,13 @@ def main(draws: int = 200, sigma: float = 0.003) -> int:
     print(f"sigma {sigma}, {draws} draws; bar {LOWEST} to {HIGHEST}")
     for name, layers in SENSORS.items():
         errors, limits = measured(recording, layers, sigma, draws)
-        ratio = float(np.mean(errors) / np.mean(limits))
-        spread = float(np.std(errors) / np.sqrt(len(errors)) / np.mean(limits))
+        bound = np.mean(limits)
+        ratio, spread = np.mean(errors) / bound, np.std(errors) / np.sqrt(draws) / bound
         held = LOWEST <= ratio <= HIGHEST
         missed += not held
-        unit = np.mean(limits) / sigma**2
         print(
-            f"{name:14} bound {unit:6.1f} sigma^2   error over bound {ratio:.2f} +- {spread:.2f}"
-            f"   {'ok' if held else 'MISSED'}"
+            f"{name:14} bound {bound / sigma**2:6.1f} sigma^2   "
+            f"error over bound {ratio:.2f} +- {spread:.2f}   {'ok' if held else 'MISSED'}"
         )
     return int(missed > 0)
 
@@ -67,33 +65,21 @@ def measured(
     recording: Recording, layers: Sequence[Layer], sigma: float, draws: int
 ) -> tuple[list[float], list[float]]:
     """Cosine errors of ``kkt_constrained`` and the bounds on them, one per draw of the noise."""
-    scenario, model = recording.scenario, sensor_model(recording.scenario, layers)
+    game, weights = recording.scenario.game, recording.scenario.weights
+    model = sensor_model(recording.scenario, layers)
+    motion = recording.states, recording.controls, recording.costates
     sensitivity = observation_sensitivity(
-        scenario.game,
-        model.view,
-        recording.states,
-        recording.controls,
-        recording.costates,
-        scenario.weights,
-        noise_covariance=model.covariance,
+        game, model.view, *motion, weights, noise_covariance=model.covariance
     )
-    problem = Problem(
-        scenario.game,
-        model.view,
-        sigma,
-        noise_scale=model.noise_scale,
-        noise_covariance=model.noise_covariance,
-    )
-    errors, limits = [], []
+    problem, errors, limits = problem_of(game, model, sigma), [], []
     for seed in range(draws):
-        (observation,) = observe([recording], layers, sigma, seed)
-        estimate = KktConstrained().estimate(
-            problem, observation, rng=np.random.default_rng(0), budget=60
-        )
-        errors.append(cosine_error(scenario.weights, estimate.weights))
-        covariance = joint_weight_covariance(scenario.game, [of_seen(sensitivity, observation.y)])
+        (seen,) = observe([recording], layers, sigma, seed)
+        rng = np.random.default_rng(0)
+        estimate = KktConstrained().estimate(problem, seen, rng=rng, budget=60)
+        errors.append(cosine_error(weights, estimate.weights))
+        covariance = joint_weight_covariance(game, [of_seen(sensitivity, seen.y)])
         assert covariance is not None, "two players' weights are identifiable through any of these"
-        limits.append(sigma**2 * cosine_error_limit(covariance, scenario.weights))
+        limits.append(sigma**2 * cosine_error_limit(covariance, weights))
     return errors, limits
 
 

@@ -10,9 +10,9 @@ samples are worth, and by how much chi-squared of the two optima differs: the sq
 sigma^2, at its least near each of them.
 """
 
-from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import shared
 import numpy as np
@@ -48,46 +48,32 @@ LEVEL = 0.95
 PAIRS = ((0, 2, 0), (1, 2, 0), (1, 2, 1))
 #: Of the first and the second mode.
 COLOURS = (style.ESTIMATOR_COLOURS["posterior"][0], style.FOREIGN_COLOURS[6][0])
-_BLUE = style.ESTIMATOR_COLOURS["kkt_constrained"][0]
-ELLIPSE: dict[str, Any] = {"color": _BLUE, "linewidth": 1.4, "zorder": 4}
-INSIDE: dict[str, Any] = {"color": _BLUE, "linewidth": 4, "alpha": 0.5, "solid_capstyle": "butt"}
-LIKELY: dict[str, Any] = {
-    "color": _BLUE,
-    "marker": "X",
-    "markersize": 7,
-    "markeredgecolor": "white",
-    "linestyle": "",
-    "zorder": 5,
-}
-TRUTH: dict[str, Any] = LIKELY | {"color": "black", "marker": "*", "markersize": 12, "zorder": 6}
+BLUE = style.ESTIMATOR_COLOURS["kkt_constrained"][0]
+ELLIPSE: dict[str, Any] = {"color": BLUE, "linewidth": 1.4, "zorder": 4}
+INSIDE: dict[str, Any] = {"color": BLUE, "linewidth": 4, "alpha": 0.5, "solid_capstyle": "butt"}
+_LARGE: dict[str, Any] = {"markeredgecolor": "white", "linestyle": ""}
+LIKELY = _LARGE | {"color": BLUE, "marker": "X", "markersize": 7, "zorder": 5}
+TRUTH = _LARGE | {"color": "black", "marker": "*", "markersize": 12, "zorder": 6}
 
 
-@dataclass(frozen=True)
-class Modes:
+class Modes(NamedTuple):
     """The modes of samples.
 
     Attributes:
         of: (M,) the mode of each sample, 0 or 1; the first has more of them.
         centres: (2, N*K) means of centred log-weights.
         distance: of the means, in standard deviations along the line between them.
+        shares: (2,) share of the samples in each.
     """
 
     of: np.ndarray
     centres: np.ndarray
     distance: float
-
-    @property
-    def shares(self) -> np.ndarray:
-        """(2,) share of the samples in each."""
-        return np.bincount(self.of, minlength=2) / len(self.of)
+    shares: np.ndarray
 
 
-@dataclass(frozen=True)
-class Optimum:
-    """The least squared error near a mode, and the game there."""
-
-    error: float
-    game: SolvedGame
+#: The least squared error near a mode, and the game there.
+Optimum = tuple[float, SolvedGame]
 
 
 def main(
@@ -96,13 +82,14 @@ def main(
     """Command line."""
     case = case_of(sequence())
     problem, seen = case.problem, case.observations[0]
-    sampled = Posterior().estimate(problem, seen, rng=np.random.default_rng(0), budget=120)
-    likely = KktConstrained().estimate(problem, seen, rng=np.random.default_rng(0), budget=120)
+    sampled, likely = (
+        method.estimate(problem, seen, rng=np.random.default_rng(0), budget=120)
+        for method in (Posterior(), KktConstrained())
+    )
     assert sampled.samples is not None, sampled.message
     modes = modes_of(sampled.samples)
     optima = [optimum_near(case, modes, mode) for mode in (0, 1)]
-    for line in [*lines_of(sampled, modes, optima, likely), truth_line(case, optima)]:
-        print(line)
+    tell(case, sampled, modes, optima, likely)
     out.mkdir(parents=True, exist_ok=True)
     with style.applied():
         figure = drawn(case, sampled.samples, modes, likely, [profile(case, o) for o in optima])
@@ -122,7 +109,7 @@ def coordinates(weights: np.ndarray) -> np.ndarray:
     """(..., N*K): centred logarithms of weights (..., N, K)."""
     logs = np.log(weights + 1e-4)
     logs = logs - logs.mean(axis=-1, keepdims=True)
-    return logs.reshape(*weights.shape[:-2], -1)
+    return np.asarray(logs.reshape(*weights.shape[:-2], -1))
 
 
 def modes_of(samples: np.ndarray) -> Modes:
@@ -134,7 +121,8 @@ def modes_of(samples: np.ndarray) -> Modes:
     line = (centres[1] - centres[0]) / np.linalg.norm(centres[1] - centres[0])
     along = [points[of == mode] @ line for mode in (0, 1)]
     deviation = np.sqrt(np.mean([one.var() for one in along]))
-    return Modes(of, centres, float((along[1].mean() - along[0].mean()) / deviation))
+    distance = float((along[1].mean() - along[0].mean()) / deviation)
+    return Modes(of, centres, distance, np.bincount(of, minlength=2) / len(of))
 
 
 def optimum_near(case: Case, modes: Modes, mode: int) -> Optimum:
@@ -153,19 +141,19 @@ def optimum_near(case: Case, modes: Modes, mode: int) -> Optimum:
             game = game_at(problem.game, root, point.weights)
             chart = RatioChart(point.weights, problem.weight_floor)
             found.append(least_error_in(problem, (seen,), (game,), chart))
-    fits = [Optimum(fit[0], fit[1][0]) for fit in found if fit is not None]
+    fits = [(fit[0], fit[1][0]) for fit in found if fit is not None]
     if not fits:
         raise LookupError(f"no optimum is near mode {mode + 1}")
-    return min(fits, key=lambda one: one.error)
+    return min(fits, key=itemgetter(0))
 
 
 def profile(case: Case, optimum: Optimum) -> np.ndarray:
     """(2, R): values of the weight, and the least squared error there over sigma^2, in order."""
     problem, seen = case.problem, case.observations[0]
-    here = float(optimum.game.weights[PLAYER, WEIGHT])
-    rows = [(here, optimum.error)]
+    here = float(optimum[1].weights[PLAYER, WEIGHT])
+    rows = [(here, optimum[0])]
     for sign in (-1, 1):
-        game = optimum.game
+        game = optimum[1]
         for value in np.arange(here + sign * STEP, sign * MOST if sign > 0 else 0.0, sign * STEP):
             start = with_weight(game.weights, value)
             root = follow_root(problem.game, game.root, game.weights, start)
@@ -190,40 +178,34 @@ def with_weight(weights: np.ndarray, value: float) -> np.ndarray:
     return changed
 
 
-def lines_of(sampled: Estimate, modes: Modes, optima: list[Optimum], likely: Estimate) -> list[str]:
-    """What is printed."""
-    samples, extras = sampled.samples, sampled.extras
+def tell(
+    case: Case, sampled: Estimate, modes: Modes, optima: list[Optimum], likely: Estimate
+) -> None:
+    """Print what is known of the modes, and whether the region of all weights holds the truth."""
+    samples, extras, chi = sampled.samples, sampled.extras, [one[0] / SIGMA**2 for one in optima]
     assert samples is not None
-    lines = [f"{SCENARIO}, {SENSOR}, sigma {SIGMA:g} m, seed {SEED} of suite {SUITE}"]
-    for mode, optimum in enumerate(optima):
+    print(f"{SCENARIO}, {SENSOR}, sigma {SIGMA:g} m, seed {SEED} of suite {SUITE}")
+    for mode in (0, 1):
         own = samples[modes.of == mode][:, PLAYER, WEIGHT]
-        lines.append(
+        print(
             f"mode {mode + 1}: share {modes.shares[mode]:.2f}, weight {own.mean():.3f} +- "
-            f"{own.std():.3f}, chi-squared of its optimum {optimum.error / SIGMA**2:.2f}"
+            f"{own.std():.3f}, chi-squared of its optimum {chi[mode]:.2f}"
         )
-    between = abs(optima[0].error - optima[1].error) / SIGMA**2
-    return [
-        *lines,
-        f"distance of the modes {modes.distance:.1f} standard deviations",
-        f"difference of chi-squared {between:.2f}",
-        f"effective sample size {extras['effective_sample_size']:.0f}, split R-hat "
-        f"{extras['split_r_hat']:.3f}, peaks {extras['optima']}",
-        f"kkt_constrained: weight {likely.weights[PLAYER, WEIGHT]:.3f}, chi-squared "
-        f"{float(likely.extras['objective']) / SIGMA**2:.2f}",
-    ]
-
-
-def truth_line(case: Case, optima: list[Optimum]) -> str:
-    """Whether the likelihood region of all weights holds the truth."""
     truth = case.recordings[0]
     game = game_at(case.problem.game, truth.root, truth.scenario.theta)
     error = least_error(case.problem, (case.observations[0],), (game,))
     assert error is not None, "the truth is an equilibrium"
     players, count = truth.scenario.weights.shape
-    rise = (error - min(one.error for one in optima)) / SIGMA**2
-    return (
-        f"at the true weights chi-squared is {rise:.2f} above the least; the {LEVEL:.0%} region of "
-        f"all weights ends at {chdtri(players * (count - 1), 1 - LEVEL):.2f}"
+    print(
+        f"distance of the modes {modes.distance:.1f} standard deviations\n"
+        f"difference of chi-squared {abs(chi[0] - chi[1]):.2f}\n"
+        f"effective sample size {extras['effective_sample_size']:.0f}, split R-hat "
+        f"{extras['split_r_hat']:.3f}, peaks {extras['optima']}\n"
+        f"kkt_constrained: weight {likely.weights[PLAYER, WEIGHT]:.3f}, chi-squared "
+        f"{float(likely.extras['objective']) / SIGMA**2:.2f}\n"
+        f"at the true weights chi-squared is {error / SIGMA**2 - min(chi):.2f} above the least; "
+        f"the {LEVEL:.0%} region of all weights ends at "
+        f"{chdtri(players * (count - 1), 1 - LEVEL):.2f}"
     )
 
 
@@ -238,21 +220,12 @@ def drawn(
     for axes, (player, across, up) in zip(panels.flat, PAIRS, strict=False):
         for mode, colour in enumerate(COLOURS):
             own = samples[modes.of == mode][:, player]
-            axes.scatter(
-                own[:, across],
-                own[:, up],
-                s=4,
-                color=colour,
-                alpha=0.45,
-                linewidths=0,
-                zorder=2,
-                rasterized=True,
-            )
+            dots: dict[str, Any] = {"color": colour, "alpha": 0.45, "linewidths": 0, "zorder": 2}
+            axes.scatter(own[:, across], own[:, up], s=4, rasterized=True, **dots)
         ellipse(axes, likely, player, across, up)
         axes.plot(truth[player, across], truth[player, up], **TRUTH)
-        axes.set_title(f"Player {player + 1}")
-        axes.set_xlabel(f"Weight of {names[across]}")
-        axes.set_ylabel(f"Weight of {names[up]}")
+        labels = {"xlabel": f"Weight of {names[across]}", "ylabel": f"Weight of {names[up]}"}
+        axes.set(title=f"Player {player + 1}", **labels)
         axes.margins(0.08)
     draw_profile(panels[1, 1], profiles, truth, names[WEIGHT])
     figure.suptitle(f"One observation, two answers: {SCENARIO}, {SENSOR}, σ = {SIGMA:g} m")
@@ -278,24 +251,17 @@ def draw_profile(axes: Axes, profiles: list[np.ndarray], truth: np.ndarray, name
 
     Where the search from one optimum gets through to the other, both curves are one.
     """
-    least = min(float(errors.min()) for _, errors in profiles)
+    every, rises = np.hstack(profiles)
+    best, least = every[rises.argmin()], rises.min()
     limit = float(chdtri(1, 1 - LEVEL))
     for values, errors in profiles:
         rise = errors - least
-        axes.plot(values, rise, color=_BLUE, linewidth=1.4)
+        axes.plot(values, rise, color=BLUE, linewidth=1.4)
         axes.plot(values, np.where(rise <= limit, limit, np.nan), **INSIDE)
-    axes.plot(best_of(profiles), 0.0, **LIKELY | {"clip_on": False})
+    axes.plot(best, 0.0, **LIKELY | {"clip_on": False})
     axes.plot(truth[PLAYER, WEIGHT], 0.0, **TRUTH | {"clip_on": False})
-    axes.set(xlim=(0, MOST), ylim=(0, 12))
-    axes.set_title(f"Player {PLAYER + 1}: profile likelihood")
-    axes.set_xlabel(f"Weight of {name}")
-    axes.set_ylabel("Chi-squared above its least")
-
-
-def best_of(profiles: list[np.ndarray]) -> float:
-    """The value of the weight where chi-squared is least."""
-    values, errors = np.hstack(profiles)
-    return float(values[errors.argmin()])
+    axes.set(xlim=(0, MOST), ylim=(0, 12), title=f"Player {PLAYER + 1}: profile likelihood")
+    axes.set(xlabel=f"Weight of {name}", ylabel="Chi-squared above its least")
 
 
 def entries(modes: Modes) -> list[tuple[Artist, str]]:

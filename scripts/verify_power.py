@@ -191,7 +191,9 @@ def attempts(table: pd.DataFrame, *, own: bool = True) -> pd.DataFrame:
 def drawn(rows: pd.DataFrame, share: float, rng: np.random.Generator) -> pd.Index:
     """A random share of rows, out of those that have errors."""
     places = rows.index[rows["position_error"].notna()]
-    return pd.Index(rng.choice(places, min(count(share, len(rows)), len(places)), replace=False))
+    chosen = rng.choice(places, min(count(share, len(rows)), len(places)), replace=False)
+    found: pd.Index = pd.Index(chosen)
+    return found
 
 
 def _set(table: pd.DataFrame, chosen: pd.Index, error: Any) -> pd.Index:

@@ -6,8 +6,8 @@ Both drivers start in the same place and have the same target speed. Only their 
 motions are open-loop Nash equilibria of the game with the other car.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import shared
 import matplotlib
@@ -33,8 +33,7 @@ SHOWN = (0, 3, 6, 9)  # steps
 GREY, INK, PAPER = "#6b6b6b", "#1f2328", "#ffffff"
 
 
-@dataclass(frozen=True)
-class Subject:
+class Subject(NamedTuple):
     """One driver of the picture: its name, its weights (4,) and its colour."""
 
     name: str

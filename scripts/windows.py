@@ -12,16 +12,15 @@ filters that peek. Its error is that of its own states. ``uniform`` is the game 
 from x_1 of the pre-solve, and ``constant_velocity`` drives straight on from its last state.
 """
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import shared
 import numpy as np
+from noisy import noisy
 
 from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording, record
 from olne_bench.envs.scenarios import get_scenario
@@ -35,8 +34,6 @@ from olne_bench.estimators.shared.forward_model import warm_up_games
 from olne_bench.estimators.shared.trajectory_fit import fit_trajectory
 from olne_bench.estimators.ukf import Ukf
 from olne_bench.games.model.dynamics import rollout
-from olne_bench.games.model.game import Game
-from olne_bench.games.model.observation import VIEWS
 from olne_bench.games.solve.olne import solve_olne
 
 ROADS = ("highway", "merge", "two_way", "roundabout", "intersection")
@@ -44,109 +41,46 @@ SIGMAS = (0.1, 0.3)  # [m]
 BUDGET = 60.0  # [s]
 
 
-@dataclass(frozen=True)
-class Window:
-    """The first samples of a motion.
-
-    Attributes:
-        problem: what is known.
-        y: (T, N, d) observations, NaN after the samples that are seen.
-        states: (T, N, n) true motion.
-        samples: number of samples that are seen.
-    """
+class Window(NamedTuple):
+    """The first samples of a motion; ``seen`` has NaN after them."""
 
     problem: Problem
-    y: np.ndarray
-    states: np.ndarray
+    seen: Observation
     samples: int
-
-    @property
-    def game(self) -> Game:
-        """The game that is observed."""
-        return self.problem.game
-
-
-def recordings(road: str, draws: Iterator[tuple[int, int]]) -> Iterator[tuple[int, Recording]]:
-    """The motion of each draw (seed, number of players) that can be played, with its seed."""
-    for seed, players in draws:
-        with suppress(NoEquilibriumError):
-            yield seed, record(get_scenario(road, seed, num_players=players))
-
-
-def some_windows(
-    played: Sequence[tuple[int, Recording]], sigma: float, samples: int
-) -> Iterator[Window]:
-    """The first samples of recordings."""
-    for seed, recording in played:
-        scale = np.array(recording.scenario.noise_scale)
-        noise = np.random.default_rng(seed).standard_normal(recording.states.shape)
-        y = recording.states + sigma * scale * noise
-        y[samples:] = np.nan
-        game = recording.scenario.game
-        problem = Problem(game, VIEWS["full"], sigma, noise_scale=tuple(map(float, scale)))
-        yield Window(problem, y, recording.states, samples)
-
-
-def print_line(
-    road: str, sigma: float, name: str, windows: list[Window], ahead: Sequence[int]
-) -> None:
-    """Run one method on all windows."""
-    errors, times = [], []
-    for window in windows:
-        warm_up_games(window.problem)
-        began = time.process_time()
-        states = METHODS[name](window)
-        times.append(1e3 * (time.process_time() - began))
-        if states is not None:
-            last = window.game.horizon - 1
-            at = [min(window.samples - 1 + step, last) for step in ahead]
-            away = states[at, :, :2] - window.states[at, :, :2]
-            errors.append(np.linalg.norm(away, axis=-1).mean(axis=1))
-    found = np.array(errors or [np.full(len(ahead), np.nan)])
-    columns = zip(np.median(found, axis=0), found.max(axis=0), strict=True)
-    said = "".join(f"  {median:7.2f} m  {largest:7.2f} m" for median, largest in columns)
-    print(
-        f"{sigma:5g} {windows[0].samples:7} {road:12} {name:17} "
-        f"{len(errors):3} of {len(windows):3}{said}  {np.median(times):8.1f} ms",
-        flush=True,
-    )
 
 
 def by_estimator(made: Estimator, window: Window) -> np.ndarray | None:
     """The states of an estimate; None if it is not valid."""
-    observation, rng = Observation(window.y), np.random.default_rng(0)
-    found = made.estimate(window.problem, observation, rng=rng, budget=BUDGET)
+    rng = np.random.default_rng(0)
+    found = made.estimate(window.problem, window.seen, rng=rng, budget=BUDGET)
     return found.states if found.converged else None
 
 
 def by_start(window: Window) -> np.ndarray | None:
     """The states of the game from which filters begin."""
-    try:
-        return first_game(window.problem, Observation(window.y)).root.states
-    except LostError:
-        return None
+    with suppress(LostError):
+        return first_game(window.problem, window.seen).root.states
+    return None
 
 
 def by_uniform_weights(window: Window) -> np.ndarray | None:
     """The certified motion at uniform weights from the fitted x_1."""
-    start, game = fitted(window)[0], window.game
+    game = window.problem.game
     weights = np.full((game.num_players, game.num_weights), 1 / game.num_weights)
-    found = solve_olne(game, weights, start)
+    found = solve_olne(game, weights, fitted(window)[0])
     return found.states if found.certificate.passed else None
 
 
 def by_constant_velocity(window: Window) -> np.ndarray:
     """Straight on from the last state that the fit of the samples has, at its speed."""
-    seen, game = fitted(window), window.game
+    seen, game = fitted(window), window.problem.game
     controls = np.zeros((game.horizon - window.samples, *game.control_shape[1:]))
-    ahead = rollout(game.dynamics, seen[-1], controls, game.dt)
-    return np.concatenate([seen[:-1], ahead])
+    return np.concatenate([seen[:-1], rollout(game.dynamics, seen[-1], controls, game.dt)])
 
 
 def fitted(window: Window) -> np.ndarray:
     """(S, N, n) the most likely motion at the samples, without a game (eqn. pre_solve)."""
-    y = window.y[: window.samples]
-    problem = window.problem
+    problem, y = window.problem, window.seen.y[: window.samples]
     return fit_trajectory(problem.game, problem.view, y, problem.noise_scale).states
 
 
@@ -173,14 +107,52 @@ def main(
     methods: tuple[Annotated[str, METHODS], ...] = tuple(USUAL),
 ) -> None:
     """Measure and print."""
-    steps = "".join(f"   ahead {step:2}:     largest" for step in ahead)
-    print(f"noise samples road         method               started  {steps}         time")
-    for road in roads:
-        played = list(recordings(road, product(seeds, players)))
-        for sigma, count in product(sigmas, samples):
-            windows = list(some_windows(played, sigma, count))
-            for name in methods:
-                print_line(road, sigma, name, windows, ahead)
+
+    def rows() -> Iterator[dict[str, object]]:
+        for road in roads:
+            played = recordings(road, product(seeds, players))
+            for sigma, count, name in product(sigmas, samples, methods):
+                place = {"noise": f"{sigma:g}", "samples": count, "road": road, "method": name}
+                yield place | row(played, sigma, count, name, ahead)
+
+    shared.show(rows())
+
+
+def recordings(road: str, draws: Iterator[tuple[int, int]]) -> list[tuple[int, Recording]]:
+    """The motion of each draw (seed, number of players) that can be played, with its seed."""
+    found = []
+    for seed, players in draws:
+        with suppress(NoEquilibriumError):
+            found.append((seed, record(get_scenario(road, seed, num_players=players))))
+    return found
+
+
+def row(
+    played: list[tuple[int, Recording]],
+    sigma: float,
+    count: int,
+    name: str,
+    ahead: tuple[int, ...],
+) -> dict[str, object]:
+    """Run one method on the first samples of recordings."""
+    errors, times = [], []
+    for seed, recording in played:
+        problem, seen = noisy(recording.scenario, recording.states, sigma, rng=seed)
+        seen.y[count:] = np.nan
+        warm_up_games(problem)
+        seconds, states = shared.timed(METHODS[name], Window(problem, seen, count))
+        times.append(seconds)
+        if states is not None:
+            last = problem.game.horizon - 1
+            at = [min(count - 1 + step, last) for step in ahead]
+            away = states[at, :, :2] - recording.states[at, :, :2]
+            errors.append(np.linalg.norm(away, axis=-1).mean(axis=1))
+    found = np.array(errors or [np.full(len(ahead), np.nan)])
+    told: dict[str, object] = {"started": f"{len(errors)} of {len(played)}"}
+    for step, own in zip(ahead, found.T, strict=True):
+        told[f"ahead {step} [m]"] = f"{np.median(own):.2f}"
+        told[f"largest {step}"] = f"{own.max():.2f}"
+    return told | {"ms": f"{1e3 * np.median(times):.1f}"}
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from olne_bench import plugins
+from olne_bench import plugin_places, plugins
 from olne_bench.plugins import (
     ESTIMATOR,
     KINDS,
@@ -73,7 +73,7 @@ def test_every_class_of_a_kind_in_its_folder_has_the_name_of_its_file(kind):
 def test_listing_names_imports_nothing_that_is_slow():
     code = """
         import sys
-        from olne_bench import plugins
+        from olne_bench import plugin_places, plugins
         for kind in plugins.KINDS:
             for name in plugins.names(kind):
                 plugins.source(kind, name)
@@ -381,12 +381,12 @@ def site(tmp_path, monkeypatch):
         for name, text in files.items():
             write(folder, name.replace("__", "/") + ".py", MARK + text)
         importlib.invalidate_caches()
-        plugins._entry_points.cache_clear()
+        plugin_places.listed_points.cache_clear()
         plugins._known_class.cache_clear()
         return folder
 
     yield install
-    plugins._entry_points.cache_clear()
+    plugin_places.listed_points.cache_clear()
     plugins._known_class.cache_clear()
     for name in [n for n in sys.modules if n.partition(".")[0].startswith("foreign")]:
         del sys.modules[name]

@@ -9,14 +9,12 @@ import click
 import pandas as pd
 
 from olne_bench.bench.plan.draws import draws_of
-from olne_bench.bench.plan.salt import salt_id
-from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.plan.suite import read_suite_json, salt_id
 from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.escapes import write_csv
-from olne_bench.bench.report.measures import FAILURES
-from olne_bench.bench.report.statistics.run_comparison import compare_runs
+from olne_bench.bench.report.statistics.pairs import compare_runs
 from olne_bench.bench.report.statistics.standing import plausible, said_of_standing, standings
-from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.study import FAILURES, Study, study_of
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import read_store
 from olne_bench.envs.solved.kept_draws import travelling
@@ -111,7 +109,7 @@ def _write_page(
     study: Study,
 ) -> None:
     # Drawing is slow to import.
-    from olne_bench.bench.report.page.two_runs import after_name, two_runs_page
+    from olne_bench.bench.report.page.render import after_name, two_runs_page
 
     renamed = [
         replace(one, estimator=after_name(one.estimator, names))

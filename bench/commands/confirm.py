@@ -10,15 +10,8 @@ from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report.confirmations import Confirmation, write_confirmations
-from olne_bench.bench.report.fresh_draws import (
-    Suspect,
-    suspects,
-    trial_place,
-)
-from olne_bench.bench.report.fresh_draws import (
-    confirm as run_fresh,
-)
-from olne_bench.bench.report.machine import Machine
+from olne_bench.bench.report.fresh_draws import Machine, Suspect, suspects, trial_place
+from olne_bench.bench.report.fresh_draws import confirm as run_fresh
 from olne_bench.bench.report.study import study_of
 from olne_bench.bench.run.store import Store, read_store
 from olne_bench.envs.solved.kept_draws import travelling

@@ -29,30 +29,16 @@ _WRITE_EVERY = 20
 
 @dataclass(frozen=True)
 class SolvedDraw:
-    """One draw.
-
-    Attributes:
-        scenario: label of its scenario.
-        seed: seed of its trials.
-        draws: its motions, and what was refused on the way to them.
-        refused: why it has no truth, or no held-out starts; empty if it has both.
-    """
+    """One draw."""
 
     scenario: str
     seed: int
-    draws: Draws
-    refused: str = ""
+    draws: Draws  # its motions, and what was refused on the way to them
+    refused: str = ""  # why it has no truth, or no held-out starts; empty if it has both
 
 
 def solve_draw(entry: ScenarioEntry, seed: int, salt: str, known: Draws) -> SolvedDraw:
-    """Solve the truth of a draw, its further trajectories and its held-out starts.
-
-    Args:
-        entry: the scenario.
-        seed: seed of the trials.
-        salt: salt of the suite.
-        known: draws that are solved already.
-    """
+    """Solve the truth of a draw, its further trajectories and its held-out starts."""
     draw, found, refused = Draw.of(entry, seed, salt), Draws(), ""
     with kept_draws.travelling(known), kept_draws.collecting(found):
         for motions in (true_recordings, held_out_recordings):
@@ -96,11 +82,7 @@ def draws(
 
 
 def _known(path: Path, suite: Suite) -> Draws:
-    """The draws that the file holds already.
-
-    Raises:
-        UserError: if it is damaged, or holds draws of another suite or salt.
-    """
+    """The draws that the file holds already. UserError if they are of another suite or salt."""
     if not path.exists():
         return Draws(place=str(path), about=about(suite))
     known = read_draws(path)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.commands.recordings import read_episode
-from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.fit import Fit
 from olne_bench.bench.judge.observe import sensor_model
 from olne_bench.bench.judge.players import PlayerFault, PlayerTask
@@ -20,7 +20,7 @@ from olne_bench.bench.text import one_line
 from olne_bench.envs.tracks.checks import FEWEST_STEPS
 from olne_bench.envs.tracks.explained import DATA, Assumption, explain
 from olne_bench.errors import UserError
-from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.files import check_new_file
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import ComponentView, FullView, View
@@ -190,7 +190,7 @@ def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View
 
 def _estimate(
     reference: str, problem: Problem, observation: Observation, budget: float
-) -> CheckedEstimate:
+) -> Estimate:
     (found,) = describe_all([(ESTIMATOR, reference, {})])
     if found.error:
         raise UserError(found.error)

@@ -40,11 +40,7 @@ def film(road: str, out: Path, suite: str, planner: str, seed: int, memory: floa
 
 
 def _drive(road: str, reference: str, planner: str, seed: int) -> Trial:
-    """A drive of a suite.
-
-    Raises:
-        UserError: if the suite is none of drives, or has no such road or planner.
-    """
+    """A drive of a suite."""
     foreign = (planner,) if plugins.is_file(planner) else ()
     suite = load_suite(reference, foreign, describe_all)
     if suite.kind != "drives":

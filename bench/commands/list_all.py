@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from olne_bench.catalogue import CatalogueEntry, catalogue
+from olne_bench.catalogue import catalogue
 from olne_bench.plugins import KINDS
 
 #: Read here and not by ``bench.plan.load``, whose imports take a second.
@@ -13,11 +13,7 @@ _SUITES = Path(__file__).parents[1] / "plan" / "suites"
 
 
 def list_all() -> None:
-    """List all suites, estimators, scenarios, sensors and metrics, a line each.
-
-    Parameters are in parentheses. Plugins of installed packages are listed with their module. None
-    of them is imported.
-    """
+    """List all suites, estimators, scenarios, sensors and metrics, a line each."""
     click.echo("suites")
     for path in sorted(_SUITES.glob("*.toml")):
         suite = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -25,9 +21,5 @@ def list_all() -> None:
     for kind in KINDS:
         click.echo(f"{kind.name}s")
         for one in catalogue(kind):
-            click.echo(f"  {one.name:<20} {_told(one)}".rstrip())
-
-
-def _told(one: CatalogueEntry) -> str:
-    parameters = f"(parameters: {', '.join(one.parameters)})" if one.parameters else ""
-    return f"{one.description} {parameters}".strip()
+            known = f" (parameters: {', '.join(one.parameters)})" if one.parameters else ""
+            click.echo(f"  {one.name:<20} {one.description}{known}".rstrip())

@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections.abc import Callable
-from functools import update_wrapper
+from functools import partial, update_wrapper
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,11 +15,11 @@ from olne_bench.errors import UserError
 
 #: What an option decorates.
 Command = TypeVar("Command", bound=Callable[..., Any])
+#: Options whose default is shown, and options that may be repeated.
+shown, several = partial(click.option, show_default=True), partial(click.option, multiple=True)
 
 #: File systems allow names of 255 bytes. Files beside a given one have longer names than it.
 _NAME_SIZE = 200
-
-
 #: Folder of submissions in the repository.
 SUBMISSIONS = Path("results/submissions")
 
@@ -29,9 +29,6 @@ def command(name: str | None = None) -> Callable[[Callable[[], None]], click.Com
 
     The work is the function of this name, in the module of this name in ``bench.commands``. It is
     imported when it is called, as that takes seconds.
-
-    Args:
-        name: name of the command. Default: that of the function.
     """
 
     def decorated(called: Callable[[], None]) -> click.Command:
@@ -50,56 +47,29 @@ class FiniteRange(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """The number.
-
-        Raises:
-            click.BadParameter: on anything else.
-        """
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
 
 
-class NumberPair(click.ParamType):
+def number_pair(text: str) -> tuple[float, float]:
     """Two finite numbers, separated by a comma."""
-
-    name = "A,B"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """Both numbers.
-
-        Raises:
-            click.BadParameter: on anything else.
-        """
-        try:
-            first, second = map(plain_number, str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a pair of numbers A,B.", param, ctx)
-        if not (math.isfinite(first) and math.isfinite(second)):
-            self.fail(f"{value!r} is not a pair of finite numbers.", param, ctx)
-        return first, second
+    try:
+        first, second = map(plain_number, text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not a pair of numbers A,B.") from None
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise click.BadParameter(f"{text!r} is not a pair of finite numbers.")
+    return first, second
 
 
-class Window(NumberPair):
+def window(text: str) -> tuple[float, float]:
     """Two increasing times."""
-
-    name = "FROM,TO"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """Both times.
-
-        Raises:
-            click.BadParameter: on anything else.
-        """
-        first, last = super().convert(value, param, ctx)
-        if not first < last:
-            self.fail(f"{value!r} does not begin before it ends.", param, ctx)
-        return first, last
+    first, last = number_pair(text)
+    if not first < last:
+        raise click.BadParameter(f"{text!r} does not begin before it ends.")
+    return first, last
 
 
 class CleanPath(click.Path):
@@ -109,51 +79,29 @@ class CleanPath(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path.
-
-        Raises:
-            click.BadParameter: on an empty one, control characters and names that are too long.
-        """
         problem = path_problem(str(value))
         if problem:
             self.fail(problem, param, ctx)
         return super().convert(value, param, ctx)
 
 
-class PluginReference(click.ParamType):
+def _reference(text: str) -> str:
     """``path.py`` or ``path.py:Class``, or the name of an installed plugin."""
-
-    name = "reference"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The reference.
-
-        Raises:
-            click.BadParameter: as ``CleanPath`` does.
-        """
-        problem = path_problem(str(value))
-        if problem:
-            self.fail(problem, param, ctx)
-        return str(value)
+    problem = path_problem(text)
+    if problem:
+        raise click.BadParameter(problem)
+    return text
 
 
 def whole_number(text: str) -> int:
-    """The number that a text of digits 0 to 9 stands for, of at most 18 of them.
-
-    Raises:
-        ValueError: on signs, spaces, underscores and digits of other scripts.
-    """
+    """The number that a text of digits 0 to 9 stands for, of at most 18 of them."""
     if not re.fullmatch("[0-9]{1,18}", text):
         raise ValueError(f"{text!r} is not a whole number")
     return int(text)
 
 
 def plain_number(text: str) -> float:
-    """The number that a text stands for, such as -0.5 or 1e-3.
-
-    Raises:
-        ValueError: on anything else, such as nan, underscores and digits of other scripts.
-    """
+    """The number that a text stands for, such as -0.5 or 1e-3."""
     if not re.fullmatch(r" *[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})? *", text):
         raise ValueError(f"{text!r} is not a number")
     return float(text)
@@ -161,19 +109,20 @@ def plain_number(text: str) -> float:
 
 def path_problem(text: str) -> str:
     """What is wrong with the name of a file or folder; empty if nothing is."""
-    from olne_bench.bench.plan.values import shown  # pydantic takes long
+    from olne_bench.bench.plan import values  # pydantic takes long
 
+    told = values.shown(text)
     if not text.strip():
-        return f"{shown(text)} names no file or folder."
+        return f"{told} names no file or folder."
     if not text.isprintable():
-        return f"a name cannot contain control characters or line breaks: {shown(text)}."
+        return f"a name cannot contain control characters or line breaks: {told}."
     if any(len(part.encode("utf-8", "replace")) > _NAME_SIZE for part in Path(text).parts):
-        return f"a name has at most {_NAME_SIZE} bytes: {shown(text)}."
+        return f"a name has at most {_NAME_SIZE} bytes: {told}."
     return ""
 
 
 PATH = CleanPath()
-PLUGIN = PluginReference()
+PLUGIN = click.types.FuncParamType(_reference)
 #: Time limit of an estimate [s].
 BUDGET = FiniteRange(min=0, min_open=True)
 #: Memory [GiB], from what imports need to more than any machine has.
@@ -184,17 +133,11 @@ JOBS = click.IntRange(1, 1024)
 
 def memory_option(told: str) -> Callable[[Command], Command]:
     """The option ``--memory`` [GiB] with this help text."""
-    return click.option(
-        "--memory", type=_MEMORY, default=4.0, show_default=True, metavar="GIB", help=told
-    )
+    return shown("--memory", type=_MEMORY, default=4.0, metavar="GIB", help=told)
 
 
 def name_and_value(option: str, text: str, such: str = "num_players=3") -> tuple[str, Any]:
-    """Both sides of NAME=VALUE; a value that is not JSON is text.
-
-    Raises:
-        UserError: on a text of another form.
-    """
+    """Both sides of NAME=VALUE; a value that is not JSON is text."""
     name, separator, value = text.partition("=")
     if not (name and separator):
         raise UserError(f"{option} {text!r}: expected NAME=VALUE, such as {such}")

@@ -37,11 +37,7 @@ def record(
 def _record(
     scenario: str, seeds: int, chosen: dict[str, Any], out: Path, video: Path | None
 ) -> None:
-    """Play draws, write those that have an equilibrium, and say what became of each.
-
-    Raises:
-        UserError: on a scenario that cannot be drawn, or if none has an equilibrium.
-    """
+    """Play draws, write those that have an equilibrium, and say what became of each."""
     numbers = range(seeds if _is_family(scenario, chosen) else 1)
     if len(numbers) < seeds:
         click.echo(f"{scenario} is the same for every seed: one episode is recorded", err=True)

@@ -11,12 +11,7 @@ from olne_bench.errors import UserError
 
 
 def read_episode(path: Path, episode: int) -> RecordingFile:
-    """Read a recording and check that it has an episode, of a motion of cars.
-
-    Raises:
-        UserError: on a file that is not a recording, an episode that it does not have, and one
-            that is not in metres and seconds.
-    """
+    """Read a recording and check that it has an episode, of a motion of cars."""
     known = read_recording(path)
     if episode >= len(known.states):
         raise UserError(

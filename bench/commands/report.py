@@ -22,11 +22,7 @@ Place = tuple[float, int]
 
 
 def report(
-    folder: Path,
-    figures: bool,
-    formats: str,
-    playable: tuple[str, ...],
-    loaded: tuple[str, ...],
+    folder: Path, figures: bool, formats: str, playable: tuple[str, ...], loaded: tuple[str, ...]
 ) -> None:
     """Write the tables, page and figures of the run in FOLDER again."""
     places = tuple(_place(text) for text in playable)
@@ -42,24 +38,12 @@ def _place(text: str) -> Place:
 
 
 def show_report(
-    folder: Path,
-    formats: Sequence[str],
-    playable: Sequence[Place] = (),
-    loaded: Sequence[str] = (),
+    folder: Path, formats: Sequence[str], playable: Sequence[Place] = (), loaded: Sequence[str] = ()
 ) -> None:
     """Write a run's report, with figures in these formats, and print its leaderboard.
 
     A report plays the scenarios again. Those that are plugins are played only if they are among
     the loaded ones, in another process, because this one imports no plugin.
-
-    Args:
-        folder: a run folder.
-        formats: formats of the figures; none are drawn if there are none.
-        playable: noise levels and seeds of trials that the page can play.
-        loaded: references of the plugins that may be loaded.
-
-    Raises:
-        UserError: where there is no run to report on, or that process dies.
     """
     given = (folder, tuple(formats), tuple(playable), tuple(map(plugins.absolute, loaded)))
     if not loaded:
@@ -90,11 +74,11 @@ def _report_text(
     if kind != "trials" and playable:
         click.echo(f"note: --play is ignored: pages of {kind} play no trials", err=True)
     if kind == "streams":
-        from olne_bench.bench.report.write_streams import report_streams
+        from olne_bench.bench.report.write import report_streams
 
         return report_streams(folder, formats)
     if kind == "drives":
-        from olne_bench.bench.report.write_drives import report_drives
+        from olne_bench.bench.report.write import report_drives
 
         return report_drives(folder, formats)
     from olne_bench.bench.report.leaderboard_text import format_leaderboard, format_notes

@@ -8,8 +8,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from olne_bench.bench.plan.salt import salt_id
-from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.plan.suite import Suite, read_suite_json, salt_id
 from olne_bench.bench.plan.trial import alike
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import STATES, Stored, last_suite

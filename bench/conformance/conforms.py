@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from olne_bench.bench.conformance.findings import NonConformance, Weakness
+from olne_bench.bench.conformance import NonConformance, Weakness
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.process.child import (
     Child,
@@ -18,9 +18,9 @@ from olne_bench.bench.process.child import (
     LeftProcessesError,
     MisspokeError,
     RaisedError,
-    StartError,
     TimedOutError,
 )
+from olne_bench.bench.process.fork_server import StartError
 from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
@@ -38,23 +38,14 @@ from olne_bench.plugins import (
 
 @dataclass(frozen=True)
 class Check:
-    """One check of one plugin.
-
-    Attributes:
-        kind: name of the plugin's kind.
-        name: name of the check, one of ``checks_of(kind)``.
-        reference: name or file of the plugin.
-        parameters: parameters of the plugin.
-        budget: time limit [s] of each estimate, which the estimator is given.
-        time_limit: time [s] after which the check is killed.
-    """
+    """One check of one plugin."""
 
     kind: str
     name: str
     reference: str
     parameters: Mapping[str, Any]
-    budget: float
-    time_limit: float
+    budget: float  # of each estimate [s], which the estimator is given
+    time_limit: float  # after which the check is killed [s]
 
 
 def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
@@ -71,16 +62,7 @@ def checks_of(kind: Kind) -> Mapping[str, Callable[..., None]]:
 def identify(
     reference: str, parameters: Mapping[str, Any] | None = None, kind: str | None = None
 ) -> Kind:
-    """The kind of plugin that a reference names. A file is imported in another process.
-
-    Args:
-        reference: name or file of the plugin.
-        parameters: parameters that it has to accept.
-        kind: name of its kind, required if several kinds have a plugin of this name.
-
-    Raises:
-        UserError: if there is no such plugin, or it cannot be constructed.
-    """
+    """The kind of the plugin that a reference names; a file is imported in another process."""
     kinds = [one for one in KINDS if kind in (None, one.name)]
     found = kinds if is_file(reference) else [one for one in kinds if reference in names(one)]
     if not found:
@@ -105,14 +87,8 @@ def run_checks(
     """Run all checks of a plugin; yield the name and outcome of each.
 
     The outcome is ``ok`` if the check passes, with a message if the plugin is weak. A check that
-    hangs is the last one: the others would hang as well, for minutes each.
-
-    Args:
-        kind: kind of the plugin.
-        reference: name or file of the plugin.
-        parameters: parameters of the plugin.
-        budget: time limit [s] of each estimate, which the estimator is given.
-        memory: memory limit of the process [bytes].
+    hangs is the last one: the others would hang as well. An estimate has ``budget`` [s], the
+    process ``memory`` [bytes].
     """
     limit = 4 * budget + 60  # some make several estimates, and the first builds solvers
     checks = [

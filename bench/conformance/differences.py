@@ -12,13 +12,7 @@ _ABSENT = "absent"
 
 
 def find_change(before: Any, after: Any, place: str) -> str | None:
-    """The first difference as text, such as ``game.dt was 0.1 and is 5.0``; None if there is none.
-
-    Args:
-        before: data made of dataclasses, tuples, lists, mappings, arrays and comparable values.
-        after: the other copy.
-        place: name of the data in the text.
-    """
+    """The first difference of plain data, such as ``game.dt was 0.1 and is 5.0``; None if equal."""
     if before is after:
         return None
     parts = _parts(before)
@@ -49,7 +43,8 @@ def _parts(value: Any) -> dict[str, Any] | None:
 
 
 def _compares_by_identity(value: Any) -> bool:
-    return type(value).__eq__ is object.__eq__ and not isinstance(value, FunctionType | type)
+    equal: Any = type(value).__eq__
+    return equal is object.__eq__ and not isinstance(value, FunctionType | type)
 
 
 def _equal(before: Any, after: Any) -> bool:

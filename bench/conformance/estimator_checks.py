@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.conformance.findings import NonConformance, Weakness
+from olne_bench.bench.conformance import NonConformance, Weakness
 from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.observe import observe, sensor_model

@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from olne_bench.bench.conformance.findings import NonConformance
-from olne_bench.bench.judge.estimate_check import CheckedEstimate
+from olne_bench.bench.conformance import NonConformance
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
 from olne_bench.bench.judge.metrics.judged import Judged
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.errors import UserError
-from olne_bench.estimators.protocol import COVARIANCE
+from olne_bench.estimators.protocol import COVARIANCE, Estimate
 from olne_bench.games.solve.olne import solve_olne
 
 
@@ -83,17 +82,12 @@ def _cases() -> tuple[Judged, ...]:
 def _case(recording: Any, weights: np.ndarray, states: np.ndarray | None) -> Judged:
     size = weights.size
     spread = 1e-4 * (np.eye(size) - np.kron(np.eye(len(weights)), np.full((4, 4), 0.25)))
-    estimate = CheckedEstimate(
+    estimate = Estimate(
         weights=weights.copy(),
         states=None if states is None else states.copy(),
         covariance=spread,
         region=COVARIANCE,
-        parameters=None,
-        parameter_deviations=None,
-        converged=True,
-        message="",
-        objective=math.nan,
-        extras=None,
+        extras={"objective": math.nan},
     )
     return Judged((recording,), estimate, None if states is None else states.copy(), sigma=0.01)
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from olne_bench.bench.conformance import NonConformance, Weakness
 from olne_bench.bench.conformance.differences import find_change
-from olne_bench.bench.conformance.findings import NonConformance, Weakness
 from olne_bench.envs.recordings.recording import NoEquilibriumError, record
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.plugins import takes_seed

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from olne_bench.bench.conformance.findings import NonConformance
+from olne_bench.bench.conformance import NonConformance
 from olne_bench.bench.judge.observe import observe, sensor_model
 from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.scenarios import get_scenario

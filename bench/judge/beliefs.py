@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.players import PlayerFault, PlayerTask, StreamPlayer
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.envs.drive.cars import (
@@ -18,7 +18,7 @@ from olne_bench.envs.drive.cars import (
 from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.roads.road_scenario import NOISE_SCALE, unknown_speed, with_target
-from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.games.model.observation import VIEWS
 
 
@@ -114,14 +114,7 @@ class EstimatedBeliefs:
         road: DriveRoad,
         rules: EstimateRules,
     ) -> None:
-        """Nothing is known yet.
-
-        Args:
-            player: runs the estimator.
-            task_of: what the player is told of the problem of a stream.
-            road: says what everybody knows.
-            rules: how estimates are used.
-        """
+        """Nothing is known yet."""
         self._player, self._task_of, self._road, self._rules = player, task_of, road, rules
         self._prior = UniformBeliefs(road)
         self._known: dict[int, _Known] = {}
@@ -171,7 +164,7 @@ class EstimatedBeliefs:
             if number not in self._known or said.worth >= self._known[number].worth:
                 self._known[number] = said
 
-    def _said(self, estimate: CheckedEstimate) -> list[_Known]:
+    def _said(self, estimate: Estimate) -> list[_Known]:
         """Of each player but the ego."""
         assert estimate.parameters is not None
         worth = self.updates + min(self._count, self._rules.window)
@@ -182,7 +175,7 @@ class EstimatedBeliefs:
 
     def _estimate(
         self, cars: Sequence[Car], numbers: tuple[int, ...]
-    ) -> tuple[CheckedEstimate | None, float]:
+    ) -> tuple[Estimate | None, float]:
         """The estimate after the latest sample, if it is one, and the time [s] that it took."""
         latest = [self._seen[-1]]
         if numbers != self._numbers:
@@ -219,7 +212,9 @@ class EstimatedBeliefs:
             raise PlayerFault("skipped", declined)
 
 
-def _shared(seen: list[dict[int, np.ndarray]], numbers: tuple[int, ...]) -> list:
+def _shared(
+    seen: list[dict[int, np.ndarray]], numbers: tuple[int, ...]
+) -> list[dict[int, np.ndarray]]:
     """The latest samples at which all of these cars were seen, without a gap."""
     shared: list[dict[int, np.ndarray]] = []
     for sample in reversed(seen):

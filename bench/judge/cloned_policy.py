@@ -3,7 +3,7 @@
 The policy maps what all players do now to what they do next. It was fitted to the controls of the
 equilibria that the networks of ``neural_posterior`` were trained on, whatever their weights: it
 knows neither weights nor costs. There is one network for each known game, in a file beside this
-one; ``scripts/train_policy.py`` trains it.
+one; ``scripts/train_learned.py policy`` trains it.
 """
 
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Policy:
             np.array([left]),
         )[0]
         found = output(self.layers, given).clip(-FARTHEST, FARTHEST)
-        return found.reshape(controls.shape) * self.control_spread
+        return np.asarray(found.reshape(controls.shape) * self.control_spread)
 
 
 def policy_inputs(states: np.ndarray, controls: np.ndarray, left: np.ndarray) -> np.ndarray:

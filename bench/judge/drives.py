@@ -124,11 +124,6 @@ def judge(trial: Trial, staff: Staff) -> Outcome:
 def driven(trial: Trial, player: StreamPlayer, watch: Watch | None = None) -> DriveRow:
     """Let a planner drive.
 
-    Args:
-        trial: the drive.
-        player: runs estimators.
-        watch: sees each step.
-
     Raises:
         NoDriveError: if the seed has no start.
     """
@@ -276,12 +271,7 @@ def _by_number(cars: list[Car], states: np.ndarray) -> dict[int, np.ndarray]:
 def prediction_errors(
     plans: list[EgoPlan], motion: list[dict[int, np.ndarray]]
 ) -> dict[str, float]:
-    """Mean distance [m] of others from where the ego expected them, by column.
-
-    Args:
-        plans: of each step from the first one on.
-        motion: state of each car by its number, at each step.
-    """
+    """Mean distance [m] of others from where the ego expected them, by column."""
     errors: dict[str, float] = {}
     for ahead, column in zip(AHEAD, ERROR_COLUMNS, strict=True):
         steps = round(ahead / STEP)

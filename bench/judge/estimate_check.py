@@ -1,8 +1,5 @@
 """Check that the answer of a player is an estimate of the problem."""
 
-import json
-from dataclasses import dataclass
-
 import numpy as np
 
 from olne_bench.bench.judge.raw_estimate import (
@@ -14,7 +11,7 @@ from olne_bench.bench.judge.raw_estimate import (
 )
 from olne_bench.bench.process.messages import Array, unpack
 from olne_bench.bench.text import clip
-from olne_bench.estimators.protocol import COVARIANCE, REGIONS, SAMPLES, Problem
+from olne_bench.estimators.protocol import COVARIANCE, REGIONS, SAMPLES, Estimate, Problem
 from olne_bench.games.model.game import Game
 
 #: How far a covariance may be from symmetric and positive semi-definite, as a share of its
@@ -27,58 +24,10 @@ FEWEST_SAMPLES, MOST_SAMPLES = 40, 4000
 _SMALLEST_SUM, _LARGEST_SUM = 1e-290, 1e290
 
 
-@dataclass(frozen=True)
-class CheckedEstimate:
-    """A well-formed estimate.
+def check_estimate(raw: RawEstimate, problem: Problem) -> Estimate:
+    """The estimate of a player: shapes fit the problem, rows of weights and samples sum to one.
 
-    Attributes:
-        weights: (N, K), rows sum to one.
-        states: (T, N, n) or None.
-        covariance: (N*K, N*K) of weights whose rows sum to one, or None.
-        region: one of ``REGIONS``, or None where there is no region.
-        parameters: (N, U) in their units, zero where columns stand for nothing; None where the game
-            has no unknowns.
-        parameter_deviations: (N, U) of these, or None.
-        converged: as in ``Estimate``.
-        message: one line.
-        objective: what the estimator minimised, or None.
-        extras: JSON text of its other scalar extras, or None.
-        samples: (M, N, K) weights, rows sum to one, or None.
-        parameter_samples: (M, N, U) in their units, zero where columns stand for nothing, or None.
-    """
-
-    weights: np.ndarray
-    states: np.ndarray | None
-    covariance: np.ndarray | None
-    parameters: np.ndarray | None
-    parameter_deviations: np.ndarray | None
-    converged: bool
-    message: str
-    objective: float | None
-    extras: str | None
-    region: str | None = None
-    samples: np.ndarray | None = None
-    parameter_samples: np.ndarray | None = None
-
-    def theta(self, game: Game) -> np.ndarray:
-        """(N, K + U): weights and standardised parameters, as solvers of a game take them."""
-        if self.parameters is None:
-            return self.weights
-        return np.hstack([self.weights, game.parameters.standardised(self.parameters)])
-
-    def sampled_theta(self, game: Game, most: int) -> np.ndarray | None:
-        """(M, N, K + U) of so many samples at most, evenly spaced; None without samples."""
-        if self.samples is None or (game.parameters.count and self.parameter_samples is None):
-            return None
-        chosen = np.linspace(0, len(self.samples) - 1, min(most, len(self.samples))).astype(int)
-        if self.parameter_samples is None:
-            return self.samples[chosen]
-        unknown = [game.parameters.standardised(one) for one in self.parameter_samples[chosen]]
-        return np.concatenate([self.samples[chosen], unknown], axis=2)
-
-
-def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
-    """Check an estimate and scale its weights.
+    What stands for nothing in arrays of unknowns is zero, and texts have one line.
 
     Raises:
         InvalidEstimateError: if it is not an estimate of the problem.
@@ -87,7 +36,7 @@ def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
     shape = (game.num_players, game.num_weights)
     weights = _scaled("weights", _array("weights", raw.weights, shape))
     samples = _samples(raw, shape)
-    return CheckedEstimate(
+    return Estimate(
         weights=weights,
         states=_read("states", raw.states, game.state_shape),
         covariance=_covariance(raw.covariance, weights.size),
@@ -96,7 +45,6 @@ def check_estimate(raw: RawEstimate, problem: Problem) -> CheckedEstimate:
         parameter_deviations=_deviations(raw.parameter_deviations, game),
         converged=raw.converged,
         message=clip(raw.message),
-        objective=raw.objective,
         extras=_extras(raw),
         samples=samples,
         parameter_samples=_parameter_samples(raw, game, samples),
@@ -235,11 +183,10 @@ def _deviations(given: Array | None, game: Game) -> np.ndarray | None:
     return values
 
 
-def _extras(raw: RawEstimate) -> str | None:
+def _extras(raw: RawEstimate) -> dict[str, bool | int | float | str]:
     for name, value in raw.extras.items():
         known = len(value) <= LONGEST_EXTRA if isinstance(value, str) else is_plain_number(value)
         if not known or len(raw.extras) > MOST_EXTRAS:
             raise InvalidEstimateError(f"extras[{clip(name)!r}] is more than a trial keeps")
-    if not raw.extras:
-        return None
-    return json.dumps({clip(name): value for name, value in raw.extras.items()}, sort_keys=True)
+    objective = {} if raw.objective is None else {"objective": raw.objective}
+    return {clip(name): value for name, value in sorted(raw.extras.items())} | objective

@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtri
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate
-from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Observation, Problem
+from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Estimate, Observation, Problem
 from olne_bench.estimators.shared.forward_model import game_at
 from olne_bench.estimators.shared.profile_intervals import profile_intervals
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
@@ -35,7 +34,7 @@ class Fit:
 
     problem: Problem
     y: np.ndarray
-    result: CheckedEstimate
+    result: Estimate
 
     @cached_property
     def residuals(self) -> np.ndarray | None:
@@ -47,7 +46,7 @@ class Fit:
             return None
         expected = observe(self.problem.view, self.problem.game.dynamics, self.result.states)
         squares = ((self.y - expected) / np.array(self.problem.noise_scale)) ** 2
-        return np.sqrt(np.nanmean(squares, axis=(0, 2)))
+        return np.asarray(np.sqrt(np.nanmean(squares, axis=(0, 2))))
 
     @property
     def residual(self) -> float | None:
@@ -81,7 +80,7 @@ class Fit:
         """
         result, errors = self.result, self.standard_errors
         if result.region == SAMPLES and result.samples is not None:
-            return np.moveaxis(np.quantile(result.samples, _TAILS, axis=0), 0, -1)
+            return np.asarray(np.quantile(result.samples, _TAILS, axis=0)).transpose(1, 2, 0)
         if result.region is None or errors is None or not result.converged:
             return None
         if result.region == LIKELIHOOD and result.states is not None:

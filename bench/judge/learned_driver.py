@@ -1,7 +1,7 @@
 """A driver that has learned by trial and error (PPO), for the ego of a drive.
 
-It maps what it sees to what it does, and knows no game. ``scripts/train_driver.py`` trained it in
-``envs.drive.ego_env`` and wrote the file beside this one.
+It maps what it sees to what it does, and knows no game. ``scripts/train_ppo.py driver`` trained it
+in ``envs.drive.ego_env`` and wrote the file beside this one.
 """
 
 from functools import lru_cache

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.envs.recordings.recording import Recording
-from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
 from olne_bench.estimators.shared.outer_fit import HeldWeights, least_error, least_error_in
 from olne_bench.estimators.shared.white_noise import with_white_noise
@@ -16,7 +15,7 @@ def likelihood_ratio(
     problem: Problem,
     observations: tuple[Observation, ...],
     recordings: tuple[Recording, ...],
-    estimate: CheckedEstimate,
+    estimate: Estimate,
     found: Root,
 ) -> float | None:
     """Twice the log of the largest likelihood less that of the true weights.
@@ -55,8 +54,8 @@ def likelihood_ratio(
         at_best = least_error(white, seen, fitted, held=False)
     if at_best is None:
         return None
-    claimed = np.inf if estimate.objective is None else estimate.objective
-    return (at_truth - min(at_best, claimed)) / problem.sigma**2
+    claimed = estimate.extras.get("objective", np.inf)
+    return float((at_truth - min(at_best, claimed)) / problem.sigma**2)
 
 
 def _games(problem: Problem, roots: list[Root], theta: np.ndarray) -> tuple[SolvedGame, ...]:

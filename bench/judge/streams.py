@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from olne_bench.bench.judge.cloned_policy import policy_of
-from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.judge.players import (
     Announce,
@@ -50,6 +50,7 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
 from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.envs.worlds.scene import is_on_road
+from olne_bench.estimators.protocol import Estimate
 
 #: How far ahead predictions are scored [s].
 AHEAD = (1.0, 2.0, 3.0, 4.0)
@@ -214,7 +215,7 @@ def _time(case: Case, count: int) -> float:
 class _Counting:
     """The estimate that counts, and what it predicts."""
 
-    def __init__(self, case: Case, estimate: CheckedEstimate, count: int) -> None:
+    def __init__(self, case: Case, estimate: Estimate, count: int) -> None:
         seen = case.observations[0].y[:count]
         self.count, self.weights = count, estimate.weights
         self.states = estimate.states

@@ -4,6 +4,7 @@ Only the referee knows the truth. An estimator runs in another process (``judge.
 receives a problem and observations and nothing else.
 """
 
+import json
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from olne_bench import plugins
-from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.likelihood import likelihood_ratio
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
@@ -42,7 +43,7 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
-from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.games.model.observation import FullView, View, whitening
 from olne_bench.games.model.sensor import Layer, SensorModel
 
@@ -183,7 +184,7 @@ def shown(
 
 
 def _scored(
-    estimate: CheckedEstimate,
+    estimate: Estimate,
     trial: Trial,
     case: Case,
     outcome: Outcome,
@@ -198,8 +199,8 @@ def _scored(
         weights=estimate.weights.tolist(),
         unknowns=_listed(estimate.parameters),
         weight_levels=_listed(levels),
-        objective=estimate.objective,
-        extras=estimate.extras,
+        objective=estimate.extras.get("objective"),
+        extras=_stored_extras(estimate),
     )
     judged = Judged(case.recordings, estimate, prediction=None, sigma=trial.sigma)
     if not estimate.converged:
@@ -227,6 +228,11 @@ def _scored(
         ),
     )
     return _with_scores(outcome, judged, trial, foreign)
+
+
+def _stored_extras(estimate: Estimate) -> str | None:
+    kept = {name: value for name, value in estimate.extras.items() if name != "objective"}
+    return json.dumps(kept, sort_keys=True) if kept else None
 
 
 def _listed(array: np.ndarray | None) -> list[list[float]] | None:
@@ -259,9 +265,7 @@ def _held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[Held
         return None
 
 
-def _held_out_samples(
-    case: Case, trial: Trial, estimate: CheckedEstimate, most: int
-) -> np.ndarray | None:
+def _held_out_samples(case: Case, trial: Trial, estimate: Estimate, most: int) -> np.ndarray | None:
     game = case.problem.game
     samples = estimate.sampled_theta(game, most)
     if samples is None:

@@ -51,13 +51,7 @@ class Draw:
 
     @classmethod
     def of(cls, scenario: ScenarioEntry, seed: int, salt: str) -> "Draw":
-        """The draw of a trial, which only those who know the salt can repeat.
-
-        Args:
-            scenario: scenario of the trial.
-            seed: seed of the trial.
-            salt: salt of its suite.
-        """
+        """The draw of a trial, which only those who know the salt can repeat."""
         options = json.dumps(scenario.options, sort_keys=True)
         key = (options, seed) if scenario.family else ()
         own = stream(salt, "draw", scenario.name, *key)
@@ -70,14 +64,7 @@ class Draw:
 
 
 def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
-    """Seed of a trial's noise, the same for every sensor and estimator.
-
-    Args:
-        scenario: scenario of the trial.
-        sigma: noise level of the trial.
-        seed: seed of the trial.
-        salt: salt of its suite.
-    """
+    """Seed of a trial's noise, the same for every sensor and estimator."""
     options = json.dumps(scenario.options, sort_keys=True)
     return stream(salt, "noise", scenario.name, options, round(sigma * 1e9), seed)
 

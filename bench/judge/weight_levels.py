@@ -3,13 +3,12 @@
 import numpy as np
 from scipy.special import ndtr
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate
-from olne_bench.estimators.protocol import COVARIANCE, SAMPLES
+from olne_bench.estimators.protocol import COVARIANCE, SAMPLES, Estimate
 
 _EXACT = 1e-9  # errors of weights, which sum to one
 
 
-def weight_levels(weights: np.ndarray, estimate: CheckedEstimate) -> np.ndarray | None:
+def weight_levels(weights: np.ndarray, estimate: Estimate) -> np.ndarray | None:
     """Probability, to the estimate, that each weight is below its true value.
 
     Of samples it is the rank of the truth among them (simulation-based calibration: Talts et al.

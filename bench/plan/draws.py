@@ -4,23 +4,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from olne_bench.bench.plan.salt import salt_id
-from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.suite import Suite, salt_id
 from olne_bench.envs.solved import DRAWS_SUFFIX, shipped_draws
 from olne_bench.envs.solved.draws_file import Draws, OtherDrawsError, read_draws
 
 
 @dataclass(frozen=True)
 class DrawsSource:
-    """A file of draws, as processes and machines of a run find it.
+    """A file of draws, as processes and machines of a run find it."""
 
-    Attributes:
-        place: its absolute path, or the name of a suite whose file comes with this package.
-        digest: SHA-256 of its content, as hexadecimal text.
-    """
-
-    place: str
-    digest: str
+    place: str  # absolute path, or the name of a suite whose file comes with this package
+    digest: str  # SHA-256 as hexadecimal text
 
     @property
     def path(self) -> Path:
@@ -43,10 +37,9 @@ def about(suite: Suite) -> dict[str, str]:
 
 
 def draws_of(reference: str, suite: Suite) -> Draws | None:
-    """The draws of a suite; None if there is no file, or it is for another salt.
+    """The draws of a suite; None if there is no file, or one for another salt.
 
-    Raises:
-        OtherDrawsError: if the file is damaged, of another version or of another suite.
+    OtherDrawsError if the file is damaged, or of another version or suite.
     """
     path = draws_path(reference)
     if not path.exists():
@@ -60,24 +53,19 @@ def draws_of(reference: str, suite: Suite) -> Draws | None:
 
 
 def draws_source(reference: str, suite: Suite) -> DrawsSource | None:
-    """The source of ``draws_of``, for trials.
-
-    Raises:
-        OtherDrawsError: as ``draws_of``.
-    """
+    """The source of ``draws_of``, for trials."""
     draws = draws_of(reference, suite)
     if draws is None:
         return None
-    place = str(draws_path(reference).resolve()) if reference.endswith(".toml") else reference
-    return DrawsSource(place, draws.digest)
+    own = reference.endswith(".toml")
+    return DrawsSource(str(draws_path(reference).resolve()) if own else reference, draws.digest)
 
 
 @lru_cache(maxsize=2)
 def opened(source: DrawsSource | None) -> Draws | None:
     """The draws of a source, which is read once per process.
 
-    Raises:
-        OtherDrawsError: if the file here is another one than where the run was started.
+    It must be the file that the run was started with (OtherDrawsError).
     """
     if source is None:
         return None

@@ -26,38 +26,23 @@ FIXED = ("identifiable_cosine_error", "limit_ratio", "failures", "published_fail
 
 
 class PluginEntry(Strict):
-    """A plugin with its parameters.
-
-    Attributes:
-        name: name or file of the plugin.
-        parameters: parameters of the plugin.
-    """
+    """A plugin with its parameters."""
 
     name: Reference
     parameters: Parameters = Field(default_factory=dict)
 
 
 class ScenarioEntry(Strict):
-    """A scenario with its options, such as ``num_players`` of ``random``.
-
-    Attributes:
-        name: name or file of the scenario.
-        options: options of the scenario.
-        label: name in tables. Default: the scenario's name with its options in parentheses.
-        trajectories: number of trajectories, each from another start
-            (``bench.judge.nearby_starts``). Default: that of the suite.
-        sigmas: noise levels. Default: those of the suite.
-        seeds: number of noise draws to use, from the first on. Default: all.
-        family: whether each seed draws another game; learnt.
-    """
+    """A scenario with its options, such as ``num_players`` of ``random``."""
 
     name: Reference
     options: Parameters = Field(default_factory=dict)
-    label: Label = ""
-    trajectories: Trajectories = 1
+    label: Label = ""  # default: the scenario's name with its options in parentheses
+    trajectories: Trajectories = 1  # each from another start (``bench.judge.nearby_starts``)
+    # default: those of the suite
     sigmas: tuple[Sigma, ...] = Field(default=(), max_length=MOST_SIGMAS)
-    seeds: Seeds | None = None
-    family: bool = False
+    seeds: Seeds | None = None  # number of draws to use, from the first on; default: all
+    family: bool = False  # learnt: whether each seed draws another game
 
 
 class SensorEntry(Strict):
@@ -65,13 +50,9 @@ class SensorEntry(Strict):
 
     In a suite's file it is ``"full"``, or ``{name = "drop", parameters = {p = 0.3}}``, or
     ``{label = "gappy", stack = ["partial", {name = "drop", parameters = {p = 0.3}}]}``.
-
-    Attributes:
-        label: name in tables. Default: the names of the layers.
-        layers: sensors with their parameters.
     """
 
-    label: Label = ""
+    label: Label = ""  # default: the names of the layers
     layers: tuple[PluginEntry, ...] = Field(min_length=1, max_length=20)
 
     @model_validator(mode="before")
@@ -92,40 +73,25 @@ class SensorEntry(Strict):
 
 
 class EstimatorEntry(Strict):
-    """An estimator with its parameters; ``label`` distinguishes two settings of the same one.
-
-    Attributes:
-        name: name or file of the estimator.
-        parameters: parameters of the estimator.
-        label: name in tables. Default: the estimator's name.
-        scenarios: labels of the scenarios that it is run on. Default: all.
-        seeds: number of noise draws to use, from the first on. Default: all.
-        seeds_in: the same for single scenarios, by label; goes before ``seeds``.
-        several: whether it takes several trajectories at once; learnt.
-    """
+    """An estimator with its parameters; ``label`` distinguishes two settings of the same one."""
 
     name: Reference
     parameters: Parameters = Field(default_factory=dict)
     label: Label = ""
-    scenarios: tuple[Label, ...] = ()
-    seeds: Seeds | None = None
+    scenarios: tuple[Label, ...] = ()  # labels; default: all
+    seeds: Seeds | None = None  # number of draws to use, from the first on; default: all
+    # by label of scenario; goes before ``seeds``
     seeds_in: dict[Label, Seeds] = Field(default_factory=dict)
-    several: bool = False
+    several: bool = False  # learnt: whether it takes several trajectories at once
 
 
 class MetricEntry(Strict):
-    """A metric with its parameters.
-
-    Attributes:
-        name: name or file of the metric.
-        parameters: parameters of the metric.
-        column: name of its column in tables; learnt.
-        declaration: fields of its ``MetricDeclaration``, such as its unit; learnt.
-    """
+    """A metric with its parameters."""
 
     name: Reference
     parameters: Parameters = Field(default_factory=dict)
-    column: Label = ""
+    column: Label = ""  # learnt
+    # learnt: fields of its ``MetricDeclaration``
     declaration: dict[str, Any] = Field(default_factory=dict)
 
     @field_validator("declaration")
@@ -141,28 +107,19 @@ class GateLimits(Strict):
     """Limits for one estimator, in each scenario and sensor separately.
 
     Any other key in the table of a suite file is the column of a metric and limits its median.
-
-    Attributes:
-        scenarios: labels of the scenarios that count. Default: all.
-        sensors: labels of the sensors that count. Default: all.
-        identifiable_cosine_error: largest median.
-        limit_ratio: largest mean cosine error over its statistical limit.
-        failures: largest number of trials without a prediction.
-        published_failures: largest number of failures by the published definition.
-        time_ratio: largest median time over that of the estimator ``time_reference``.
-        time_reference: label of an estimator of the same run.
-        metrics: largest medians of metrics, by column.
     """
 
-    scenarios: tuple[Label, ...] = ()
-    sensors: tuple[Label, ...] = ()
-    identifiable_cosine_error: Bound | None = None
-    limit_ratio: Bound | None = None
+    scenarios: tuple[Label, ...] = ()  # labels; default: all
+    sensors: tuple[Label, ...] = ()  # labels; default: all
+    identifiable_cosine_error: Bound | None = None  # largest median
+    limit_ratio: Bound | None = None  # largest mean cosine error over its statistical limit
+    # most trials without a prediction
     failures: int | None = Field(default=None, ge=0, strict=True)
+    # most failures by the published definition
     published_failures: int | None = Field(default=None, ge=0, strict=True)
-    time_ratio: Bound | None = None
+    time_ratio: Bound | None = None  # largest median time over that of ``time_reference``
     time_reference: Label = ""
-    metrics: dict[str, Bound] = Field(default_factory=dict)
+    metrics: dict[str, Bound] = Field(default_factory=dict)  # largest medians, by column
 
     @model_validator(mode="before")
     @classmethod

@@ -1,9 +1,7 @@
 """Fingerprints of source code, which ignore comments, formatting and docstrings.
 
-A fingerprint covers modules and what they import from given packages, at any depth. It also covers
-files beside a module, such as data or C code, that share its name or that it names in a string. It
-does not cover what code finds in other ways, such as ``importlib``, nor names under which Gymnasium
-finds environments, nor the module that starts processes.
+A fingerprint covers modules, what they import from given packages, and files beside them that share
+their name or that they name. It does not cover what code finds in other ways, as by ``importlib``.
 """
 
 import glob
@@ -29,12 +27,10 @@ LENGTH = 12
 
 
 def fingerprint(modules: Mapping[str, Path], roots: Mapping[str, Path], own: Path | None) -> str:
-    """Fingerprint of modules and what they import.
+    """Fingerprint of modules and of what they import from ``roots``, or from the folder ``own``.
 
-    Args:
-        modules: names and files of the modules to start from.
-        roots: packages whose imports count: dotted name and the folder above its first part.
-        own: a folder whose modules count under any other top-level name.
+    A root is a package's dotted name, and the folder above its first part. Modules of ``own`` count
+    under any other top-level name.
     """
     found = modules_used(modules, roots, own)
     digest = hashlib.sha256()
@@ -65,10 +61,7 @@ def modules_used(
 
 
 def data_beside(path: Path) -> list[Path]:
-    """Files beside a module, or below, that count as part of it, such as its data.
-
-    They share its name, or it names them in a string, where a ``*`` stands for any characters.
-    """
+    """Files beside a module or below that share its name, or that it names (or by ``*``)."""
     patterns = set(_summary(path).files)
     if path.name != "__init__.py":
         patterns.add(f"{glob.escape(path.stem)}.*")

@@ -41,20 +41,14 @@ _Count = Annotated[int, Field(ge=2, le=10**6, strict=True)]
 
 
 class Rules(Strict):
-    """Rules by which units of a study are run.
+    """Rules by which units of a study are run."""
 
-    Attributes:
-        deadline: time [s] in which an estimate has to be there; None for until the next sample.
-        lag: number of latest samples that count; None for all.
-        fit_every: HighwayEnv's drivers are fitted after each sample whose number is a multiple of
-            this one; None if they are not fitted.
-        window: number of latest samples from which the planner of a drive estimates.
-    """
-
+    # time [s] in which an estimate has to be there; None: until the next sample
     deadline: _Deadline | None = None
-    lag: _Count | None = None
+    lag: _Count | None = None  # number of latest samples that count; None: all
+    # HighwayEnv's drivers are fitted after every so many samples; None: never
     fit_every: _Count | None = None
-    window: _Count = 6
+    window: _Count = 6  # number of latest samples from which the planner of a drive estimates
 
     @property
     def given(self) -> dict[str, Any]:

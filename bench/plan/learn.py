@@ -26,16 +26,7 @@ def describe_here(questions: list[Question]) -> list[Description]:
 
 
 def learn(suite: Suite, plugins: tuple[str, ...], describe: Describe) -> Suite:
-    """The suite with the descriptions of its plugins, and with more plugins.
-
-    Args:
-        suite: the suite as read from its file.
-        plugins: references of plugins to add.
-        describe: describes plugins.
-
-    Raises:
-        UserError: on the first plugin that cannot be used.
-    """
+    """The suite with the descriptions of its plugins, and with more ``plugins``, by reference."""
     metrics = _all_metrics(suite)
     questions: list[Question] = [
         *((SCENARIO, e.name, _options(suite, e)) for e in suite.scenarios),
@@ -68,11 +59,7 @@ def _options(suite: Suite, scenario: ScenarioEntry) -> Mapping[str, Any]:
 
 
 def with_named(suite: Suite, kind: Kind, names: Iterable[str], describe: Describe) -> Suite:
-    """The suite with more plugins of a kind, by their names.
-
-    Raises:
-        UserError: on the first plugin that cannot be used.
-    """
+    """The suite with more plugins of a kind, by their names."""
     questions: list[Question] = [(kind, name, {}) for name in names]
     for (_, name, _), said in zip(questions, describe(questions), strict=True):
         if said.error:
@@ -95,18 +82,18 @@ def _all_metrics(suite: Suite) -> list[MetricEntry]:
 
 
 def _add(suite: Suite, plugin: str, said: Description) -> Suite:
+    entry: Any
     if said.kind == SCENARIO.name:
-        entry = ScenarioEntry(name=plugin, trajectories=suite.trajectories)
-        scenario = _scenario(entry, said)
-        return suite.model_copy(update={"scenarios": (*suite.scenarios, scenario)})
-    if said.kind == SENSOR.name:
-        sensor = _sensor(SensorEntry(layers=(PluginEntry(name=plugin),)), iter([said]))
-        return suite.model_copy(update={"sensors": (*suite.sensors, sensor)})
-    if said.kind == METRIC.name:
-        metric = _metric(MetricEntry(name=plugin), said)
-        return suite.model_copy(update={"metrics": (*suite.metrics, metric)})
-    estimator = _estimator(EstimatorEntry(name=plugin), said)
-    return suite.model_copy(update={"estimators": (*suite.estimators, estimator)})
+        given = ScenarioEntry(name=plugin, trajectories=suite.trajectories)
+        entry = _scenario(given, said)
+    elif said.kind == SENSOR.name:
+        entry = _sensor(SensorEntry(layers=(PluginEntry(name=plugin),)), iter([said]))
+    elif said.kind == METRIC.name:
+        entry = _metric(MetricEntry(name=plugin), said)
+    else:
+        entry = _estimator(EstimatorEntry(name=plugin), said)
+    axis = f"{said.kind}s"
+    return suite.model_copy(update={axis: (*getattr(suite, axis), entry)})
 
 
 # A run may be continued from another folder, so references are absolute. Entries are built again,

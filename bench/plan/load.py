@@ -1,14 +1,16 @@
-"""Suites from TOML files."""
+"""Suites from TOML files, whose parts have to fit each other."""
 
+import re
 import tomllib
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from olne_bench.bench.plan.check import check_suite
 from olne_bench.bench.plan.entries import (
+    FIXED,
     LEARNT,
     EstimatorEntry,
     GateLimits,
@@ -18,8 +20,11 @@ from olne_bench.bench.plan.entries import (
 )
 from olne_bench.bench.plan.kinds import Rules, StudyKind
 from olne_bench.bench.plan.learn import Describe, describe_here, learn
+from olne_bench.bench.plan.outcome import OUTCOME_COLUMNS
 from olne_bench.bench.plan.suite import CHANGED, Suite
+from olne_bench.bench.plan.trial import LABEL_COLUMNS, number_of_trials
 from olne_bench.bench.plan.values import cut, shown
+from olne_bench.bench.plan.versions import VERSION_COLUMNS
 from olne_bench.errors import UserError
 
 SUITE_FOLDER = Path(__file__).parent / "suites"
@@ -42,11 +47,7 @@ def suite_names() -> list[str]:
 
 
 def suite_text(reference: str) -> str:
-    """The text of a suite's file.
-
-    Raises:
-        UserError: on an unknown suite, and on a file that cannot be read or is too large.
-    """
+    """The text of a suite's file."""
     path = _file(reference)
     try:
         with path.open("rb") as file:
@@ -68,17 +69,9 @@ def load_suite(
     kind: StudyKind | None = None,
     rules: Mapping[str, Any] | None = None,
 ) -> Suite:
-    """Read a suite.
+    """Read a suite by its name or the path of its TOML file (UserError if it is refused).
 
-    Args:
-        reference: a name from ``suite_names()`` or the path of a TOML file.
-        plugins: references of estimators, scenarios, sensors and metrics to add to its own.
-        describe: describes plugins. Default: in this process.
-        kind: kind of study to make of it. Default: its own.
-        rules: rules that replace its own.
-
-    Raises:
-        UserError: on an unknown suite, unreadable TOML or a value that is refused.
+    ``plugins`` are added to its own; ``kind`` and ``rules`` replace its own.
     """
     text = suite_text(reference)
     place = f"suite {_file(reference)}"
@@ -157,3 +150,78 @@ def _unknown_key(place: str, model: type[BaseModel]) -> str:
     learnt = LEARNT.get(model, ())
     known = [name for name in model.model_fields if name not in learnt]
     return f"unknown key {place!r}; known are: {', '.join(known)}"
+
+
+#: More trials would not be finished, nor fit into any report.
+MOST_TRIALS = 10**8
+_COLUMN = re.compile("[a-z][a-z0-9_]{0,59}")
+_TAKEN = {*LABEL_COLUMNS, *OUTCOME_COLUMNS, *VERSION_COLUMNS, *FIXED, "run", "checksum", "rowid"}
+
+
+def check_suite(suite: Suite) -> None:
+    """Refuse a suite whose parts do not fit each other (UserError)."""
+    _distinct("sigma", suite.sigmas)
+    for scenario in suite.scenarios:
+        _distinct(f"scenario {scenario.name!r}: sigma", scenario.sigmas)
+    _distinct("scenario", [entry.label for entry in suite.scenarios])
+    _distinct("sensor", [entry.label for entry in suite.sensors])
+    _distinct("estimator label", [entry.label for entry in suite.estimators])
+    _check_columns(suite)
+    labels = [scenario.label for scenario in suite.scenarios]
+    for estimator in suite.estimators:
+        complaint = f"estimator {estimator.label!r} is limited to an unknown scenario"
+        _named(complaint, [*estimator.scenarios, *estimator.seeds_in], labels)
+    _check_seeds(suite)
+    number = number_of_trials(suite)
+    if number > MOST_TRIALS:
+        raise UserError(f"it has {number} trials, at most {MOST_TRIALS} can be run")
+
+
+def check_gate(suite: Suite) -> None:
+    """Refuse limits on what a suite, with its added plugins, does not run (UserError)."""
+    labels = [entry.label for entry in suite.estimators]
+    scenarios = [entry.label for entry in suite.scenarios]
+    sensors = [entry.label for entry in suite.sensors]
+    for label, limits in suite.gate.items():
+        place = f"suite {suite.name!r}: [gate.{label}]"
+        reference = (limits.time_reference,) if limits.time_reference else ()
+        _named(f"{place} is for an unknown estimator", (label,), labels)
+        _named(f"{place}: unknown time_reference", reference, labels)
+        _named(f"{place}: unknown scenario", limits.scenarios, scenarios)
+        _named(f"{place}: unknown sensor", limits.sensors, sensors)
+        gated = [e.column for e in suite.metrics if e.declaration.get("gated")]
+        _named(f"{place}: unknown limit", limits.metrics, [*gated, *FIXED])
+
+
+def _check_seeds(suite: Suite) -> None:
+    numbers = [(f"scenario {entry.label!r}", entry.seeds) for entry in suite.scenarios]
+    for entry in suite.estimators:
+        own = (entry.seeds, *entry.seeds_in.values())
+        numbers += [(f"estimator {entry.label!r}", number) for number in own]
+    for what, number in numbers:
+        if number is not None and number > suite.seeds:
+            raise UserError(f"{what} has seeds = {number}, the suite has only {suite.seeds}")
+
+
+def _check_columns(suite: Suite) -> None:
+    columns = [entry.column for entry in suite.metrics]
+    _distinct("metric", columns)
+    for column in columns:
+        if not _COLUMN.fullmatch(column) or column in _TAKEN:
+            raise UserError(
+                f"a metric is called {column!r}: its name becomes a column, so it must have "
+                "lower-case letters, digits and underscores only, and not be the name of another "
+                "column"
+            )
+
+
+def _named(complaint: str, names: Iterable[str], known: Sequence[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise UserError(f"{complaint} {name!r}; the suite has: {', '.join(known)}")
+
+
+def _distinct(what: str, keys: Iterable[str | float]) -> None:
+    for key, number in Counter(keys).items():
+        if number > 1:
+            raise UserError(f"{what} {key!r} is listed twice")

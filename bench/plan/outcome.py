@@ -21,44 +21,27 @@ RETRIES = ("failed", *FAILURES, "harness_error")
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a trial.
+    """The outcome of a trial."""
 
-    Attributes:
-        status: one of ``STATUSES``.
-        message: one line; empty if there is nothing to say.
-        cosine_limit: the cosine error expected of an efficient estimator (Cramer-Rao bound).
-        published_forward: 1 if the published study's prediction step finds a root at the estimated
-            weights; 0 if only another search finds one, or none does
-            (``games.solve.nearest_root``).
-        observation_error: mean absolute position noise [m] of the observation.
-        objective: what the estimator minimised.
-        truth_objective: sum of squared observation errors of the true trajectory, each over its
-            noise scale.
-        solve_seconds: wall-clock time of the estimate, solver construction excluded.
-        weights: (N, K) nested list of estimated weights.
-        unknowns: (N, U) nested list of what was estimated besides weights, each in its unit; None
-            if the game has no unknowns.
-        weight_levels: (N, K) nested list: the estimate's probability that each weight is below its
-            true value; None if it says nothing about single weights.
-        extras: JSON text of the estimator's other finite numbers and short texts; None if there
-            are none.
-        scores: score by metric column; None, or no entry, where a metric does not apply.
-        trial_seconds: wall-clock time of the whole trial; no column has it, but sums are kept.
-    """
-
-    status: str
-    message: str = ""
-    cosine_limit: float | None = None
+    status: str  # one of ``STATUSES``
+    message: str = ""  # one line; empty if there is nothing to say
+    cosine_limit: float | None = None  # error expected of an efficient estimator (Cramer-Rao bound)
+    # 1 if the published study's prediction step finds a root at the estimated weights, else 0
     published_forward: int | None = None
-    observation_error: float | None = None
-    objective: float | None = None
+    observation_error: float | None = None  # mean absolute position noise [m]
+    objective: float | None = None  # what the estimator minimised
+    # sum of squared errors of the observation about the true trajectory, over noise scales
     truth_objective: float | None = None
-    solve_seconds: float | None = None
-    weights: list[list[float]] | None = None
+    solve_seconds: float | None = None  # wall-clock time of the estimate, without building solvers
+    weights: list[list[float]] | None = None  # (N, K)
+    # (N, U), each in its unit; None if the game has no unknowns
     unknowns: list[list[float]] | None = None
+    # (N, K) probability that a weight is below its true value, by the estimate; or None
     weight_levels: list[list[float]] | None = None
-    extras: str | None = None
+    extras: str | None = None  # JSON of the estimator's other finite numbers and short texts
+    # by metric column; None, or no entry, where it does not apply
     scores: dict[str, float | None] = field(default_factory=dict)
+    # of the whole trial; no column has it, but sums are kept
     trial_seconds: float | None = field(default=None, compare=False)
 
 

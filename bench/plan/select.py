@@ -11,37 +11,26 @@ from collections.abc import Iterable
 from typing import Any
 
 from olne_bench import plugins
-from olne_bench.bench.plan.check import check_suite
 from olne_bench.bench.plan.kinds import Rules
 from olne_bench.bench.plan.learn import Describe, with_named
+from olne_bench.bench.plan.load import check_suite
 from olne_bench.bench.plan.suite import CHANGED, Suite
 from olne_bench.bench.plan.values import Label, Seeds, Sigma, Strict, shown
 from olne_bench.errors import UserError
+from olne_bench.plugin_places import nearest
 
 _LARGEST_SIGMA = 1e6
-_KINDS = {
-    "scenarios": plugins.SCENARIO,
-    "sensors": plugins.SENSOR,
-    "estimators": plugins.ESTIMATOR,
-}
+_KINDS = {"scenarios": plugins.SCENARIO, "sensors": plugins.SENSOR, "estimators": plugins.ESTIMATOR}
 
 
 class Selection(Strict):
-    """Which part of a suite to use; an empty field selects everything.
+    """Which part of a suite to use; an empty field selects everything."""
 
-    Attributes:
-        scenarios: labels.
-        sensors: labels.
-        sigmas: noise levels.
-        estimators: labels.
-        seeds: number of noise draws to use, from the first on.
-    """
-
-    scenarios: tuple[Label, ...] = ()
+    scenarios: tuple[Label, ...] = ()  # labels, as below
     sensors: tuple[Label, ...] = ()
     sigmas: tuple[Sigma, ...] = ()
     estimators: tuple[Label, ...] = ()
-    seeds: Seeds | None = None
+    seeds: Seeds | None = None  # number of noise draws to use, from the first on
 
     def __str__(self) -> str:
         """The selection as command-line options; empty if it selects everything."""
@@ -57,71 +46,48 @@ class Selection(Strict):
 
 
 def select(suite: Suite, selection: Selection) -> Suite:
-    """A part of a suite; an empty selection keeps everything.
-
-    What estimators are compared with is in each part, unless the selection names some of it.
-
-    Raises:
-        UserError: on a value that the suite does not have; the message names what it has. If no
-            scenario has any of the noise levels.
-    """
-    scenarios = [entry.label for entry in suite.scenarios]
-    sensors = [entry.label for entry in suite.sensors]
-    estimators = [entry.label for entry in suite.estimators]
-    levels = sorted({*suite.sigmas, *(s for entry in suite.scenarios for s in entry.sigmas)})
-    _require(suite, "scenario", selection.scenarios, scenarios)
-    _require(suite, "sensor", selection.sensors, sensors)
-    _require(suite, "sigma", selection.sigmas, levels)
-    _require(suite, "estimator", selection.estimators, estimators)
+    """A part of a suite, with all that estimators are compared with, unless some of it is named."""
+    scenarios, sensors, sigmas, estimators = (
+        _named(suite, axis, getattr(selection, axis))
+        for axis in ("scenarios", "sensors", "sigmas", "estimators")
+    )
     if selection.seeds is not None and selection.seeds > suite.seeds:
         raise UserError(f"--seeds {selection.seeds}: suite {suite.name!r} has {suite.seeds}")
-    sigmas = set(selection.sigmas or levels)
     kept = []
     for entry in suite.scenarios:
         own = tuple(s for s in suite.sigmas_of(entry) if s in sigmas)
-        if own and entry.label in (selection.scenarios or scenarios):
+        if own and entry.label in scenarios:
             kept.append(entry.model_copy(update={"sigmas": own}) if entry.sigmas else entry)
     if not kept:
         raise UserError(f"suite {suite.name!r} has no scenario with such noise levels: {selection}")
-    named = {*(selection.estimators or estimators)}
-    if not named & {*suite.references}:
-        named |= {*suite.references}
+    if not estimators & {*suite.references}:
+        estimators |= {*suite.references}
     return suite.model_copy(
         update={
             "scenarios": tuple(kept),
-            "sensors": tuple(s for s in suite.sensors if s.label in (selection.sensors or sensors)),
+            "sensors": tuple(s for s in suite.sensors if s.label in sensors),
             "sigmas": tuple(s for s in suite.sigmas if s in sigmas),
-            "estimators": tuple(e for e in suite.estimators if e.label in named),
+            "estimators": tuple(e for e in suite.estimators if e.label in estimators),
         }
     )
 
 
-def _require(
-    suite: Suite, what: str, wanted: Iterable[object], available: Iterable[object]
-) -> None:
-    known = set(available)
+def _named(suite: Suite, axis: str, wanted: Iterable[Any]) -> set[Any]:
+    """What is wanted of a suite: labels or noise levels that it has, all if none is named."""
+    known = suite.levels if axis == "sigmas" else [e.label for e in getattr(suite, axis)]
     for value in wanted:
         if value not in known:
-            choice = ", ".join(str(item) for item in available)
-            raise UserError(f"suite {suite.name!r} has no {what} {shown(value)}; it has: {choice}")
+            choice = ", ".join(str(item) for item in known)
+            raise UserError(
+                f"suite {suite.name!r} has no {axis[:-1]} {shown(value)}; it has: {choice}"
+            )
+    return set(wanted or known)
 
 
 def changed(suite: Suite, selection: Selection, describe: Describe) -> Suite:
     """The suite in which a selection can be made.
 
-    Scenarios, sensors, estimators and noise levels of the selection may be new: then they replace
-    those of the suite. More seeds than it has replace theirs.
-
-    Args:
-        suite: the suite.
-        selection: part of it, or more than it has.
-        describe: describes plugins that are new.
-
-    Returns:
-        The suite itself if it has all of the selection.
-
-    Raises:
-        UserError: on a name that is unknown, or a noise level out of range.
+    What of it the suite does not have replaces what it has; if it has all, it is not changed.
     """
     whole, replaced = suite, dict[str, Any]()
     for axis, kind in _KINDS.items():
@@ -132,29 +98,21 @@ def changed(suite: Suite, selection: Selection, describe: Describe) -> Suite:
             whole = with_named(whole, kind, new, describe)
             replaced[axis] = getattr(selection, axis)
     whole = _with_sigmas(whole, selection.sigmas)
-    more = selection.seeds is not None and selection.seeds > suite.seeds
-    if more:
+    if selection.seeds is not None and selection.seeds > suite.seeds:
         whole = whole.model_copy(update={"seeds": selection.seeds})
     if whole == suite:
         return suite
-    update = {
-        "name": suite.origin + CHANGED,
-        "gate": {},
-        "estimators": _everywhere(whole, replaced),
-    }
+    update = {"name": suite.origin + CHANGED, "gate": {}, "estimators": whole.estimators}
+    if "scenarios" in replaced:  # limits to those that were there have no meaning
+        free: dict[str, Any] = {"scenarios": (), "seeds_in": {}}
+        update["estimators"] = tuple(e.model_copy(update=free) for e in whole.estimators)
     other = select(whole.model_copy(update=update), Selection(**replaced))
     check_suite(other)
     return other
 
 
 def joined(suite: Suite, selection: Selection, former: Suite | None) -> Suite:
-    """A changed suite as it goes on in its folder: what was there, and what is selected now.
-
-    Args:
-        suite: the changed suite of this run; any other is left as it is.
-        selection: what this run is of.
-        former: the suite of the run before; None if this is the first.
-    """
+    """A changed suite as it goes on in its folder: what was there, and what is selected now."""
     if (
         former is not None
         and former.rules.fit_every
@@ -177,16 +135,8 @@ def joined(suite: Suite, selection: Selection, former: Suite | None) -> Suite:
     return suite.model_copy(update=update)
 
 
-def _everywhere(suite: Suite, replaced: dict[str, Any]) -> tuple[Any, ...]:
-    """Estimators; limits to scenarios that are replaced have no meaning."""
-    if "scenarios" not in replaced:
-        return suite.estimators
-    free: dict[str, Any] = {"scenarios": (), "seeds_in": {}}
-    return tuple(entry.model_copy(update=free) for entry in suite.estimators)
-
-
 def _with_sigmas(suite: Suite, wanted: tuple[float, ...]) -> Suite:
-    levels = sorted({*suite.sigmas, *(s for entry in suite.scenarios for s in entry.sigmas)})
+    levels = suite.levels
     if all(sigma in levels for sigma in wanted):
         return suite
     for sigma in wanted:
@@ -204,7 +154,7 @@ def _check_names(suite: Suite, kind: plugins.Kind, new: list[str], known: list[s
     others = plugins.names(kind)
     for name in new:
         if name not in others:
-            hint = plugins.nearest(name, dict.fromkeys([*known, *others]))
+            hint = nearest(name, dict.fromkeys([*known, *others]))
             raise UserError(
                 f"suite {suite.name!r} has no {kind.name} {shown(name)}; it has: "
                 f"{', '.join(known)}; known are also: "

@@ -36,19 +36,12 @@ class Import(msgspec.Struct, frozen=True):
 
 
 class Summary(msgspec.Struct, frozen=True):
-    """A source file.
+    """A source file."""
 
-    Attributes:
-        code: digest of the code without comments and docstrings; None if it is not Python.
-        imports: its imports.
-        worlds: names of worlds in its strings.
-        files: what may be names of files in its strings, or patterns of names.
-    """
-
-    code: str | None
+    code: str | None  # digest of the code without comments and docstrings; None if it is not Python
     imports: tuple[Import, ...] = ()
-    worlds: tuple[str, ...] = ()
-    files: tuple[str, ...] = ()
+    worlds: tuple[str, ...] = ()  # names of worlds in its strings
+    files: tuple[str, ...] = ()  # strings that may be names of files, or patterns of names
 
 
 def summarised(source: bytes) -> Summary:

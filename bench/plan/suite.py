@@ -1,5 +1,12 @@
-"""Suites: what to run."""
+"""Suites: what to run, and the salt that seeds its noise and draws.
 
+Anyone who knows the salt can draw the noise again and subtract it. The salt of a published suite is
+its name, so that its rows can be repeated. A fresh salt is unknown before its run.
+"""
+
+import hashlib
+import secrets
+from functools import lru_cache
 from typing import Any, TypeVar
 
 from pydantic import (
@@ -22,6 +29,7 @@ from olne_bench.bench.plan.entries import (
 )
 from olne_bench.bench.plan.kinds import REFERENCES, RULES, STOCK_FITTED, Rules, StudyKind
 from olne_bench.bench.plan.values import (
+    LABEL_LENGTH,
     Iterations,
     Label,
     Name,
@@ -47,63 +55,39 @@ _Labelled = TypeVar("_Labelled", ScenarioEntry, SensorEntry, EstimatorEntry)
 
 
 class Suite(Strict):
-    """A study: every combination of scenario, sensor, noise level, seed and estimator.
-
-    Attributes:
-        name: short name.
-        description: one line for ``olne-bench list``.
-        kind: what one unit of the study is.
-        rules: rules of this kind.
-        salt: seeds the streams of noise and draws. Default: the name.
-        scenarios: names, or tables with options.
-        sensors: names, or tables with parameters or stacks.
-        sigmas: noise levels: standard deviation on positions [m], and times the scenario's
-            ``noise_scale`` on the other components of the state.
-        seeds: noise draws per level; at sigma 0 a fixed scenario has only one, which counts as
-            that many.
-        time_limit: wall-clock seconds after which a stage of a trial (set-up, estimate, scoring) is
-            killed.
-        root_iterations: iterations that IPOPT may take to find the root nearest the truth at the
-            estimated weights. Default: those of the published study. 0: the path of roots from
-            the true weights is followed instead (``games.solve.nearest_root.predict``).
-        trajectories: number of trajectories of each trial, unless a scenario sets its own.
-        estimators: names, or tables with parameters.
-        metrics: names, or tables with parameters; a file need not list the built-in ones.
-        gate: limits by estimator label, which ``olne-bench gate`` checks.
-    """
+    """A study: every combination of scenario, sensor, noise level, seed and estimator."""
 
     name: Name
-    description: Text = ""
-    kind: StudyKind = "trials"
+    description: Text = ""  # one line for ``olne-bench list``
+    kind: StudyKind = "trials"  # what one unit of the study is
     rules: Rules = Rules()
-    salt: Label = ""
+    salt: Label = ""  # seeds the streams of noise and draws; default: the name
     scenarios: tuple[ScenarioEntry, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
     sensors: tuple[SensorEntry, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
+    # on positions [m]; times ``noise_scale`` on other components of the state
     sigmas: tuple[Sigma, ...] = Field(min_length=1, max_length=MOST_SIGMAS)
-    seeds: Seeds
-    time_limit: Seconds = 60.0
+    seeds: Seeds  # draws per level; at sigma 0 a fixed scenario has one, which counts as that many
+    time_limit: Seconds = 60.0  # of each stage of a trial [s]: set-up, estimate, scoring
+    # of IPOPT, to the root at the estimated weights; 0: the path of roots is followed instead
     root_iterations: Iterations = PUBLISHED_ITERATIONS
-    trajectories: Trajectories = 1
+    trajectories: Trajectories = 1  # unless a scenario sets its own
     estimators: tuple[EstimatorEntry, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
+    # a file need not list the built-in ones
     metrics: tuple[MetricEntry, ...] = Field(default=(), max_length=MOST_ENTRIES)
-    gate: dict[Label, GateLimits] = Field(default_factory=dict)
+    gate: dict[Label, GateLimits] = Field(default_factory=dict)  # limits by estimator label
 
     @model_validator(mode="before")
     @classmethod
-    def _salted_by_its_name(cls, data: Any) -> Any:
-        if isinstance(data, dict) and not data.get("salt", "") and "name" in data:
-            return data | {"salt": data["name"]}
-        return data
-
-    @model_validator(mode="before")
-    @classmethod
-    def _trajectories_are_those_of_scenarios(cls, data: Any) -> Any:
-        if not (isinstance(data, dict) and isinstance(data.get("scenarios"), list)):
+    def _usual_salt_and_trajectories(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
             return data
-        common = {"trajectories": data["trajectories"]} if "trajectories" in data else {}
-        named = tables(data["scenarios"])
-        scenarios = [common | s if isinstance(s, dict) else s for s in named]
-        return data | {"scenarios": scenarios}
+        if not data.get("salt", "") and "name" in data:
+            data = data | {"salt": data["name"]}
+        if isinstance(data.get("scenarios"), list) and "trajectories" in data:
+            common = {"trajectories": data["trajectories"]}
+            named = tables(data["scenarios"])
+            data = data | {"scenarios": [common | s if isinstance(s, dict) else s for s in named]}
+        return data
 
     @field_validator("scenarios", "sensors", "estimators", "metrics", mode="before")
     @classmethod
@@ -135,19 +119,11 @@ class Suite(Strict):
         return self.name.removesuffix(CHANGED)
 
     def scenario(self, label: str) -> ScenarioEntry:
-        """The scenario that has this label.
-
-        Raises:
-            UserError: if there is none.
-        """
+        """The scenario that has this label."""
         return self._find("scenario", label, self.scenarios)
 
     def sensor(self, label: str) -> SensorEntry:
-        """The sensor that has this label.
-
-        Raises:
-            UserError: if there is none.
-        """
+        """The sensor that has this label."""
         return self._find("sensor", label, self.sensors)
 
     def _find(self, what: str, label: str, entries: tuple[_Labelled, ...]) -> _Labelled:
@@ -163,11 +139,7 @@ class Suite(Strict):
         return tuple(e.label for e in self.estimators if e.label in REFERENCES[self.kind])
 
     def with_references(self) -> "Suite":
-        """A suite that was read, with an entry for each reference of its kind, which come first.
-
-        Raises:
-            UserError: if an estimator is called like one.
-        """
+        """A suite that was read, with an entry for each reference of its kind, which come first."""
         if self.references:
             raise UserError(
                 f"an estimator is called {self.references[0]!r}; in a study of {self.kind}, that "
@@ -186,6 +158,11 @@ class Suite(Strict):
             if not estimator.scenarios or scenario.label in estimator.scenarios
         ]
 
+    @property
+    def levels(self) -> list[float]:
+        """All noise levels, those of single scenarios too."""
+        return sorted({*self.sigmas, *(s for entry in self.scenarios for s in entry.sigmas)})
+
     def sigmas_of(self, scenario: ScenarioEntry) -> tuple[float, ...]:
         """Noise levels of a scenario."""
         return scenario.sigmas or self.sigmas
@@ -198,11 +175,7 @@ class Suite(Strict):
 
 
 def read_suite_json(text: str) -> Suite:
-    """A suite that a run has stored; its plugins need not exist any more.
-
-    Raises:
-        UserError: if the text is not a suite.
-    """
+    """A suite that a run has stored; its plugins need not exist any more."""
     try:
         return Suite.model_validate_json(text)
     except ValidationError as error:
@@ -212,3 +185,38 @@ def read_suite_json(text: str) -> Suite:
             "the suite that the store holds cannot be read: it is damaged, or of another version "
             f"of olne-bench ({cut(place)}: {cut(problem['msg'])}, got {shown(problem['input'])})"
         ) from error
+
+
+#: Asks for a secret salt.
+FRESH = "fresh"
+
+
+@lru_cache(maxsize=64)
+def salt_id(salt: str) -> str:
+    """A hash of a salt for rows: it distinguishes salts and does not reveal them."""
+    return hashlib.sha256(salt.encode()).hexdigest()[:8]
+
+
+def check_salt(wanted: str | None) -> None:
+    """Refuse an empty text, a long one, and one that is not printable on one line (UserError)."""
+    if wanted is None or (wanted.strip() and wanted.isprintable() and len(wanted) <= LABEL_LENGTH):
+        return
+    raise UserError(
+        f"--salt {shown(wanted)}: a salt is {FRESH!r}, or a text of 1 to {LABEL_LENGTH} characters "
+        "without line breaks"
+    )
+
+
+def salted(suite: Suite, wanted: str | None, former: Suite | None) -> Suite:
+    """The suite with the salt of its run: ``wanted``, else that of the former run, or its own."""
+    if former is None:
+        salt = secrets.token_hex(16) if wanted == FRESH else wanted or suite.salt
+        return suite.model_copy(update={"salt": salt})
+    # A repeated command with --salt fresh continues with the salt that was drawn the first time.
+    drawn = wanted == FRESH and former.salt != suite.salt
+    if wanted not in (None, former.salt) and not drawn:
+        raise UserError(
+            f"--salt {shown(wanted)} is not that of the run to continue, which has "
+            f"{salt_id(former.salt)}; leave --salt out, or use another --out"
+        )
+    return suite.model_copy(update={"salt": former.salt})

@@ -4,18 +4,12 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 from olne_bench.bench.plan.draws import DrawsSource
-from olne_bench.bench.plan.entries import (
-    EstimatorEntry,
-    MetricEntry,
-    ScenarioEntry,
-    SensorEntry,
-)
+from olne_bench.bench.plan.entries import EstimatorEntry, MetricEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.kinds import REFERENCES, Rules, StudyKind
-from olne_bench.bench.plan.salt import salt_id
-from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.suite import Suite, salt_id
 from olne_bench.bench.plan.versions import VERSION_COLUMNS, Versions, versions
 from olne_bench.plugins import ESTIMATOR, SCENARIO, SENSOR, is_built_in, is_file
 
@@ -46,39 +40,21 @@ def foreign_worlds(scenario: ScenarioEntry, sensor: SensorEntry) -> tuple[str, .
 
 @dataclass(frozen=True)
 class Trial:
-    """One estimator on one observation, as a whole or sample by sample, or on one drive.
-
-    Attributes:
-        suite: name of the suite.
-        scenario: scenario with options.
-        sensor: sensor with its layers.
-        sigma: noise level.
-        seed: seed of the noise, and of the draw where the scenario is a family.
-        estimator: estimator with parameters and label.
-        metrics: what the estimate is scored by.
-        count: number of trials of the study that this one stands for.
-        time_limit: wall-clock seconds for each of its stages (``bench.judge.trials``).
-        root_iterations: as in ``Suite``.
-        salt: seeds the streams of noise and draws, together with the seed.
-        versions: versions of the code to run it with.
-        draws: file that holds its truth, if there is one.
-        kind: what is asked of the estimator.
-        rules: rules of this kind.
-    """
+    """One estimator on one observation, as a whole or sample by sample, or on one drive."""
 
     suite: str
     scenario: ScenarioEntry
     sensor: SensorEntry
     sigma: float
-    seed: int
+    seed: int  # of the noise, and of the draw where the scenario is a family
     estimator: EstimatorEntry
     metrics: tuple[MetricEntry, ...]
-    count: int
-    time_limit: float
+    count: int  # number of trials of the study that this one stands for
+    time_limit: float  # wall-clock seconds for each of its stages (``bench.judge.trials``)
     root_iterations: int
-    salt: str
-    versions: Versions = field(default_factory=Versions)
-    draws: DrawsSource | None = None
+    salt: str  # seeds the streams of noise and draws, together with the seed
+    versions: Versions = field(default_factory=Versions)  # of the code to run it with
+    draws: DrawsSource | None = None  # file that holds its truth
     kind: StudyKind = "trials"
     rules: Rules = field(default_factory=Rules)
 
@@ -109,7 +85,18 @@ class Trial:
 
     def code_difference(self) -> str | None:
         """How this process's code differs from the code it was made for; None if it does not."""
-        return explain_difference(self)
+        actual = self.versions_here()
+        for name, subject in (
+            ("estimator", f"the code of estimator {self.estimator.label!r}"),
+            ("scenario", f"the code of scenario {self.scenario.label!r}"),
+            ("sensor", f"the code of sensor {self.sensor.label!r}"),
+            ("scoring", "the code of the scoring"),
+            ("environment", "the environment (versions of libraries, compiler or none)"),
+        ):
+            here, there = getattr(actual, name), getattr(self.versions, name)
+            if here != there:
+                return f"{subject} is {here} in the worker and {there} where the run was started"
+        return None
 
     @property
     def cell(self) -> tuple[str, str, float, str, str]:
@@ -140,34 +127,9 @@ class Trial:
     @property
     def labels(self) -> dict[str, Any]:
         """The columns of the trial's row that are known before it is run."""
-        return {
-            "suite": self.suite,
-            "scenario": self.scenario.label,
-            "sensor": self.sensor.label,
-            "sigma": self.sigma,
-            "seed": self.seed,
-            "salt_id": salt_id(self.salt),
-            "estimator": self.estimator.label,
-            "parameters": self._parameters,
-            "count": self.count,
-        }
-
-
-def explain_difference(trial: Trial) -> str | None:
-    """How this process's code differs from the code a trial was made for; None if it does not."""
-    actual = trial.versions_here()
-    subjects = {
-        "estimator": f"the code of estimator {trial.estimator.label!r}",
-        "scenario": f"the code of scenario {trial.scenario.label!r}",
-        "sensor": f"the code of sensor {trial.sensor.label!r}",
-        "scoring": "the code of the scoring",
-        "environment": "the environment (versions of libraries, compiler or none)",
-    }
-    for name, subject in subjects.items():
-        here, there = getattr(actual, name), getattr(trial.versions, name)
-        if here != there:
-            return f"{subject} is {here} in the worker and {there} where the run was started"
-    return None
+        scenario, sensor, sigma, salt, estimator = self.cell
+        values = (self.suite, scenario, sensor, sigma, self.seed, salt, estimator)
+        return dict(zip(LABEL_COLUMNS, (*values, self._parameters, self.count), strict=True))
 
 
 def number_of_trials(suite: Suite, seeds: int | None = None) -> int:
@@ -185,18 +147,15 @@ def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
 
     A worker builds the solvers of a game, sensor and estimator once and keeps the latest ones. So
     the seed changes fastest in a fixed scenario, and slowest in a family, where each seed draws
-    another game.
-
-    Args:
-        suite: what to run.
-        seeds: number of noise draws to use, from the first on. Default: all.
+    another game. Of each, the first ``seeds`` are used. Default: all.
     """
     numbers = range(min(seeds or suite.seeds, suite.seeds))
     for scenario in suite.scenarios:
         places = list(_places(suite, scenario))
         for part in (range(k, k + 1) for k in numbers) if scenario.family else (numbers,):
             for place in places:
-                yield from _trials(suite, scenario, place, part)
+                for first, own in _levels(suite, scenario, place, part):
+                    yield from (first if k == first.seed else replace(first, seed=k) for k in own)
 
 
 def alike(suite: Suite) -> Iterator[tuple[Trial, range]]:
@@ -221,57 +180,39 @@ def _plugin(estimator: EstimatorEntry) -> str:
     return "" if is_built_in(ESTIMATOR, estimator.name) else estimator.label
 
 
-class _Place(NamedTuple):
-    """What trials of the same scenario, sensor and estimator share."""
-
-    sensor: SensorEntry
-    estimator: EstimatorEntry
-    versions: Versions
-
-
-def _places(suite: Suite, scenario: ScenarioEntry) -> Iterator[_Place]:
-    estimators = [estimator for entry, estimator in suite.pairs() if entry == scenario]
-    for sensor, estimator in product(suite.sensors, estimators):
-        code = versions(scenario, sensor, estimator, _metrics(suite), suite.kind)
-        yield _Place(sensor, estimator, code)
-
-
-def _metrics(suite: Suite) -> tuple[MetricEntry, ...]:
-    """They score trials; other kinds have errors of their own."""
-    return suite.metrics if suite.kind == "trials" else ()
-
-
-def _trials(suite: Suite, scenario: ScenarioEntry, place: _Place, seeds: range) -> Iterator[Trial]:
-    for first, own in _levels(suite, scenario, place, seeds):
-        yield from (first if seed == first.seed else replace(first, seed=seed) for seed in own)
-
-
-def _levels(
-    suite: Suite, scenario: ScenarioEntry, place: _Place, seeds: range
-) -> Iterator[tuple[Trial, range]]:
-    """The first trial at each noise level, and the seeds of all."""
+def _places(suite: Suite, scenario: ScenarioEntry) -> Iterator[Trial]:
+    """A trial of each sensor and estimator, which the others of the scenario differ from."""
     # A trial does not depend on the selection of noise that it is run in.
     bare = scenario.model_copy(update={"sigmas": (), "seeds": None})
-    most = suite.seeds_of(scenario, place.estimator)
-    own = range(seeds.start, min(seeds.stop, most))
-    if not own:
-        return
-    for sigma in suite.sigmas_of(scenario):
-        same = not scenario.family and sigma == 0
-        first = Trial(
+    estimators = [estimator for entry, estimator in suite.pairs() if entry == scenario]
+    # Metrics score trials; other kinds have errors of their own.
+    metrics = suite.metrics if suite.kind == "trials" else ()
+    for sensor, estimator in product(suite.sensors, estimators):
+        yield Trial(
             suite=suite.name,
             scenario=bare,
-            sensor=place.sensor,
-            sigma=sigma,
-            seed=own.start,
-            estimator=place.estimator,
-            metrics=_metrics(suite),
-            count=most if same else 1,
+            sensor=sensor,
+            sigma=0.0,
+            seed=0,
+            estimator=estimator,
+            metrics=metrics,
+            count=1,
             time_limit=suite.time_limit,
             root_iterations=suite.root_iterations,
             salt=suite.salt,
-            versions=place.versions,
+            versions=versions(scenario, sensor, estimator, metrics, suite.kind),
             kind=suite.kind,
             rules=suite.rules,
         )
+
+
+def _levels(
+    suite: Suite, scenario: ScenarioEntry, place: Trial, seeds: range
+) -> Iterator[tuple[Trial, range]]:
+    """The first trial at each noise level, and the seeds of all."""
+    most = suite.seeds_of(scenario, place.estimator)
+    own = range(seeds.start, min(seeds.stop, most))
+    for sigma in suite.sigmas_of(scenario) if own else ():
+        same = not scenario.family and sigma == 0
+        first = replace(place, sigma=sigma, seed=own.start, count=most if same else 1)
         yield first, own[:1] if same else own

@@ -57,11 +57,7 @@ def _plain(value: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_plain(key: str, value: object, depth: int) -> None:
-    """Refuse values that JSON cannot hold, that are too large, or that break a table.
-
-    Raises:
-        ValueError: with the parameter's name.
-    """
+    """Refuse values that JSON cannot hold, that are too large, or that break a table."""
     if isinstance(value, dict | list | tuple):
         if depth == _DEPTH or len(value) > _ITEMS:
             raise ValueError(f"{key!r} is nested deeper than {_DEPTH}, or longer than {_ITEMS}")

@@ -37,21 +37,14 @@ _LIBRARIES = (
 
 @dataclass(frozen=True)
 class Versions:
-    """Fingerprints of code; rows of a trial with equal ones are the same measurement.
+    """Fingerprints of code; rows of a trial with equal ones are the same measurement."""
 
-    Attributes:
-        estimator: the estimator, with what it imports from its own package or folder and from this
-            benchmark. Its parameters are part of a trial's key.
-        scenario: the scenario and the code that plays it.
-        sensor: the sensor's layers.
-        scoring: the code that turns an estimate into a row, metrics and their parameters included.
-        environment: versions of libraries, the backend that solves games, and the arithmetic.
-    """
-
-    estimator: str = ""
-    scenario: str = ""
+    estimator: str = ""  # with what it imports of its own package or folder, and of this benchmark
+    scenario: str = ""  # with the code that plays it
     sensor: str = ""
+    # the code that turns an estimate into a row, metrics and their parameters included
     scoring: str = ""
+    # versions of libraries, the backend that solves games, and the arithmetic
     environment: str = ""
 
 
@@ -66,11 +59,7 @@ def versions(
     metrics: tuple[MetricEntry, ...],
     kind: StudyKind = "trials",
 ) -> Versions:
-    """The versions of the code on this machine; foreign code is read, not run.
-
-    Raises:
-        UserError: where the code of one of them is not found.
-    """
+    """The versions of the code on this machine; foreign code is read, not run."""
     named = tuple((m.name, json.dumps(m.parameters, sort_keys=True)) for m in metrics)
     worlds = ("", "")  # those of drives are a part of what judges them
     if kind != "drives":
@@ -91,15 +80,7 @@ def environment_version(libraries: Mapping[str, str]) -> str:
 
 
 def files_of(kind: Kind, reference: str) -> list[Path]:
-    """Files below a plugin's folder that its version covers; its own file comes first.
-
-    Args:
-        kind: kind of the plugin.
-        reference: names a file.
-
-    Raises:
-        UserError: where there is no such file.
-    """
+    """Files below the folder of a plugin's file that its version covers; its own comes first."""
     path = source(kind, reference)[1]
     found = modules_used({path.stem: path}, _OURS, own=path.parent).values()
     own = [path, *sorted(f for f in found if f != path and f.is_relative_to(path.parent))]

@@ -97,11 +97,7 @@ def _some(control: socket.socket, most: int) -> bytes:
 
 
 def serve(descriptor: int) -> None:
-    """Serve the parent process until it closes the connection.
-
-    Args:
-        descriptor: descriptor of the connection.
-    """
+    """Serve the parent process until it closes the connection."""
     control = socket.socket(fileno=descriptor)
     adopt_orphans()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver

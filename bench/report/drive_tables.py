@@ -28,17 +28,16 @@ _COUNTS = (
 )
 
 #: What drives of a line have in common, besides the planner; ``all`` stands for all roads.
-GROUP = ["road", "traffic", "sigma"]
-ALL_ROADS = "all"
+_GROUP, _ALL_ROADS = ["road", "traffic", "sigma"], "all"
+_LINE = [*_GROUP, "planner"]
 _PAIR = ["where", "traffic", "sigma", "weights", "salt_id", "seed"]
 
 #: Columns whose medians are shown, and whose largest values.
 _MEDIANS = ("cost", "progress", "jerk", "gap", "cycle_50", *ERROR_COLUMNS)
 _MEANS = ("fallback", "late", "failed")
 #: Columns that are compared, and with which planners.
-_TESTED, RIVALS = ("collision", "cost", ERROR_COLUMNS[-1]), (UNIFORM, CONSTANT_VELOCITY)
+_TESTED, _RIVALS = ("collision", "cost", ERROR_COLUMNS[-1]), (UNIFORM, CONSTANT_VELOCITY)
 
-_CONFIDENCE = 0.95
 _LEAST = 6  # drives, for an interval or a test
 _RESAMPLES = 4999  # of a bootstrap
 #: Sign changes of a test: its smallest p-value is 1e-4, which is significant in some hundred lines
@@ -48,12 +47,7 @@ _ROUNDING = 1e-9  # of costs
 
 
 def episode_table(store: Store, suite: Suite) -> pd.DataFrame:
-    """A row for each drive in a store, with ``COLUMNS``.
-
-    Args:
-        store: drives that ended.
-        suite: says what scenarios are.
-    """
+    """A row for each drive in a store, with ``COLUMNS``."""
     rows: list[dict[str, Any]] = []
     for batch in store.batches():
         for record in batch.to_pylist():
@@ -67,24 +61,21 @@ def episode_table(store: Store, suite: Suite) -> pd.DataFrame:
 
 
 def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each road, traffic, noise level and planner, and for all roads together.
+    """A line for each road, traffic, noise level and planner of an ``episode_table``.
 
-    Columns: ``drives``; ``collisions``, ``collision`` (their share) with ``collision_low`` and
-    ``collision_high`` (95 %, Clopper and Pearson); ``regret``, the mean over drives of cost less
-    that of the oracle in the same drive, with ``regret_low`` and ``regret_high`` (95 %, bootstrap);
-    medians of cost, progress [m], jerk [m/s^3], gap [m], cycles [ms] and errors of predictions [m];
-    ``cycle_95`` and ``cycle_99``, medians of each drive's percentile; means of the shares
-    ``fallback``, ``late`` and ``failed``.
-
-    Args:
-        rows: of drives, as ``episode_table`` makes them.
+    There is one for all roads together, too. Columns: ``drives``; ``collisions``, ``collision``
+    (their share) with ``collision_low`` and ``collision_high`` (95 %, Clopper and Pearson);
+    ``regret``, the mean over drives of cost less that of the oracle in the same drive, with
+    ``regret_low`` and ``regret_high`` (95 %, bootstrap); medians of cost, progress [m],
+    jerk [m/s^3], gap [m], cycles [ms] and errors of predictions [m]; ``cycle_95`` and ``cycle_99``,
+    medians of each drive's percentile; means of the shares ``fallback``, ``late`` and ``failed``.
     """
     whole = _with_all_roads(attempts_of(rows))
+    parts = dict(list(whole.groupby(_LINE, sort=False)))
     lines = []
-    for key, part in whole.groupby([*GROUP, "planner"], sort=False):
-        oracle = _of(whole, key[:-1], ORACLE)
-        line = dict(zip([*GROUP, "planner"], key, strict=True)) | {"drives": len(part)}
-        line |= _collisions(part) | _regret(part, oracle)
+    for key, part in parts.items():
+        line = dict(zip(_LINE, key, strict=True)) | {"drives": len(part)} | _collisions(part)
+        line |= _regret(part, parts.get((*key[:-1], ORACLE), whole.iloc[:0]))
         line |= {name: part[name].median() for name in (*_MEDIANS, "cycle_95", "cycle_99")}
         line |= {name: part[name].mean() for name in _MEANS}
         lines.append(line)
@@ -92,30 +83,25 @@ def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Paired tests of planners against ``RIVALS``: collisions, cost and errors of predictions.
+    """Paired tests of planners of an ``episode_table`` against ``_RIVALS``.
 
-    Columns: ``column``; the group; ``planner`` and ``other``; ``pairs``; ``difference``, the mean
-    of the planner less the other; ``p`` of a paired permutation test, exact for
-    collisions; ``p_holm``, adjusted after Holm for all lines of the table that have a p-value.
-
-    Args:
-        rows: of drives, as ``episode_table`` makes them.
+    Columns: ``column``, collisions, cost or errors of predictions; the group; ``planner`` and
+    ``other``; ``pairs``; ``difference``, the mean of the planner less the other; ``p`` of a paired
+    permutation test, exact for collisions; ``p_holm``, adjusted after Holm for all lines of the
+    table that have a p-value.
     """
     whole = _with_all_roads(attempts_of(rows))
     lines = []
-    for key, part in whole.groupby(GROUP, sort=False):
-        planners = list(dict.fromkeys(part["planner"]))
-        for column, other, planner in product(_TESTED, RIVALS, planners):
-            if planner in (other, CONSTANT_VELOCITY):
+    for key, group in whole.groupby(_GROUP, sort=False):
+        parts = dict(list(group.groupby("planner", sort=False)))
+        for column, other, planner in product(_TESTED, _RIVALS, parts):
+            if planner in (other, CONSTANT_VELOCITY) or other not in parts:
                 continue
-            pairs = _paired(_of(whole, key, planner), _of(whole, key, other), column)
+            pairs = _paired(parts[planner], parts[other], column)
             if len(pairs):
-                labels = dict(zip(GROUP, key, strict=True))
-                found = {"planner": planner, "other": other} | _tested(pairs)
-                lines.append({"column": column} | labels | found)
-    table = pd.DataFrame(
-        lines, columns=["column", *GROUP, "planner", "other", "pairs", "difference", "p"]
-    )
+                named = dict(zip(_GROUP, key, strict=True)) | {"planner": planner, "other": other}
+                lines.append({"column": column} | named | _tested(pairs))
+    table = pd.DataFrame(lines, columns=["column", *_LINE, "other", "pairs", "difference", "p"])
     known = table["p"].notna()
     table["p_holm"] = np.nan
     table.loc[known, "p_holm"] = holm(table.loc[known, "p"].to_numpy(float))
@@ -123,7 +109,7 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _with_all_roads(judged: pd.DataFrame) -> pd.DataFrame:
-    """Rows with their road in the column ``where``; each again as one of ``ALL_ROADS``.
+    """Rows with their road in the column ``where``; each again as one of ``_ALL_ROADS``.
 
     They are in the order of roads, and of planners: the oracle, estimators, the others.
     """
@@ -136,26 +122,19 @@ def _with_all_roads(judged: pd.DataFrame) -> pd.DataFrame:
     placed = placed.sort_values(["place", "rank", "planner", "seed"], kind="stable")
     if placed["road"].nunique() < 2:
         return placed
-    return pd.concat([placed, placed.assign(road=ALL_ROADS)])
-
-
-def _of(rows: pd.DataFrame, key: tuple, planner: str) -> pd.DataFrame:
-    chosen = rows["planner"] == planner
-    for name, value in zip(GROUP, key, strict=True):
-        chosen &= rows[name] == value
-    return rows[chosen]
+    return pd.concat([placed, placed.assign(road=_ALL_ROADS)])
 
 
 def _paired(first: pd.DataFrame, second: pd.DataFrame, column: str) -> np.ndarray:
     """Differences (D,) between the drives in which both have a value."""
     values = [rows.set_index(_PAIR)[column].astype(float) for rows in (first, second)]
     joined = pd.concat(values, axis=1, join="inner").dropna().to_numpy(float)
-    return joined[:, 0] - joined[:, 1]
+    return np.asarray(joined[:, 0] - joined[:, 1])
 
 
 def _collisions(part: pd.DataFrame) -> dict[str, float]:
     hit, count = int(part["collision"].astype(bool).sum()), len(part)
-    interval = binomtest(hit, count).proportion_ci(_CONFIDENCE, method="exact")
+    interval = binomtest(hit, count).proportion_ci(method="exact")
     return {
         "collisions": hit,
         "collision": hit / count,
@@ -168,13 +147,9 @@ def _regret(part: pd.DataFrame, oracle: pd.DataFrame) -> dict[str, float]:
     regrets = _paired(part, oracle, "cost")
     low = high = np.nan
     if len(regrets) >= _LEAST and np.ptp(regrets) > _ROUNDING:
+        rng = np.random.default_rng(0)
         found = bootstrap(
-            (regrets,),
-            np.mean,
-            confidence_level=_CONFIDENCE,
-            method="percentile",
-            n_resamples=_RESAMPLES,
-            rng=np.random.default_rng(0),
+            (regrets,), np.mean, method="percentile", n_resamples=_RESAMPLES, rng=rng
         ).confidence_interval
         low, high = float(found.low), float(found.high)
     mean = float(regrets.mean()) if len(regrets) else np.nan

@@ -25,28 +25,17 @@ def markdown_text(text: str) -> str:
 
 def csv_safe(table: pd.DataFrame) -> pd.DataFrame:
     """A table whose text cells no spreadsheet reads as formulas."""
-    texts = [name for name in table if not pd.api.types.is_numeric_dtype(table[name])]
-    return table.assign(
-        **{
-            str(name): [csv_text(v) if isinstance(v, str) else v for v in table[name]]
-            for name in texts
-        }
-    )
+    texts = [str(name) for name in table if not pd.api.types.is_numeric_dtype(table[name])]
+    safe = {n: [csv_text(v) if isinstance(v, str) else v for v in table[n]] for n in texts}
+    return table.assign(**safe)
 
 
 def write_csv(
     table: pd.DataFrame, path: Path, digits: str | None = None, *, new: bool = False
 ) -> None:
-    """Write a table as CSV, completely or not at all.
+    """Write a table as CSV, completely or not at all; one that has to be ``new`` replaces no file.
 
-    Args:
-        table: the table.
-        path: the file; it is replaced unless it has to be ``new``.
-        digits: format of numbers, such as ``%.4g``. Default: all digits.
-        new: refuse to replace a file.
-
-    Raises:
-        UserError: if it cannot be written.
+    ``digits`` is a format of numbers, such as ``%.4g``; by default they have all digits.
     """
     with whole_file(path, new=new) as unfinished:
         csv_safe(table).to_csv(unfinished, index=False, float_format=digits)

@@ -1,4 +1,4 @@
-"""Formats of figures, apart from the code that draws them, which is slow to import."""
+"""Formats of figures and why there is none, apart from the code that draws: slow to import."""
 
 from olne_bench.errors import UserError
 
@@ -6,12 +6,12 @@ FORMATS = ("png", "svg", "pdf")
 USUAL_FORMATS = ("png", "svg")
 
 
-def read_formats(text: str) -> tuple[str, ...]:
-    """Formats from a comma-separated list of names.
+class NotDrawnError(Exception):
+    """There is nothing to draw, or it cannot be drawn here; the message says why."""
 
-    Raises:
-        UserError: on one that is not known.
-    """
+
+def read_formats(text: str) -> tuple[str, ...]:
+    """Formats from a comma-separated list of names; UserError on one that is not known."""
     names = tuple(name.strip() for name in text.split(","))
     for name in names:
         if name not in FORMATS:

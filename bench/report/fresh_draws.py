@@ -1,16 +1,17 @@
 """Confirm implausible rows: run their estimators on draws that nobody can know.
 
-Draws and noise have a new secret salt for each estimator, scenario, sensor and noise level, so that
-what is remembered of one place helps in no other. An estimator that is really so good has the same
-errors there: of its fresh errors half are at most the median of the implausible ones, and fewer
-than a quarter of 20 are so in one of 170 cases. Of an honest estimator whose rows knew the truth
-hardly any are.
+Draws and noise have a new secret salt for each estimator, scenario, sensor and noise level. Of an
+estimator that is really so good, half of the fresh errors are at most the median of the implausible
+ones, and fewer than a quarter of 20 are so in one of 170 cases; of others hardly any are.
 """
 
 import secrets
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from itertools import count, islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,14 +19,17 @@ import pandas as pd
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
 from olne_bench.bench.judge.metrics.position_error import PositionError
+from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.machine import Machine, row_of, run_all
-from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, quantile
+from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, median
 from olne_bench.bench.report.statistics.plausibility import implausible, places_of
 from olne_bench.bench.report.statistics.standing import KEY
 from olne_bench.bench.report.study import Study
+from olne_bench.bench.run.executor import run_trials
 
+#: As the file of a run that holds what estimators print.
+_LOG = "workers.log"
 #: Fewest fresh attempts for each estimator, scenario and sensor.
 FEWEST = 20
 #: Errors that are compared.
@@ -37,28 +41,41 @@ _ROUNDS = 20
 
 
 @dataclass(frozen=True)
+class Machine:
+    """How trials are run."""
+
+    jobs: int  # trials at the same time
+    memory: int  # limit of each process that runs foreign code [bytes]
+    hidden: Path  # folder that foreign code cannot read
+
+
+def row_of(trial: Trial, outcome: Outcome) -> dict[str, Any]:
+    """The row of a trial, as tables have it."""
+    return trial.labels | asdict(outcome) | outcome.scores
+
+
+def run_all(
+    trials: Iterable[Trial], machine: Machine
+) -> Generator[tuple[Trial, Outcome], None, None]:
+    """Run trials in places named as those of a run, so that they cannot tell a check from it."""
+    with TemporaryDirectory() as place:
+        yield from run_trials(trials, **vars(machine), log=Path(place) / _LOG)
+
+
+@dataclass(frozen=True)
 class Suspect:
-    """An estimator with implausible rows in a scenario and sensor.
+    """An estimator with implausible rows in a scenario and sensor."""
 
-    Attributes:
-        trials: a trial of each noise level that has such rows.
-        rows: these rows.
-    """
-
-    trials: tuple[Trial, ...]
+    trials: tuple[Trial, ...]  # one of each noise level that has such rows
     rows: pd.DataFrame
 
 
 def suspects(
     table: pd.DataFrame, study: Study, planned: Mapping[tuple[str, ...], Trial]
 ) -> list[Suspect]:
-    """Who has implausible rows, and where.
+    """Who has implausible rows in a run, and where.
 
-    Args:
-        table: rows of a run.
-        study: study of the run.
-        planned: trials of the run with the present code, one of each scenario, sensor, noise level
-            and estimator, by these as text.
+    ``planned``: trials with the present code, one of each ``trial_place``.
     """
     marked = table[implausible(table, study)].reset_index(drop=True)
     found = []
@@ -71,18 +88,12 @@ def suspects(
 
 
 def trial_place(place: Iterable[str], sigma: float) -> tuple[str, ...]:
-    """The key of ``suspects``' planned trials."""
+    """The key of ``suspects``' planned trials: scenario, sensor, estimator, noise level as text."""
     return *place, str(float(sigma))
 
 
 def confirm(suspect: Suspect, number: int, machine: Machine) -> Confirmation:
-    """What fresh draws say of an estimator's implausible rows in a scenario and sensor.
-
-    Args:
-        suspect: the estimator and its rows.
-        number: least number of fresh attempts.
-        machine: where they run.
-    """
+    """What at least ``number`` fresh attempts say of an estimator's implausible rows."""
     numbered = _fresh(suspect.trials)
     attempts = pd.DataFrame()
     for _ in range(_ROUNDS):
@@ -98,19 +109,16 @@ def compared(suspect: Suspect, fresh: pd.DataFrame) -> Confirmation:
     """The outcome of fresh attempts, which may be too few."""
     outcomes = [(_as_small(suspect.rows, fresh, metric), metric) for metric in _METRICS]
     small, metric = min(outcomes, key=lambda outcome: outcome[0])
-    again = _median(errors_of(fresh, metric)) if len(fresh) else np.inf
+    again = median(errors_of(fresh, metric)) if len(fresh) else np.inf
     labels = suspect.trials[0].labels
     return Confirmation(
-        scenario=labels["scenario"],
-        sensor=labels["sensor"],
-        estimator=labels["estimator"],
-        parameters=labels["parameters"],
+        **{name: labels[name] for name in (*KEY, "parameters")},
         versions=suspect.trials[0].versions,
         sigmas=tuple(sorted(float(trial.sigma) for trial in suspect.trials)),
         rows=len(suspect.rows),
         trials=len(fresh),
         metric=metric.name,
-        error=_median(errors_of(suspect.rows, metric)),
+        error=median(errors_of(suspect.rows, metric)),
         fresh_error=float(again) if np.isfinite(again) else None,
         as_small=small,
         confirmed=len(fresh) >= FEWEST and small >= _ENOUGH * len(fresh),
@@ -121,7 +129,7 @@ def _as_small(rows: pd.DataFrame, fresh: pd.DataFrame, metric: MetricDeclaration
     """How many fresh errors are at most the median of the rows with their noise level."""
     if fresh.empty:
         return 0
-    medians = {sigma: _median(errors_of(own, metric)) for sigma, own in rows.groupby("sigma")}
+    medians = {sigma: median(errors_of(own, metric)) for sigma, own in rows.groupby("sigma")}
     return int((errors_of(fresh, metric) <= fresh["sigma"].map(medians)).sum())
 
 
@@ -130,7 +138,3 @@ def _fresh(trials: Iterable[Trial]) -> Iterator[Trial]:
     salted = [replace(t, salt=secrets.token_hex(16), count=1, draws=None) for t in trials]
     for seed in count():
         yield from (replace(trial, seed=seed) for trial in salted)
-
-
-def _median(values: np.ndarray) -> float:
-    return quantile(values, np.ones(len(values), int), 0.5)

@@ -2,20 +2,19 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.entries import GateLimits
 from olne_bench.bench.plan.select import select
 from olne_bench.bench.plan.suite import Suite, read_suite_json
-from olne_bench.bench.report.measures import IDENTIFIABLE, primary, scored
 from olne_bench.bench.report.statistics.standing import ranks_at
-from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.study import IDENTIFIABLE, USUAL, Study, primary, scored
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.errors import UserError
 
@@ -29,12 +28,7 @@ _SCORE = "score"
 
 @dataclass(frozen=True)
 class Task:
-    """What a run was asked to do.
-
-    Attributes:
-        suite: the selected part of its suite.
-        seeds: number of noise draws.
-    """
+    """What a run was asked to do: the selected part of its suite, and a number of noise draws."""
 
     suite: Suite
     seeds: int
@@ -47,24 +41,15 @@ def task_of(run: Provenance) -> Task:
 
 @dataclass(frozen=True)
 class LimitOutcome:
-    """The outcome of one limit in one scenario and sensor.
-
-    Attributes:
-        estimator: label of the estimator.
-        scenario: label of the scenario.
-        sensor: label of the sensor.
-        limit: name of the limit, as in ``GateLimits``; or ``implausible``, of which no gate allows
-            any row that fresh draws have not confirmed.
-        value: value in the run; NaN if it is unknown.
-        bound: largest value allowed.
-    """
+    """The outcome of one limit in one scenario and sensor."""
 
     estimator: str
     scenario: str
     sensor: str
+    #: As in ``GateLimits``; or ``implausible``, rows that no gate allows until they are confirmed.
     limit: str
-    value: float
-    bound: float
+    value: float  # NaN if it is unknown
+    bound: float  # largest value allowed
 
     @property
     def passed(self) -> bool:
@@ -75,19 +60,13 @@ class LimitOutcome:
 def check_limits(
     table: pd.DataFrame, gate: Mapping[str, GateLimits], study: Study = USUAL
 ) -> list[LimitOutcome]:
-    """The outcome of every limit.
+    """The outcome of every limit, by estimator, in a leaderboard.
 
-    Args:
-        table: a leaderboard.
-        gate: limits by estimator label.
-        study: study of the run.
-
-    Raises:
-        UserError: if the run has no trial that a limit applies to, so that no limit passes
-            unchecked, or if a limit is not allowed.
+    UserError if the run has no trial that a limit applies to, so that no limit passes unchecked, or
+    if a limit is not allowed.
     """
     for estimator, limits in gate.items():
-        _refuse_unknown_limits(estimator, limits, study.metrics)
+        _refuse_unknown_limits(estimator, limits, study)
     return [
         outcome
         for estimator, limits in gate.items()
@@ -95,12 +74,9 @@ def check_limits(
     ]
 
 
-def _refuse_unknown_limits(
-    estimator: str, limits: GateLimits, metrics: Sequence[MetricDeclaration]
-) -> None:
-    gated = [metric.name for metric in (*metrics, IDENTIFIABLE) if metric.gated]
-    scores = [f"{metric.name}_{_SCORE}" for metric in scored(metrics)]
-    known = [*gated, _SCORE, *scores, *_COUNTS, "time_ratio"]
+def _refuse_unknown_limits(estimator: str, limits: GateLimits, study: Study) -> None:
+    gated = [metric.name for metric in (*study.metrics, IDENTIFIABLE) if metric.gated]
+    known = [*gated, _SCORE, *_scores(study), *_COUNTS, "time_ratio"]
     for name in limits.bounds:
         if name not in known:
             raise UserError(
@@ -109,13 +85,12 @@ def _refuse_unknown_limits(
             )
 
 
-def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task]) -> list[str]:
-    """Which trials of the tasks are missing, one line per estimator, scenario and sensor.
+def _scores(study: Study) -> list[str]:
+    return [f"{metric.name}_{_SCORE}" for metric in scored(study.metrics)]
 
-    Args:
-        trials: rows of a run.
-        tasks: tasks of all runs that wrote these rows; a trial of several tasks counts once.
-    """
+
+def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task]) -> list[str]:
+    """Which trials of the tasks of a run are missing, a line per estimator, scenario and sensor."""
     planned = {key for task in tasks for key in _keys(task)}
     done = set(trials[_KEY].itertuples(index=False, name=None))
     whole = Counter(key[:3] for key in planned)
@@ -141,10 +116,9 @@ def _outcomes(
     table: pd.DataFrame, estimator: str, limits: GateLimits, study: Study
 ) -> Iterator[LimitOutcome]:
     _require("estimator", [estimator], table["estimator"])
-    _require("scenario", limits.scenarios, table["scenario"])
-    _require("sensor", limits.sensors, table["sensor"])
     rows = table[table["estimator"] == estimator]
     for what, names in (("scenario", limits.scenarios), ("sensor", limits.sensors)):
+        _require(what, names, table[what])
         rows = rows[rows[what].isin(names)] if names else rows
     tried = rows[rows["trials"] > 0]
     if tried.empty:
@@ -166,11 +140,10 @@ def _column(limit: str, study: Study) -> str:
     """The column of a leaderboard that a limit is about."""
     if limit == _SCORE:
         return f"{getattr(primary(study.metrics), 'name', '')}_{_SCORE}"
-    scores = [f"{metric.name}_{_SCORE}" for metric in scored(study.metrics)]
-    return limit if limit in (*_COUNTS, *scores) else f"{limit}_median"
+    return limit if limit in (*_COUNTS, *_scores(study)) else f"{limit}_median"
 
 
-def _time(table: pd.DataFrame, row: dict, reference: str) -> float:
+def _time(table: pd.DataFrame, row: Mapping[Any, Any], reference: str) -> float:
     _require("time_reference", [reference], table["estimator"])
     same = (table["scenario"] == row["scenario"]) & (table["sensor"] == row["sensor"])
     found = table.loc[same & (table["estimator"] == reference), "solve_seconds_median"]

@@ -1,4 +1,4 @@
-"""The leaderboard: one row per scenario, sensor and estimator, over all attempts.
+"""The leaderboard, a row per scenario, sensor and estimator, and median errors over the noise.
 
 A failure has no error, so it ranks worse than any: quantiles are taken over all attempts with
 failures at infinity, and a median of ``inf`` says that more than half of the attempts failed.
@@ -11,16 +11,18 @@ import pandas as pd
 
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
-from olne_bench.bench.report.measures import IDENTIFIABLE, compared, in_table, primary, scored
-from olne_bench.bench.report.statistics.attempts import (
-    attempts_of,
-    errors_of,
-    measured,
-    quantile,
-)
-from olne_bench.bench.report.statistics.intervals import mean_by_seed
+from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, measured, quantile
+from olne_bench.bench.report.statistics.intervals import mean_by_seed, median_interval
 from olne_bench.bench.report.statistics.score import ALL
-from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.study import (
+    IDENTIFIABLE,
+    USUAL,
+    Study,
+    compared,
+    in_table,
+    primary,
+    scored,
+)
 
 #: Largest noise level [m] at which errors are compared with the statistical limit, which is a
 #: small-noise expansion. If a study has no level as small, its smallest one is used.
@@ -29,32 +31,26 @@ LIMIT_SIGMA = 0.01
 EXACT = 1e-3
 
 _KEY = ["scenario", "sensor", "estimator"]
+_LEVEL_KEY = ["scenario", "sensor", "sigma", "estimator"]
 _KINDS = ("median", "q25", "q75", "mean", "mean_low", "mean_high")
 
 
 def leaderboard(
     trials: pd.DataFrame, scores: pd.DataFrame | None = None, study: Study = USUAL
 ) -> pd.DataFrame:
-    """Summarise trials.
+    """Summarise trials, optionally with ``identifiable_cosine_error``, and a ``score_table``.
 
-    Args:
-        trials: rows as in ``trials.parquet``, optionally with ``identifiable_cosine_error``, for
-            which only rows with a value count.
-        scores: from ``bench.report.statistics.score``.
-        study: study of the run.
-
-    Returns:
-        One row per (scenario, sensor, estimator): ``trials``, ``failures`` and
-        ``published_failures`` (rows counted with their ``count``), ``skipped`` and
-        ``harness_errors`` (which are not attempts); the share of ``exact`` trials without noise,
-        whose position error is at most ``EXACT``; for each metric with values the median,
-        quartiles and mean with its 95 % interval over seeds, or ``_share`` and ``_trials`` (number
-        of trials with a value), and ``_score`` with ``_score_low`` and ``_score_high``, which those
-        who do not rank lack, floors apart; ``limit_ratio`` (mean cosine error over its statistical
-        limit for small noise); the median time, in which attempts that did not end are infinite. In
-        means, a failure counts as the largest possible error, such as 1 for angles and infinity for
-        positions. Rows of a scenario and sensor are sorted by their score by the primary metric,
-        the position error, then by its median; floors come last.
+    Columns: ``scenario, sensor, estimator``; ``trials``, ``failures`` and ``published_failures``
+    (rows counted with their ``count``), ``skipped`` and ``harness_errors`` (which are not
+    attempts); the share of ``exact`` trials without noise, whose position error is at most
+    ``EXACT``; for each metric with values the median, quartiles and mean with its 95 % interval
+    over seeds, or ``_share`` and ``_trials`` (number of trials with a value), and ``_score`` with
+    ``_score_low`` and ``_score_high``, which those who do not rank lack, floors apart;
+    ``limit_ratio`` (mean cosine error over its statistical limit for small noise); the median time,
+    in which attempts that did not end are infinite. In means, a failure counts as the largest
+    possible error, such as 1 for angles and infinity for positions. Rows of a scenario and sensor
+    are sorted by their score by the primary metric, the position error, then by its median; floors
+    come last.
     """
     metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
     return scored_rows(summaries(trials, study), metrics, scores, study)
@@ -79,14 +75,7 @@ def scored_rows(
     scores: pd.DataFrame | None = None,
     study: Study = USUAL,
 ) -> pd.DataFrame:
-    """A leaderboard from its rows: with scores, if there are some, and sorted.
-
-    Args:
-        table: from ``summaries``, of one scenario or more.
-        metrics: metrics of the whole table.
-        scores: as in ``leaderboard``.
-        study: study of the run.
-    """
+    """A leaderboard from ``summaries`` of one scenario or more: with scores, and sorted."""
     if table.empty:
         return table
     table = _filled(table, metrics)
@@ -114,17 +103,13 @@ def _with_scores(
 
 def _filled(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.DataFrame:
     """Rows of several scenarios with their columns in order; without a value there is no trial."""
-    shown = [name for metric in metrics for name in _columns(metric) if name in table]
+    known = {metric.name: ("share", "trials") if metric.is_share else _KINDS for metric in metrics}
+    shown = [f"{name}_{kind}" for name, kinds in known.items() for kind in kinds]
+    shown = [name for name in shown if name in table]
     measured_last = ["limit_ratio", "solve_seconds_median"]
     others = [name for name in table if name not in {*shown, *measured_last}]
-    shares = [name for name in shown if name.endswith("_trials")]
-    table = table[[*others, *shown, *measured_last]]
-    return table.assign(**{name: table[name].fillna(0).astype(int) for name in shares})
-
-
-def _columns(metric: MetricDeclaration) -> list[str]:
-    kinds = ("share", "trials") if metric.is_share else _KINDS
-    return [f"{metric.name}_{kind}" for kind in kinds]
+    shares = dict.fromkeys((name for name in shown if name.endswith("_trials")), int)
+    return table[[*others, *shown, *measured_last]].fillna(dict.fromkeys(shares, 0)).astype(shares)
 
 
 def _counts(group: pd.DataFrame) -> dict[str, float | int]:
@@ -157,25 +142,20 @@ def _measures(
         rows = attempts[about[metric.name].reindex(attempts.index)]
         summary |= _share(rows, metric) if metric.is_share else _error(rows, metric)
     summary["limit_ratio"] = _limit_ratio(attempts)
+    times = attempts["solve_seconds"].fillna(np.inf)  # of attempts that were stopped or crashed
     count = attempts["count"].to_numpy()
-    summary["solve_seconds_median"] = quantile(_times(attempts), count, 0.5)
+    summary["solve_seconds_median"] = quantile(times.to_numpy(float), count, 0.5)
     return summary
 
 
 def _error(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float | int]:
     """Quantiles and mean of an error over all attempts, failures included."""
     values, count = errors_of(attempts, metric), attempts["count"].to_numpy()
-    seeds = attempts["seed"].to_numpy()
-    quantiles = {
-        f"{metric.name}_{name}": quantile(values, count, share)
-        for name, share in (("median", 0.5), ("q25", 0.25), ("q75", 0.75))
-    }
-    mean = mean_by_seed(np.minimum(values, metric.worst), seeds, count)
-    return quantiles | {
-        f"{metric.name}_mean": mean.estimate,
-        f"{metric.name}_mean_low": mean.low,
-        f"{metric.name}_mean_high": float(np.minimum(mean.high, metric.worst)),
-    }
+    seeds, worst = attempts["seed"].to_numpy(), metric.worst
+    mean = mean_by_seed(np.minimum(values, worst), seeds, count)
+    quantiles = [quantile(values, count, share) for share in (0.5, 0.25, 0.75)]
+    found = (*quantiles, mean.estimate, mean.low, float(np.minimum(mean.high, worst)))
+    return {f"{metric.name}_{kind}": value for kind, value in zip(_KINDS, found, strict=True)}
 
 
 def published_failures(attempts: pd.DataFrame) -> np.ndarray:
@@ -188,20 +168,13 @@ def published_failures(attempts: pd.DataFrame) -> np.ndarray:
     return failed.to_numpy(bool)
 
 
-def _times(attempts: pd.DataFrame) -> np.ndarray:
-    """Times [s]; infinite for attempts that were stopped or crashed."""
-    return attempts["solve_seconds"].fillna(np.inf).to_numpy(float)
-
-
 def _share(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float | int]:
     """Mean of a share over attempts that have a value, and the number of these attempts."""
     told = attempts[attempts[metric.name].notna()]
-    number = int(told["count"].sum())
-    share = np.average(told[metric.name].to_numpy(float), weights=told["count"]) if number else None
-    return {
-        f"{metric.name}_share": float("nan") if share is None else float(share),
-        f"{metric.name}_trials": number,
-    }
+    number, share = int(told["count"].sum()), float("nan")
+    if number:
+        share = float(np.average(told[metric.name].to_numpy(float), weights=told["count"]))
+    return {f"{metric.name}_share": share, f"{metric.name}_trials": number}
 
 
 def _limit_ratio(attempts: pd.DataFrame) -> float:
@@ -216,3 +189,40 @@ def _limit_ratio(attempts: pd.DataFrame) -> float:
     if not known.any():
         return float("nan")
     return float(np.average((errors[known] / limits[known]), weights=small["count"][known]))
+
+
+def errors_by_noise(
+    trials: pd.DataFrame,
+    study: Study = USUAL,
+    metrics: Sequence[MetricDeclaration] | None = None,
+) -> pd.DataFrame:
+    """Medians over the draws of one noise level, which are independent.
+
+    One row per (scenario, sensor, noise level, estimator): ``attempts``, ``failures``, and for each
+    error, by default those that are compared, ``_median`` with ``_low`` and ``_high``, a 95 %
+    interval (``intervals.median_interval``; none below six draws). Failures rank last.
+    """
+    metrics = in_table(compared(study.metrics), trials) if metrics is None else metrics
+    about = {metric.name: measured(trials, metric, study) for metric in metrics}
+    rows = [
+        dict(zip(_LEVEL_KEY, key, strict=True)) | _medians(group, metrics, about)
+        for key, group in attempts_of(trials).groupby(_LEVEL_KEY, sort=True)
+    ]
+    names = [f"{metric.name}_{end}" for metric in metrics for end in ("median", "low", "high")]
+    return pd.DataFrame(rows, columns=[*_LEVEL_KEY, "attempts", "failures", *names])
+
+
+def _medians(
+    attempts: pd.DataFrame, metrics: Sequence[MetricDeclaration], about: dict[str, pd.Series]
+) -> dict[str, float | int]:
+    failed = attempts["status"] != "ok"
+    found: dict[str, float | int] = {
+        "attempts": int(attempts["count"].sum()),
+        "failures": int(attempts.loc[failed, "count"].sum()),
+    }
+    for metric in metrics:
+        rows = attempts[about[metric.name].reindex(attempts.index)]
+        median = median_interval(np.repeat(errors_of(rows, metric), rows["count"]))
+        found[f"{metric.name}_median"] = median.estimate
+        found[f"{metric.name}_low"], found[f"{metric.name}_high"] = median.low, median.high
+    return found

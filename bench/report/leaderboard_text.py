@@ -3,16 +3,16 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.escapes import markdown_text
-from olne_bench.bench.report.measures import in_leaderboard, primary
-from olne_bench.bench.report.statistics.harness_errors import in_words
+from olne_bench.bench.report.statistics.attempts import in_words
 from olne_bench.bench.report.statistics.standing import said_of_standing
-from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.study import USUAL, Study, in_leaderboard, primary
 from olne_bench.bench.report.tables import RunTables
 from olne_bench.bench.text import one_line
 
@@ -33,24 +33,15 @@ uniform is the floor: equal weights. In two_player the true weights happen to be
 
 @dataclass(frozen=True)
 class _Markup:
-    """How a language writes cells.
+    """How a language writes cells."""
 
-    Attributes:
-        number: writes a number, which may be infinite or missing.
-        bold: writes text in bold.
-        text: writes a name, with the language's special characters escaped.
-    """
-
-    number: Callable[[float], str]
+    number: Callable[[float], str]  # may be infinite or missing
     bold: Callable[[str], str]
-    text: Callable[[str], str]
+    text: Callable[[str], str]  # a name, whose special characters it escapes
 
 
 def markdown(table: pd.DataFrame, study: Study = USUAL) -> str:
-    """The leaderboard as a Markdown table; the best score of a scenario and sensor is bold.
-
-    Sentences on who does not rank, if there are any, follow it.
-    """
+    """The leaderboard as a Markdown table, its best scores in bold, and who does not rank."""
     shown = _shown(table, study, _Markup(_plain, "**{}**".format, markdown_text))
     rule = ["---" if k < 3 else "---:" for k in range(len(shown.columns))]
     lines = [list(shown.columns), rule, *shown.to_numpy().tolist()]
@@ -69,7 +60,7 @@ def format_leaderboard(table: pd.DataFrame, study: Study = USUAL) -> str:
     """The leaderboard for a terminal, with a legend."""
     shown = _shown(table, study, _Markup(_plain, str, one_line))
     metrics = in_leaderboard(study.metrics, table)
-    told = "".join(f"\n{_legend(metric)}" for metric in metrics)
+    told = "".join(f"\n{m.title}: {m.description or 'its median.'}" for m in metrics)
     first = primary(metrics)
     scores = _LEGEND_OF_SCORES.format(metric=first.label) if first else ""
     floor = _FLOOR_LEGEND if any(map(study.is_floor, table["estimator"])) else ""
@@ -77,12 +68,7 @@ def format_leaderboard(table: pd.DataFrame, study: Study = USUAL) -> str:
 
 
 def format_notes(tables: RunTables, notes: list[str]) -> str:
-    """Who does not rank, errors of the harness, what could not be drawn; empty without them.
-
-    Args:
-        tables: tables of the run.
-        notes: what could not be drawn, and why.
-    """
+    """Who does not rank, errors of the harness, what could not be drawn, and why, if anything."""
     wrong = in_words(tables.harness_errors)
     parts = [
         ("Not ranked, or too good:", said_of_standing(tables.leaderboard)),
@@ -95,71 +81,53 @@ def format_notes(tables: RunTables, notes: list[str]) -> str:
 
 
 def format_summary(heading: str, summary: pd.DataFrame, failed: pd.DataFrame, unit: str) -> str:
-    """The summary of a study of streams or drives, and what failed in it.
-
-    Args:
-        heading: what the columns hold.
-        summary: columns to be shown.
-        failed: rows with another status than ``ok``.
-        unit: what a row is, in the plural.
-    """
+    """What a summary of streams or drives holds, its columns, and which ``unit`` failed in it."""
     shown = summary.to_string(index=False, float_format=lambda v: f"{v:.3g}", na_rep="-")
     reasons = failed.groupby(["status", "message"])
     told = [f"{len(part)} {unit} {status}: {message}" for (status, message), part in reasons]
     return "\n".join([heading, shown, *told])
 
 
-def _legend(metric: MetricDeclaration) -> str:
-    return f"{metric.title}: {metric.description or 'its median.'}"
-
-
 def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
     """All cells and column heads as text of the language."""
     number, text = markup.number, markup.text
-    columns = {name.capitalize(): table[name].map(text) for name in _PLACE}
+    columns: dict[str, Any] = {name.capitalize(): table[name].map(text) for name in _PLACE}
     metrics = in_leaderboard(study.metrics, table)
     first = primary(metrics)
     if first is not None and f"{first.name}_score" in table:
         columns["Score"] = _scores(table, f"{first.name}_score", markup)
     for metric in metrics:
-        columns[text(metric.title)] = pd.Series(_cells(table, metric, markup), table.index)
-    if table.get("exact", pd.Series(dtype=float)).notna().any():
+        columns[text(metric.title)] = _cells(table, metric, markup)
+    if "exact" in table and table["exact"].notna().any():
         exact = [number(v) if math.isnan(v) else text(f"{v:.0%}") for v in table["exact"]]
-        columns["Exact"] = pd.Series(exact, table.index)
+        columns["Exact"] = exact
     columns[text("Error / bound")] = table["limit_ratio"].map(number)
     counts = table[["failures", "published_failures", "trials"]].itertuples(index=False)
-    failures = [f"{a} ({b}) of {n}" for a, b, n in counts]
-    columns["Failures (published)"] = pd.Series(failures, table.index)
+    columns["Failures (published)"] = [f"{a} ({b}) of {n}" for a, b, n in counts]
     for head, name in (("Harness errors", "harness_errors"), ("Implausible", "implausible")):
         if name in table and (table[name] > 0).any():
             columns[head] = table[name].astype("string")
     columns[text("Time [ms]")] = (1e3 * table["solve_seconds_median"]).map(number)
-    return pd.DataFrame(columns)
+    return pd.DataFrame(columns, index=table.index)
 
 
 def _scores(table: pd.DataFrame, column: str, markup: _Markup) -> pd.Series:
     """Scores, the best one of a scenario and sensor in bold."""
     best = table[column] == table.groupby(_PLACE[:2])[column].transform("min")
     shown = table[column].map(markup.number)
-    return shown.where(~best, shown.map(markup.bold))
+    return shown.mask(best, shown.map(markup.bold))
 
 
 def _cells(table: pd.DataFrame, metric: MetricDeclaration, markup: _Markup) -> list[str]:
     """A share with its number of trials, a compared error with its quartiles, else a median."""
     number = markup.number
     if metric.is_share:
-        told = table[[f"{metric.name}_share", f"{metric.name}_trials"]].itertuples(index=False)
-        return [
-            markup.text(f"{share:.0%} of {count}") if count else number(math.nan)
-            for share, count in told
-        ]
+        told = zip(table[f"{metric.name}_share"], table[f"{metric.name}_trials"], strict=True)
+        return [markup.text(f"{v:.0%} of {n}") if n else number(math.nan) for v, n in told]
     if not metric.compared:
         return [number(value) for value in table[f"{metric.name}_median"]]
-    quartiles = table[[f"{metric.name}_{name}" for name in ("median", "q25", "q75")]]
-    return [
-        f"{number(middle)} [{number(low)}, {number(high)}]"
-        for middle, low, high in quartiles.itertuples(index=False)
-    ]
+    quartiles = table[[f"{metric.name}_{name}" for name in ("median", "q25", "q75")]].map(number)
+    return [f"{middle} [{low}, {high}]" for middle, low, high in quartiles.itertuples(index=False)]
 
 
 def _plain(value: float) -> str:
@@ -169,11 +137,9 @@ def _plain(value: float) -> str:
         return "∞"
     if abs(value) < _ROUNDING:
         return "0"
-    return (
-        f"{value:.0f}"
-        if abs(value) >= 99.5
-        else np.format_float_positional(float(f"{value:.2g}"), trim="-")
-    )
+    if abs(value) >= 99.5:
+        return f"{value:.0f}"
+    return np.format_float_positional(float(f"{value:.2g}"), trim="-")
 
 
 def _mathematical(value: float) -> str:
@@ -182,14 +148,9 @@ def _mathematical(value: float) -> str:
     return "$\\infty$" if math.isinf(value) else _plain(value)
 
 
-_LATEX = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-} | {c: f"\\{c}" for c in "&%$#_{}"}
+_NAMED = {"\\": "backslash", "~": "asciitilde", "^": "asciicircum"}
+_NAMED |= {"<": "less", ">": "greater", "|": "bar"}
+_LATEX = {c: f"\\text{name}{{}}" for c, name in _NAMED.items()} | {c: f"\\{c}" for c in "&%$#_{}"}
 
 
 def _latex_text(text: str) -> str:

@@ -17,7 +17,7 @@ import pandas as pd
 from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.observe import observe
 from olne_bench.bench.judge.truth import Draw, true_recording
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.statistics.score import REFERENCE
 from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown

@@ -1,8 +1,4 @@
-"""Tables of studies of streams.
-
-Samples of one motion depend on each other, so a motion counts once: by its median over samples.
-Medians, intervals and tests are over motions.
-"""
+"""Tables of streams: a motion, whose samples depend on each other, counts once, by its median."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -19,10 +15,8 @@ from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import KEY_COLUMNS
 from olne_bench.bench.report.statistics.attempts import FLOOR, attempts_of
 from olne_bench.bench.report.statistics.intervals import Interval, median_interval
-from olne_bench.bench.report.statistics.pairs import adjusted, compare_pairs
+from olne_bench.bench.report.statistics.pairs import compare_pairs, holm
 from olne_bench.bench.run.store import Store
-
-Row = dict[str, Any]
 
 #: Columns of a row: what identifies the motion and the estimator, the update, and its errors.
 COLUMNS = (
@@ -31,17 +25,16 @@ COLUMNS = (
     *ERROR_COLUMNS,
 )
 #: What a line of the tables is about.
-GROUP = ["scenario", "sensor", "sigma", "estimator"]
-
+_GROUP = ["scenario", "sensor", "sigma", "estimator"]
 
 #: Columns of errors, and those of them that tables give intervals of.
-ERRORS = ("cosine_error", *ERROR_COLUMNS)
-SURE = ("cosine_error", "fde_1s", "fde_3s")
+_ERRORS = ("cosine_error", *ERROR_COLUMNS)
+_SURE = ("cosine_error", "fde_1s", "fde_3s")
 
 #: The error by which estimators are compared, and what with: the other error is multiplied by a
 #: factor first, so that a third of it has to be undercut.
-COMPARED = "fde_3s"
-RIVALS = ((CONSTANT_VELOCITY, 1 / 3), (STOCK_FITTED, 1.0))
+_COMPARED = "fde_3s"
+_RIVALS = ((CONSTANT_VELOCITY, 1 / 3), (STOCK_FITTED, 1.0))
 _PLACE = ["scenario", "sensor", "sigma", "seed"]
 _COMPARISON = ["scenario", "sensor", "estimator", "other", "factor", "ratio", "pairs", "units"]
 _COMPARISON += ["wins", "wins_low", "wins_high", "p"]
@@ -51,66 +44,50 @@ def update_table(store: Store, suite: Suite) -> pd.DataFrame:
     """A row for each sample of each motion in a store, with ``COLUMNS``.
 
     A motion that an estimator did not follow has one row, whose ``sample`` is 0. The order is that
-    of the suite, whenever rows were written.
-
-    Args:
-        store: motions that ended.
-        suite: says what comes first; what it does not have comes last.
+    of the suite, whenever rows were written; what it does not have comes last.
     """
-    rows: list[Row] = []
+    rows: list[dict[str, Any]] = []
     for batch in store.batches():
         for record in batch.to_pylist():
             nothing = record["extras"] is None and record["status"] == "skipped"
             if not (nothing and record["estimator"] in suite.references):
                 rows += _rows_of(record)
     table = pd.DataFrame(rows, columns=list(COLUMNS))
-    places = pd.DataFrame(
-        {
-            "scenario": _places(table["scenario"], [one.label for one in suite.scenarios]),
-            "sensor": _places(table["sensor"], [one.label for one in suite.sensors]),
-            "sigma": table["sigma"],
-            "seed": table["seed"],
-            "estimator": _places(table["estimator"], [one.label for one in suite.estimators]),
-            "sample": table["sample"],
-        }
-    )
+    known = {
+        "scenario": [one.label for one in suite.scenarios],
+        "sensor": [one.label for one in suite.sensors],
+        "estimator": [one.label for one in suite.estimators],
+    }
+    places = table[[*_PLACE, "estimator", "sample"]].copy()
+    for name, labels in known.items():
+        rank = {label: k for k, label in enumerate(labels)}
+        places[name] = table[name].map(rank).fillna(len(rank))
     order = places.sort_values(list(places.columns), kind="stable").index
     return table.loc[order].reset_index(drop=True)
 
 
-def _places(labels: pd.Series, known: list[str]) -> pd.Series:
-    return labels.map({label: k for k, label in enumerate(known)}).fillna(len(known))
-
-
-def _rows_of(record: Row) -> list[Row]:
+def _rows_of(record: dict[str, Any]) -> list[dict[str, Any]]:
     labels = {name: record[name] for name in KEY_COLUMNS}
     if record["extras"] is None:
         told = {"sample": 0, "status": record["status"], "message": record["message"]}
         return [labels | told | {"late": False}]
-    rows = []
-    for update in msgspec.json.decode(record["extras"]):
-        errors = update.pop("errors")
-        rows.append(labels | update | errors)
-    return rows
+    updates = msgspec.json.decode(record["extras"])
+    return [labels | update | update["errors"] for update in updates]
 
 
 def summary_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each scenario, sensor, noise level and estimator.
+    """A line for each scenario, sensor, noise level and estimator of an ``update_table``.
 
     Columns: motions; updates; ``failed`` and ``late``, shares of updates; ``latency_50``, ``_95``
     and ``_99`` [ms], percentiles over updates; ``half_time`` [s], the median time until the cosine
     error is half of that of uniform weights, missing where most motions do not get there; medians
     over motions of the cosine error and of the errors of predictions [m]. ``_low`` and ``_high``
     are the ends of 95 % intervals, infinite for times that are never reached.
-
-    Args:
-        rows: rows of updates, as ``update_table`` makes them.
     """
-    judged = attempts_of(rows)
     lines = []
-    for key, part in judged.groupby(GROUP, sort=False):
+    for key, part in attempts_of(rows).groupby(_GROUP, sort=False):
         latency = part["latency"].dropna().to_numpy(float) * 1e3
-        line = dict(zip(GROUP, key, strict=True)) | {
+        line: dict[str, Any] = dict(zip(_GROUP, key, strict=True)) | {
             "motions": part["seed"].nunique(),
             "updates": len(part),
             "failed": part["status"].isin(FAILURES).mean(),
@@ -118,49 +95,45 @@ def summary_table(rows: pd.DataFrame) -> pd.DataFrame:
         }
         for level in (50, 95, 99):
             line[f"latency_{level}"] = np.percentile(latency, level) if len(latency) else np.nan
-        half = median_interval(_half_times(part))
-        line |= _with_ends("half_time", half)
-        line["half_time"] = half.estimate if np.isfinite(half.estimate) else np.nan
-        medians = part.groupby("seed")[list(ERRORS)].median()
-        line |= _errors(medians)
-        lines.append(line)
+        line |= _with_ends("half_time", median_interval(_half_times(part)))
+        if np.isinf(line["half_time"]):
+            line["half_time"] = np.nan
+        lines.append(line | _errors(part.groupby("seed")[list(_ERRORS)].median()))
     return pd.DataFrame(lines)
 
 
 def over_time_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Medians over motions of the errors at each time, by scenario, noise and estimator.
 
-    Those of ``SURE`` have intervals, as in ``summary_table``.
+    Those of ``_SURE`` have intervals, as in ``summary_table``.
     """
-    judged = attempts_of(rows)
-    lines = []
-    for key, part in judged.groupby([*GROUP, "time"], sort=False):
-        lines.append(dict(zip([*GROUP, "time"], key, strict=True)) | _errors(part))
-    return pd.DataFrame(lines)
+    key = [*_GROUP, "time"]
+    parts = attempts_of(rows).groupby(key, sort=False)
+    return pd.DataFrame([dict(zip(key, at, strict=True)) | _errors(part) for at, part in parts])
 
 
 def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Whether the error ``COMPARED`` of each estimator is below that of each of ``RIVALS``.
+    """Whether the error ``_COMPARED`` of each estimator is below that of each of ``_RIVALS``.
 
     Both are compared after the same samples: those for which the rival has a prediction. An
     estimator that has none there loses. A draw counts once, at all its noise levels. Uniform
     weights are no contender.
 
-    Returns:
-        Columns ``scenario, sensor, estimator, other, factor``; ``ratio``, the median over motions
-        of the error over that of the other (without the factor); ``pairs`` (motions) and ``units``
-        (draws); ``wins`` (share of motions in which the error is below ``factor`` times the
-        other's) with ``wins_low`` and ``wins_high`` (95 %); ``p`` of a permutation test, and
-        ``p_holm``, adjusted after Holm for all rows.
+    Columns: ``scenario, sensor, estimator, other, factor``; ``ratio``, the median over motions of
+    the error over that of the other (without the factor); ``pairs`` (motions) and ``units``
+    (draws); ``wins`` (share of motions in which the error is below ``factor`` times the other's)
+    with ``wins_low`` and ``wins_high`` (95 %); ``p`` of a permutation test, and ``p_holm``,
+    adjusted after Holm for all rows.
     """
-    return adjusted(pd.DataFrame(list(_compared(attempts_of(rows))), columns=_COMPARISON))
+    table = pd.DataFrame(_compared(attempts_of(rows)), columns=_COMPARISON)
+    return table.assign(p_holm=holm(table["p"].to_numpy(float)))
 
 
 def _compared(judged: pd.DataFrame) -> Iterator[dict[str, Any]]:
     for (scenario, sensor), part in judged.groupby(["scenario", "sensor"], sort=False):
         errors = dict(list(part.groupby("estimator", sort=False)))
         for name in [one for one in errors if one not in (*REFERENCES["streams"], FLOOR)]:
-            for other, factor in RIVALS:
+            for other, factor in _RIVALS:
                 if other in errors:
                     pairs = _pairs(errors[name], errors[other])
                     ratio = float(np.median(pairs["a"] / pairs["b"])) if len(pairs) else np.nan
@@ -172,8 +145,8 @@ def _compared(judged: pd.DataFrame) -> Iterator[dict[str, Any]]:
 def _pairs(own: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
     """Medians ``a`` and ``b`` of each motion over the samples after which the other predicts."""
     key = [*_PLACE, "sample"]
-    theirs = other.loc[other[COMPARED].notna(), [*key, COMPARED]].rename(columns={COMPARED: "b"})
-    mine = own[[*key, COMPARED]].rename(columns={COMPARED: "a"})
+    theirs = other.loc[other[_COMPARED].notna(), [*key, _COMPARED]].rename(columns={_COMPARED: "b"})
+    mine = own[[*key, _COMPARED]].rename(columns={_COMPARED: "a"})
     both = theirs.merge(mine, on=key)
     both["a"] = both["a"].fillna(np.inf)
     return both.groupby(_PLACE, sort=False)[["a", "b"]].median().reset_index()
@@ -182,9 +155,9 @@ def _pairs(own: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
 def _errors(part: pd.DataFrame) -> dict[str, float]:
     """Medians of errors, one row a motion."""
     line: dict[str, float] = {}
-    for name in ERRORS:
+    for name in _ERRORS:
         found = median_interval(part[name].dropna().to_numpy(float))
-        line |= _with_ends(name, found) if name in SURE else {name: found.estimate}
+        line |= _with_ends(name, found) if name in _SURE else {name: found.estimate}
     return line
 
 

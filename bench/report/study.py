@@ -1,8 +1,10 @@
-"""The entries behind the labels in a run's tables, from the suites stored with the run."""
+"""What a run's tables are about: entries by their labels, from its suites, and its metrics."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
+
+import pandas as pd
 
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declaration_from
@@ -22,36 +24,43 @@ _FLOORS = ("uniform", "ignorant")
 #: Built-in estimators that are told, or have learned, how true weights are drawn.
 _KNOW_PRIOR = ("map", "posterior", "neural_posterior", "particle", "ridge", "ukf")
 
+#: The metric that ranks estimators if a run has it; else the first metric that is compared.
+_USUAL_PRIMARY = "position_error"
+#: Errors that have scores although nobody is compared by them: positive, and the less the better.
+_ALSO_SCORED = ("held_out_error", "crps", "energy_score")
+
+#: The cosine error without what the data cannot identify. It is computed for a whole run
+#: (``statistics.identifiability``), not per trial: what is identifiable is a property of a
+#: scenario, all its trajectories and a sensor, and the same for every estimate.
+IDENTIFIABLE = MetricDeclaration(
+    "identifiable_cosine_error",
+    label="identifiable error",
+    worst=1.0,
+    gated=True,
+    negligible=1e-7,
+    description="The cosine error less what the data cannot show at 0.01 m.",
+)
+
+#: A failure, compared like an error: 1 for an attempt without a prediction, else 0.
+FAILURES = MetricDeclaration("failures", worst=1.0)
+
 #: Errors raised if a label is of another version, or its truth cannot be computed.
 UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)
 
 
 @dataclass(frozen=True)
 class Study:
-    """Scenarios, sensors, estimators and metrics of a run.
+    """Scenarios, sensors and estimators of a run by their labels, and its metrics."""
 
-    Attributes:
-        metrics: declarations of its metrics, the built-in ones first.
-        scenarios: entries by label.
-        sensors: entries by label.
-        salt: salt that seeded draws and noise.
-        estimators: entries by label.
-        confirmations: what fresh draws said of implausible rows.
-    """
-
-    metrics: tuple[MetricDeclaration, ...] = BUILT_IN
+    metrics: tuple[MetricDeclaration, ...] = BUILT_IN  # the built-in ones first
     scenarios: Mapping[str, ScenarioEntry] = field(default_factory=dict)
     sensors: Mapping[str, SensorEntry] = field(default_factory=dict)
-    salt: str = ""
+    salt: str = ""  # of draws and noise
     estimators: Mapping[str, EstimatorEntry] = field(default_factory=dict)
-    confirmations: tuple[Confirmation, ...] = ()
+    confirmations: tuple[Confirmation, ...] = ()  # what fresh draws said of implausible rows
 
     def scenario(self, label: str) -> ScenarioEntry:
-        """The scenario with a label; its plugin may not exist any more.
-
-        Raises:
-            UserError: if the study has none.
-        """
+        """The scenario with a label, whose plugin may not exist any more; UserError without one."""
         return _of_label("scenario", label, self.scenarios)
 
     def is_family(self, label: str) -> bool:
@@ -66,8 +75,7 @@ class Study:
 
     def is_published(self, label: str) -> bool:
         """Whether the true weights of the scenario with this label are known to be constants."""
-        known = self.scenarios.get(label)
-        return known is not None and not has_drawn_truths(known)
+        return label in self.scenarios and not self.has_drawn_truths(label)
 
     def is_foreign(self, label: str) -> bool:
         """Whether the estimator with this label is known, and is a plugin."""
@@ -88,29 +96,16 @@ class Study:
         return label if known is None else known.name
 
     def draw(self, label: str, seed: int) -> Draw:
-        """The draw of the trials with a scenario's label and a seed.
-
-        Raises:
-            UserError: where the study has no such scenario.
-        """
+        """The draw of the trials with a scenario's label and a seed."""
         return Draw.of(self.scenario(label), seed, self.salt)
 
     def sensor_model(self, sensor: str, draw: Draw) -> SensorModel:
-        """The model of the sensor with a label on a draw.
-
-        Raises:
-            UserError: if the study has no such sensor, or it cannot be constructed here.
-            ValueError: if it does not fit the scenario.
-        """
+        """The model of the sensor with a label on a draw; ValueError if it does not fit."""
         layers = layers_of(_of_label("sensor", sensor, self.sensors))
         return sensor_model(true_recording(draw).scenario, layers)
 
     def noise_seed(self, label: str, sigma: float, seed: int) -> int:
-        """Seed of the noise of trials.
-
-        Raises:
-            UserError: where the study has no such scenario.
-        """
+        """Seed of the noise of the trials of a scenario."""
         return noise_seed(self.scenario(label), sigma, seed, self.salt)
 
 
@@ -130,30 +125,23 @@ USUAL = Study()
 def study_of(suites: Iterable[Suite]) -> Study:
     """The study of a run, from all its suites: a suite may grow when a run continues.
 
-    Args:
-        suites: suites stored with the run. If none names metrics, the built-in ones are used.
-
-    Raises:
-        UserError: on a suite of another kind than trials.
+    If none names metrics, the built-in ones count. UserError on a suite of another kind.
     """
-    metrics: dict[str, MetricDeclaration] = {}
-    scenarios: dict[str, ScenarioEntry] = {}
-    sensors: dict[str, SensorEntry] = {}
-    estimators: dict[str, EstimatorEntry] = {}
-    salt = ""
+    suites = [*suites]
     for suite in suites:
         if suite.kind != "trials":
             raise UserError(
                 f"suite {suite.name!r} is a study of {suite.kind}: it has no tables of trials; "
                 "'olne-bench report' writes its own"
             )
-        scenarios |= {entry.label: entry for entry in suite.scenarios}
-        sensors |= {entry.label: entry for entry in suite.sensors}
-        estimators |= {entry.label: entry for entry in suite.estimators}
-        salt = suite.salt
-        declared = [_declaration(entry) for entry in suite.metrics]
-        metrics |= {one.name: one for one in declared}
-    return Study(_ordered(metrics) or BUILT_IN, scenarios, sensors, salt, estimators)
+    entries: dict[str, Any] = {
+        what: {entry.label: entry for suite in suites for entry in getattr(suite, what)}
+        for what in ("scenarios", "sensors", "estimators")
+    }
+    metrics = {entry.column: _declaration(entry) for suite in suites for entry in suite.metrics}
+    own = [one.name for one in BUILT_IN if one.name in metrics]
+    ordered = tuple(metrics[name] for name in dict.fromkeys([*own, *metrics]))
+    return Study(ordered or BUILT_IN, salt=suites[-1].salt if suites else "", **entries)
 
 
 def _declaration(entry: Any) -> MetricDeclaration:
@@ -163,12 +151,48 @@ def _declaration(entry: Any) -> MetricDeclaration:
     return declaration_from(usual | told | {"name": entry.column})
 
 
-def _ordered(found: Mapping[str, MetricDeclaration]) -> tuple[MetricDeclaration, ...]:
-    usual = [one.name for one in BUILT_IN if one.name in found]
-    return tuple(found[name] for name in [*usual, *(n for n in found if n not in usual)])
-
-
 def why_unknown(error: Exception) -> str:
     """The message of an error; some exceptions need their type or argument instead."""
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
     return text or type(error).__name__
+
+
+def compared(metrics: Iterable[MetricDeclaration]) -> list[MetricDeclaration]:
+    """The metrics that estimators and runs are compared by."""
+    return [metric for metric in metrics if metric.compared]
+
+
+def scored(metrics: Iterable[MetricDeclaration]) -> list[MetricDeclaration]:
+    """The metrics that have scores: errors that are compared, held-out errors, proper scores."""
+    return [metric for metric in metrics if metric.compared or metric.name in _ALSO_SCORED]
+
+
+def primary(metrics: Sequence[MetricDeclaration]) -> MetricDeclaration | None:
+    """The metric that estimators are ranked by; None if no metric is compared."""
+    return min(compared(metrics), key=lambda m: m.name != _USUAL_PRIMARY, default=None)
+
+
+def in_table(metrics: Iterable[MetricDeclaration], trials: pd.DataFrame) -> list[MetricDeclaration]:
+    """The metrics with a value in a table of trials; if all trials failed, also the compared ones.
+
+    A metric without any value, where some trials went well, does not apply to the scenarios.
+    """
+    some_ok = bool(trials["status"].eq("ok").any())
+    known = [metric for metric in metrics if metric.name in trials]
+    return [m for m in known if worth_a_table(m, bool(trials[m.name].notna().any()), some_ok)]
+
+
+def worth_a_table(metric: MetricDeclaration, valued: bool, some_ok: bool) -> bool:
+    """Whether tables show a metric that trials have: levels have tables of their own.
+
+    ``valued``: any trial has a value of it; ``some_ok``: any trial went well.
+    """
+    return not metric.is_level and (valued or (metric.compared and not some_ok))
+
+
+def in_leaderboard(
+    metrics: Iterable[MetricDeclaration], table: pd.DataFrame
+) -> list[MetricDeclaration]:
+    """The metrics that a leaderboard summarises, with ``IDENTIFIABLE``, in the order shown."""
+    shown = [*metrics, *([] if IDENTIFIABLE in metrics else [IDENTIFIABLE])]
+    return [m for m in shown if (f"{m.name}_share" if m.is_share else f"{m.name}_median") in table]

@@ -1,21 +1,19 @@
 """All tables of a run, computed once."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from olne_bench.bench.report.leaderboard import scored_rows, summaries
-from olne_bench.bench.report.measures import IDENTIFIABLE
+from olne_bench.bench.report.leaderboard import errors_by_noise, scored_rows, summaries
 from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of
+from olne_bench.bench.report.statistics.attempts import harness_errors, most_frequent_first
 from olne_bench.bench.report.statistics.calibration import calibration_table
-from olne_bench.bench.report.statistics.harness_errors import harness_errors, most_frequent_first
 from olne_bench.bench.report.statistics.identifiability import (
     bound_ratios,
     identifiability_table,
     identifiable_errors,
     unknown_truths,
 )
-from olne_bench.bench.report.statistics.noise_errors import errors_by_noise
 from olne_bench.bench.report.statistics.noise_identifiability import identifiability_by_noise
 from olne_bench.bench.report.statistics.recognition import (
     confusion_table,
@@ -23,36 +21,16 @@ from olne_bench.bench.report.statistics.recognition import (
     temperament_table,
 )
 from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
-from olne_bench.bench.report.statistics.standing import (
-    if_told,
-    ranking,
-    standings,
-    with_standing,
-)
-from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.statistics.standing import KEY, if_told, ranking, standings
+from olne_bench.bench.report.study import IDENTIFIABLE, USUAL, Study
 
 #: Tables of runs whose drivers have temperaments.
-_OF_DRIVERS = ("temperaments", "confusions")
+_OF_DRIVERS = {"temperaments", "confusions"}
 
 
 @dataclass(frozen=True)
 class RunTables:
-    """Tables of a run; their columns are described at the functions that make them.
-
-    Attributes:
-        leaderboard: one row per scenario, sensor and estimator.
-        scores: scores over all scenarios, by noise level, and in each scenario and sensor.
-        comparisons: estimators in pairs, by their scores.
-        errors_by_noise: median errors at each noise level, with intervals.
-        identifiability: identifiability of each weight in each scenario and sensor.
-        identifiability_by_noise: the same at each noise level of the trials.
-        bound_ratios: each estimator's error over the Cramer-Rao bound, weight by weight.
-        calibration: how often regions of several levels hold the truth.
-        temperaments: errors, and who is recognised, by the temperament of drivers.
-        confusions: who is mistaken for whom.
-        harness_errors: errors of the harness.
-        notes: what could not be computed, and why.
-    """
+    """Tables of a run; their columns are described at the functions that make them."""
 
     leaderboard: pd.DataFrame
     scores: pd.DataFrame
@@ -65,14 +43,12 @@ class RunTables:
     temperaments: pd.DataFrame
     confusions: pd.DataFrame
     harness_errors: pd.DataFrame
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what could not be computed, and why
 
     def by_name(self) -> dict[str, pd.DataFrame]:
         """The tables that are written to the run folder, by name."""
-        unwritten = ("harness_errors", "notes")
-        named = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in unwritten}
-        tempered = len(self.temperaments) > 0
-        return {n: t for n, t in named.items() if tempered or n not in _OF_DRIVERS}
+        left = {"harness_errors", "notes"} | (set() if len(self.temperaments) else _OF_DRIVERS)
+        return {name: table for name, table in vars(self).items() if name not in left}
 
 
 def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
@@ -96,11 +72,14 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
     """Tables of some scenarios, as far as they do not depend on others."""
     # The weights of a million trials are slow to copy, and most tables do not need them.
     plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
-    by_temperament = _driver_tables(trials, study)
+    of_drivers = drivers(trials, study)  # several in each trial: not kept for longer
+    by_temperament = {"temperaments": temperament_table(of_drivers)}
+    by_temperament["confusions"] = confusion_table(of_drivers)
+    del of_drivers
     known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
-    standing = standings(trials, study)
+    board, standing = summaries(known, study), standings(trials, study)
     return {
-        "leaderboard": with_standing(summaries(known, study), standing),
+        "leaderboard": board if board.empty else board.merge(standing, on=KEY, how="left"),
         "errors_by_noise": errors_by_noise(plain, study),
         "logs": log_errors(ranking(plain, standing), study),
         "identifiability": identifiability_table(trials, study),
@@ -111,9 +90,3 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
         "harness_errors": harness_errors(plain),
         "notes": pd.DataFrame({"note": unknown_truths(trials, study)}, dtype=object),
     }
-
-
-def _driver_tables(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
-    """Tables of drivers, of whom there are several in each trial: not kept for longer."""
-    found = drivers(trials, study)
-    return {"temperaments": temperament_table(found), "confusions": confusion_table(found)}

@@ -1,39 +1,49 @@
-"""Write the report of a run of trials: tables, page and figures, made from the store."""
+"""Write the report of a run, of trials, streams or drives: tables, page and figures."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import pandas as pd
 from matplotlib.figure import Figure
 
+from olne_bench.bench.judge.streams import ERROR_COLUMNS
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.load import suite_names
-from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.report import drive_tables, stream_tables
 from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.escapes import write_csv
-from olne_bench.bench.report.figures import Drawn, draw_figures, style
-from olne_bench.bench.report.leaderboard_text import latex, markdown
+from olne_bench.bench.report.figures import draw_figures, online, style
+from olne_bench.bench.report.leaderboard_text import format_summary, latex, markdown
+from olne_bench.bench.report.page.online import online_page
 from olne_bench.bench.report.page.render import Extras, render_page
-from olne_bench.bench.report.parts import Parts, write_trials
+from olne_bench.bench.report.parts import write_trials
+from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import Study, study_of
 from olne_bench.bench.report.tables import RunTables, tabulate
 from olne_bench.bench.run.provenance import Provenance
+from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import Store, read_store
 from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 from olne_bench.files import whole_file
 
+#: Columns of summaries that a terminal shows, in their order, and what they hold.
+_OF_STREAMS = ["scenario", "sigma", "estimator", "motions", "failed", "late", "latency_50"]
+_OF_STREAMS += ["latency_99", "cosine_error", "half_time"]
+_OF_STREAMS += [name for name in ERROR_COLUMNS if name.startswith("fde_")]
+_STREAMS = "medians; latency in ms, half_time in s, errors of positions (fde) in m"
+_OF_DRIVES = ["traffic", "road", "planner", "drives", "collisions", "regret", "progress", "jerk"]
+_OF_DRIVES += ["fde_3s", "cycle_50", "cycle_99", "fallback", "late"]
+_DRIVES = "regret of the mean cost of a step (standing costs 1); medians in m, m/s^3, ms; shares"
+#: Digits of medians of streams and of ends of their intervals.
+_DIGITS = "%.4g"
+
 
 @dataclass(frozen=True)
 class Report:
-    """What was written.
-
-    Attributes:
-        tables: tables of the run.
-        study: study of the run.
-        notes: what could not be shown, and why.
-    """
+    """What was written of trials, and what could not be shown, and why."""
 
     tables: RunTables
     study: Study
@@ -43,22 +53,12 @@ class Report:
 def write_report(
     folder: Path, formats: Sequence[str], playable: Sequence[tuple[float, int]] = ()
 ) -> Report:
-    """Write tables, as CSV, the page ``index.html`` and ``figures/``.
+    """Write tables, as CSV, the page ``index.html`` and, if there are formats, ``figures/``.
 
-    The tables are ``trials`` (also as Parquet), ``leaderboard`` (also in Markdown and LaTeX),
-    ``scores``, ``comparisons`` (of estimators, in pairs), ``errors_by_noise``,
-    ``identifiability``, ``identifiability_by_noise``, ``bound_ratios`` (of weights),
-    ``calibration`` and, where drivers have temperaments, ``temperaments`` and ``confusions``.
+    The tables are ``trials`` (also as Parquet), ``leaderboard`` (also in Markdown and LaTeX), and
+    those of ``RunTables``. The page can play the trials of the ``playable`` noise levels and seeds.
     Truths are read from the draws that come with the suite, where there are some. Only the trials
-    of one scenario are in memory.
-
-    Args:
-        folder: a run folder.
-        formats: formats of the figures; if empty, no figure is drawn.
-        playable: noise levels and seeds of trials that the page must be able to play.
-
-    Raises:
-        UserError: if the folder holds no run, or cannot be written.
+    of one scenario are in memory. UserError if there is no run in the folder.
     """
     with read_store(folder) as store:
         runs = store.runs()
@@ -67,35 +67,86 @@ def write_report(
         _refuse_unknown(store, playable)
         suites = [read_suite_json(run.suite) for run in runs]
         study = replace(study_of(suites), confirmations=confirmations_of(folder, store))
-        with _writing_to(folder):
-            trials = write_trials(store.batches(), folder)
-    shipped = suites and suites[-1].origin in suite_names()
+        trials = write_trials(store.batches(), folder)
+    shipped = suites[-1].origin in suite_names()
     draws = draws_of(suites[-1].origin, suites[-1]) if shipped else None
-    with _writing_to(folder), travelling(draws):
-        return _written(folder, trials, runs, study, formats, playable)
-
-
-def _written(
-    folder: Path,
-    trials: Parts,
-    runs: list[Provenance],
-    study: Study,
-    formats: Sequence[str],
-    playable: Sequence[tuple[float, int]],
-) -> Report:
-    tables = tabulate(trials, study)
-    for name, table in tables.by_name().items():
-        write_csv(table, folder / f"{name}.csv")
-    write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
-    write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
-    drawn = Drawn()
-    if formats:
-        drawn = draw_figures(trials, tables, folder / "figures", formats, study)
-    notes = [*tables.notes, *drawn.notes]
-    extras = Extras(playable=tuple(playable), pictures=drawn.pictures)
-    page = render_page(trials, tables, runs, study, notes, extras)
+    with travelling(draws):
+        tables = tabulate(trials, study)
+        _write_tables(tables.by_name(), folder)
+        write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
+        write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
+        pictures, lost = draw_figures(trials, tables, folder / "figures", formats, study)
+        notes = [*tables.notes, *lost]
+        extras = Extras(playable=tuple(playable), pictures=pictures)
+        page = render_page(trials, tables, runs, study, notes, extras)
     write_text(folder / "index.html", page.html)
     return Report(tables, study, list(dict.fromkeys([*notes, *page.notes])))
+
+
+def report_streams(folder: Path, formats: Sequence[str]) -> str:
+    """Write the report of a study of streams; what a terminal shows of it, or UserError."""
+    runs, suite, rows = _rows(folder, stream_tables.update_table)
+    if attempts_of(rows).empty:
+        why = next(iter(rows["message"]), "")
+        raise UserError(f"no motion was followed in {folder} yet{f': {why}' if why else ''}")
+    summary = write_streams(rows, runs, suite, folder, formats)
+    failed = rows[(rows["status"] != "ok") & ~rows["estimator"].isin(suite.references)]
+    said = format_summary(_STREAMS, summary[_OF_STREAMS], failed, "rows")
+    return f"{said}\n{folder}: index.html is the page, updates.csv has a row for each sample"
+
+
+def write_streams(
+    rows: pd.DataFrame,
+    runs: Sequence[Provenance],
+    suite: Suite,
+    folder: Path,
+    formats: Sequence[str],
+) -> pd.DataFrame:
+    """Write tables of rows of ``update_table``, page and ``figures/online_*``; the summary."""
+    tables = {
+        "summary": stream_tables.summary_table(rows),
+        "over_time": stream_tables.over_time_table(rows),
+        "comparisons": stream_tables.comparison_table(rows),
+    }
+    write_csv(rows, folder / "updates.csv")
+    _write_tables(tables, folder, _DIGITS)
+    pictures = write_figures(online.stream_figures(rows), folder / "figures", formats)
+    write_text(folder / "index.html", online_page(tables, pictures, runs, suite))
+    return tables["summary"]
+
+
+def report_drives(folder: Path, formats: Sequence[str]) -> str:
+    """Write the report of a study of drives; what a terminal shows of it, or UserError."""
+    runs, suite, rows = _rows(folder, drive_tables.episode_table)
+    if rows.empty:
+        raise UserError(f"the run in {folder} has no finished trial yet")
+    write_csv(rows, folder / "episodes.csv")
+    summary = drive_tables.drive_table(rows)
+    if summary.empty:
+        raise UserError(f"{folder}: no drive was driven; episodes.csv says why")
+    tables = {"summary": summary, "tests": drive_tables.comparison_table(rows)}
+    _write_tables(tables, folder)
+    pictures = write_figures(online.drive_figures(summary), folder / "figures", formats)
+    write_text(folder / "index.html", online_page(tables, pictures, runs, suite))
+    said = format_summary(_DRIVES, summary[_OF_DRIVES], rows[rows["status"] != "ok"], "drives")
+    return f"{said}\n{folder}: index.html is the page, episodes.csv has a row for each drive"
+
+
+def _rows(
+    folder: Path, table_of: Callable[[Store, Suite], pd.DataFrame]
+) -> tuple[list[Provenance], Suite, pd.DataFrame]:
+    """The runs of a folder, the suite of the last one, and the rows of its store."""
+    with read_store(folder) as store:
+        runs = store.runs()
+        suite = last_suite(runs, folder)
+        return runs, suite, table_of(store, suite)
+
+
+def _write_tables(
+    tables: Mapping[str, pd.DataFrame], folder: Path, digits: str | None = None
+) -> None:
+    for name, table in tables.items():
+        write_csv(table, folder / f"{name}.csv", digits)
 
 
 def write_text(place: Path, text: str) -> None:
@@ -108,22 +159,14 @@ def write_figures(
     figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str]
 ) -> list[str]:
     """Write figures by name, if there are formats; SVG elements for a page."""
+    if not formats:
+        return []
     pictures = []
-    if formats:
-        folder.mkdir(exist_ok=True)
-        with style.applied():
-            for name, figure in figures:
-                pictures.append(style.svg_text(figure))
-                style.save(figure, folder / style.file_name(name), formats)
+    with style.applied():
+        for name, figure in figures:
+            pictures.append(style.svg_text(figure))
+            style.save(figure, folder / style.file_name(name), formats)
     return pictures
-
-
-@contextmanager
-def _writing_to(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
 
 
 def _refuse_unknown(store: Store, places: Sequence[tuple[float, int]]) -> None:

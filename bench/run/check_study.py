@@ -14,7 +14,8 @@ from olne_bench.bench.judge.trials import layers_of
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
-from olne_bench.bench.process.child import Child, ChildError, RaisedError, StartError
+from olne_bench.bench.process.child import Child, ChildError, RaisedError
+from olne_bench.bench.process.fork_server import StartError
 from olne_bench.bench.run.describe_plugins import LOAD_LIMIT, LOAD_MEMORY
 from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
@@ -25,10 +26,6 @@ from olne_bench.games.model.sensor import SensorModel
 
 def check_fit(suite: Suite, hidden: Path | None = None) -> None:
     """Refuse sensors that do not fit a scenario, such as one for a component that states lack.
-
-    Args:
-        suite: suite to be run.
-        hidden: folder that foreign code cannot read.
 
     Raises:
         UserError: with a message that names the first such pair.
@@ -46,10 +43,6 @@ def check_priors(suite: Suite, hidden: Path | None = None) -> None:
     """Refuse priors that give the truth of a fixed scenario no mass.
 
     Truths that seeds draw are known when they are judged: such a trial is ``invalid``.
-
-    Args:
-        suite: suite to be run.
-        hidden: folder that foreign code cannot read.
 
     Raises:
         UserError: with a message that names the first such pair, the weight, and what to do.

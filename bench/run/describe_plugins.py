@@ -14,9 +14,9 @@ from olne_bench.bench.process.child import (
     ChildError,
     DiedError,
     RaisedError,
-    StartError,
     TimedOutError,
 )
+from olne_bench.bench.process.fork_server import StartError
 from olne_bench.errors import UserError
 from olne_bench.plugins import Description, Kind
 
@@ -31,10 +31,6 @@ Request = tuple[Kind | None, str, Mapping[str, Any]]
 
 def describe_all(requests: Sequence[Request], hidden: Path | None = None) -> list[Description]:
     """Describe plugins: built-in ones in this process, foreign ones in one process per file.
-
-    Args:
-        requests: what to describe.
-        hidden: folder that foreign code cannot read.
 
     Returns:
         One description per request; its ``error`` is one line if something is wrong.

@@ -107,13 +107,7 @@ def prepare(
 
 
 def why_declined(estimator: Any, problem: Problem, trajectories: int) -> str:
-    """Why an estimator does not take a problem, on one line; empty if it does.
-
-    Args:
-        estimator: the estimator.
-        problem: what it would be told.
-        trajectories: number of observations that would follow.
-    """
+    """Why an estimator does not take a problem, on one line; empty if it does."""
     reason = estimator.supports(problem) if hasattr(estimator, "supports") else None
     if trajectories > 1 and not getattr(estimator, "several", False):
         reason = f"takes one trajectory at a time, not {trajectories}"
@@ -123,12 +117,7 @@ def why_declined(estimator: Any, problem: Problem, trajectories: int) -> str:
 
 
 def libraries(reference: str, parameters: dict[str, Any]) -> Libraries:
-    """The modules that an estimator's plugin imports, in their order.
-
-    Args:
-        reference: name or file of the estimator.
-        parameters: parameters of the estimator.
-    """
+    """The modules that an estimator's plugin imports, in their order."""
     before = set(sys.modules)
     with plugins.at_home(plugins.make(plugins.ESTIMATOR, reference, parameters)):
         own = set(sys.modules) - before

@@ -19,8 +19,8 @@ from olne_bench.bench.process.child import (
     ChildError,
     DiedError,
     RaisedError,
-    StartError,
 )
+from olne_bench.bench.process.fork_server import StartError
 from olne_bench.bench.process.inside import announce
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.run.player_process import PlayerProcess

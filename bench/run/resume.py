@@ -7,8 +7,7 @@ from typing import Any
 
 from olne_bench.bench.plan.kinds import Rules, StudyKind
 from olne_bench.bench.plan.outcome import FAILURES
-from olne_bench.bench.plan.salt import salt_id
-from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.plan.suite import Suite, read_suite_json, salt_id
 from olne_bench.bench.plan.trial import CELL_COLUMNS, Trial
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import Records, read_store
@@ -38,12 +37,7 @@ class Stored:
         return found
 
     def states(self, trial: Trial, seeds: Iterable[int]) -> Counter[str]:
-        """How many trials that differ in nothing but the seed are in each of ``STATES``.
-
-        Args:
-            trial: one of them.
-            seeds: their seeds.
-        """
+        """How many trials that differ in nothing but the seed are in each of ``STATES``."""
         by_code = self._cells.get(trial.cell, {})
         own = by_code.get(trial.code, {})
         statuses = Counter(map(own.get, seeds))

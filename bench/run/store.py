@@ -71,13 +71,7 @@ class Store:
         self._sums = Checksums(self._metrics)
 
     def begin_run(self, source: Provenance, trials: Iterable[Trial]) -> None:
-        """Note the provenance of the rows that follow, and the current versions.
-
-        Args:
-            source: provenance of the run.
-            trials: at least one trial of each scenario, sensor and estimator of the run, whether
-                it is done or not.
-        """
+        """Note the provenance of the rows that follow, and the current versions."""
         current = {}
         for trial in trials:
             labels = trial.labels

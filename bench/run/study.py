@@ -6,14 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from olne_bench.bench.plan.check import check_gate
 from olne_bench.bench.plan.draws import draws_path, draws_source
 from olne_bench.bench.plan.kinds import StudyKind
-from olne_bench.bench.plan.load import load_suite, suite_text
+from olne_bench.bench.plan.load import check_gate, load_suite, suite_text
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.salt import check_salt, salted
 from olne_bench.bench.plan.select import Selection, changed, joined, select
-from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.plan.suite import Suite, check_salt, read_suite_json, salted
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
 from olne_bench.bench.run.check_study import check_fit, check_kind, check_priors
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
@@ -150,19 +148,14 @@ def begin(suite: Suite, wanted: Wanted, machine: Machine, store: Store) -> Todo:
 
 def run_stored(
     todo: Iterable[Trial], machine: Machine, store: Store, stop: Callable[[], bool]
-) -> Iterator[tuple[Trial, Outcome]]:
-    """Run trials, here or on a cluster; yield each with its outcome once it is stored."""
-    for trial, outcome in start(todo, machine, stop):
-        store.add(trial, outcome)
-        yield trial, outcome
-
-
-def start(
-    todo: Iterable[Trial], machine: Machine, stop: Callable[[], bool]
-) -> Iterator[tuple[Trial, Outcome]]:
-    """Outcomes of trials as they end."""
+) -> Iterator[Outcome]:
+    """Run trials, here or on a cluster; yield each outcome once it is stored."""
     limit, out = int(machine.memory * 2**30), machine.out.resolve()
     given: dict[str, Any] = {"log": out / LOG, "memory": limit, "hidden": out, "stop": stop}
     if machine.dask:
-        return run_on_dask(todo, cluster=machine.dask, **given)
-    return run_trials(todo, jobs=machine.jobs, **given)
+        ended = run_on_dask(todo, cluster=machine.dask, **given)
+    else:
+        ended = run_trials(todo, jobs=machine.jobs, **given)
+    for trial, outcome in ended:
+        store.add(trial, outcome)
+        yield outcome

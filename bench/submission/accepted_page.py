@@ -36,11 +36,7 @@ class Accepted:
 
 
 def accepted_page(found: Sequence[Accepted]) -> str:
-    """The page as HTML.
-
-    Args:
-        found: accepted submissions, in the order in which they are listed.
-    """
+    """The page as HTML."""
     boards = [_board(one.submission) for one in found]
     table = pd.concat(boards, ignore_index=True).sort_values(_ORDER, ignore_index=True)
     columns: dict[str, t.Content] = {

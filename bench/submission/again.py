@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.report.machine import Machine, run_all
+from olne_bench.bench.report.fresh_draws import Machine, run_all
 from olne_bench.bench.submission.rows import Key, Rows, described, difference
 
 #: A machine may be slower than another one by this factor. A trial that reached its time limit is
@@ -21,17 +21,11 @@ _TIMEOUT = "timeout"
 
 @dataclass
 class Repeated:
-    """Rows and their trials run again.
-
-    Attributes:
-        same: number of rows that are the same.
-        differing: one line for each row that is not.
-        silent: number of rows that say nothing: they reached a time limit there, and nearly here.
-    """
+    """Rows and their trials run again."""
 
     same: int = 0
-    differing: list[str] = field(default_factory=list)
-    silent: int = 0
+    differing: list[str] = field(default_factory=list)  # one line each
+    silent: int = 0  # rows that say nothing: they reached a time limit there, and nearly here
 
     @property
     def total(self) -> int:
@@ -47,14 +41,8 @@ class Repeated:
 def repeat(trials: Iterable[Trial], rows: Rows, machine: Machine, *, exact: bool) -> Repeated:
     """Run trials again and compare them with their rows.
 
-    Trials that do not end here, although their rows say that they did, are run again with a longer
+    Those that do not end here, although their rows say that they did, are run again with a longer
     limit. If one does not end then either, no more are run: the submission is refused.
-
-    Args:
-        trials: what to run.
-        rows: rows of the submission.
-        machine: how trials are run.
-        exact: whether every bit counts (``rows.difference``).
     """
     found = Repeated()
     left = list(trials)

@@ -3,9 +3,8 @@
 from functools import partial
 from pathlib import Path
 
-from olne_bench.bench.plan.check import check_suite
 from olne_bench.bench.plan.learn import learn
-from olne_bench.bench.plan.load import load_suite, suite_names
+from olne_bench.bench.plan.load import check_suite, load_suite, suite_names
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
@@ -26,13 +25,7 @@ _Asked = tuple[Suite, Selection, int]
 def asked(submission: Submission, home: Path, rows: int) -> list[_Asked]:
     """What the runs were asked for: suite, selection and number of seeds, each once.
 
-    Args:
-        submission: the submission.
-        home: folder with its plugins.
-        rows: number of rows that it has.
-
-    Raises:
-        UserError: if a suite cannot be run here, or the runs ask for other numbers of trials.
+    ``home`` has its plugins. UserError if a suite cannot run here, or asks for more than ``rows``.
     """
     found: dict[tuple[str, str, int], _Asked] = {}
     for run, suite in zip(submission.runs, submission.suites(home), strict=True):
@@ -78,9 +71,6 @@ def check_shipped(suite: Suite) -> None:
     """Refuse a suite that is called as one of this package, and is another one.
 
     It may have more estimators, or fewer, and another salt.
-
-    Raises:
-        UserError: with what differs.
     """
     if suite.name not in suite_names():
         return

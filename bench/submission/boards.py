@@ -12,12 +12,7 @@ from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.submission.files import read_file
-from olne_bench.bench.submission.manifest import (
-    LEADERBOARD,
-    LEADERBOARD_TEXT,
-    ROWS,
-    Submission,
-)
+from olne_bench.bench.submission.manifest import LEADERBOARD, LEADERBOARD_TEXT, ROWS, Submission
 from olne_bench.errors import UserError
 
 #: Tolerance of numbers in tables, whose last digits depend on the versions of libraries.
@@ -34,11 +29,7 @@ def board_files(table: pd.DataFrame, study: Study) -> dict[str, str]:
 
 
 def check_boards(submission: Submission, table: pd.DataFrame, study: Study) -> None:
-    """Refuse a leaderboard that does not follow from the rows.
-
-    Raises:
-        UserError: if it is another one, cannot be read, or no table can be made of the rows.
-    """
+    """Refuse a leaderboard that does not follow from the rows."""
     try:
         made = board_files(table, study)
     except (ValueError, TypeError, IndexError, KeyError) as error:  # such as weights of other games

@@ -46,12 +46,7 @@ def choose(
 ) -> list[Trial]:
     """Trials to run again, in the order of ``planned``.
 
-    Args:
-        planned: all trials.
-        rows: their rows.
-        metric: what estimators are ranked by.
-        sample: number of rows of each group to draw. Default: as many as are ``needed``.
-        rng: draws.
+    From each group ``sample`` rows are drawn. Default: as many as are ``needed``.
     """
     suspicion = suspicions(rows.table, {t.plugin for t in planned.values()} - {""}, metric)
     skipped = rows.table["status"].eq("skipped").to_numpy()
@@ -77,11 +72,6 @@ def suspicions(
     A row of a plugin is suspicious if its error is small beside others of its cell (scenario,
     sensor, noise level): its own, or those of the best rival, or beside the statistical limit. A
     rival's row is suspicious if its error is large, or if it failed. Each is a decimal logarithm.
-
-    Args:
-        table: rows.
-        plugins: labels of estimators that are plugins.
-        metric: what estimators are ranked by.
     """
     if metric is None:
         return np.zeros(len(table))
@@ -104,4 +94,4 @@ def suspicions(
 
 def _log(values: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
-        return np.clip(np.log10(values), -_MOST, _MOST)
+        return np.asarray(np.clip(np.log10(values), -_MOST, _MOST))

@@ -53,25 +53,15 @@ class Plan:
 
 @dataclass(frozen=True)
 class DrawnErrors:
-    """How an estimator of fixed truths does on drawn ones.
-
-    Attributes:
-        estimator: label of the estimator.
-        scenario: label of the scenario.
-        trials: number of trials on drawn truths that could be compared.
-        fixed: median of its error over that of the reference, on fixed truths.
-        drawn: the same on drawn ones; NaN if there are none.
-        error: median error on drawn truths.
-        reference: the same of the reference.
-    """
+    """How an estimator of fixed truths does on drawn ones."""
 
     estimator: str
     scenario: str
-    trials: int
-    fixed: float
-    drawn: float
-    error: float
-    reference: float
+    trials: int  # on drawn truths that could be compared
+    fixed: float  # median of its error over that of the reference, on fixed truths
+    drawn: float  # the same on drawn ones; NaN if there are none
+    error: float  # median on drawn truths
+    reference: float  # the same of the reference
 
     @property
     def accepted(self) -> bool:
@@ -86,12 +76,7 @@ def fixed_scenarios(trials: Sequence[Trial]) -> list[ScenarioEntry]:
 
 
 def drawn_plans(trials: Sequence[Trial], rng: np.random.Generator) -> list[Plan]:
-    """What shows how the plugins among these trials do on drawn truths.
-
-    Args:
-        trials: submitted trials.
-        rng: draws trials, and with them noise levels and sensors.
-    """
+    """What shows how the plugins among these trials do on drawn truths."""
     plans = []
     for entry in fixed_scenarios(trials):
         twin = drawn_twin(entry)
@@ -115,18 +100,11 @@ def _pair(own: Trial) -> Pair:
 
 
 def drawn_errors(
-    plan: Plan,
-    outcomes: Mapping[Key, Outcome],
-    submitted: Mapping[Key, float],
-    metric: str,
+    plan: Plan, outcomes: Mapping[Key, Outcome], submitted: Mapping[Key, float], metric: str
 ) -> DrawnErrors:
     """Compare an estimator with the reference on fixed and on drawn truths.
 
-    Args:
-        plan: the trials.
-        outcomes: of ``plan.trials``.
-        submitted: errors of the submitted trials, infinite for failures.
-        metric: name of the error.
+    Errors of submitted trials are infinite for failures.
     """
 
     def error(trial: Trial) -> float:

@@ -22,11 +22,7 @@ _LONGEST = 250
 
 
 def check_place(place: str, folder: Path) -> None:
-    """Refuse a path that cannot be that of a file in a submission.
-
-    Raises:
-        UserError: if it is absolute, leads out of the folder, or is too long or not printable.
-    """
+    """Refuse a path that leads out of a submission, is too long or not printable (UserError)."""
     parts = PurePosixPath(place).parts
     usual = place.isprintable() and "\\" not in place and PurePosixPath(place).as_posix() == place
     inside = bool(parts) and not place.startswith("/") and ".." not in parts
@@ -35,16 +31,7 @@ def check_place(place: str, folder: Path) -> None:
 
 
 def check_folder(folder: Path, listed: Iterable[str], manifest: str) -> None:
-    """Refuse a folder that holds other files than those that are listed, or larger ones.
-
-    Args:
-        folder: folder of the submission.
-        listed: paths of files, which have been checked (``check_place``).
-        manifest: name of the file that lists them.
-
-    Raises:
-        UserError: if a file is missing, is not listed, is no usual file, or all are too large.
-    """
+    """Refuse a folder that holds others than the listed usual files, or larger ones (UserError)."""
     wanted = {manifest, *listed}
     parents = {str(p) for place in wanted for p in PurePosixPath(place).parents}
     size = 0
@@ -78,11 +65,7 @@ def _size(folder: Path, place: str) -> int:
 
 
 def read_file(folder: Path, place: str, most: int = MOST_BYTES) -> bytes:
-    """The contents of a usual file of at most so many bytes.
-
-    Raises:
-        UserError: if it is missing, too large, no usual file, or cannot be read.
-    """
+    """The contents of a usual file of at most so many bytes."""
     size = _size(folder, place)
     if size > most:
         raise UserError(f"{folder}: {place} has {size} bytes; at most {most} are allowed")

@@ -54,27 +54,16 @@ Cell = tuple[str, float]
 
 @dataclass(frozen=True)
 class FreshErrors:
-    """How an estimator does with a fresh salt.
-
-    Attributes:
-        estimator: label of the estimator.
-        metric: name of the metric that is compared.
-        trials: number of fresh trials.
-        submitted: median error of the submitted rows of the same cells.
-        fresh: median error of the fresh trials.
-        p: chance of fresh errors as much larger, or more, if the salt makes no difference.
-        decides: whether there are enough units for a p-value below the level.
-        level: p-values below it refuse.
-    """
+    """How an estimator does with a fresh salt."""
 
     estimator: str
     metric: str
     trials: int
-    submitted: float
-    fresh: float
-    p: float
-    decides: bool
-    level: float = LEVEL
+    submitted: float  # median error of the submitted rows of the same cells
+    fresh: float  # median error of the fresh trials
+    p: float  # chance of fresh errors as much larger, or more, if the salt makes no difference
+    decides: bool  # whether there are enough units for a p-value below the level
+    level: float = LEVEL  # p-values below it refuse
 
     @property
     def accepted(self) -> bool:
@@ -89,12 +78,6 @@ def fresh_trials(
 
     Whole units are drawn, up to four cells of each: at least so many that the rarest order of
     submitted and fresh ones is rarer than half the level; none if ``MOST`` trials do not suffice.
-
-    Args:
-        trials: all submitted trials of the estimator.
-        number: number of trials, about.
-        level: level of the test.
-        rng: draws strata and cells.
     """
     strata: dict[Stratum, dict[Cell, list[Trial]]] = {}
     for trial in trials:
@@ -171,14 +154,7 @@ def compare_fresh(
     """Compare errors of an estimator's fresh trials with those submitted.
 
     Failures, and trials that the estimator declines, count as infinitely large. Draws without a
-    truth do not count.
-
-    Args:
-        rows: submitted trials of the estimator.
-        fresh: trials with fresh salts, in cells of the rows; all cells of a unit.
-        metric: metric that is compared.
-        families: labels of scenarios whose seeds draw the truth.
-        level: level at which they are told apart; each of both tests gets a half.
+    truth do not count. Seeds of ``families`` draw the truth. Each of both tests has half the level.
     """
     both = pd.concat([rows.assign(fresh=False), fresh.assign(fresh=True)], ignore_index=True)
     both = both[has_truth(both)]
@@ -231,7 +207,7 @@ def _log_ratio(errors: np.ndarray) -> np.ndarray:
     middle = np.median(finite)
     if not np.isfinite(middle):  # more than half failed
         return np.where(np.isfinite(errors), -1.0, 0.0)
-    return np.clip(np.log10(finite / middle), _LOW, _HIGH)
+    return np.asarray(np.clip(np.log10(finite / middle), _LOW, _HIGH))
 
 
 def _chance(units: pd.DataFrame, level: float) -> float:

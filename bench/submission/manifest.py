@@ -42,29 +42,16 @@ _PROVENANCE = TypeAdapter(Provenance)
 
 @dataclass(frozen=True)
 class Submission:
-    """A run as it was submitted.
-
-    Attributes:
-        folder: folder of the submission.
-        name: name of the submission.
-        runs: provenance of its rows; their suites name plugins by their path in the folder.
-        files: SHA-256 of every other file, by its path in the folder.
-    """
+    """A run as it was submitted."""
 
     folder: Path
     name: str
+    # provenance of its rows; suites name plugins by their path in the folder
     runs: tuple[Provenance, ...]
-    files: Mapping[str, str]
+    files: Mapping[str, str]  # SHA-256 of every other file, by its path in the folder
 
     def suites(self, home: Path) -> list[Suite]:
-        """Suites of the runs, with plugins located in the folder ``home``.
-
-        Args:
-            home: a copy of ``PLUGINS``.
-
-        Raises:
-            UserError: on a plugin that is not a file of the submission, or not an estimator.
-        """
+        """Suites of the runs, with plugins located in the folder ``home``."""
         return [self._at(home, read_suite_json(run.suite)) for run in self.runs]
 
     def _at(self, home: Path, suite: Suite) -> Suite:
@@ -95,11 +82,7 @@ class Submission:
 
 
 def refuse_foreign_worlds(suite: Suite) -> None:
-    """Refuse a suite with other plugins than estimators.
-
-    Raises:
-        UserError: with the name of the plugin.
-    """
+    """Refuse a suite with other plugins than estimators."""
     foreign = [w for s in suite.scenarios for e in suite.sensors for w in foreign_worlds(s, e)]
     foreign += [m.name for m in suite.metrics if not is_built_in(METRIC, m.name)]
     if foreign:
@@ -110,11 +93,7 @@ def refuse_foreign_worlds(suite: Suite) -> None:
 
 
 def check_labels(suite: Suite) -> None:
-    """Refuse labels under which readers would take an estimator for another one.
-
-    Raises:
-        UserError: if the label is the name of a built-in estimator, and the entry is not just that.
-    """
+    """Refuse the name of a built-in estimator as the label of anything else (UserError)."""
     known = {name for name in names(ESTIMATOR) if is_built_in(ESTIMATOR, name)}
     for entry in suite.estimators:
         if entry.label in known and (entry.name != entry.label or entry.parameters):
@@ -125,11 +104,7 @@ def check_labels(suite: Suite) -> None:
 
 
 def check_name(name: str, what: str) -> None:
-    """Refuse what cannot be the name of a submission.
-
-    Raises:
-        UserError: that begins with ``what``.
-    """
+    """Refuse what cannot be the name of a submission."""
     if not _NAME.fullmatch(name):
         raise UserError(
             f"{what} {shown(name)}: a name has 1 to 60 of a-z, 0-9, '_', '-' and '.', and starts "
@@ -149,12 +124,7 @@ def manifest_text(name: str, runs: list[Provenance], files: Mapping[str, str]) -
 
 
 def read_submission(folder: Path) -> Submission:
-    """Read a submission, and check its files against its manifest.
-
-    Raises:
-        UserError: if there is no submission, it has another format, or a file is missing, was
-            changed, or cannot be part of a submission.
-    """
+    """Read a submission, and check its files against its manifest (UserError)."""
     path = folder / MANIFEST
     if not path.is_symlink() and not path.exists():
         raise UserError(f"no submission in {folder}: it has no {MANIFEST}")

@@ -35,19 +35,9 @@ from olne_bench.plugins import ESTIMATOR, is_built_in, is_file, source
 
 
 def pack(folder: Path, name: str, out: Path) -> int:
-    """Write a run's submission.
+    """Write a run's submission to a new folder, and return the number of its rows.
 
-    Args:
-        folder: a run folder, all trials done with the present code.
-        name: name of the submission.
-        out: the submission's folder, which must not exist.
-
-    Returns:
-        The number of its rows.
-
-    Raises:
-        UserError: if the run is not complete or has rows of other code, or if a plugin is not an
-            estimator or not a file.
+    UserError if a trial is missing or of other code, or a plugin is no file of an estimator.
     """
     if out.exists() or out.is_symlink():
         raise UserError(f"{out} exists already; remove it, or give another --name or --out")
@@ -65,15 +55,11 @@ def pack(folder: Path, name: str, out: Path) -> int:
         _write_tables(rows, suites, unfinished)
         packed = [_without_paths(run, places) for run in runs]
         _write_manifest(name, packed, unfinished)
-    return rows.num_rows
+    return int(rows.num_rows)
 
 
 def _whole(store: Store, runs: Iterable[Provenance], folder: Path) -> pa.Table:
-    """Rows of all trials that the runs were asked for.
-
-    Raises:
-        UserError: if some are missing, of other code, or could not be judged.
-    """
+    """Rows of all trials that the runs were asked for."""
     stored, states, keys = Stored(store.records()), Counter[str](), set()
     for task in map(task_of, runs):
         for trial in expand(task.suite, task.seeds):
@@ -97,11 +83,7 @@ def _whole(store: Store, runs: Iterable[Provenance], folder: Path) -> pa.Table:
 
 
 def _plugin_places(suites: Iterable[Suite]) -> dict[str, str]:
-    """The path of each plugin in the submission, by its reference.
-
-    Raises:
-        UserError: on a plugin that is not an estimator, or not a file.
-    """
+    """The path of each plugin in the submission, by its reference."""
     places: dict[str, str] = {}
     for suite in suites:
         refuse_foreign_worlds(suite)

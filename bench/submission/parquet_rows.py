@@ -37,15 +37,7 @@ _THRIFT = 5_000_000
 
 
 def read_parquet(data: bytes, place: Path) -> pa.Table:
-    """The rows in a file, each column of the type that rows have.
-
-    Args:
-        data: contents of the file.
-        place: its name in messages.
-
-    Raises:
-        UserError: if it holds no rows, other columns, or more than a submission may have.
-    """
+    """The rows in a file, each column of the type that rows have; UserError names the place."""
     child = Child()
     try:
         packed: bytes = child.call(_read, data, kind=bytes, seconds=_SECONDS)
@@ -79,7 +71,7 @@ def _read(data: bytes) -> bytes:
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema) as stream:
         stream.write_table(table)
-    return sink.getvalue().to_pybytes()
+    return bytes(sink.getvalue())
 
 
 def _limit_memory() -> None:

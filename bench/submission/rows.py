@@ -34,17 +34,11 @@ _KINDS = [name.removesuffix("_version") for name in VERSION_COLUMNS]
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a submission.
+    """The rows of a submission."""
 
-    Attributes:
-        table: the rows, as ``Store.frame`` returns them.
-        arrow: the same, as they were read.
-        places: number of each row, by ``Trial.key``.
-    """
-
-    table: pd.DataFrame
-    arrow: pa.Table
-    places: Mapping[Key, int]
+    table: pd.DataFrame  # as ``Store.frame`` returns it
+    arrow: pa.Table  # the same, as it was read
+    places: Mapping[Key, int]  # number of each row, by ``Trial.key``
 
     def row(self, key: Key) -> Row:
         """The row of a trial."""
@@ -53,12 +47,7 @@ class Rows:
 
 
 def read_rows(submission: Submission) -> Rows:
-    """The rows of a submission.
-
-    Raises:
-        UserError: if the file does not hold rows, a value is impossible, or there are two rows of
-            one trial.
-    """
+    """The rows of a submission; UserError if a value is impossible, or a trial has two rows."""
     place = submission.folder / ROWS
     table = read_parquet(read_file(submission.folder, ROWS), place)
     _check_values(table, place)
@@ -102,7 +91,7 @@ def _numbers(column: pa.ChunkedArray) -> np.ndarray | None:
     if not pa.types.is_floating(column.type):
         return None
     found: np.ndarray = pc.drop_null(column).to_numpy()
-    return found[~np.isnan(found)]
+    return np.asarray(found[~np.isnan(found)])
 
 
 def _is_ragged(value: list[list[float | None] | None]) -> bool:
@@ -112,11 +101,7 @@ def _is_ragged(value: list[list[float | None] | None]) -> bool:
 
 
 def check_whole(rows: Rows, planned: Mapping[Key, Trial], place: Path) -> None:
-    """Refuse rows that are not exactly those that the runs were asked for.
-
-    Raises:
-        UserError: if a row is missing, one is too many, or stands for another number of trials.
-    """
+    """Refuse rows that are not exactly those that the runs were asked for (UserError)."""
     for what, keys in (
         ("lacks the row of", planned.keys() - rows.places.keys()),
         ("has a row that its suite does not ask for:", rows.places.keys() - planned.keys()),
@@ -145,9 +130,6 @@ def check_versions(rows: Rows, planned: Mapping[Key, Trial], submission: Submiss
 
     The versions of libraries are those that the manifest lists. What has one fingerprint here had
     one there: rows of one estimator, scenario, sensor or metrics are of one code.
-
-    Raises:
-        UserError: on a row whose versions are others.
     """
     listed = {environment_version(run.environment) for run in submission.runs}
     pairs: dict[tuple[str, str], str] = {}
@@ -192,13 +174,7 @@ def difference(row: Row, outcome: Outcome, *, exact: bool = True) -> str | None:
     """The first difference between a row and its trial run again, as text; None if there is none.
 
     Status, weights and every number that a table uses are compared; times, messages and extras are
-    not.
-
-    Args:
-        row: a stored row.
-        outcome: the outcome of its trial here.
-        exact: whether every bit counts; if not, numbers may differ as ``OTHER_RELATIVE`` and
-            ``OTHER_ABSOLUTE`` say.
+    not. If not ``exact``, numbers may differ as ``OTHER_RELATIVE`` and ``OTHER_ABSOLUTE`` say.
     """
     again = asdict(outcome)
     scores = again.pop("scores")

@@ -16,11 +16,16 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.fresh_draws import FEWEST, confirm, suspects, trial_place
-from olne_bench.bench.report.machine import Machine, row_of
-from olne_bench.bench.report.measures import primary
+from olne_bench.bench.report.fresh_draws import (
+    FEWEST,
+    Machine,
+    confirm,
+    row_of,
+    suspects,
+    trial_place,
+)
 from olne_bench.bench.report.statistics.attempts import errors_of
-from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.study import Study, primary, study_of
 from olne_bench.bench.submission.again import Repeated, outcomes_of, repeat
 from olne_bench.bench.submission.asked import asked, planned_trials
 from olne_bench.bench.submission.boards import check_boards
@@ -56,26 +61,18 @@ from olne_bench.errors import UserError
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of checking a submission.
-
-    Attributes:
-        rows: number of its rows.
-        repeated: rows that were run again.
-        because: which versions differ from those of the rows; empty if none does.
-        implausible: what fresh draws say of rows that are too good for their noise.
-        fresh: errors of its plugins with fresh salts.
-        drawn: errors of its plugins on drawn truths, where it has fixed ones.
-        fixed: scenarios whose truths are fixed, where plugins do not rank.
-        unjudged: one line for each trial that could not be judged.
-    """
+    """The result of checking a submission."""
 
     rows: int
     repeated: Repeated
-    because: str = ""
+    because: str = ""  # which versions differ from those of the rows; empty if none does
+    # what fresh draws say of rows that are too good
     implausible: list[Confirmation] = field(default_factory=list)
-    fresh: list[FreshErrors] = field(default_factory=list)
+    fresh: list[FreshErrors] = field(default_factory=list)  # errors with fresh salts
+    # errors on drawn truths, where it has fixed ones
     drawn: list[DrawnErrors] = field(default_factory=list)
-    fixed: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()  # scenarios whose truths are fixed, where plugins do not rank
+    # a line for each trial that could not be judged
     unjudged: list[str] = field(default_factory=list)
 
     @property
@@ -90,22 +87,13 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Limits:
-    """How a submission is checked.
+    """How a submission is checked."""
 
-    Attributes:
-        sample: number of rows of each group to run again; None for as many as are needed
-            (``choose.needed``).
-        seed: seed of the choice of trials.
-        jobs: number of trials at the same time.
-        memory: memory limit [bytes] of each process that runs foreign code.
-        strict: whether rows of other versions are refused.
-    """
-
-    sample: int | None
-    seed: int
+    sample: int | None  # rows of each group to run again; None: as many as are ``needed``
+    seed: int  # of the choice of trials
     jobs: int
-    memory: int
-    strict: bool = False
+    memory: int  # limit of each process that runs foreign code [bytes]
+    strict: bool = False  # whether rows of other versions are refused
 
 
 @dataclass(frozen=True)
@@ -121,16 +109,7 @@ class _Case:
 
 
 def verify(folder: Path, limits: Limits) -> Verdict:
-    """Check a submission.
-
-    Args:
-        folder: folder of the submission.
-        limits: limits of the check.
-
-    Raises:
-        UserError: if it is not a submission, was changed, is not complete, cannot be run here, or,
-            if the check is strict, has rows of other versions.
-    """
+    """Check a submission; UserError if it was changed, is not complete or cannot be run here."""
     submission = read_submission(folder)
     rows = read_rows(submission)
     with plugins_alone(submission) as home:

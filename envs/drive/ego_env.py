@@ -77,7 +77,7 @@ class EgoView:
         bent, pushed = np.clip(action, -1.0, 1.0)
         control = np.array([steering + STEERING * bent, ACCELERATION * pushed])
         largest = np.array([MAX_STEERING, MAX_ACCELERATION])
-        return np.clip(control, -largest, largest)
+        return np.asarray(np.clip(control, -largest, largest))
 
     def _from(self, here: np.ndarray, distances: Sequence[float]) -> np.ndarray:
         """Points (D, 2) of the route so far [m] ahead of the one that is nearest."""

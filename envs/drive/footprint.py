@@ -48,13 +48,13 @@ def _corners_seen_from(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def _distance(corners: np.ndarray) -> np.ndarray:
     """Distance (..., 4) of corners from the rectangle in whose frame they are."""
-    return np.linalg.norm(np.maximum(np.abs(corners) - _HALF, 0.0), axis=-1)
+    return np.asarray(np.linalg.norm(np.maximum(np.abs(corners) - _HALF, 0.0), axis=-1))
 
 
 def _beyond(corners: np.ndarray) -> np.ndarray:
     """(..., 2) whether all corners are beyond a side, along and across."""
     low, high = corners.min(axis=-2), corners.max(axis=-2)
-    return (low > _HALF) | (high < -_HALF)
+    return np.asarray((low > _HALF) | (high < -_HALF))
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ class NashTraffic:
         if len(left) == 0:
             return np.array([0.0, -np.clip(state[3] / STEP, -_BRAKING, _BRAKING)])
         self._plans[car.number] = left[1:]
-        return left[0]
+        return np.asarray(left[0])
 
     def drop(self, numbers: set[int]) -> None:
         """Forget cars that are gone."""

@@ -82,7 +82,7 @@ class EgoPlan:
     def control(self) -> np.ndarray:
         """The ego's first control (2,), within what the simulator takes."""
         largest = np.array([MAX_STEERING, MAX_ACCELERATION])
-        return np.clip(self.controls[0, 0], -largest, largest)
+        return np.asarray(np.clip(self.controls[0, 0], -largest, largest))
 
 
 class Planner(ABC):

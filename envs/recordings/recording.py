@@ -9,8 +9,8 @@ from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
 from olne_bench.envs.olne_v0 import OlneWorld, make_world
-from olne_bench.envs.scenarios.scenario import Scenario
-from olne_bench.envs.solved.equilibrium import NoEquilibriumError, certified_equilibrium
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
+from olne_bench.envs.solved.equilibrium import certified_equilibrium
 from olne_bench.envs.worlds.layout import ObservationLayout, Start, Step, player_name
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.newton import Root
@@ -170,7 +170,7 @@ class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     def state(self) -> np.ndarray:
         """All players' states in the order of their indices, then the time [s]."""
-        return self._frames[self._steps]
+        return np.asarray(self._frames[self._steps])
 
     def render(self) -> None:
         """Do nothing: ``envs.worlds.rendering`` draws recordings."""

@@ -100,7 +100,7 @@ class _CushionedVehicle(Vehicle):
         cos, sin = self.direction
         rotation = np.array([[cos, -sin], [sin, cos]])
         corners = (super().polygon() - self.position) @ rotation
-        return (corners + self._margin * np.sign(corners)) @ rotation.T + self.position
+        return np.asarray((corners + self._margin * np.sign(corners)) @ rotation.T + self.position)
 
 
 class PlayersOnly(AbstractEnv):
@@ -118,7 +118,7 @@ class PlayersOnly(AbstractEnv):
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
-        config = super().default_config()
+        config: dict[str, Any] = super().default_config()
         # Ranges of [-1, 1] make HighwayEnv's map from actions to controls the identity.
         physical = {"acceleration_range": [-1.0, 1.0], "steering_range": [-1.0, 1.0]}
         control = {"type": "ContinuousAction", "clip": False, **physical}
@@ -144,7 +144,7 @@ class PlayersOnly(AbstractEnv):
             self.viewer.enabled = True
         where = self.states()[:, :2].mean(axis=0) if self.camera is None else self.camera
         self.viewer.observer_vehicle = SimpleNamespace(position=np.array(where))
-        picture = super().render()
+        picture: np.ndarray = super().render()
         if self.window is None:
             return picture
         for event in self.window.show(picture):

@@ -80,4 +80,4 @@ def recognised(weights: np.ndarray, shares: Mapping[str, float]) -> np.ndarray:
     with np.errstate(divide="ignore"):
         prior = np.log([shares[name] for name in TEMPERAMENTS])
     densities = logs @ (parameters - 1).T + scale + prior
-    return np.array(list(TEMPERAMENTS))[np.argmax(densities, axis=-1)]
+    return np.asarray(np.array(list(TEMPERAMENTS))[np.argmax(densities, axis=-1)])

@@ -145,7 +145,7 @@ def _filled(values: np.ndarray) -> np.ndarray:
     known = np.flatnonzero(np.isfinite(values))
     if not known.size:
         return np.zeros_like(values)
-    return np.interp(np.arange(len(values)), known, values[known])
+    return np.asarray(np.interp(np.arange(len(values)), known, values[known]))
 
 
 def _lanelets(road: Road, first: int) -> list[Any]:

@@ -244,7 +244,7 @@ class Motion:
     @property
     def seen(self) -> np.ndarray:
         """(T,) whether there is a position."""
-        return np.isfinite(self.positions).all(axis=1)
+        return np.asarray(np.isfinite(self.positions).all(axis=1))
 
 
 def roughness(positions: np.ndarray) -> float:

@@ -159,7 +159,7 @@ def _projected(degrees: np.ndarray, origin: tuple[float, float] | None) -> np.nd
     metres = np.column_stack(utm(*degrees.T))
     if not np.isfinite(metres).all():
         raise ValueError(f"its longitudes and latitudes are far from UTM zone {zone}")
-    return metres - np.array(utm(0.0, 0.0) if origin is None else origin)
+    return np.asarray(metres - np.array(utm(0.0, 0.0) if origin is None else origin))
 
 
 def _aligned(left: np.ndarray, right: np.ndarray) -> _Borders:
@@ -196,7 +196,7 @@ def _fractions(line: np.ndarray) -> np.ndarray:
     along = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(line, axis=0), axis=1)])
     if not along[-1] > 0:
         raise ValueError("a border has no length")
-    return along / along[-1]
+    return np.asarray(along / along[-1])
 
 
 def _at(line: np.ndarray, fractions: np.ndarray) -> np.ndarray:

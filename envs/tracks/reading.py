@@ -132,7 +132,7 @@ def _extent(what: str, points: np.ndarray) -> str:
 
 def _positions(grid: Grid) -> np.ndarray:
     positions = grid.states[..., :2].reshape(-1, 2)
-    return positions[np.isfinite(positions).all(axis=1)]
+    return np.asarray(positions[np.isfinite(positions).all(axis=1)])
 
 
 def _recording(grid: Grid, road: RoadFile | None) -> RecordingFile:

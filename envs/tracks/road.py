@@ -162,7 +162,7 @@ def curve_points(curve: Lane) -> np.ndarray:
         along = np.linspace(0, curve.length, count)
         beside = curve.amplitude * np.sin(curve.pulsation * along + curve.phase)
         cos, sin = curve.axis.direction
-        return _on_axis(curve.axis, along) + beside[:, None] * np.array([-sin, cos])
+        return np.asarray(_on_axis(curve.axis, along) + beside[:, None] * np.array([-sin, cos]))
     if isinstance(curve, ArcLane):
         turn = _turn(curve)
         step = min(_ARC_STEP, np.sqrt(8 * _SAGITTA / curve.radius))
@@ -204,7 +204,7 @@ def _turn(curve: Lane) -> float:
 
 
 def _on_axis(axis: StraightLane, along: np.ndarray) -> np.ndarray:
-    return np.asarray(axis.start) + along[:, None] * np.asarray(axis.direction)
+    return np.asarray(np.asarray(axis.start) + along[:, None] * np.asarray(axis.direction))
 
 
 def curves_through(points: np.ndarray | Sequence[Sequence[float]]) -> tuple[Lane, ...]:

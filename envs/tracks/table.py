@@ -61,7 +61,8 @@ def read_columns(
         raise UserError(f"{path}: its rows have more cells than the {len(titles)} column names")
     if frame.empty:
         raise UserError(f"{path} has column names, but no rows")
-    return frame.set_axis(there, axis=1)[[name.lower() for name in found]].set_axis(found, axis=1)
+    named: pd.DataFrame = frame.set_axis(there, axis=1)[[name.lower() for name in found]]
+    return named.set_axis(found, axis=1)
 
 
 def read_titles(path: Path) -> list[str]:

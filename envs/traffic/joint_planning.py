@@ -108,7 +108,7 @@ def predicted_positions(other: RoadObject) -> np.ndarray:
         return plan.states[1:, :2]
     times = PLAN_STEP * np.arange(1, STEPS + 1)
     if not isinstance(other, Vehicle) or other.crashed or other.lane is None:
-        return other.position + times[:, None] * other.velocity
+        return np.asarray(other.position + times[:, None] * other.velocity)
     _, lateral = other.lane.local_coordinates(other.position)
     points, _ = points_along_lanes(
         other.road.network,

@@ -38,7 +38,8 @@ class _NashTraffic(AbstractEnv):
     @classmethod
     def default_config(cls) -> dict[str, Any]:
         vehicle = f"{cls.VEHICLE.__module__}.{cls.VEHICLE.__qualname__}"
-        return super().default_config() | {"other_vehicles_type": vehicle}
+        config: dict[str, Any] = super().default_config()
+        return config | {"other_vehicles_type": vehicle}
 
 
 class NashHighwayEnv(_NashTraffic, HighwayEnvFast):

@@ -16,7 +16,7 @@ class NashVehicle(PlanningVehicle):
     ``Temperament``), or call ``set_temperament`` on a vehicle.
     """
 
-    def act(self, action: dict | str | None = None) -> None:
+    def act(self, action: dict[str, Any] | str | None = None) -> None:
         """Follow the plan, and make a new one when it is due; actions are ignored, as in IDM."""
         if self.crashed:
             return

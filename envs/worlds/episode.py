@@ -61,7 +61,7 @@ class Episode:
         self.steps += 1
         if self.over:
             costs += self._final_costs(self.states, weights)[0]
-        return costs
+        return np.asarray(costs)
 
     def _move(self, controls: np.ndarray) -> np.ndarray:
         """The states after controls (N, m)."""

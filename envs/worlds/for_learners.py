@@ -118,6 +118,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
             self._choice = np.random.default_rng(seed)
         draw = int(self._choice.integers(draws))
         known = {"scenario": self._drawn[draw]} if draw in self._drawn else None
+        infos: dict[str, dict[str, Any]]
         _, infos = self.env.reset(seed=draw, options=known)
         self._drawn[draw] = self._world.scenario
         return infos
@@ -153,7 +154,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
 def _controls(action: np.ndarray) -> np.ndarray:
     """Steering [rad] and acceleration [m/s^2] (2,) of an action."""
     clipped = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
-    return clipped * (STEERING, ACCELERATION)
+    return np.asarray(clipped * (STEERING, ACCELERATION))
 
 
 def _own(state: np.ndarray, player: Player, time_left: float) -> np.ndarray:

@@ -63,7 +63,7 @@ class Camera:
         axes = relative[..., ::-1] if self._turned else relative * (1, -1)
         width, height = self.frame_size
         centre = np.array([width / 2, (HEADER + height) / 2]) * SHARPNESS
-        return (centre + axes * self.scale).tolist()
+        return list((centre + axes * self.scale).tolist())
 
 
 def _box(positions: np.ndarray, margin: float = MARGIN) -> tuple[np.ndarray, np.ndarray]:

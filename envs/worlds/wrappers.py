@@ -445,7 +445,8 @@ def _layout_of(env: World) -> ObservationLayout:
     for below in _chain(env):
         # The class is asked, because instances of wrappers forward attributes to the env below.
         if hasattr(type(below), "observation_layout"):
-            return below.observation_layout
+            layout: ObservationLayout = below.observation_layout
+            return layout
     raise ValueError(f"{env} has no observation_layout: sensors go around a world of envs")
 
 
@@ -476,4 +477,4 @@ def _covariance_root(covariance: np.ndarray, size: int) -> np.ndarray:
         raise ValueError(f"covariance has the negative eigenvalue {values[0]:.3g}")
     if values[0] > 1e-12 * values[-1]:
         return np.linalg.cholesky(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0)))

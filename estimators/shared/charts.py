@@ -25,7 +25,7 @@ def from_log_ratios(log_ratios: np.ndarray, num_weights: int, floor: float) -> n
     shares = np.concatenate([shares, np.zeros_like(shares[..., :1])], axis=-1)
     shares = np.exp(shares - shares.max(axis=-1, keepdims=True))
     shares /= shares.sum(axis=-1, keepdims=True)
-    return floor + (1 - num_weights * floor) * shares
+    return np.asarray(floor + (1 - num_weights * floor) * shares)
 
 
 def log_ratios_of(weights: np.ndarray, floor: float) -> np.ndarray:

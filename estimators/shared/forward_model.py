@@ -85,7 +85,7 @@ class SolvedGame:
     @property
     def initial_state(self) -> np.ndarray:
         """x_1 (N, n)."""
-        return self.root.states[0]
+        return np.asarray(self.root.states[0])
 
 
 def theta_of(weights: np.ndarray, parameters: np.ndarray | None) -> np.ndarray:
@@ -230,7 +230,7 @@ def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
     """
     start, hidden = guess[0].copy(), _hidden_components(problem)
     start[:, hidden] = guess[: _quarter(guess)][..., hidden].mean(axis=0)
-    return start
+    return np.asarray(start)
 
 
 def initial_state_prior(
@@ -287,7 +287,7 @@ def _read_off_noise(problem: Problem, y: np.ndarray) -> np.ndarray:
 
 def _first_seen(y: np.ndarray) -> np.ndarray:
     """(N,) step of each player's first complete sample; zero if it has none."""
-    return np.isfinite(y).all(axis=2).argmax(axis=0)
+    return np.asarray(np.isfinite(y).all(axis=2).argmax(axis=0))
 
 
 def _hidden_components(problem: Problem) -> list[int]:
@@ -351,7 +351,7 @@ def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
 def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:
     """Samples (..., T, N*d) of observations (..., T, N, d), scaled to noise of deviation sigma."""
     scaled = y / np.array(problem.noise_scale)
-    return scaled.reshape(*y.shape[:-2], -1)
+    return np.asarray(scaled.reshape(*y.shape[:-2], -1))
 
 
 def sample_sensitivity(

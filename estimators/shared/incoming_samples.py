@@ -194,7 +194,8 @@ class WindowStream:
         self._samples.add(sample)
         problem, observation = self._samples.window()
         estimate = self._estimator.estimate(problem, observation, rng=self._rng, budget=budget)
-        return self._past.with_states_of(estimate, self._samples.past)
+        whole: Estimate = self._past.with_states_of(estimate, self._samples.past)
+        return whole
 
 
 class Past:

@@ -253,4 +253,4 @@ def _corner(players: int, weights: int) -> np.ndarray:
     """(N, K) weights near the simplex's corner of the last preference."""
     corner = np.full((players, weights), (1 - _CORNER) / max(1, weights - 1))
     corner[:, -1] = _CORNER
-    return corner / corner.sum(axis=1, keepdims=True)
+    return np.asarray(corner / corner.sum(axis=1, keepdims=True))

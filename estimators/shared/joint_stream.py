@@ -76,7 +76,8 @@ class JointStream:
         best, starts = self._optimum.find(problem, observation.y, deadline, dropped)
         late = time.monotonic() > deadline
         estimate = self._describe(problem, observation.y, best, starts, late)
-        return self._past.with_states_of(estimate, self._samples.past)
+        whole: Estimate = self._past.with_states_of(estimate, self._samples.past)
+        return whole
 
 
 class FollowedOptimum:

@@ -190,11 +190,6 @@ class PastPeaks:
     def better(self, posterior: PastPosterior, t: int, objective: float) -> Linearised | None:
         """A point that is clearly more probable given the samples up to t.
 
-        Args:
-            posterior: of the samples.
-            t: time of the last sample that is known.
-            objective: -log pi_t of the point that is known.
-
         Returns:
             The other point. Games are followed from there. None if there is no such point.
         """

@@ -86,7 +86,7 @@ class Peak:
 
     def offsets(self, places: Places) -> np.ndarray:
         """Q' F (B, d)."""
-        return places.errors @ self.directions
+        return np.asarray(places.errors @ self.directions)
 
     def slopes(self, places: Places) -> np.ndarray:
         """Q' J (B, d, d)."""

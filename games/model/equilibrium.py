@@ -63,7 +63,7 @@ class Certificate:
         """(N,) each player's largest gain in any search that was made."""
         if self.global_so_far is None:
             return self.local.values
-        return np.maximum(self.local.values, self.global_so_far.values)
+        return np.asarray(np.maximum(self.local.values, self.global_so_far.values))
 
     def __str__(self) -> str:
         """One line: what was searched, from how many first plans, and who gains most."""

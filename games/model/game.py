@@ -53,11 +53,12 @@ class Player:
         """Preferences, then the task."""
         return (*self.preferences, *self.task)
 
-    def weigh(self, weights: ca.SX, values: list) -> ca.SX:
+    def weigh(self, weights: ca.SX, values: list[ca.SX | float]) -> ca.SX:
         """The cost of values of all ``features``, in their order, for weights (K,)."""
         count = len(self.preferences)
         mean = ca.sum1(weights) / count
-        return ca.dot(weights, ca.vertcat(*values[:count])) + mean * sum(values[count:])
+        own: ca.SX = ca.dot(weights, ca.vertcat(*values[:count]))
+        return own + mean * sum(values[count:])
 
 
 @dataclass(frozen=True)
@@ -227,7 +228,7 @@ class Game:
         totals = weights.sum(axis=1, keepdims=True)
         if (totals <= 0).any():
             raise ValueError(f"each player needs a positive weight, got {weights.tolist()}")
-        return weights / totals
+        return np.asarray(weights / totals)
 
     def check_theta(self, theta: np.ndarray) -> np.ndarray:
         """Theta as float64 (N, K + U): weights, scaled to sum one, and standardised parameters.

@@ -143,7 +143,7 @@ class Parameters:
     @cached_property
     def used(self) -> np.ndarray:
         """(N, U) whether a column stands for something."""
-        return np.isfinite(self.means)
+        return np.asarray(np.isfinite(self.means))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Standardised ranges (N, U), twice; infinite in columns that stand for nothing."""
@@ -152,7 +152,7 @@ class Parameters:
 
     def values(self, standardised: np.ndarray) -> np.ndarray:
         """Values (..., N, U) in their units; NaN in columns that stand for nothing."""
-        return self.means + self.deviations * standardised
+        return np.asarray(self.means + self.deviations * standardised)
 
     def standardised(self, values: np.ndarray) -> np.ndarray:
         """Standardised (..., N, U); zero in columns that stand for nothing."""

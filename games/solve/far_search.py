@@ -10,8 +10,9 @@ for it. Here one player's best response is computed from first plans that are fa
 * its responses to one other player moved to the left or to the right, so that it passes on the
   other side; from the plan without coupling, and from the equilibrium.
 
-The set depends on nothing but the game, so the search is deterministic. ``scripts/far_search.py``
-compares it with many random first plans, and counts what each part of it finds.
+The set depends on nothing but the game, so the search is deterministic.
+``scripts/certified_draws.py far`` compares it with many random first plans, and counts what each
+part of it finds.
 """
 
 from collections.abc import Iterator

@@ -92,7 +92,7 @@ def observation_sensitivity(
     elif noise_scale is not None:
         by_state = by_state / np.asarray(noise_scale)[:, None]
     observed = by_state @ sensitivity.reshape(*rows.shape, -1)
-    return observed.reshape(-1, sensitivity.shape[1])
+    return np.asarray(observed.reshape(-1, sensitivity.shape[1]))
 
 
 def weight_covariance(
@@ -128,7 +128,7 @@ def of_seen(sensitivity: np.ndarray, y: np.ndarray) -> np.ndarray:
 
     With correlated noise, only whole blocks (d,) may be missing.
     """
-    return sensitivity[np.isfinite(y).ravel()]
+    return np.asarray(sensitivity[np.isfinite(y).ravel()])
 
 
 def joint_weight_covariance(
@@ -244,7 +244,7 @@ class Identifiability:
     def identified(self) -> np.ndarray:
         """(N, K) whether the bound is below the standard deviation without any data."""
         count = self.bound.shape[1]
-        return self.bound**2 < (1 - 1 / count) / (count * (count + 1))
+        return np.asarray(self.bound**2 < (1 - 1 / count) / (count * (count + 1)))
 
     @property
     def parameters_identified(self) -> np.ndarray:
@@ -327,7 +327,7 @@ def _identified(tangent: np.ndarray, posterior: np.ndarray, prior: float) -> np.
     """Projection (K, K) on directions in which the posterior variance is below half the prior's."""
     values, directions = np.linalg.eigh(posterior)
     kept = tangent @ directions[:, values * prior < _IDENTIFIED_BELOW]
-    return kept @ kept.T
+    return np.asarray(kept @ kept.T)
 
 
 def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:

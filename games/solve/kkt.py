@@ -132,9 +132,9 @@ def kkt_system(game: Game) -> KktSystem:
         costs.append(cost)
 
     def by_time(rows: list[list[ca.SX]]) -> ca.SX:
-        return ca.vertcat(
-            *[block for step_blocks in zip(*rows, strict=True) for block in step_blocks]
-        )
+        blocks = [block for step_blocks in zip(*rows, strict=True) for block in step_blocks]
+        stacked: ca.SX = ca.vertcat(*blocks)
+        return stacked
 
     return KktSystem(
         game=game,

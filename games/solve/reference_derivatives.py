@@ -204,4 +204,4 @@ def _own_hessians(second: np.ndarray, bend: np.ndarray, sensitivities: np.ndarra
     diagonal = found.reshape(count, steps, NU, steps, NU)
     each = np.arange(steps)
     diagonal[:, each, :, each] += own.swapaxes(0, 1)
-    return found
+    return np.asarray(found)

@@ -257,11 +257,11 @@ class _Games:
     @cached_property
     def place(self) -> np.ndarray:
         """(N,) the place of each player in its game."""
-        return np.arange(len(self.game)) - self.offsets[self.game]
+        return np.asarray(np.arange(len(self.game)) - self.offsets[self.game])
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         """Values (G,) of games, repeated for their players: (N, 1, 1)."""
-        return values[self.game][:, None, None]
+        return np.asarray(values[self.game][:, None, None])
 
     def largest(self, at: Linearisation) -> np.ndarray:
         """(G,) the largest entry of each game's gradients."""

@@ -11,32 +11,20 @@ _LONGEST_KEY = 100  # characters of a key in a message
 
 
 def check_number(name: str, value: Any, least: float = 1e-6, most: float = 1e3) -> None:
-    """Refuse a value that is not a number within bounds.
-
-    Raises:
-        ValueError: with a message that names parameter, value and range.
-    """
+    """Refuse a value that is not a number within bounds."""
     number = isinstance(value, Real) and not isinstance(value, bool)
     if not (number and least <= value <= most):
         raise ValueError(f"{name} must be a number of {least:g} to {most:g}, got {as_text(value)}")
 
 
 def check_count(name: str, value: Any, least: int = 1, most: int = _MOST) -> None:
-    """Refuse a value that is not a whole number within bounds.
-
-    Raises:
-        ValueError: with a message that names parameter, value and range.
-    """
+    """Refuse a value that is not a whole number within bounds."""
     if not (is_whole(value) and least <= value <= most):
         raise ValueError(f"{name} must be an integer of {least} to {most}, got {as_text(value)}")
 
 
 def check_whole(name: str, value: Any) -> None:
-    """Refuse a value that is not a whole number; the caller checks bounds.
-
-    Raises:
-        ValueError: with a message that names parameter and value.
-    """
+    """Refuse a value that is not a whole number; the caller checks bounds."""
     if not is_whole(value):
         raise ValueError(f"{name} must be a whole number, got {as_text(value)}")
 

@@ -12,16 +12,7 @@ _LEFT = (".DS_Store", ".directory", "Thumbs.db", "desktop.ini")
 
 
 def check_input(kind: str, path: Path, most: int) -> None:
-    """Refuse a file that cannot be read or is too large, before it is read.
-
-    Args:
-        kind: what the file is, for messages.
-        path: the file.
-        most: largest size [bytes].
-
-    Raises:
-        UserError: if it is not there, not a file, larger, or may not be read.
-    """
+    """Refuse a file that cannot be read or is too large, before it is read."""
     with _told(f"{kind} {path} cannot be read"):
         if not path.is_file():
             folder = "; it is a folder" if path.is_dir() else ""
@@ -33,12 +24,7 @@ def check_input(kind: str, path: Path, most: int) -> None:
 
 
 def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
-    """Refuse a new file that must not or cannot be written, before any work is done.
-
-    Raises:
-        UserError: on another suffix, a file that exists, or a folder that does not exist or cannot
-            be written to.
-    """
+    """Refuse a new file that must not or cannot be written, before any work is done."""
     if path.suffix.lower() not in suffixes:
         raise UserError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
     with _told(f"{option} {path} cannot be written"):
@@ -51,16 +37,7 @@ def check_new_file(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def check_folder(folder: Path, marks: tuple[str, ...], left: tuple[str, ...] = ()) -> None:
-    """Refuse a folder to write to that holds files of others, before anything is written.
-
-    Args:
-        folder: a folder that does not exist, is empty, or is one of ours.
-        marks: names of files that only our folders of this kind have.
-        left: names of files of ours that are there before those.
-
-    Raises:
-        UserError: on a file, and on a folder that is not empty and has none of the marks.
-    """
+    """Refuse a folder to write to that holds files of others, before anything is written."""
     with _told(f"cannot write to {folder}"):
         if not folder.exists():
             return
@@ -81,9 +58,6 @@ def whole_file(path: Path, *, new: bool = False) -> Iterator[Path]:
 
     An interrupt or a full disk leaves the former file unchanged. A ``new`` file replaces none, not
     even one that somebody wrote in the meantime.
-
-    Raises:
-        UserError: if it cannot be written.
     """
     with (
         _told(f"{path} cannot be written"),
@@ -102,9 +76,6 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """A temporary folder to write to; when it is complete, it comes to stand at ``folder``.
 
     There must be nothing, or an empty folder.
-
-    Raises:
-        UserError: if it cannot be written.
     """
     with _told(f"{folder} cannot be written"):
         folder.parent.mkdir(parents=True, exist_ok=True)

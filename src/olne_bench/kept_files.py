@@ -28,11 +28,7 @@ def warn(line: str) -> None:
 
 
 def why_foreign(path: Path) -> str:
-    """Why a file or folder cannot be trusted; empty if it can.
-
-    Raises:
-        OSError: if it does not exist or cannot be inspected.
-    """
+    """Why a file or folder cannot be trusted; empty if it can."""
     found = path.lstat()
     if stat.S_ISLNK(found.st_mode):
         return "a link"
@@ -100,12 +96,7 @@ def unsealed(data: bytes) -> bytes | None:
 
 @dataclass(frozen=True)
 class KeptFiles:
-    """One kind of kept files.
-
-    Attributes:
-        suffix: of the folder's name.
-        most_bytes: of all files together.
-    """
+    """One kind of kept files."""
 
     suffix: str
     most_bytes: int

@@ -99,11 +99,7 @@ def _forget_listing(folder: Path) -> None:
 
 
 def at_home(plugin: object) -> AbstractContextManager[None]:
-    """Within this context, helper modules beside a plugin's file can be imported, and no others.
-
-    Args:
-        plugin: a class from a plugin's file, or an instance; any other object has no effect.
-    """
+    """Within this context, helper modules beside a plugin's file can be imported, and no others."""
     kind = plugin if issubclass(type(plugin), type) else type(plugin)
     try:
         home = _homes.get(type.__getattribute__(kind, "__module__"))

@@ -9,24 +9,46 @@ constructor are its parameters. It is
 """
 
 import inspect
-import os
-import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from difflib import get_close_matches
-from functools import cache, lru_cache
+from functools import lru_cache
 from importlib import import_module
-from importlib.machinery import ModuleSpec
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any
 
-from olne_bench.errors import UserError
-from olne_bench.plugin_files import at_home, load_file, module_name
+from olne_bench.plugin_files import at_home, load_file
+from olne_bench.plugin_kinds import (
+    ESTIMATOR,
+    KINDS,
+    METRIC,
+    SCENARIO,
+    SENSOR,
+    Kind,
+    PluginError,
+    attribute,
+    describe_foreign_error,
+    guarded,
+    text_of,
+    type_name,
+)
+from olne_bench.plugin_places import (
+    absolute,
+    built_in,
+    file_of,
+    find,
+    is_built_in,
+    is_file,
+    known_file,
+    names,
+    owner,
+    source,
+    split,
+    unknown,
+)
 
 __all__ = [
     "ESTIMATOR",
@@ -55,12 +77,8 @@ __all__ = [
     "source",
 ]
 
-_MOST_CHARACTERS = 1000  # of a message
 _LONGEST_NAME = 100
 _LONGEST_DESCRIPTION = 300
-_PACKAGE = Path(__file__).parent
-
-T = TypeVar("T")
 
 _loadable: ContextVar[frozenset[str] | None] = ContextVar("loadable", default=None)
 
@@ -71,57 +89,23 @@ def loading(*references: str) -> Iterator[None]:
 
     So a name that a file of data holds never runs code that its user has not named.
     """
-    token = _loadable.set(frozenset(_home(reference) for reference in references))
+    token = _loadable.set(frozenset(map(_home, references)))
     try:
         yield
     finally:
         _loadable.reset(token)
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A kind of plugin.
-
-    Attributes:
-        name: name in messages.
-        package: package whose modules are the built-in plugins of this kind.
-        method: method that makes a class a plugin of this kind.
-        declares: attributes that tables and pages need to know.
-    """
-
-    name: str
-    package: str
-    method: str
-    declares: tuple[str, ...] = ()
-
-    @property
-    def group(self) -> str:
-        """Group of entry points."""
-        return f"olne_bench.{self.name}s"
+def _home(reference: str) -> str:
+    return str(file_of(reference) or reference)
 
 
-ESTIMATOR = Kind("estimator", "olne_bench.estimators", "estimate")
-SCENARIO = Kind("scenario", "olne_bench.envs.scenarios", "draw")
-SENSOR = Kind("sensor", "olne_bench.envs.sensors", "layers")
-METRIC = Kind(
-    "metric",
-    "olne_bench.bench.judge.metrics",
-    "score",
-    declares=(
-        *("label", "unit", "worst", "needs_prediction", "gated", "compared"),
-        *("summary", "negligible", "description"),
-    ),
-)
-KINDS = (ESTIMATOR, SCENARIO, SENSOR, METRIC)
-
-
-class PluginError(UserError, ValueError):
-    """A plugin that is unknown, cannot be imported, or refuses its parameters; one line."""
-
-    def __init__(self, message: str) -> None:
-        line = " ".join("".join(c if c.isprintable() else " " for c in message).split())
-        cut = line if len(line) <= _MOST_CHARACTERS else line[: _MOST_CHARACTERS - 4] + " ..."
-        super().__init__(cut)
+def _refuse_unnamed(reference: str) -> None:
+    loadable = _loadable.get()
+    if loadable is not None and isinstance(reference, str) and _home(reference) not in loadable:
+        raise PluginError(
+            f"plugin {reference!r} is not loaded: only what the command line names is (--plugin)"
+        )
 
 
 @dataclass(frozen=True)
@@ -149,21 +133,6 @@ class Description:
     error: str = ""
 
 
-def names(kind: Kind) -> list[str]:
-    """Names of the built-in and the installed plugins of a kind, without importing them."""
-    return sorted({*_built_in(kind), *_installed(kind)})
-
-
-def is_file(reference: str) -> bool:
-    """Whether a reference names a file rather than a known plugin."""
-    return _split(reference) is not None
-
-
-def is_built_in(kind: Kind, reference: str) -> bool:
-    """Whether a reference names a plugin of this package."""
-    return not is_file(reference) and reference in _built_in(kind)
-
-
 def named_by_data(kind: Kind, name: str, place: str, option: str) -> str:
     """A name that a data file gives, if it is that of a built-in plugin.
 
@@ -180,51 +149,10 @@ def named_by_data(kind: Kind, name: str, place: str, option: str) -> str:
     """
     if is_built_in(kind, name):
         return name
-    known = ", ".join(sorted(_built_in(kind)))
     raise PluginError(
         f"{place} names the {kind.name} {name[:_LONGEST_NAME]!r}, and a file can only name a "
-        f"built-in one: {known}; to use another, name it with {option}"
+        f"built-in one: {', '.join(sorted(built_in(kind)))}; to use another, name it with {option}"
     )
-
-
-def absolute(reference: str) -> str:
-    """The reference in a form that can be used from any folder.
-
-    Raises:
-        PluginError: on an impossible path.
-    """
-    parts = _split(reference)
-    if parts is None:
-        return reference
-    path, class_name = parts
-    return f"{_resolved(path)}:{class_name}" if class_name else str(_resolved(path))
-
-
-def file_of(reference: str) -> Path | None:
-    """The file that a reference names, an absolute path; None for the name of a known plugin.
-
-    Raises:
-        PluginError: on an impossible path.
-    """
-    parts = _split(reference)
-    return None if parts is None else _resolved(parts[0])
-
-
-def source(kind: Kind, reference: str) -> tuple[str, Path]:
-    """Name and file of the module that defines a plugin, found without running it.
-
-    Raises:
-        PluginError: if the plugin is unknown or its module has no file.
-    """
-    parts = _split(reference)
-    if parts is not None:
-        path = _file(kind.name, parts[0])
-        return module_name(path), path
-    place = _find(kind, reference)
-    if isinstance(place, Path):
-        return f"{kind.package}.{place.stem}", place
-    path = _module_file(kind, place)
-    return place.module, path
 
 
 def find_class(kind: Kind, reference: str) -> type[Any]:
@@ -238,12 +166,12 @@ def find_class(kind: Kind, reference: str) -> type[Any]:
         PluginError: with one line that names the alternatives, or file and line of the cause.
     """
     if not isinstance(reference, str):
-        raise _unknown(kind, reference)
+        raise unknown(kind, reference)
     if not is_built_in(kind, reference):
         _refuse_unnamed(reference)
-    parts = _split(reference)
+    parts = split(reference)
     if parts is not None:
-        return _class_from_file(kind, _file(kind.name, parts[0]), parts[1])
+        return _class_from_file(kind, known_file(kind.name, parts[0]), parts[1])
     return _known_class(kind, reference, tuple(sys.path))
 
 
@@ -262,7 +190,7 @@ def make(kind: Kind, reference: str, parameters: Mapping[str, Any] | None = None
         what = f"{kind.name} {reference!r}"
         if isinstance(error, TypeError | ValueError):
             known = ", ".join(parameter_names(found)) or "none"
-            refusal = f"{what} refuses its parameters: {_text(error)}"
+            refusal = f"{what} refuses its parameters: {text_of(error)}"
             raise PluginError(f"{refusal[:800]}; its parameters: {known}") from error
         raise PluginError(f"{what} cannot be made: {describe_foreign_error(error)}") from error
 
@@ -283,11 +211,11 @@ def kind_of(reference: str) -> Kind:
     Raises:
         PluginError: unless the reference names a file with one plugin, or one class of it.
     """
-    parts = _split(reference)
+    parts = split(reference)
     if parts is None:
         raise PluginError(f"{reference!r} is not a plugin file: expected path.py or path.py:Class")
     _refuse_unnamed(reference)
-    path, class_name = _file("plugin", parts[0]), parts[1]
+    path, class_name = known_file("plugin", parts[0]), parts[1]
     module = _load(path)
     found = [
         (name, kind)
@@ -327,7 +255,7 @@ def describe(
             label=found.name,
             parameters=tuple(parameter_names(found)),
             family=kind == SCENARIO and takes_seed(plugin),
-            several=kind == ESTIMATOR and _attribute(plugin, "several", reference) is True,
+            several=kind == ESTIMATOR and attribute(plugin, "several", reference) is True,
             declaration=_declaration(kind, plugin, reference),
         )
     except PluginError as error:
@@ -338,14 +266,11 @@ def import_file(reference: str) -> None:
     """Import a plugin's file, so that objects of its classes can be unpickled.
 
     Other plugins are imported by pickle itself. Raises whatever the file raises.
-
-    Raises:
-        PluginError: outside of ``loading`` for it.
     """
     _refuse_unnamed(reference)
-    place = _split(reference)
-    if place is not None:
-        load_file(_resolved(place[0]))
+    path = file_of(reference)
+    if path is not None:
+        load_file(path)
 
 
 def parameter_names(found: type[Any]) -> list[str]:
@@ -357,10 +282,9 @@ def parameter_names(found: type[Any]) -> list[str]:
 
 
 def takes_seed(scenario: Any) -> bool:
-    """Whether a scenario is a family: each seed draws another member.
+    """Whether a scenario is a family, whose ``draw`` takes a seed: each draws another member.
 
-    Its ``draw`` takes a seed then. Where that depends on its options, the attribute ``fixed`` says
-    so.
+    Where that depends on its options, the attribute ``fixed`` says so.
     """
     try:
         seeded = "seed" in inspect.signature(scenario.draw).parameters
@@ -369,136 +293,16 @@ def takes_seed(scenario: Any) -> bool:
         return False
 
 
-def describe_foreign_error(error: BaseException, file: Path | None = None) -> str:
-    """What was raised, and where; the only foreign code it runs is the exception's ``__str__``.
-
-    Args:
-        error: what was raised.
-        file: file that was being imported, as errors that Python finds in its text do not always
-            name it: before Python 3.11.4, one of them was a ``ValueError``.
-    """
-    text, where = _text(error), ""
-    trace = error.__traceback__
-    while trace is not None:
-        where = f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}"
-        trace = trace.tb_next
-    if where.startswith("<frozen importlib"):
-        where = str(file or where)
-    if isinstance(error, SyntaxError) and type(error).__module__ == "builtins":
-        place = f"{error.filename}:{error.lineno}" if error.filename else ""
-        text, where = str(error.msg), place or str(file or where)  # its text has the place too
-    return f"{_type_name(error)}: {text[:600]} ({where})"
-
-
-def _home(reference: str) -> str:
-    """The absolute path of a reference's file; the reference itself if it is a name."""
-    parts = _split(reference)
-    return reference if parts is None else str(_resolved(parts[0]))
-
-
-def _refuse_unnamed(reference: str) -> None:
-    loadable = _loadable.get()
-    if loadable is not None and isinstance(reference, str) and _home(reference) not in loadable:
-        raise PluginError(
-            f"plugin {reference!r} is not loaded: only what the command line names is (--plugin)"
-        )
-
-
-def _split(reference: str) -> tuple[str, str] | None:
-    """Path and class name of a file's reference; None for a name."""
-    if not isinstance(reference, str):  # callers may pass anything
-        return None
-    if reference.endswith(".py"):
-        return reference, ""
-    path, _, class_name = reference.rpartition(":")
-    return (path, class_name) if path.endswith(".py") else None
-
-
-def _resolved(path: str) -> Path:
-    try:
-        return Path(path).resolve()
-    except (OSError, ValueError, RuntimeError) as error:  # NUL, circles of links
-        raise PluginError(f"no file {path!r}: {error}") from error
-
-
-def _file(what: str, path: str) -> Path:
-    if "\0" in path or not os.path.isfile(path):  # noqa: PTH113 (Path raises on long names)
-        raise PluginError(f"no {what} file {path!r}")
-    return _resolved(path)
-
-
-@cache
-def _built_in(kind: Kind) -> dict[str, Path]:
-    """Files that define a plugin of their own name, found in their text, as imports are slow."""
-    folder = _PACKAGE.joinpath(*kind.package.split(".")[1:])
-    line = r'^    name(: ClassVar\[str\])? = "{}"$'
-    return {
-        path.stem: path
-        for path in sorted(folder.glob("*.py"))
-        if re.search(line.format(path.stem), path.read_text(encoding="utf-8"), re.MULTILINE)
-    }
-
-
-def _installed(kind: Kind) -> dict[str, tuple[EntryPoint, ...]]:
-    return _entry_points(kind.group, tuple(sys.path))
-
-
-@lru_cache(maxsize=64)  # asked for with every trial
-def _entry_points(group: str, _path: tuple[str, ...]) -> dict[str, tuple[EntryPoint, ...]]:
-    found: dict[str, dict[str, EntryPoint]] = {}
-    for point in entry_points(group=group):
-        found.setdefault(point.name, {})[point.value] = point
-    return {name: tuple(points.values()) for name, points in found.items()}
-
-
-def _find(kind: Kind, reference: str) -> Path | EntryPoint:
-    """Where a known plugin is."""
-    if not isinstance(reference, str):
-        raise _unknown(kind, reference)
-    built_in, installed = _built_in(kind).get(reference), _installed(kind).get(reference, ())
-    if len(installed) + (built_in is not None) > 1:
-        places = [f"{_owner(point)} ({point.value})" for point in installed]
-        places = ["the built-in one"] * (built_in is not None) + places
-        raise PluginError(
-            f"there are {len(places)} {kind.name}s called {reference!r}: {', '.join(places)}; "
-            "rename or uninstall one"
-        )
-    if built_in is not None:
-        return built_in
-    if installed:
-        return installed[0]
-    raise _unknown(kind, reference)
-
-
-def _unknown(kind: Kind, reference: object) -> PluginError:
-    known = names(kind)
-    return PluginError(
-        f"unknown {kind.name} {reference!r}; known are: {', '.join(known)}, "
-        f"or a file path.py:ClassName{nearest(reference, known)}"
-    )
-
-
-def nearest(name: object, known: Iterable[str]) -> str:
-    """The names that are most like another one, as the end of a message; empty if none is."""
-    found = ", ".join(get_close_matches(str(name), [*known]))
-    return f"; nearest: {found}" if found else ""
-
-
-def _owner(point: EntryPoint) -> str:
-    return f"of {point.dist.name}" if point.dist else "of a package without a name"
-
-
 @lru_cache(maxsize=64)  # asked for with every trial
 def _known_class(kind: Kind, reference: str, _path: tuple[str, ...]) -> type[Any]:
-    place = _find(kind, reference)
+    place = find(kind, reference)
     if isinstance(place, Path):
         module = import_module(f"{kind.package}.{place.stem}")
         classes = [c for c in vars(module).values() if isinstance(c, type)]
-        return next(
-            c for c in classes if c.__module__ == module.__name__ and _is(c, kind, reference)
-        )
-    what = f"{kind.name} {reference!r} {_owner(place)}"
-    loaded = _guarded(f"{what} cannot be imported", place.load)
+        own = [c for c in classes if c.__module__ == module.__name__ and hasattr(c, kind.method)]
+        return next(c for c in own if getattr(c, "name", None) == reference)
+    what = f"{kind.name} {reference!r} {owner(place)}"
+    loaded = guarded(f"{what} cannot be imported", place.load)
     if not issubclass(type(loaded), type):
         raise PluginError(f"{what} ({place.value}) is not a class")
     if not _has_method(kind, loaded, what):
@@ -508,11 +312,8 @@ def _known_class(kind: Kind, reference: str, _path: tuple[str, ...]) -> type[Any
         raise PluginError(
             f"{what} is installed under another name than its class has: {name!r}; let them agree"
         )
-    return loaded
-
-
-def _is(found: type[Any], kind: Kind, name: str) -> bool:
-    return getattr(found, "name", None) == name and hasattr(found, kind.method)
+    found: type[Any] = loaded
+    return found
 
 
 def _class_from_file(kind: Kind, path: Path, class_name: str) -> type[Any]:
@@ -531,7 +332,7 @@ def _class_from_file(kind: Kind, path: Path, class_name: str) -> type[Any]:
 
 
 def _load(path: Path) -> ModuleType:
-    return _guarded(f"file {str(path)!r} cannot be imported", lambda: load_file(path), path)
+    return guarded(f"file {str(path)!r} cannot be imported", lambda: load_file(path), path)
 
 
 def _plugin_classes(kind: Kind, module: ModuleType, path: Path) -> dict[str, type[Any]]:
@@ -540,36 +341,27 @@ def _plugin_classes(kind: Kind, module: ModuleType, path: Path) -> dict[str, typ
     If some of them have a ``name``, those without one are helpers and left out.
     """
     what = f"file {str(path)!r}"
-    own = [
-        (name, member)
+    found = {
+        name: member
         for name, member in list(vars(module).items())
         if issubclass(type(member), type)
         and type.__getattribute__(member, "__module__") == module.__name__
-    ]
-    found = {name: member for name, member in own if _has_method(kind, member, what)}
-    named = {
-        name: member
-        for name, member in found.items()
-        if _attribute(member, "name", what) is not None
+        and _has_method(kind, member, what)
     }
+    named = {n: one for n, one in found.items() if attribute(one, "name", what) is not None}
     return named or found
 
 
 def _has_method(kind: Kind, found: type[Any], what: str) -> bool:
-    return callable(_attribute(found, kind.method, what))
-
-
-def _attribute(owner: object, name: str, what: str) -> Any:
-    """An attribute, None if absent; a metaclass or property may raise anything."""
-    return _guarded(f"{what}: {name!r} cannot be read", lambda: getattr(owner, name, None))
+    return callable(attribute(found, kind.method, what))
 
 
 def _checked_name(found: type[Any], what: str) -> str:
-    name = _attribute(found, "name", what)
+    name = attribute(found, "name", what)
     if name is None:
         raise PluginError(f'{what} has no name: give its class an attribute name = "..."')
     if type(name) is not str or not name.strip():
-        shown = repr(name) if type(name) is str else f"a {_type_name(name)}"
+        shown = repr(name) if type(name) is str else f"a {type_name(name)}"
         raise PluginError(f"{what} has {shown} for a name: it has to be a text that is not empty")
     if len(name) > _LONGEST_NAME or not name.isprintable():
         raise PluginError(
@@ -580,13 +372,13 @@ def _checked_name(found: type[Any], what: str) -> str:
 
 
 def _declaration(kind: Kind, plugin: Any, what: str) -> dict[str, str | float | bool]:
-    found = {name: _attribute(plugin, name, what) for name in kind.declares}
+    found = {name: attribute(plugin, name, what) for name in kind.declares}
     if found.get("description", "") is None:
-        found["description"] = _first_paragraph(_attribute(plugin, "__doc__", what))
+        found["description"] = _first_paragraph(attribute(plugin, "__doc__", what))
     for name, value in found.items():
         if type(value) not in (str, int, float, bool, type(None)):
             raise PluginError(
-                f"{kind.name} {what!r} declares {name!r} as a {_type_name(value)}: it has "
+                f"{kind.name} {what!r} declares {name!r} as a {type_name(value)}: it has "
                 "to be a text, a number, a truth value or None"
             )
         most = _LONGEST_DESCRIPTION if name == "description" else _LONGEST_NAME
@@ -602,55 +394,3 @@ def _first_paragraph(doc: object) -> str:
     text = doc.strip().split("\n\n")[0] if type(doc) is str else ""
     plain = "".join(c if c.isprintable() else " " for c in text[:_LONGEST_DESCRIPTION])
     return " ".join(plain.split())
-
-
-def _guarded(what: str, call: Callable[[], T], file: Path | None = None) -> T:
-    """Run foreign code; turn what it raises into a ``PluginError`` of one line with its place."""
-    try:
-        return call()
-    except BaseException as error:
-        raise PluginError(f"{what}: {describe_foreign_error(error, file)}") from error
-
-
-def _type_name(value: object) -> str:
-    name: str = type.__dict__["__name__"].__get__(type(value))  # whatever its metaclass says
-    return name
-
-
-def _text(error: BaseException) -> str:
-    try:
-        return str(error)
-    except BaseException:  # the exception's class may be foreign code too
-        return "no text"
-
-
-def _module_file(kind: Kind, point: EntryPoint) -> Path:
-    """File of an entry point's module, without importing the packages that contain it."""
-    what = f"{kind.name} {point.name!r} {_owner(point)}"
-    places: list[str] | None = None
-    full = ""
-    spec = None
-    module = _guarded(f"{what} does not refer to a class", lambda: point.module)
-    for part in module.split("."):
-        full = f"{full}.{part}" if full else part
-        spec, places = _spec_below(full, places)
-        if spec is None and places is None:
-            raise PluginError(f"{what} cannot be found: no module {full!r} ({point.value})")
-    if spec is None or not spec.origin or not Path(spec.origin).is_file():
-        raise PluginError(f"{what} has no file: {point.value}")
-    return Path(spec.origin).resolve()
-
-
-def _spec_below(full: str, places: list[str] | None) -> tuple[ModuleSpec | None, list[str] | None]:
-    """Spec of a module from Python's finders, and the folders of its submodules."""
-    for finder in sys.meta_path:
-        try:
-            spec = finder.find_spec(full, places)
-        except Exception:  # such as folders without __init__.py, which ask for an imported parent
-            spec = None
-        if spec is not None:
-            inner = spec.submodule_search_locations
-            return spec, None if inner is None else list(inner)
-    last = full.rpartition(".")[2]
-    folders = [str(Path(place) / last) for place in places or [] if (Path(place) / last).is_dir()]
-    return None, folders or None

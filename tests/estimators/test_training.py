@@ -23,7 +23,7 @@ GAME = get_scenario("two_player").game
 
 
 def run(script: str, *words: object) -> str:
-    command = [sys.executable, ROOT / "scripts" / script, "two_player", *map(str, words)]
+    command = [sys.executable, ROOT / "scripts" / script, *map(str, words)]
     path = os.pathsep.join(one for one in sys.path if one)
     env = os.environ | {"PYTHONPATH": path}
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
@@ -34,19 +34,21 @@ def run(script: str, *words: object) -> str:
 @pytest.fixture(scope="module")
 def draws(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("draws") / "draws.npz"
-    assert "40 equilibria of 40 draws" in run("learned_draws.py", "--draws", 40, "--out", path)
+    words = "two_player", "--draws", 40, "--out", path
+    assert "40 equilibria of 40 draws" in run("learned_draws.py", *words)
     with np.load(path) as file:
         assert file["weights"].shape == (40, 2, 4)
         assert file["states"].shape == (40, 25, 2, 4)
     return path
 
 
-@pytest.mark.parametrize("script", ["train_learned.py", "train_policy.py"])
-def test_training_can_be_repeated(script, draws, tmp_path) -> None:
+@pytest.mark.parametrize("kind", ["posterior", "policy"])
+def test_training_can_be_repeated(kind, draws, tmp_path) -> None:
     files = [tmp_path / f"{k}.npz" for k in range(2)]
     for file in files:
-        said = run(script, "--draws", draws, "--steps", 3, "--out", file)
+        words = "--draws", draws, "--steps", 3, "--out", file
+        said = run("train_learned.py", kind, "two_player", *words)
         assert "two_player: 40 truths" in said
     assert files[0].read_bytes() == files[1].read_bytes()
-    read = MixtureNetwork.read if script == "train_learned.py" else Policy.read
+    read = MixtureNetwork.read if kind == "posterior" else Policy.read
     assert read(files[0]).game == game_key(GAME)

@@ -2,7 +2,7 @@
 
 import click
 
-from olne_bench.bench.commands.options import BUDGET, command, memory_option
+from olne_bench.bench.commands.options import BUDGET, command, memory_option, several, shown
 from olne_bench.plugins import KINDS
 
 _KIND = click.Choice([kind.name for kind in KINDS])
@@ -13,19 +13,14 @@ _KIND = click.Choice([kind.name for kind in KINDS])
 @click.option(
     "--kind", type=_KIND, help="Kind of the plugin, if plugins of several kinds have this name."
 )
-@click.option(
+@several(
     "--parameter",
     "parameters",
-    multiple=True,
     metavar="NAME=VALUE",
     help="Parameter of the plugin, such as p=0.3 (repeatable).",
 )
-@click.option(
-    "--budget",
-    type=BUDGET,
-    default=20.0,
-    show_default=True,
-    help="Time limit of each estimate [s], for estimators.",
+@shown(
+    "--budget", type=BUDGET, default=20.0, help="Time limit of each estimate [s], for estimators."
 )
 @memory_option("Memory limit of the plugin's process.")
 def check() -> None:

@@ -6,10 +6,12 @@ from olne_bench.bench.commands.options import (
     BUDGET,
     PATH,
     FiniteRange,
-    NumberPair,
-    Window,
     command,
     memory_option,
+    number_pair,
+    several,
+    shown,
+    window,
 )
 
 #: Repeats ``envs.track_formats.format_names()``, whose import is slow.
@@ -18,19 +20,17 @@ FORMATS = ("commonroad", "csv", "highd", "ind", "interaction", "ngsim", "sumo")
 
 @command()
 @click.argument("scenario")
-@click.option(
+@shown(
     "--seeds",
     type=click.IntRange(min=1),
     default=1,
-    show_default=True,
     help="Number of draws to play, from seed 0 on; a fixed scenario has only one.",
 )
 @click.option("--out", type=PATH, required=True, help="New Parquet file.")
 @click.option("--video", type=PATH, help="New GIF or MP4 file of the first draw.")
-@click.option(
+@several(
     "--option",
     "options",
-    multiple=True,
     metavar="NAME=VALUE",
     help="An option of the scenario, such as num_players=3 (repeatable).",
 )
@@ -45,11 +45,10 @@ def record() -> None:
 @command("import")
 @click.argument("tracks", type=PATH)
 @click.option("--out", type=PATH, required=True, help="New Parquet file.")
-@click.option(
+@shown(
     "--format",
     "format_name",
     default="csv",
-    show_default=True,
     metavar="|".join(FORMATS),
     help="What kind of file TRACKS is.",
 )
@@ -59,7 +58,7 @@ def record() -> None:
     help="TOML file of lanes and targets, SUMO's .net.xml or a lanelet2 map (.osm). Default: the "
     "TOML file beside TRACKS that has its name, if there is one.",
 )
-@click.option("--window", type=Window(), help="First and last time [s].")
+@click.option("--window", type=window, metavar="FROM,TO", help="First and last time [s].")
 @click.option("--players", help="Names, separated by commas. Default: all.")
 @click.option(
     "--resample",
@@ -69,7 +68,9 @@ def record() -> None:
 @click.option("--part", help="Part of a file whose player names repeat, such as a case.")
 @click.option("--flip-y", is_flag=True, help="Reverse the direction of y.")
 @click.option("--rotate", type=FiniteRange(), default=0.0, help="Then rotate the tracks [degrees].")
-@click.option("--shift", type=NumberPair(), default="0,0", help="Then shift them by x,y [m].")
+@click.option(
+    "--shift", type=number_pair, metavar="A,B", default="0,0", help="Then shift them by x,y [m]."
+)
 def import_tracks() -> None:
     """Make a recording from TRACKS, whose true weights are unknown.
 
@@ -81,9 +82,7 @@ def import_tracks() -> None:
 
 @command()
 @click.argument("recording", type=PATH)
-@click.option(
-    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Episode to write."
-)
+@shown("--episode", type=click.IntRange(min=0), default=0, help="Episode to write.")
 @click.option("--out", type=PATH, required=True, help="New CSV or CommonRoad XML file.")
 def export() -> None:
     """Write the motion in RECORDING as a table or a CommonRoad scenario.
@@ -105,20 +104,14 @@ def export() -> None:
     help="Draw of the scenario family that the tracks show; players that start there get its "
     "targets.",
 )
-@click.option(
-    "--estimator", default="kkt_constrained", show_default=True, help="Name, or FILE.py[:CLASS]."
-)
-@click.option(
-    "--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Episode to use."
-)
+@shown("--estimator", default="kkt_constrained", help="Name, or FILE.py[:CLASS].")
+@shown("--episode", type=click.IntRange(min=0), default=0, help="Episode to use.")
 @click.option(
     "--noise",
     type=FiniteRange(min=0, min_open=True),
     help="Standard deviation of position noise [m]. Default: from the roughness of the tracks.",
 )
-@click.option(
-    "--budget", type=BUDGET, default=60.0, show_default=True, help="Time limit of the estimate [s]."
-)
+@shown("--budget", type=BUDGET, default=60.0, help="Time limit of the estimate [s].")
 @click.option("--out", type=PATH, help="New CSV file for the weights.")
 def estimate() -> None:
     """Estimate the weights of every player in RECORDING.
@@ -133,14 +126,13 @@ def estimate() -> None:
 @command()
 @click.argument("road")
 @click.option("--out", type=PATH, required=True, help="The film: MP4 or GIF.")
-@click.option(
+@shown(
     "--suite",
     default="driving",
-    show_default=True,
     help="Suite of drives that says traffic, noise and rules, such as driving_stock.",
 )
-@click.option("--planner", default="oracle", show_default=True, help="Who drives the ego.")
-@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True)
+@shown("--planner", default="oracle", help="Who drives the ego.")
+@shown("--seed", type=click.IntRange(0, 10**6), default=0)
 @memory_option("Memory limit of the estimator's process.")
 def film() -> None:
     """Write one drive on ROAD as a video, with the ego's plan and what it expects of others."""

@@ -9,6 +9,8 @@ from olne_bench.bench.commands.options import (
     SUBMISSIONS,
     command,
     memory_option,
+    several,
+    shown,
 )
 from olne_bench.bench.plan.outcome import RETRIES
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
@@ -20,29 +22,22 @@ FEWEST = 20
 @command()
 @click.argument("suite")
 @click.option("--out", type=PATH, required=True, help="Run folder. An interrupted run continues.")
-@click.option(
-    "--jobs",
-    type=JOBS,
-    default=2,
-    show_default=True,
-    help="Number of trials to run at the same time.",
-)
+@shown("--jobs", type=JOBS, default=2, help="Number of trials to run at the same time.")
 @click.option(
     "--dask",
     metavar="ADDRESS",
     help="Dask cluster to run on: tcp://host:8786, or local:N for N workers on this machine.",
 )
 @memory_option("Memory limit of each worker process.")
-@click.option(
+@several(
     "--retry",
     type=click.Choice(RETRIES),
-    multiple=True,
     help="Run failed trials again: all, or those with this status (repeatable).",
 )
-@click.option("--scenario", multiple=True, help="Only this scenario (repeatable).")
-@click.option("--sensor", multiple=True, help="Only this sensor (repeatable).")
-@click.option("--estimator", multiple=True, help="Only this estimator (repeatable).")
-@click.option("--sigma", type=float, multiple=True, help="Only this noise level (repeatable).")
+@several("--scenario", help="Only this scenario (repeatable).")
+@several("--sensor", help="Only this sensor (repeatable).")
+@several("--estimator", help="Only this estimator (repeatable).")
+@several("--sigma", type=float, help="Only this noise level (repeatable).")
 @click.option(
     "--seeds",
     type=click.IntRange(1, 10**8),
@@ -51,10 +46,9 @@ FEWEST = 20
 @click.option(
     "--salt", metavar="TEXT", help="Text that seeds noise and draws; 'fresh' draws a secret one."
 )
-@click.option(
+@several(
     "--plugin",
     type=PLUGIN,
-    multiple=True,
     metavar="FILE.py[:CLASS]",
     help="Add an estimator, scenario, sensor or metric from a file (repeatable).",
 )
@@ -63,27 +57,18 @@ FEWEST = 20
     type=click.Choice(("trials", "streams")),
     help="Kind of study to make of the suite: estimates at the end, or after each sample.",
 )
-@click.option(
+@several(
     "--rule",
-    multiple=True,
     metavar="NAME=VALUE",
     help="Rule that replaces one of the suite, such as lag=8 of streams (repeatable).",
 )
-@click.option(
-    "--figures/--no-figures", default=True, show_default=True, help="Draw figures at the end."
-)
-@click.option(
+@shown("--figures/--no-figures", default=True, help="Draw figures at the end.")
+@shown(
     "--report/--no-report",
     default=True,
-    show_default=True,
     help="Write tables, page and figures at the end; 'olne-bench report' writes them later.",
 )
-@click.option(
-    "--formats",
-    default="png",
-    show_default=True,
-    help=f"Formats of the figures: {', '.join(FORMATS)}.",
-)
+@shown("--formats", default="png", help=f"Formats of the figures: {', '.join(FORMATS)}.")
 def run() -> None:
     """Run SUITE, a name or a TOML file. Options select a part of it, or change it.
 
@@ -109,25 +94,22 @@ def status() -> None:
 
 @command()
 @click.argument("folder", type=PATH)
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures.")
-@click.option(
+@shown("--figures/--no-figures", default=True, help="Draw figures.")
+@shown(
     "--formats",
     default=",".join(USUAL_FORMATS),
-    show_default=True,
     help=f"Formats of the figures: {', '.join(FORMATS)}.",
 )
-@click.option(
+@several(
     "--play",
     "playable",
-    multiple=True,
     metavar="SIGMA:SEED",
     help="Noise level and seed of further trials that the page can play (repeatable).",
 )
-@click.option(
+@several(
     "--plugin",
     "loaded",
     type=PLUGIN,
-    multiple=True,
     metavar="FILE.py[:CLASS]",
     help="A scenario or sensor of the run that may be loaded, to play it again (repeatable).",
 )
@@ -142,10 +124,9 @@ def report() -> None:
 @command()
 @click.argument("before", type=PATH)
 @click.argument("after", type=PATH)
-@click.option(
+@several(
     "--estimator",
     "estimators",
-    multiple=True,
     metavar="NAME[=OTHER]",
     help="Compare only this estimator, which is called OTHER in AFTER (repeatable).",
 )
@@ -176,14 +157,13 @@ def gate() -> None:
 
 @command()
 @click.argument("folder", metavar="RUN", type=PATH)
-@click.option(
+@shown(
     "--trials",
     type=click.IntRange(FEWEST, 10**6),
     default=FEWEST,
-    show_default=True,
     help="Number of fresh trials for each estimator, scenario and sensor.",
 )
-@click.option("--jobs", type=JOBS, default=2, show_default=True)
+@shown("--jobs", type=JOBS, default=2)
 @memory_option("Memory limit of each worker process.")
 def confirm() -> None:
     """Run fresh draws where rows of the run in RUN are implausible.
@@ -214,8 +194,8 @@ def merge() -> None:
 @command()
 @click.argument("suite")
 @click.option("--out", type=PATH, help="File. Default: where 'olne-bench run' looks for it.")
-@click.option("--jobs", type=JOBS, default=2, show_default=True, help="Number of processes.")
-@click.option("--scenario", multiple=True, help="Only this scenario (repeatable).")
+@shown("--jobs", type=JOBS, default=2, help="Number of processes.")
+@several("--scenario", help="Only this scenario (repeatable).")
 @click.option("--seeds", type=click.IntRange(1, 10**8), help="Only the first draws, this many.")
 def draws() -> None:
     """Solve all draws of SUITE and write them to a file, which 'olne-bench run' then uses.
@@ -248,7 +228,7 @@ def submit() -> None:
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the choice of trials, to repeat it.")
 @click.option("--strict", is_flag=True, help="Refuse rows of other versions of code or libraries.")
-@click.option("--jobs", type=JOBS, default=2, show_default=True)
+@shown("--jobs", type=JOBS, default=2)
 @memory_option("Memory that a worker process may use.")
 @click.option("--page", type=PATH, help="New .html file for a page of the accepted submissions.")
 def verify() -> None:

@@ -53,7 +53,7 @@ def identifiable_cosine_error(
     kept = truth + np.einsum("ikl,sil->sik", projections, shares - truth)
     products = np.einsum("ik,sik->si", truth, kept)
     norms = np.linalg.norm(truth, axis=1) * np.linalg.norm(kept, axis=2)
-    return np.maximum(0.0, 1 - products / norms).mean(axis=1)
+    return np.asarray(np.maximum(0.0, 1 - products / norms).mean(axis=1))
 
 
 def position_error(states: np.ndarray, other: np.ndarray) -> float:
@@ -114,7 +114,7 @@ def sample_level(weights: np.ndarray, samples: np.ndarray) -> float:
 
     def distance(places: np.ndarray) -> np.ndarray:
         away = places - mean
-        return np.einsum("...i,ij,...j->...", away, inverse, away)
+        return np.asarray(np.einsum("...i,ij,...j->...", away, inverse, away))
 
     return float(np.mean(distance(points) < distance(truth)))
 
@@ -140,4 +140,4 @@ def sample_width(samples: np.ndarray) -> float:
 
 def _log_ratios(samples: np.ndarray) -> np.ndarray:
     logarithms = np.log(np.maximum(samples, _LEAST))
-    return (logarithms[..., :-1] - logarithms[..., -1:]).reshape(len(samples), -1)
+    return np.asarray((logarithms[..., :-1] - logarithms[..., -1:]).reshape(len(samples), -1))

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.envs.recordings.recording import Recording
+from olne_bench.estimators.protocol import Estimate
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Judged:
     """
 
     recordings: tuple[Recording, ...]
-    estimate: CheckedEstimate
+    estimate: Estimate
     prediction: np.ndarray | None
     sigma: float
     held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing_held_out

@@ -1,30 +1,34 @@
-"""Whether regions hold the truth as often as they claim, and where true weights lie in them."""
+"""Whether regions hold the truth as often as they claim, where in them it lies, and their width."""
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import binom
 
-from olne_bench.bench.report.figures import panels, style
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.statistics.calibration import (
     LEVEL,
     TARP,
     coverage_curve,
     weight_levels_of,
+    width_table,
 )
-from olne_bench.bench.report.study import USUAL, Study
 
-_BAND = 0.95
-_SIZE = 3.5, 3.2  # of a panel [inch]
-_MOST_SENSORS = panels.MOST_PANELS // 2
+_LEVEL = 0.95  # of the band of calibrated curves, and of regions that have a width
+_SIZE, _WIDTH_SIZE = (3.5, 3.2), (3.5, 3.1)  # of a panel [inch]
+_MOST_SENSORS = style.MOST_PANELS // 2
 _AT = np.linspace(0, 1, 201)
+_NARROW = 1.5  # ratio of the ends of an axis of widths below which it is widened
+_SMALLEST, _LARGEST = 3.0, 8.0  # markers of the least and the most noise [pt]
 
 
-def draw(trials: pd.DataFrame, _: Study = USUAL) -> Figure:
+def draw_coverage(trials: pd.DataFrame) -> Figure:
     """Coverage over the level, and below it levels of single weights, one column per sensor.
 
     All noise levels count together, and three sensors at most. A grey band holds a calibrated curve
@@ -32,9 +36,6 @@ def draw(trials: pd.DataFrame, _: Study = USUAL) -> Figure:
     are draws, as trials of one draw share their true weights. Dotted lines are those of regions
     around random points (TARP), which need samples. Below, a line that rises at both ends belongs
     to intervals that are too narrow; one that is above zero, to estimates that are too high.
-
-    Raises:
-        NotDrawnError: if no estimate has a region.
     """
     attempts = attempts_of(trials)
     if LEVEL not in attempts or not attempts[LEVEL].notna().any():
@@ -53,7 +54,7 @@ def draw(trials: pd.DataFrame, _: Study = USUAL) -> Figure:
     axes[0][0].set_ylabel("Regions that hold the truth")
     for panel in axes[-1]:
         panel.set_xlabel("Level of the true weight" if weights else "Level of the region")
-        panels.percent(panel.xaxis)
+        style.percent(panel.xaxis)
     figure.suptitle(f"{trials['scenario'].iloc[0]}: calibration of regions of weights")
     style.legend_below(figure, _entries(told))
     return figure
@@ -62,7 +63,7 @@ def draw(trials: pd.DataFrame, _: Study = USUAL) -> Figure:
 def _coverage(axes: Axes, part: pd.DataFrame) -> None:
     _band(axes, int(part.groupby("estimator")[LEVEL].size().min()), less=0.0)
     axes.plot([0, 1], [0, 1], color="0.5", linewidth=1)
-    panels.percent(axes.yaxis)
+    style.percent(axes.yaxis)
     for name, rows in part.groupby("estimator"):
         colour = style.estimator_colours(str(name))[0]
         axes.step(*coverage_curve(rows[LEVEL].to_numpy(float)), where="post", color=colour)
@@ -85,12 +86,12 @@ def _levels(axes: Axes, part: pd.DataFrame) -> None:
 
 
 def _band(axes: Axes, count: int, less: float) -> None:
-    low, high = (binom.ppf(p, count, _AT) / count for p in ((1 - _BAND) / 2, (1 + _BAND) / 2))
+    low, high = (binom.ppf(p, count, _AT) / count for p in ((1 - _LEVEL) / 2, (1 + _LEVEL) / 2))
     axes.fill_between(_AT, low - less * _AT, high - less * _AT, color="0.88", linewidth=0)
 
 
-def _entries(told: pd.DataFrame) -> panels.Entries:
-    entries: panels.Entries = []
+def _entries(told: pd.DataFrame) -> style.Entries:
+    entries: list[tuple[Artist, str]] = []
     for name in style.estimator_order(told["estimator"].tolist()):
         colour = style.estimator_colours(name)[0]
         entries.append((Line2D([], [], color=colour), style.printable(name)))
@@ -99,3 +100,54 @@ def _entries(told: pd.DataFrame) -> panels.Entries:
             line = Line2D([], [], color=colour, linestyle=":")
             entries.append((line, f"{style.printable(name)}, around random points"))
     return entries
+
+
+def draw_widths(trials: pd.DataFrame) -> Figure:
+    """Coverage of 95 % regions over their median width, one panel per sensor.
+
+    A point is one noise level, the larger the noisier; bars are exact 95 % intervals. An estimator
+    is calibrated where its bars reach the line at 95 %, and of those that are, the one on the left
+    knows most.
+    """
+    table = width_table(trials)
+    if table.empty:
+        raise NotDrawnError("no estimate has a region with a width")
+    sensors = style.sensor_order(table["sensor"].tolist())
+    sigmas = sorted(table["sigma"].unique())
+    sizes = dict(zip(sigmas, np.linspace(_SMALLEST, _LARGEST, len(sigmas)), strict=True))
+    names = style.estimator_order(table["estimator"].tolist())
+    figure, axes = style.grid(sensors, _WIDTH_SIZE)
+    for panel, sensor in zip(axes, sensors, strict=False):
+        _frame(panel)
+        for name in names:
+            own = table[(table["sensor"] == sensor) & (table["estimator"] == name)]
+            _points(panel, own.sort_values("sigma"), name, sizes)
+        low, high = panel.get_xlim()
+        if high < _NARROW * low:  # one width, or two that differ by rounding
+            panel.set_xlim(low / _NARROW, high * _NARROW)
+    scenario = trials["scenario"].iloc[0]
+    levels = f"{sigmas[0]:g} to {sigmas[-1]:g} m" if len(sigmas) > 1 else f"{sigmas[0]:g} m"
+    figure.suptitle(f"{scenario}: width against coverage, σ = {levels} (small to large)")
+    style.legend_below(figure, style.estimator_entries(names))
+    return figure
+
+
+def _frame(axes: Axes) -> None:
+    axes.axhline(_LEVEL, color="0.5", linewidth=1, linestyle="--")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(style.plain)
+    axes.set(ylim=(-0.02, 1.02), ylabel="95 % regions that hold the truth")
+    axes.set_xlabel("Width of the region (standard deviation)")
+    style.percent(axes.yaxis)
+
+
+def _points(axes: Axes, own: pd.DataFrame, name: str, sizes: dict[float, float]) -> None:
+    """The points of one estimator, with bars, joined in the order of the noise."""
+    looks = style.estimator_looks(name)
+    axes.plot(own["width"], own["covered"], color=looks["color"], linewidth=0.8, alpha=0.5)
+    for row in own.to_dict("records"):
+        bars = [[row["covered"] - row["covered_low"]], [row["covered_high"] - row["covered"]]]
+        size = looks | {"markersize": sizes[row["sigma"]], "elinewidth": 0.9}
+        axes.errorbar(row["width"], row["covered"], yerr=bars, **size)

@@ -5,8 +5,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from olne_bench.bench.report.figures import panels, style
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.statistics.recognition import NOBODY
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 
@@ -18,21 +18,14 @@ def draw(table: pd.DataFrame) -> Figure:
     """Shares of drivers by true and recognised temperament, a panel per estimator.
 
     All noise levels and sensors count together, and six estimators at most. Each row of a panel
-    sums to 100 %. The last column are drivers for whom there is no estimate.
-
-    Args:
-        table: rows of ``statistics.recognition.confusion_table`` of one scenario.
-
-    Raises:
-        NotDrawnError: if no driver has a temperament.
+    sums to 100 %. The last column are drivers for whom there is no estimate. The table has the rows
+    of ``confusion_table`` of one scenario, at least one.
     """
-    if table.empty:
-        raise NotDrawnError("no driver has a temperament")
     names = [*TEMPERAMENTS, NOBODY]
     estimators = style.estimator_order(table["estimator"].tolist())
-    if len(estimators) > panels.MOST_PANELS:
-        estimators = [name for name in estimators if name != style.FLOOR]
-    figure, axes = panels.grid(estimators, _SIZE)
+    if len(estimators) > style.MOST_PANELS:
+        estimators = [name for name in estimators if name != FLOOR]
+    figure, axes = style.grid(estimators, _SIZE)
     for panel, estimator in zip(axes, estimators, strict=False):
         own = table[table["estimator"] == estimator]
         wide = own.pivot_table("drivers", "temperament", "recognised", aggfunc="sum")

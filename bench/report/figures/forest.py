@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, NullLocator
 
 from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.statistics.score import board_rows
 from olne_bench.bench.report.study import USUAL, Study
 
@@ -16,23 +16,14 @@ _MOST = 4  # panels
 
 
 def draw(scores: pd.DataFrame, study: Study = USUAL) -> Figure:
-    """A row for each estimator, the best first and floors last, and a panel for each error.
-
-    Args:
-        scores: from ``statistics.score.score_table``.
-        study: study of the run.
-
-    Raises:
-        NotDrawnError: if nobody has a score.
-    """
+    """A row for each estimator, the best first and floors last, and a panel for each error."""
     boards = board_rows(scores, study)
     if not boards:
         raise NotDrawnError("no estimator has a score")
     first = next(iter(boards.values()))
     names = [*first["estimator"]]
     errors = list(boards)[:_MOST]
-    size = _NAMES + _PANEL * len(errors), _MARGIN + _ROW * len(names)
-    figure = Figure(figsize=size)
+    figure = Figure(figsize=(_NAMES + _PANEL * len(errors), _MARGIN + _ROW * len(names)))
     axes = figure.subplots(1, len(errors), squeeze=False, sharey=True)[0]
     labels = {metric.name: metric.label for metric in study.metrics}
     for panel, error in zip(axes, errors, strict=True):
@@ -62,10 +53,9 @@ def _panel(axes: Axes, board: pd.DataFrame, names: list[str]) -> None:
         colour = style.estimator_colours(row["estimator"])[0]
         axes.plot([row["score_low"], row["score_high"]], [place] * 2, color=colour)
         face = colour if row["ranked"] else "white"
-        (dot,) = axes.plot(row["score"], place, "o", color=colour, markersize=5)
-        dot.set_markerfacecolor(face)
+        axes.plot(row["score"], place, "o", color=colour, markerfacecolor=face, markersize=5)
     low, high = np.log10(axes.get_xlim())
     steps = (1, 2, 5) if high - low < 2.5 else (1,)
     axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=6))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.xaxis.set_major_formatter(style.plain)

@@ -1,4 +1,4 @@
-"""Style of all figures: colours, text, legends, and how a figure is saved."""
+"""What figures share: colours, panels, scales, text, legends, and how a figure is saved."""
 
 import io
 import math
@@ -12,19 +12,21 @@ from typing import Any
 
 import matplotlib
 import matplotlib.style
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter, PercentFormatter
 from matplotlib.typing import LineStyleType
 
 from olne_bench.bench.report.formats import USUAL_FORMATS
 from olne_bench.bench.report.statistics.attempts import FLOOR
+from olne_bench.errors import UserError
 
-#: One (strong, light) pair per built-in estimator, for the paper's two sensors: shades of one hue
-#: of Okabe and Ito, which colour-blind readers can distinguish. A name keeps its pair in every
-#: study. No player has one of these colours (``envs.worlds.scene.PLAYER_COLOURS``). ``ignorant``
-#: stands for several estimators, so that its labels decide.
+#: One (strong, light) pair per built-in estimator: shades of one hue of Okabe and Ito, which
+#: colour-blind readers can distinguish. A name keeps its pair in every study. No player has one of
+#: these colours. ``ignorant`` stands for several estimators, so that its labels decide.
 ESTIMATOR_COLOURS = {
     "kkt_constrained": ("#0072B2", "#56B4E9"),
     "kkt_residual": ("#D55E00", "#E69F00"),
@@ -58,7 +60,6 @@ LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (
 MARKERS = ("o", "s", "D", "v", "P", "X")
 _OWN_MARKERS = (*MARKERS, "p", "h", "d", "8")
 
-_DPI = 130
 _SAVING: dict[str, dict[str, Any]] = {
     # Points and ribbons are rasterised at this resolution, which keeps files small.
     "png": {},
@@ -67,33 +68,16 @@ _SAVING: dict[str, dict[str, Any]] = {
 }
 #: Ids that Matplotlib counts, which several figures on a page would share, and metadata.
 _UNWANTED = re.compile(r' id="[A-Za-z0-9]+_\d+"|<metadata>.*?</metadata>', re.DOTALL)
+#: Artists and names of a legend.
+Entries = Sequence[tuple[Artist, str]]
+#: Panels of a figure: more could not be read.
+MOST_PANELS = 6
+
 _LONGEST_NAME = 32  # characters
-_MOST_COLUMNS = 6  # of a legend
+_COLUMNS, _MOST_COLUMNS = 3, 6  # of panels; of a legend
 _ENTRY_WIDTH, _ENTRY_HEIGHT, _CHARACTER_WIDTH = 0.55, 0.19, 0.077  # [inch] in a legend
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_RC = {
-    "axes.grid": True,
-    "axes.labelsize": 9,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlesize": 9,
-    "figure.constrained_layout.use": True,
-    "figure.dpi": _DPI,
-    "figure.titlesize": 10.5,
-    "font.size": 9,
-    "grid.alpha": 0.25,
-    "grid.linewidth": 0.6,
-    "legend.fontsize": 8.5,
-    "legend.frameon": False,
-    "lines.linewidth": 1.6,
-    "path.simplify_threshold": 0.4,
-    "pdf.fonttype": 42,  # fonts that publishers accept
-    "svg.fonttype": "path",
-    "svg.hashsalt": "olne-bench",  # element ids that do not change from run to run
-    "text.parse_math": False,  # names come from authors: a dollar is a dollar
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-}
+_RC = Path(__file__).with_name("style.mplstyle")
 
 
 @contextmanager
@@ -108,11 +92,13 @@ def applied() -> Iterator[None]:
 def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> list[Path]:
     """Write ``<stem>.png`` and so on, without a date, and return their paths."""
     _lay_out(figure)
-    paths = []
-    for name in formats:
-        path = stem.with_name(f"{stem.name}.{name}")
-        figure.savefig(path, **_SAVING[name])
-        paths.append(path)
+    paths = [stem.with_name(f"{stem.name}.{name}") for name in formats]
+    try:
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        for name, path in zip(formats, paths, strict=True):
+            figure.savefig(path, **_SAVING[name])
+    except OSError as error:
+        raise UserError(f"cannot write to {stem.parent}: {error.strerror or error}") from error
     return paths
 
 
@@ -180,16 +166,20 @@ def log_axis(axes: Axes, bottom: float, top: float) -> None:
     axes.set_yscale("log")
     axes.set_ylim(bottom, top)
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: _power(y, below=y <= bottom)))
+
+    def power(value: float, _: Any) -> str:  # in plain characters, as mathematical text is off
+        exponent = str(round(math.log10(value))).translate(_SUPERSCRIPTS)
+        return f"{'≤ ' if value <= bottom else ''}10{exponent}"
+
+    axes.yaxis.set_major_formatter(power)
 
 
-def _power(value: float, below: bool) -> str:
-    # Plain characters, as mathematical text is switched off.
-    exponent = str(round(math.log10(value))).translate(_SUPERSCRIPTS)
-    return f"{'≤ ' if below else ''}10{exponent}"
+def plain(value: float, _: Any = None) -> str:
+    """A tick without an offset or a power of ten."""
+    return f"{value:g}"
 
 
-def legend_below(figure: Figure, entries: Sequence[tuple[Artist, str]]) -> None:
+def legend_below(figure: Figure, entries: Entries) -> None:
     """A legend under all axes, where it covers no data; the figure grows by its height."""
     width = _ENTRY_WIDTH + _CHARACTER_WIDTH * max(len(name) for _, name in entries)
     columns = max(1, min(_MOST_COLUMNS, int(figure.get_figwidth() / width)))
@@ -204,3 +194,59 @@ def legend_below(figure: Figure, entries: Sequence[tuple[Artist, str]]) -> None:
     )
     for text, (_, name) in zip(legend.get_texts(), entries, strict=True):
         text.set_text(name)
+
+
+def grid(titles: Sequence[str], size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel of a size [inch] for each of the first six titles."""
+    number = min(len(titles), MOST_PANELS)
+    columns = min(number, 2 if number == 4 else _COLUMNS)
+    rows = -(-number // columns)
+    figure = Figure(figsize=(max(columns * size[0], 4.8), rows * size[1] + 0.5))
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[number:]:
+        axes.remove()
+    for axes, title in zip(panels, titles, strict=False):
+        axes.set_title(printable(title))
+    return figure, list(panels[:number])
+
+
+def levels_axis(axes: Axes, levels: Sequence[float]) -> None:
+    """An abscissa of noise levels, evenly spaced."""
+    labels = [f"{level:g}" for level in levels]
+    axes.set_xticks(range(len(levels)), labels, rotation=60 if len(levels) > 8 else 0)
+    axes.set_xlim(-0.5, len(levels) - 0.5)
+    axes.set_xlabel("Noise level σ [m]")
+
+
+def offsets(number: int) -> np.ndarray:
+    """Shifts (number,) that keep the intervals of a level apart."""
+    return np.linspace(-0.3, 0.3, number) if number > 1 else np.zeros(1)
+
+
+def with_interval(axes: Axes, x: Any, values: np.ndarray, looks: dict[str, Any]) -> None:
+    """Points (P,) joined by a line, with a bar from low to high where these are known.
+
+    ``values`` (3, P) are middle, low and high; an infinite middle breaks the line.
+    """
+    middle, low, high = values
+    _, top = axes.get_ylim()
+    axes.vlines(x, low, np.minimum(high, top), color=looks["color"], alpha=0.55, linewidth=1.6)
+    axes.plot(x, np.where(np.isfinite(middle), middle, np.nan), **looks)
+
+
+def estimator_looks(name: str) -> dict[str, Any]:
+    """Colour and marker of an estimator."""
+    if name == FLOOR:
+        return {"color": FLOOR_COLOUR, "linewidth": 1.0, "marker": ""}
+    colour, marker = estimator_colours(name)[0], estimator_marker(name)
+    return {"color": colour, "marker": marker, "markersize": 4, "linewidth": 1.1}
+
+
+def estimator_entries(names: Sequence[str]) -> Entries:
+    """Entries of a legend for estimators."""
+    return [(Line2D([], [], **estimator_looks(n)), printable(n)) for n in names]
+
+
+def percent(axis: Any) -> None:
+    """Show shares as percentages."""
+    axis.set_major_formatter(PercentFormatter(xmax=1, decimals=0))

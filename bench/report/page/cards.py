@@ -1,20 +1,14 @@
-"""Cards that describe estimators, made from the docstrings of their sources.
+"""Cards that describe estimators, made from the docstrings of their sources, which are not run.
 
-The source is read, not run. Of its docstring a card shows the first paragraph, and the lines
-
-    Paper: where the method was published.
-    Assumes: what has to hold.
-    Cost: what it takes.
-    Trust: when to trust it, and when not.
-
-each of which may continue in indented lines.
+A card shows the first paragraph, and what follows ``Paper:``, ``Assumes:``, ``Cost:`` and
+``Trust:`` at the start of a line, each of which may continue in indented lines.
 """
 
 import ast
 import inspect
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,23 +24,14 @@ _MOST_CHARACTERS = 20_000  # of a docstring
 
 @dataclass(frozen=True)
 class Card:
-    """An estimator of a run, as it describes itself.
-
-    Attributes:
-        label: its name in tables.
-        parameters: parameters that the suite gives it.
-        origin: where its code is: a module of this package or another one, or the name of a file.
-        method: the first paragraph of its docstring.
-        fields: texts by name, some of ``FIELDS``.
-        missing: why there is no text; empty if there is one.
-    """
+    """An estimator of a run, as it describes itself."""
 
     label: str
     parameters: Mapping[str, Any]
-    origin: str
-    method: str = ""
-    fields: Mapping[str, str] = field(default_factory=dict)
-    missing: str = ""
+    origin: str  # a module, or the name of a file
+    method: str = ""  # the first paragraph of its docstring
+    fields: Mapping[str, str] = field(default_factory=dict)  # some of ``FIELDS``
+    missing: str = ""  # why there is no text, if there is none
 
 
 def card_of(entry: EstimatorEntry) -> Card:
@@ -60,24 +45,19 @@ def card_of(entry: EstimatorEntry) -> Card:
     except (UserError, OSError, ValueError, SyntaxError) as error:
         what = f"its file {origin}" if own else f"the estimator {entry.name}"
         reason = error.strerror if isinstance(error, OSError) else "not found, or no Python"
-        return Card(**vars(plain) | {"missing": f"{what} is not here: {reason}"})
+        return replace(plain, missing=f"{what} is not here: {reason}")
     text = inspect.cleandoc(said[:_MOST_CHARACTERS])
     found = {name: _plain(value) for name, value in _FIELD.findall(text)}
     method = _plain(_FIELD.sub("", text).strip().split("\n\n")[0])
     missing = "" if method else "it has no docstring"
     origin = origin if own else module
-    return Card(entry.label, entry.parameters, origin, method, found, missing)
+    return replace(plain, origin=origin, method=method, fields=found, missing=missing)
 
 
 def docstring(path: Path, name: str) -> str:
     """The docstring of a module, or else of an estimator's class in it; empty if there is none.
 
-    Args:
-        path: path of the module.
-        name: name of the class, or the class's own ``name``.
-
-    Raises:
-        OSError, ValueError, SyntaxError: if the file cannot be read as Python.
+    OSError, ValueError or SyntaxError if the file cannot be read as Python.
     """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     said = ast.get_docstring(tree)
@@ -85,13 +65,13 @@ def docstring(path: Path, name: str) -> str:
         return said
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     named = [node for node in classes if node.name == name]
-    able = [node for node in classes if _estimates(node)]
+    able = [
+        node
+        for node in classes
+        if any(isinstance(n, ast.FunctionDef) and n.name == ESTIMATOR.method for n in node.body)
+    ]
     found = (ast.get_docstring(node) for node in (*named, *able))
     return next((text for text in found if text), "")
-
-
-def _estimates(node: ast.ClassDef) -> bool:
-    return any(isinstance(n, ast.FunctionDef) and n.name == ESTIMATOR.method for n in node.body)
 
 
 def _plain(text: str) -> str:

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.report.measures import in_table
-from olne_bench.bench.report.page.numbers import decimals, rounded
+from olne_bench.bench.report.page.tables import decimals, rounded
 from olne_bench.bench.report.scenes import Place, Scene, estimated_weights, scene_of, sequences
 from olne_bench.bench.report.statistics.attempts import attempts_of
-from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.study import USUAL, Study, in_table
 
 if TYPE_CHECKING:
     from olne_bench.envs.roads.road_shapes import LaneShape

@@ -1,58 +1,49 @@
-"""Tables of a page: heads and cells as text, whatever kind of study they are of."""
+"""Tables of a page: heads, cells and numbers as text, whatever kind of study they are of."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
 from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.page.numbers import chance, human, percent
 
 Row = Mapping[str, Any]
 #: What stands in a column: the name of a column, or a text made of a row.
 Content = str | Callable[[Row], Any]
+#: What stands below each head.
+Columns = dict[str, Content]
 
 _PLACED = ("scenario", "sensor")
 _ENDS = "low", "high"  # how names of columns of an interval's ends go on
+#: Errors below this are rounding of solvers.
+_ROUNDING = 1e-9
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell.
-
-    Attributes:
-        text: what it shows.
-        key: what it is sorted by; empty for its text.
-        numeric: whether it is aligned as a number.
-    """
+    """A cell."""
 
     text: Any
-    key: str = ""
+    key: str = ""  # what it is sorted by; empty for its text
     numeric: bool = False
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a page.
+    """A table of a page."""
 
-    Attributes:
-        name: name of the CSV file that holds all of it; empty if there is none.
-        title: its title.
-        note: a sentence on how to read it.
-        heads: heads of the columns.
-        rows: cells of each row, and attributes of the row.
-        filtered: whether only rows of the scenario that is shown are shown.
-    """
-
-    name: str
+    name: str  # of the CSV file that holds all of it; empty if there is none
     title: str
-    note: str
+    note: str  # on how to read it
     heads: Sequence[str]
+    #: Attributes of each row, and its cells.
     rows: Sequence[tuple[Mapping[str, str], list[Cell]]] = field(default_factory=list)
-    filtered: bool = False
+    filtered: bool = False  # whether only rows of the scenario that is shown are shown
 
     @property
     def numeric(self) -> list[bool]:
@@ -62,9 +53,14 @@ class Table:
         return [any(cells[k].numeric for _, cells in self.rows) for k in range(len(self.heads))]
 
 
+def own(*names: str) -> Columns:
+    """Columns of a frame below their own names."""
+    return {name.replace("_", " ").capitalize(): name for name in names}
+
+
 def table_of(
     frame: pd.DataFrame,
-    columns: Mapping[str, Content],
+    columns: Columns,
     *,
     name: str = "",
     title: str = "",
@@ -72,16 +68,9 @@ def table_of(
     filtered: bool = False,
     quiet: Callable[[Row], bool] = lambda _: False,
 ) -> Table:
-    """A table with a row for each row of a frame.
+    """A table with a row for each row of a frame; a column that it lacks is left out.
 
-    Args:
-        frame: the rows.
-        columns: what stands below each head; a missing column of the frame has no column.
-        name: as in ``Table``.
-        title: as in ``Table``.
-        note: as in ``Table``.
-        filtered: as in ``Table``.
-        quiet: which rows are references, not contenders.
+    ``quiet`` rows are references, not contenders.
     """
     shown = {h: c for h, c in columns.items() if not isinstance(c, str) or c in frame}
     rows = []
@@ -119,18 +108,16 @@ def share(column: str) -> Callable[[Row], Cell]:
 def ends(
     column: str, factor: float = 1.0, *, of: str = "", names: tuple[str, str] = _ENDS
 ) -> Callable[[Row], Cell]:
-    """A number with its interval, if it has one.
+    """A number, times a factor, with its interval if it has one, whose columns ``{of}_{name}`` are.
 
-    Args:
-        column: column of the number.
-        factor: multiplies what is shown.
-        of: beginning of the names of both ends. Default: the column.
-        names: how these names go on.
+    ``of`` is the column by default.
     """
-    return lambda row: number(
-        factor * row[column],
-        _with_ends(row, column, lambda v: human(factor * v), of or column, names),
-    )
+
+    def cell(row: Row) -> Cell:
+        text = _with_ends(row, column, lambda v: human(factor * v), of or column, names)
+        return number(factor * row[column], text)
+
+    return cell
 
 
 def p_value(column: str) -> Callable[[Row], Cell]:
@@ -139,11 +126,7 @@ def p_value(column: str) -> Callable[[Row], Cell]:
 
 
 def _with_ends(
-    row: Row,
-    column: str,
-    shown: Callable[[float], str],
-    of: str,
-    names: tuple[str, str] = _ENDS,
+    row: Row, column: str, shown: Callable[[float], str], of: str, names: tuple[str, str] = _ENDS
 ) -> Markup:
     low, high = (row.get(f"{of}_{name}", math.nan) for name in names)
     text = escape(shown(row[column]))
@@ -163,3 +146,39 @@ def named(name: str, tag: str = "") -> Markup:
 def broken(name: str) -> Markup:
     """A name that may break after its underscores."""
     return Markup("_<wbr>").join(escape(part) for part in name.split("_"))
+
+
+def rounded(values: np.ndarray, digits: int = 4) -> list[float | None]:
+    """Numbers rounded to significant digits; None for those that are not finite."""
+    return [float(f"{v:.{digits - 1}e}") if math.isfinite(v) else None for v in values.tolist()]
+
+
+def decimals(values: np.ndarray, places: int) -> list[Any]:
+    """Nested lists of an array rounded to decimal places."""
+    return list(np.round(values, places).tolist())
+
+
+def human(value: float | None) -> str:
+    """A number for people: two or three digits, or a dash if there is none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞"
+    if abs(value) < _ROUNDING:
+        return "0" if value == 0 else "≈ 0"
+    if 1e-4 <= abs(value) < 1e5:
+        return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.2g}"
+    mantissa, exponent = f"{value:.1e}".split("e")
+    return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
+
+
+def percent(share: float) -> str:
+    """A share in percent, or a dash if there is none."""
+    return "–" if math.isnan(share) else f"{100 * share:.3g} %"
+
+
+def chance(p: float) -> str:
+    """A p-value for people."""
+    if math.isnan(p):
+        return "–"
+    return "< 0.001" if p < 0.001 else f"{p:.2g}"

@@ -74,7 +74,7 @@ def _own(name: str) -> Markup:
 
 
 def _packed(data: Any) -> str:
-    """Data for the script: JSON, compressed, as text. Pages have a third of the bytes by it."""
+    """Data for the script as compressed JSON, a third of the bytes."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     return b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
@@ -93,11 +93,9 @@ _SCRIPTS = ("look", "tables", "scenes", "player", "main")
 
 
 def study_page(**content: Any) -> str:
-    """The page of a study as HTML.
+    """The page of a study as HTML, from what ``study.html`` shows.
 
-    Args:
-        content: ``title, lead, facts, sections, board`` (one of ``page.tables``) ``, runs, data``
-            and others that ``study.html`` shows, which are empty by default.
+    All but ``title, lead, facts, sections, board, runs, data`` is empty by default.
     """
     empty: dict[str, Any] = {"verdict": "", "what": "", "command": "", "scenes": False}
     lists = ("scenarios", "remarks", "pictures", "more", "details", "cards", "missing")

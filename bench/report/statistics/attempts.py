@@ -1,18 +1,19 @@
-"""Errors of attempts, failures included."""
+"""Errors of attempts, failures included; those of the harness are no attempts, and apart."""
 
 import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.measures import FAILURES, IDENTIFIABLE
-from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.study import FAILURES, IDENTIFIABLE, USUAL, Study
 
 #: The estimator that all others must beat: a reference, not a contender.
 FLOOR = "uniform"
 
-
 #: Statuses of trials that are not attempts: the estimator declined, or the harness failed.
 NO_ATTEMPTS = ("skipped", "harness_error")
+
+_PLACE = ["scenario", "sensor", "estimator"]
+_HARNESS = [*_PLACE, "message"]
 
 
 def attempts_of(trials: pd.DataFrame) -> pd.DataFrame:
@@ -33,14 +34,12 @@ def families(trials: pd.DataFrame, study: Study = USUAL) -> pd.Series:
 def weighed(trials: pd.DataFrame) -> pd.DataFrame:
     """Trials in which the ``count`` of rows without noise fits the trials that were run.
 
-    As stored, such a row stands for all noise draws of its suite. If only a part of them was run,
-    it must not outweigh the others: it counts as often as there are draws of the same scenario,
-    sensor and estimator at other levels, and at least once.
+    As stored, such a row stands for all noise draws of its suite. It counts as often as there are
+    draws of the same scenario, sensor and estimator at other levels, and at least once.
     """
     shared = trials["count"] > 1
-    key = ["scenario", "sensor", "estimator"]
-    draws = trials.loc[~shared, [*key, "seed"]].groupby(key)["seed"].nunique()
-    own = pd.MultiIndex.from_frame(trials.loc[shared, key])
+    draws = trials.loc[~shared, [*_PLACE, "seed"]].groupby(_PLACE)["seed"].nunique()
+    own = pd.MultiIndex.from_frame(trials.loc[shared, _PLACE])
     count = trials["count"].copy()
     count[shared] = draws.reindex(own).fillna(1).to_numpy(int)
     return trials.assign(count=count)
@@ -55,9 +54,8 @@ def noisy(attempts: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USUAL) -> pd.Series:
     """Which rows a metric measures: failures, and estimates for which it has a value.
 
-    If a metric needs a prediction and has no value, the prediction failed, and the row counts. A
-    draw for which no estimate has a value does not count, for example if it has no held-out starts.
-    A metric that needs no prediction does not measure an estimator for which it never has a value.
+    Where a metric that needs a prediction has no value, the prediction failed, and the row counts,
+    unless no estimate of the draw has one. Others do not measure an estimator that never has one.
     """
     if metric == FAILURES:
         return pd.Series(True, trials.index)
@@ -69,16 +67,15 @@ def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USU
         draw = trials["seed"].where(families(trials, study).astype(bool), -1)
         told = told.groupby([trials["scenario"], draw]).transform("any")
         return told | ~valid
-    who = [trials[name] for name in ("scenario", "sensor", "estimator")]
+    who = [trials[name] for name in _PLACE]
     silent = valid.groupby(who).transform("any") & ~told.groupby(who).transform("any")
     return (told | ~valid) & ~silent
 
 
 def errors_of(attempts: pd.DataFrame, metric: MetricDeclaration) -> np.ndarray:
-    """An error of each row, infinite for failures.
+    """An error of each row, infinite for failures; that of ``FAILURES`` is 1 for them, else 0.
 
-    A forward game without a root (``failed_forward``) is a failure of the prediction only: its
-    weights have errors. The error of ``FAILURES`` is 1 for a failure, else 0.
+    A forward game without a root (``failed_forward``) is a failure of the prediction only.
     """
     if metric == FAILURES:
         return attempts["status"].ne("ok").to_numpy(float)
@@ -102,3 +99,33 @@ def quantile(values: np.ndarray, count: np.ndarray, share: float) -> float:
     low, high = values[order][places]
     # inf - inf is undefined, so no interpolation between equal values.
     return float(low if low == high else low + (high - low) * (position % 1))
+
+
+def median(values: np.ndarray) -> float:
+    """Median of values of which infinite ones rank last."""
+    return quantile(values, np.ones(len(values), int), 0.5)
+
+
+def harness_errors(trials: pd.DataFrame) -> pd.DataFrame:
+    """Columns ``scenario, sensor, estimator, message, trials``, the most frequent error first."""
+    spoilt = trials[trials["status"] == "harness_error"]
+    if spoilt.empty:
+        return pd.DataFrame(columns=[*_HARNESS, "trials"])
+    counted = spoilt.fillna({"message": ""}).groupby(_HARNESS).size().rename("trials").reset_index()
+    return most_frequent_first(counted)
+
+
+def most_frequent_first(table: pd.DataFrame) -> pd.DataFrame:
+    """``harness_errors`` in their order, such as those of several scenarios."""
+    order = ["trials", *_HARNESS]
+    return table.sort_values(order, ascending=[False, *[True] * 4], ignore_index=True)
+
+
+def in_words(table: pd.DataFrame, most: int = 5) -> list[str]:
+    """The first rows of ``harness_errors`` as lines, and the number of further trials."""
+    lines = [
+        f"{row.trials} x {row.estimator} on {row.scenario}, {row.sensor}: {row.message}"
+        for row in table.head(most).itertuples(index=False)
+    ]
+    rest = int(table["trials"][most:].sum())
+    return [*lines, f"and {rest} more"] if rest else lines

@@ -1,9 +1,8 @@
 """Calibration: whether regions and intervals hold the truth as often as they claim.
 
-Each trial tells the level of the smallest region around its estimate that holds the truth
-(``credible_level``), the level of each true weight in its distribution (``weight_levels``), and
-with samples the share of them that is closer to a random point than the truth (``tarp_level``). If
-estimates are calibrated, all of these are uniform between 0 and 1.
+Levels are those of the smallest region that holds the truth (``credible_level``), of each true
+weight in its distribution (``weight_levels``), and the share of samples that is closer to a random
+point than the truth (``tarp_level``). All are uniform between 0 and 1 if estimates are calibrated.
 """
 
 import numpy as np
@@ -27,19 +26,15 @@ _COLUMNS = ["scenario", "sensor", "estimator", "sigma", "trials", "p_uniform"]
 def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
     """How often regions and intervals of several levels hold the truth.
 
-    Args:
-        trials: one row per trial.
-
-    Returns:
-        One row per scenario, sensor, estimator and noise level with any region: the number of
-        ``trials``, the share ``covered_50`` and so on with its 95 % interval ``_low, _high``, and
-        ``p_uniform``, the probability of levels as uneven as these if all were calibrated
-        (Kolmogorov and Smirnov). ``weights_50`` and so on, with intervals, are shares of single
-        weights in their central intervals; ``p_weights`` is the smallest probability of levels as
-        uneven as those of a weight, adjusted after Holm; ``p_tarp`` is that of TARP. ``width`` is
-        the median width of the regions, as a standard deviation of weights. They are empty where a
-        region tells nothing about them. Estimates that failed claim nothing. Trials of one
-        seed in a fixed scenario differ by their noise.
+    One row per scenario, sensor, estimator and noise level with any region: the number of
+    ``trials``, the share ``covered_50`` and so on with its 95 % interval ``_low, _high``, and
+    ``p_uniform``, the probability of levels as uneven as these if all were calibrated (Kolmogorov
+    and Smirnov). ``weights_50`` and so on, with intervals, are shares of single weights in their
+    central intervals; ``p_weights`` is the smallest probability of levels as uneven as those of a
+    weight, adjusted after Holm; ``p_tarp`` is that of TARP. ``width`` is the median width of the
+    regions, as a standard deviation of weights. They are empty where a region tells nothing about
+    them. Estimates that failed claim nothing. Trials of one seed in a fixed scenario differ by
+    their noise.
     """
     if LEVEL not in trials:
         return pd.DataFrame(columns=_COLUMNS)
@@ -54,14 +49,10 @@ def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
 def width_table(trials: pd.DataFrame) -> pd.DataFrame:
     """How often 95 % regions hold the truth, and how wide they are.
 
-    Args:
-        trials: one row per trial.
-
-    Returns:
-        One row per scenario, sensor, estimator and noise level with regions that have a width: the
-        number of ``trials``, the share ``covered`` with its exact 95 % interval ``covered_low,
-        covered_high`` (Clopper and Pearson; a cell has one trial per seed, so they are
-        independent), and the median ``width``, as a standard deviation of weights.
+    One row per scenario, sensor, estimator and noise level with regions that have a width: the
+    number of ``trials``, the share ``covered`` with its exact 95 % interval ``covered_low,
+    covered_high`` (Clopper and Pearson; a cell has one trial per seed, so they are independent),
+    and the median ``width``, as a standard deviation of weights.
     """
     place = _COLUMNS[:4]
     if LEVEL not in trials or WIDTH not in trials:

@@ -239,7 +239,7 @@ def _ratios(group: pd.DataFrame, truth: Recording, known: Identifiability) -> np
         return np.full(shape, np.inf)
     errors = weights_of(group, shape) - truth.scenario.weights
     relative = errors / (group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA * known.bound)
-    return np.sqrt((relative**2).mean(axis=0))
+    return np.asarray(np.sqrt((relative**2).mean(axis=0)))
 
 
 def _parameter_ratios(

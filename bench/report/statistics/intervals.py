@@ -15,8 +15,6 @@ _TAIL = 0.015
 _RESAMPLES = 4000
 _BLOCK = 500_000  # numbers drawn at once
 _LEAST_ERROR = 1e-9  # as a share of the standard error; smaller ones are rounding
-
-
 #: With fewer values, no two of them enclose the median with ``CONFIDENCE``.
 LEAST_VALUES_OF_MEDIANS = 6
 
@@ -33,15 +31,12 @@ class Interval:
 def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> Interval:
     """Mean of errors with a studentised bootstrap interval that resamples seeds.
 
-    Errors are skewed. The bootstrap-t method accounts for this; percentiles of few seeds do not
-    (Efron and Tibshirani 1993, ch. 12). A seed's trials at all noise levels are kept together, as
-    they share one draw in a family of scenarios.
+    Errors are skewed, which this method accounts for (Efron and Tibshirani 1993, ch. 12). A seed's
+    trials at all noise levels are kept together: they share one draw in a family of scenarios.
 
-    Args:
-        values: (R,) errors of the rows, at least 0; an infinite one makes the mean infinite and
-            leaves no interval.
-        seeds: (R,) seeds of the rows.
-        count: (R,) number of trials that a row stands for; more than one means one of each seed.
+    ``values`` (R,) are errors, at least 0, of which an infinite one makes the mean infinite and
+    leaves no interval. A row stands for ``count`` (R,) trials: more than one means one of each
+    seed.
     """
     if not len(values):
         return Interval(np.nan, np.nan, np.nan)
@@ -69,14 +64,10 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
 
 
 def median_interval(values: np.ndarray) -> Interval:
-    """Median of independent values, between two of them that enclose it whatever their spread.
+    """Median of independent values, between two that enclose it with at least ``CONFIDENCE``.
 
-    The number of values below the true median is binomial, so two of the ordered values enclose it
-    with at least ``CONFIDENCE``. Percentiles of a bootstrap would enclose it less often where there
-    are few.
-
-    Args:
-        values: (R,); infinite ones rank last.
+    The number of values below the true median is binomial, whatever their spread, also where there
+    are few. Infinite values rank last.
     """
     ordered, number = np.sort(values), len(values)
     if not number:
@@ -94,11 +85,8 @@ def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
 
     This is the number of independent trials that would have the variance seen between units (Korn
     and Graubard 1998). It is at least one per unit, and at most the number of trials. As few units
-    give an uncertain variance, one unit whose trials are all alike is added to them.
-
-    Args:
-        values: (R,) in [0, 1], one per trial.
-        units: (R,) unit of each trial; trials of the same unit depend on each other.
+    give an uncertain variance, one unit whose trials are all alike is added to them. Values (R,)
+    are between 0 and 1, one per trial; trials of the same unit depend on each other.
     """
     if not len(values):
         return Interval(np.nan, np.nan, np.nan)
@@ -138,4 +126,4 @@ def _standard_error(sums: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     totals = sizes.sum(axis=-1, keepdims=True)
     residuals = sums - sums.sum(axis=-1, keepdims=True) / totals * sizes
     variance = number / (number - 1) * (residuals**2).sum(axis=-1) / totals[..., 0] ** 2
-    return np.sqrt(variance)
+    return np.asarray(np.sqrt(variance))

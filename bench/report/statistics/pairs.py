@@ -1,10 +1,10 @@
-"""Trials in pairs: which of two errors on the same observation is the smaller one.
+"""Trials in pairs, of two estimators or two runs: which error on the same observation is smaller.
 
-Every estimator sees the same noise, so two are compared trial by trial: which one has the smaller
-error, whatever the difference. Errors within a thousandth of each other are a tie. A failure loses
-to any error, and two failures are a tie.
+Errors within a thousandth of each other are a tie. A failure loses to any error, and two failures
+are a tie.
 """
 
+from collections.abc import Iterator, Mapping
 from functools import reduce
 
 import numpy as np
@@ -12,8 +12,15 @@ import pandas as pd
 from scipy.special import bdtr, gammaln
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.statistics.attempts import errors_of
+from olne_bench.bench.report.statistics.attempts import (
+    attempts_of,
+    errors_of,
+    measured,
+    median,
+    noisy,
+)
 from olne_bench.bench.report.statistics.intervals import share_interval
+from olne_bench.bench.report.study import FAILURES, USUAL, Study, compared, in_table
 
 #: Comparisons with an adjusted p-value below this are significant.
 SIGNIFICANCE = 0.05
@@ -22,12 +29,8 @@ SIGNIFICANCE = 0.05
 _ROUNDING, _NEGLIGIBLE = 1e-12, 1e-3
 #: Number of entries above which Fourier transforms are the faster convolution.
 _LONG = 500
+_GROUP = ["scenario", "sensor"]
 _PAIR = ["scenario", "sensor", "sigma", "seed"]
-
-
-def adjusted(table: pd.DataFrame) -> pd.DataFrame:
-    """A table with ``p_holm``, its column ``p`` adjusted after Holm for all its rows."""
-    return table.assign(p_holm=holm(table["p"].to_numpy(float)))
 
 
 def paired_errors(
@@ -40,11 +43,9 @@ def paired_errors(
 
 
 def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
-    """Compare ``paired_errors``: ``pairs, units, wins, wins_low, wins_high, p``.
+    """Compare ``paired_errors`` of one scenario: ``pairs, units, wins, wins_low, wins_high, p``.
 
-    Args:
-        pairs: ``paired_errors`` of one scenario.
-        family: whether the scenario is a family, so that the trials of a seed share one draw.
+    In a family the trials of a seed share one draw.
     """
     advantage = paired_advantages(pairs)
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
@@ -68,13 +69,9 @@ def paired_advantages(pairs: pd.DataFrame) -> np.ndarray:
 
 
 def permutation_p(advantages: np.ndarray) -> float:
-    """Exact two-sided p-value of a sum whose terms have either sign with equal chance.
+    """Exact two-sided p-value of a sum of whole numbers with either sign with equal chance.
 
-    Args:
-        advantages: whole numbers, one for each independent unit.
-
-    Returns:
-        Share of all sign patterns whose sum is at least as far from zero; 1 if all are ties.
+    It is the share of all sign patterns whose sum is at least as far from zero; 1 if all are ties.
     """
     sizes, numbers = np.unique(np.abs(advantages[advantages != 0]), return_counts=True)
     if not len(sizes):
@@ -99,8 +96,7 @@ def _heads(number: int) -> np.ndarray:
     """Chance of each number of heads, 0 to ``number``, in ``number`` throws of a coin."""
     heads = np.arange(number + 1)
     ways = gammaln(number + 1) - gammaln(heads + 1) - gammaln(number - heads + 1)
-    chances: np.ndarray = np.exp(ways - number * np.log(2))
-    return chances
+    return np.asarray(np.exp(ways - number * np.log(2)))
 
 
 def _convolved(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -115,7 +111,71 @@ def holm(p: np.ndarray) -> np.ndarray:
     """P-values adjusted for their number (Holm 1979), over all errors of the table."""
     order = np.argsort(p, kind="stable")
     factors = len(p) - np.arange(len(p))
-    adjusted = np.minimum(1.0, np.maximum.accumulate(p[order] * factors))
-    result = np.empty(len(p))
-    result[order] = adjusted
-    return result
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.minimum(1.0, np.maximum.accumulate(p[order] * factors))
+    return adjusted
+
+
+def compare_runs(
+    before: pd.DataFrame, after: pd.DataFrame, names: Mapping[str, str], study: Study = USUAL
+) -> pd.DataFrame:
+    """Compare estimators of two runs in every scenario and sensor that both have.
+
+    Trials without noise are not random and do not count, unless they are of a family's draws.
+
+    ``names`` are labels in ``before`` and in ``after``, which may be the same run. Columns:
+    ``error`` (a metric that is compared, or ``failures``), ``scenario, sensor, estimator, other,
+    pairs``, the medians ``before`` and ``after`` over the pairs (of failures, their shares),
+    ``ratio`` (geometric mean of error after over error before where neither failed), ``better``
+    (share of pairs that improved, a tie counting half) with ``better_low`` and ``better_high``
+    (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or ``worse`` if significant, else
+    ``same``.
+    """
+    columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after", "ratio"]
+    columns += ["better", "better_low", "better_high", "p"]
+    metrics = in_table(in_table(compared(study.metrics), before), after)
+    rows = [
+        row
+        for metric in (*metrics, FAILURES)
+        for row in _changes((before, after), names, metric, study)
+    ]
+    table = pd.DataFrame(rows, columns=columns)
+    table["p_holm"] = holm(table["p"].to_numpy(float))
+    told = table["p_holm"] < SIGNIFICANCE
+    changed = [told & (table["better"] > 0.5), told & (table["better"] < 0.5)]
+    table["verdict"] = np.select(changed, ["better", "worse"], "same")
+    return table
+
+
+def _changes(
+    runs: tuple[pd.DataFrame, pd.DataFrame],
+    names: Mapping[str, str],
+    metric: MetricDeclaration,
+    study: Study,
+) -> Iterator[dict[str, object]]:
+    """Changes of the estimators by one metric, a row per estimator, scenario and sensor."""
+    before, after = (noisy(attempts_of(trials), study) for trials in runs)
+    before, after = (t[measured(t, metric, study)] for t in (before, after))
+    middle = np.mean if metric == FAILURES else median
+    for old, new in names.items():
+        first, second = before[before["estimator"] == old], after[after["estimator"] == new]
+        pairs = paired_errors(second, first, metric)
+        for (scenario, sensor), group in pairs.groupby(_GROUP, sort=True):
+            labels = {"error": metric.name, "scenario": scenario, "sensor": sensor}
+            labels |= {"estimator": old, "other": new}
+            middles = {
+                "before": float(middle(group["b"].to_numpy())),
+                "after": float(middle(group["a"].to_numpy())),
+            }
+            found = compare_pairs(group, study.is_family(str(scenario)))
+            better = {name.replace("wins", "better"): value for name, value in found.items()}
+            yield labels | middles | better | {"ratio": _ratio(group, metric)}
+
+
+def _ratio(pairs: pd.DataFrame, metric: MetricDeclaration) -> float:
+    """Geometric mean of the ratio of errors; NaN for failures, and where all failed."""
+    both = pairs.loc[np.isfinite(pairs["a"]) & np.isfinite(pairs["b"]), ["a", "b"]]
+    if both.empty or metric == FAILURES:
+        return float("nan")
+    logs = np.log(np.maximum(both, metric.negligible))
+    return float(np.exp((logs["a"] - logs["b"]).mean()))

@@ -38,7 +38,7 @@ MOST_DRAWS = 10
 
 #: The posterior may be this much more precise than its approximation, in terms of variance. In
 #: honest cells the mean squared distance is at least 0.4 of what is expected, where few directions
-#: count, and 0.6 where many do (scripts/plausibility.py).
+#: count, and 0.6 where many do (scripts/stored_rows.py plausible).
 _SAFETY = 2.0
 #: By columns, all of an error may come from one direction: its chance to be r times smaller than
 #: expected is that of a single normal number. Of expected errors these count at most: a cosine

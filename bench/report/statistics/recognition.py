@@ -1,8 +1,7 @@
 """Who is recognised: results by the temperament of drivers (``envs.roads.temperaments``).
 
-A temperament is a function of a scenario's options and the seed of its draw, so that no game is
-solved here. An estimate recognises a driver if its weights have the largest density under the
-driver's own temperament.
+No game is solved for it. An estimate recognises a driver if its weights have the largest density
+under the driver's own temperament.
 """
 
 import json
@@ -29,6 +28,8 @@ NOBODY = "none"
 
 _CELL = ["scenario", "sensor", "sigma", "estimator"]
 _LABELS = ["scenario", "sensor", "estimator"]
+_SUMMARY = ["drivers", "failures", *(f"cosine_error_{kind}" for kind in ("median", "q25", "q75"))]
+_SUMMARY += ["recognised", "recognised_low", "recognised_high"]
 #: Millions of drivers fit into memory as long as their names are numbers, so these are categories.
 _NAMES = pd.CategoricalDtype(sorted([*TEMPERAMENTS, NOBODY]))
 _DRIVER = [*_CELL, "seed", "temperament", "recognised", "cosine_error"]
@@ -37,10 +38,9 @@ _DRIVER = [*_CELL, "seed", "temperament", "recognised", "cosine_error"]
 def drivers(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Every driver of every attempt in scenarios whose drivers have temperaments.
 
-    Returns:
-        Columns ``scenario, sensor, sigma, estimator, seed, temperament, recognised`` (a
-        temperament, or ``NOBODY``) and ``cosine_error`` of the driver's weights, infinite for
-        failures. Names are categories.
+    Columns: ``scenario, sensor, sigma, estimator, seed, temperament, recognised`` (a temperament,
+    or ``NOBODY``) and ``cosine_error`` of the driver's weights, infinite for failures. Names are
+    categories.
     """
     labels = [label for label in trials["scenario"].unique() if is_tempered(label, study)]
     attempts = attempts_of(trials[trials["scenario"].isin(labels)])
@@ -61,16 +61,12 @@ def is_tempered(label: str, study: Study) -> bool:
 
 
 def temperament_table(found: pd.DataFrame) -> pd.DataFrame:
-    """Results by temperament.
+    """Results of ``drivers`` by temperament.
 
-    Args:
-        found: from ``drivers``.
-
-    Returns:
-        One row per scenario, sensor, noise level, estimator and true ``temperament``, and one per
-        scenario, sensor and estimator over all levels (``sigma`` NaN): ``drivers``, ``failures``,
-        median and quartiles of the cosine error of their weights (failures at infinity), and the
-        share ``recognised`` with its 95 % interval over draws.
+    One row per scenario, sensor, noise level, estimator and true ``temperament``, and one per
+    scenario, sensor and estimator over all levels (``sigma`` NaN): ``drivers``, ``failures``,
+    median and quartiles of the cosine error of their weights (failures at infinity), and the share
+    ``recognised`` with its 95 % interval over draws.
     """
     whole = found.assign(sigma=np.nan)
     rows = [
@@ -82,33 +78,17 @@ def temperament_table(found: pd.DataFrame) -> pd.DataFrame:
 
 
 def confusion_table(found: pd.DataFrame) -> pd.DataFrame:
-    """Who is mistaken for whom.
+    """Who of ``drivers`` is mistaken for whom.
 
-    Args:
-        found: from ``drivers``.
-
-    Returns:
-        One row per scenario, sensor, noise level, estimator, true ``temperament`` and temperament
-        ``recognised`` (``NOBODY`` for failures) that occurs: ``drivers``, and their ``share`` of
-        the drivers of that temperament.
+    One row per scenario, sensor, noise level, estimator, true ``temperament`` and temperament
+    ``recognised`` (``NOBODY`` for failures) that occurs: ``drivers``, and their ``share`` of the
+    drivers of that temperament.
     """
     key = [*_CELL, "temperament"]
     counts = found.groupby([*key, "recognised"], observed=True).size().rename("drivers")
     table = counts.reset_index().astype(dict.fromkeys([*_LABELS, "temperament", "recognised"], str))
     table["share"] = table["drivers"] / table.groupby(key)["drivers"].transform("sum")
     return table
-
-
-_SUMMARY = (
-    "drivers",
-    "failures",
-    "cosine_error_median",
-    "cosine_error_q25",
-    "cosine_error_q75",
-    "recognised",
-    "recognised_low",
-    "recognised_high",
-)
 
 
 def _summary(group: pd.DataFrame) -> dict[str, float | int]:

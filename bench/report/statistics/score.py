@@ -1,15 +1,10 @@
 """The score: by how much an estimator's errors are smaller than those of the paper's method.
 
-A score is the geometric mean over trials of an error over the same trial's error of the reference,
-the paper's method; 0.79 reads: errors are 21 % smaller. Trials without noise do not count, as
-rounding would decide there; whether an estimator is exact without noise is a check of its own
-(``leaderboard``). Only draws that all ranked estimators share count. A failure counts as the error
-of ``uniform`` in its trial, and never as less than the largest error that anybody has there: in
-some scenarios equal weights happen to be the truth.
-
-A draw is one piece of luck: in a family a seed, with all its noise levels and sensors; in a fixed
-scenario one noise, with all sensors. Intervals resample draws within scenarios, and tests change
-the signs of whole draws.
+It is the geometric mean over trials with noise of an error over the reference's in the same trial,
+of draws that all ranked estimators share; 0.79 reads: errors are 21 % smaller. A failure counts as
+the error of ``uniform``, and never as less than the largest error in its trial. Intervals resample
+draws within scenarios, and tests change the signs of whole draws: in a family a draw is a seed with
+all its noise levels and sensors, in a fixed scenario one noise with all sensors.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,10 +13,9 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.report.measures import in_table, primary, scored
-from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, measured
+from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, families, measured
 from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE, holm
-from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.bench.report.study import USUAL, Study, in_table, primary, scored
 
 #: In place of a scenario or a sensor: all of them.
 ALL = "all"
@@ -48,21 +42,15 @@ _PAIR = ["draws", "ratio", "ratio_low", "ratio_high", "p"]
 
 
 def log_errors(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """Logarithms of the errors that count, of some scenarios.
+    """Logarithms of the errors that count, of estimators that may rank and floors.
 
-    Args:
-        trials: one row per trial; of estimators that may rank, and floors.
-        study: study of the run.
-
-    Returns:
-        Columns ``error, scenario, sensor, sigma, draw, estimator``, ``log`` (of the error, or of
-        what counts in place of a failure), ``failed`` and ``ranked``: whether the estimator ranks
-        in this scenario and sensor.
+    Columns: ``error, scenario, sensor, sigma, draw, estimator``, ``log`` (of the error, or of what
+    counts in place of a failure), ``failed`` and ``ranked``: whether the estimator ranks in this
+    scenario and sensor.
     """
     noisy = attempts_of(trials[trials["sigma"] > 0])
     metrics = in_table(scored(study.metrics), trials) if len(noisy) else []
-    family = noisy["scenario"].map({s: study.is_family(s) for s in noisy["scenario"].unique()})
-    level = noisy["sigma"].where(~family.astype(bool), 0.0)
+    level = noisy["sigma"].where(~families(noisy, study).astype(bool), 0.0)
     draw = noisy["seed"].astype(str) + ":" + level.map("{:g}".format).astype(str)
     floors = [name for name in noisy["estimator"].unique() if study.is_floor(name)]
     parts = []
@@ -87,12 +75,11 @@ def _shared(rows: pd.DataFrame, floors: Sequence[str]) -> pd.DataFrame:
             continue
         ranked = contenders.index[contenders >= _LARGE_PART * contenders.max()]
         own = cell.assign(ranked=cell["estimator"].isin(ranked))
-        trial = [own["sigma"], own["draw"]]
-        own = own[own["ranked"].groupby(trial).transform("sum") == len(ranked)]
-        finite = own["log"].where(np.isfinite(own["log"]))
-        worst = finite.groupby([own["sigma"], own["draw"]]).transform("max")
+        own = own[own.groupby(["sigma", "draw"])["ranked"].transform("sum") == len(ranked)]
         failed = ~np.isfinite(own["log"])
-        kept.append(own.assign(log=own["log"].where(~failed, worst), failed=failed))
+        finite = own.assign(log=own["log"].mask(failed), failed=failed)
+        worst = finite.groupby(["sigma", "draw"])["log"].transform("max")
+        kept.append(finite.assign(log=finite["log"].fillna(worst)))
     found = pd.concat(kept) if kept else rows.assign(failed=False, ranked=False).iloc[:0]
     return found[found["log"].notna()]
 
@@ -108,18 +95,13 @@ def references(logs: pd.DataFrame, study: Study = USUAL) -> dict[str, str]:
 
 
 def score_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """The score of each estimator, by each error.
+    """The score of each estimator, by each error, from ``log_errors`` of all scenarios.
 
-    Args:
-        logs: from ``log_errors``, of all scenarios.
-        study: study of the run.
-
-    Returns:
-        Columns ``error, scenario, sensor, sigma, estimator`` (of rows over all scenarios or sensors
-        ``all``, over all noise levels NaN), ``reference``, ``ranked``, the numbers of
-        ``scenarios``, ``draws``, ``trials`` and ``failures`` that count, the ``median`` error of
-        these trials, in which failures are infinite, and ``score`` with ``score_low`` and
-        ``score_high``, a 95 % bootstrap interval.
+    Columns: ``error, scenario, sensor, sigma, estimator`` (of rows over all scenarios or sensors
+    ``all``, over all noise levels NaN), ``reference``, ``ranked``, the numbers of ``scenarios``,
+    ``draws``, ``trials`` and ``failures`` that count, the ``median`` error of these trials, in
+    which failures are infinite, and ``score`` with ``score_low`` and ``score_high``, a 95 %
+    bootstrap interval.
     """
     rows: list[dict[str, object]] = []
     for error, reference in references(logs, study).items():
@@ -136,17 +118,12 @@ def score_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 
 
 def pair_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """Ranked estimators in pairs, over all scenarios and in each, by each error.
+    """Ranked estimators in pairs, over all scenarios and in each, by each error of ``log_errors``.
 
-    Args:
-        logs: from ``log_errors``, of all scenarios.
-        study: study of the run.
-
-    Returns:
-        Columns ``error, scenario, estimator, other``, ``draws`` that both have, ``ratio`` (the
-        geometric mean of the first's errors over the other's) with ``ratio_low`` and ``ratio_high``
-        (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm for all pairs of an
-        error in the same scenarios.
+    Columns: ``error, scenario, estimator, other``, ``draws`` that both have, ``ratio`` (the
+    geometric mean of the first's errors over the other's) with ``ratio_low`` and ``ratio_high``
+    (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm for all pairs of an
+    error in the same scenarios.
     """
     rows: list[dict[str, object]] = []
     for error, reference in references(logs, study).items():
@@ -184,10 +161,8 @@ def _common(ratios: pd.DataFrame) -> pd.DataFrame:
 class _Draws:
     """Values of trials, such as log ratios, summed by draw.
 
-    Attributes:
-        sums: (U, C) sums of the U draws, one column for each estimator or pair.
-        sizes: (U, C) numbers of trials that have a value.
-        strata: (U,) scenario of each draw, as a number.
+    ``sums`` (U, C) are those of the U draws, a column for each estimator or pair, of ``sizes``
+    (U, C) trials that have a value; ``strata`` (U,) are the draws' scenarios, as numbers.
     """
 
     def __init__(self, trials: pd.Index, values: np.ndarray) -> None:
@@ -203,14 +178,13 @@ class _Draws:
     @property
     def draws(self) -> np.ndarray:
         """(C,) numbers of draws that have a value."""
-        return (self.sizes > 0).sum(axis=0)
+        return np.asarray((self.sizes > 0).sum(axis=0))
 
     @property
     def means(self) -> np.ndarray:
         """(C,) means over trials."""
         with np.errstate(invalid="ignore"):
-            found: np.ndarray = self.sums.sum(axis=0) / self.sizes.sum(axis=0)
-        return found
+            return np.asarray(self.sums.sum(axis=0) / self.sizes.sum(axis=0))
 
     def interval(self) -> np.ndarray:
         """(2, C) ends of 95 % bootstrap intervals of the means; NaN for few draws."""
@@ -243,14 +217,14 @@ def _by_code(codes: np.ndarray, values: np.ndarray, number: int) -> np.ndarray:
     return np.array(columns).T.reshape(number, values.shape[1])
 
 
-def _wide(rows: pd.DataFrame, column: str) -> pd.DataFrame:
-    """A column as a table of trials and estimators."""
-    return rows.pivot_table(column, _TRIAL, "estimator", aggfunc="first", sort=True)
+def _wide(ratios: pd.DataFrame) -> pd.DataFrame:
+    """Ratios as a table of trials and estimators."""
+    return ratios.pivot_table("ratio", _TRIAL, "estimator", aggfunc="first", sort=True)
 
 
 def _scores(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
     """Scores of one slice, without its labels."""
-    wide = _wide(ratios, "ratio")
+    wide = _wide(ratios)
     told = _Draws(wide.index, wide.to_numpy(float))
     scores, (low, high) = np.exp(told.means), np.exp(told.interval())
     by_name = ratios.groupby("estimator")
@@ -260,21 +234,14 @@ def _scores(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
     medians = errors.groupby(ratios["estimator"]).apply(np.median)
     for k, name in enumerate(wide.columns):
         numbers = int(told.draws[k]), int(told.sizes[:, k].sum()), int(failures[name])
-        values = (
-            bool(ranked[name]),
-            int(scenarios[name]),
-            *numbers,
-            float(medians[name]),
-            scores[k],
-            low[k],
-            high[k],
-        )
-        yield {"estimator": name} | dict(zip(_SCORES, values, strict=True))
+        values = bool(ranked[name]), int(scenarios[name]), *numbers, float(medians[name])
+        ends = scores[k], low[k], high[k]
+        yield {"estimator": name} | dict(zip(_SCORES, (*values, *ends), strict=True))
 
 
 def _pairs(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
     """Comparisons of the estimators of one slice, without its labels."""
-    wide = _wide(ratios, "ratio")
+    wide = _wide(ratios)
     pairs = list(combinations(range(wide.shape[1]), 2))
     if not pairs:
         return
@@ -298,9 +265,9 @@ def board_rows(scores: pd.DataFrame, study: Study = USUAL) -> dict[str, pd.DataF
     """
     ordered = in_order(scores[(scores["scenario"] == ALL) & scores["sigma"].isna()], study)
     found = dict(iter(ordered.groupby("error", sort=False)))
-    errors = [metric.name for metric in scored(study.metrics) if metric.name in found]
-    first = [metric.name for metric in [primary(study.metrics)] if metric and metric.name in errors]
-    return {error: found[error] for error in dict.fromkeys([*first, *errors])}
+    first = primary(study.metrics)
+    errors = [metric for metric in scored(study.metrics) if metric.name in found]
+    return {m.name: found[m.name] for m in sorted(errors, key=lambda metric: metric != first)}
 
 
 def in_order(rows: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
@@ -311,11 +278,9 @@ def in_order(rows: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 
 
 def best_group(pairs: pd.DataFrame, names: Sequence[str]) -> list[str]:
-    """The first of some names, which are in the order of their scores, and who ties with it.
+    """The first of ranked estimators in the order of their scores, and who ties with it.
 
-    Args:
-        pairs: rows of ``pair_table`` of one error and scenario.
-        names: labels of ranked estimators.
+    ``pairs`` are rows of ``pair_table`` of one error and scenario.
     """
     if not names:
         return []

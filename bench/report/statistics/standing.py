@@ -1,8 +1,7 @@
-"""Which estimators rank where, and why others do not.
+"""Which estimators rank where, and why others do not, who are shown and compared with nobody.
 
-A plugin does not rank on published weights, which it may simply know. No estimator ranks in a
-scenario and sensor where it has implausible rows, until fresh draws confirm them. Those without a
-rank are shown with their errors, and are not compared with others.
+A plugin does not rank on published weights, which it may simply know, and no estimator in a
+scenario and sensor where it has implausible rows, until fresh draws confirm them.
 """
 
 from collections.abc import Iterable, Sequence
@@ -23,13 +22,8 @@ COLUMNS = ("implausible", "standing")
 def standings(trials: pd.DataFrame, study: Study) -> pd.DataFrame:
     """The standing of every estimator in every scenario and sensor.
 
-    Args:
-        trials: rows as in ``trials.parquet``.
-        study: study of the run.
-
-    Returns:
-        Columns ``scenario, sensor, estimator``, ``implausible`` (number of such rows) and
-        ``standing``: ``ranks``, or ``confirmed`` with errors, or why the estimator does not rank.
+    Columns: ``scenario, sensor, estimator``, ``implausible`` (number of such rows) and
+    ``standing``: ``ranks``, or ``confirmed`` with errors, or why the estimator does not rank.
     """
     marked = implausible(trials, study)
     known = {one.place: one for one in study.confirmations}
@@ -61,9 +55,8 @@ def plausible(trials: pd.DataFrame, standing: pd.DataFrame) -> pd.DataFrame:
 def _without(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
     if others.empty:
         return trials
-    return trials[
-        ~pd.MultiIndex.from_frame(trials[KEY]).isin(pd.MultiIndex.from_frame(others[KEY]))
-    ]
+    left = pd.MultiIndex.from_frame(others[KEY])
+    return trials[~pd.MultiIndex.from_frame(trials[KEY]).isin(left)]
 
 
 def ranks_at(table: pd.DataFrame) -> pd.Series:
@@ -71,11 +64,6 @@ def ranks_at(table: pd.DataFrame) -> pd.Series:
     if "standing" not in table:
         return pd.Series(True, table.index)
     return table["standing"].eq(RANKS) | table["standing"].str.startswith(_CONFIRMED)
-
-
-def with_standing(board: pd.DataFrame, standing: pd.DataFrame) -> pd.DataFrame:
-    """A leaderboard's rows with ``implausible`` and ``standing``."""
-    return board if board.empty else board.merge(standing, on=KEY, how="left")
 
 
 def if_told(board: pd.DataFrame) -> pd.DataFrame:
@@ -94,7 +82,7 @@ def said_of_standing(board: pd.DataFrame) -> list[str]:
 def _of_published(board: pd.DataFrame) -> Iterable[str]:
     for name, rows in board[board["standing"] == PUBLISHED].groupby("estimator", sort=True):
         yield (
-            f"{name} has no rank in {_listed(sorted(rows['scenario'].unique()))}: the true weights "
+            f"{name} has no rank in {listed(sorted(rows['scenario'].unique()))}: the true weights "
             "are published constants there, which a plugin may know. Plugins rank where truths are "
             "drawn."
         )
@@ -114,6 +102,7 @@ def _of_implausible(board: pd.DataFrame) -> Iterable[str]:
             yield f"{start}; {standing}."
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence."""
     *others, last = names
     return f"{', '.join(others)} and {last}" if others else last

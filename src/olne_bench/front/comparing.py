@@ -20,14 +20,13 @@ from olne_bench.bench.report.study import Study
 from olne_bench.bench.text import clip
 from olne_bench.checks import check_count
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
-from olne_bench.front.drawing import Place, place_of
+from olne_bench.front.drawing import ChosenSensor, Place, chosen_sensor, place_of
 from olne_bench.front.in_process import (
     ChosenEstimator,
     NoForeignMetrics,
     PlayerHere,
     chosen_estimator,
 )
-from olne_bench.front.sensing import ChosenSensor, chosen_sensor
 from olne_bench.games.solve.ipopt import PUBLISHED_ITERATIONS
 from olne_bench.plugins import METRIC
 
@@ -86,7 +85,7 @@ class Comparison:
         """
         import matplotlib.pyplot  # noqa: F401 (notebooks show figures once it is there)
 
-        from olne_bench.bench.report.figures import errors, style
+        from olne_bench.bench.report.figures import over_noise, style
 
         known = list(dict.fromkeys(self.trials["scenario"]))
         chosen = known[0] if scenario is None and len(known) == 1 else scenario
@@ -94,7 +93,7 @@ class Comparison:
             raise ValueError(f"plot needs one scenario of {', '.join(known)}, got {scenario!r}")
         drawn = Study(metrics=tuple(one for one in BUILT_IN if one.name in metrics))
         with style.applied():
-            figure = errors.draw(self.trials[self.trials["scenario"] == chosen], drawn)
+            figure = over_noise.draw_errors(self.trials[self.trials["scenario"] == chosen], drawn)
             figure.suptitle(f"{chosen}: error of the estimates\n({_IN_SHORT})", fontsize=8.5)
             figure.draw_without_rendering()
             figure.set_layout_engine("none")  # computed with these settings, not the user's

@@ -1,5 +1,6 @@
-"""Draw a scenario as a study does."""
+"""Scenarios and sensors by name or as objects; scenarios are drawn as a study does."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -7,12 +8,14 @@ from typing import Any
 from olne_bench import plugins
 from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.draws import draws_path
-from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.plan.entries import PluginEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.learn import labelled
 from olne_bench.envs.scenarios import check_options, checked_seed
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.solved.draws_file import Draws, read_draws
 from olne_bench.envs.solved.kept_draws import travelling
+from olne_bench.games.model.observation import View
+from olne_bench.games.model.sensor import GapsLayer, Layer, NoiseLayer
 
 #: Salt of the suite ``quick``, whose draws and noise are meant unless another suite is named.
 SALT = "quick"
@@ -119,3 +122,36 @@ def _shipped(salt: str) -> Draws | None:
     """The solved draws of a suite that come with the package; None if there are none."""
     path = draws_path(salt) if salt.isidentifier() else None
     return read_draws(path) if path is not None and path.exists() else None
+
+
+@dataclass(frozen=True)
+class ChosenSensor:
+    """A sensor: its layers, the innermost first, and its name in tables."""
+
+    layers: tuple[Layer, ...]
+    label: str
+
+    @property
+    def entry(self) -> SensorEntry:
+        """The entry that a suite would have for it."""
+        return SensorEntry(label=self.label, layers=(PluginEntry(name=self.label),))
+
+
+def chosen_sensor(given: Any) -> ChosenSensor:
+    """A sensor from a name, an object with ``layers()``, a layer, or a stack of these."""
+    if isinstance(given, str):
+        made = plugins.make(plugins.SENSOR, given)
+        return ChosenSensor(tuple(made.layers()), made.name)
+    if isinstance(given, View | NoiseLayer | GapsLayer):
+        return ChosenSensor((given,), getattr(given, "name", type(given).__name__))
+    if callable(getattr(given, "layers", None)) and not isinstance(given, type):
+        return ChosenSensor(tuple(given.layers()), getattr(given, "name", type(given).__name__))
+    if isinstance(given, Sequence) and given:
+        parts = [chosen_sensor(part) for part in given]
+        layers = tuple(layer for part in parts for layer in part.layers)
+        return ChosenSensor(layers, "+".join(part.label for part in parts))
+    known = ", ".join(plugins.names(plugins.SENSOR))
+    raise TypeError(
+        f"a sensor is a name ({known}), an object with a method layers(), a view, or a tuple of "
+        f"these, got {given!r}"
+    )

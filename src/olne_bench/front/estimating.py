@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.fit import Fit
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.estimators.protocol import Observation, Problem, check_observation
+from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observation
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.front.games import solve_olne
 from olne_bench.front.in_process import chosen_estimator, estimated_here
@@ -33,7 +33,7 @@ class Estimated:
 
     problem: Problem
     observation: Observation
-    result: CheckedEstimate
+    result: Estimate
     label: str
     seconds: float
 

@@ -36,16 +36,7 @@ class ChosenEstimator:
 
 
 def chosen_estimator(given: Any, label: str = "") -> ChosenEstimator:
-    """An estimator from a name, a class or an object.
-
-    Args:
-        given: which one.
-        label: its name in tables. Default: its own, with parameters that are not the usual ones.
-
-    Raises:
-        TypeError: on anything else.
-        ValueError: on an unknown name, with the alternatives, or refused parameters.
-    """
+    """An estimator from a name, a class or an object."""
     made = plugins.make(plugins.ESTIMATOR, given) if isinstance(given, str) else given
     made = made() if isinstance(made, type) and hasattr(made, "estimate") else made
     if isinstance(made, type) or not callable(getattr(made, "estimate", None)):
@@ -73,36 +64,16 @@ def _unusual(made: Any) -> dict[str, Any]:
 
 
 def estimated_here(
-    estimator: Any,
-    problem: Problem,
-    observations: Sequence[Observation],
-    seed: int,
-    budget: float,
+    estimator: Any, problem: Problem, observations: Sequence[Observation], seed: int, budget: float
 ) -> RawEstimate:
-    """One estimate by a copy of an estimator, from copies of what it may know.
-
-    Args:
-        estimator: object with a method ``estimate``.
-        problem: what it is told.
-        observations: one for each trajectory.
-        seed: seed of its random numbers.
-        budget: time that its search may take [s].
-
-    Raises:
-        DeclinedError: if it cannot take the problem.
-        InvalidEstimateError: if it returns something else, or changes the problem.
-        Exception: whatever it raises.
-    """
+    """One estimate by a copy of an estimator, from copies of what it may know."""
     own, told = deepcopy(estimator), deepcopy(problem)
     before = describe_problem("", told)
     if reason := why_declined(own, told, len(observations)):
         raise DeclinedError(reason)
     shown = tuple(_copied(one) for one in observations)
     result = own.estimate(
-        told,
-        shown if len(shown) > 1 else shown[0],
-        rng=np.random.default_rng(seed),
-        budget=budget,
+        told, shown if len(shown) > 1 else shown[0], rng=np.random.default_rng(seed), budget=budget
     )
     if changed := changes("", told, before):
         raise InvalidEstimateError(changed)
@@ -126,11 +97,7 @@ class PlayerHere:
         self._estimator = estimator
 
     def estimate(self, task: PlayerTask) -> Answer:
-        """The estimator's answer.
-
-        Raises:
-            PlayerFault: if there is none.
-        """
+        """The estimator's answer."""
         started = time.perf_counter()
         given = (task.problem, task.observations, task.seed, BUDGET * task.time_limit)
         try:
@@ -150,9 +117,5 @@ class NoForeignMetrics:
     def score(
         self, metric: MetricEntry, case: Judged, homes: Sequence[str], seconds: float
     ) -> float | None:
-        """Refuse.
-
-        Raises:
-            MetricError: always.
-        """
+        """Refuse."""
         raise MetricError(f"metric {metric.name!r} is not built in")

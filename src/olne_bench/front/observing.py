@@ -12,8 +12,7 @@ from olne_bench.bench.judge.truth import noise_seed
 from olne_bench.envs.scenarios import checked_seed
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.front.drawing import DrawnScenario, place_of
-from olne_bench.front.sensing import chosen_sensor
+from olne_bench.front.drawing import DrawnScenario, chosen_sensor, place_of
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.sensor import SensorModel
 

@@ -20,118 +20,100 @@ estimators = ["uniform"]
 LONG = "n" * 300
 DIGITS = "9" * 5000
 
+SEEDS, NAME, GAME, SENSOR, WHO = "seeds = 3", '"tiny"', '"two_player"', '"full"', '"uniform"'
+
+
+def game(name: str, options: str) -> str:
+    return f'{{name = "{name}", options = {{{options}}}}}'
+
+
+def crowd(number: object) -> str:
+    return game("random", f"num_players = {number}")
+
+
+TOO_MANY = f"{', '.join(f'0.{k:04}' for k in range(1, 9))}]\nseeds = {10**8}"
+UNPRINTABLE = "it cannot contain control characters or line breaks"
+OF_ROLL = "{name = 'correlated', parameters = {correlation = 0.3, components = ['roll']}}"
 #: What to replace in GOOD, by what, and a part of the message.
 SUITES = {
-    "too many seeds": ("seeds = 3", f"seeds = {10**12}", "seeds: Input should be less than"),
-    "too many trials": (
-        "0.1]\nseeds = 3",
-        f"{', '.join(f'0.{k:04}' for k in range(1, 9))}]\nseeds = {10**8}",
-        "800000001 trials, at most 100000000",
-    ),
-    "5,000 digits": ("seeds = 3", f"seeds = {DIGITS}", "not valid TOML: Exceeds the limit"),
-    "5,000 digits in hexadecimal": ("seeds = 3", f"seeds = 0x{DIGITS}", "seeds: Input should"),
-    "5,000 digits in options": (
-        '"two_player"',
-        f'{{name = "random", options = {{num_players = 0x{DIGITS}}}}}',
-        "'num_players' is a number of more than 63 bits",
-    ),
-    "5,000 lists": ("seeds = 3", f"x = {'[' * 5000}{']' * 5000}", "not valid TOML"),
-    "5,000 tables": (
-        '["uniform"]',
-        f"['uniform']\n[{'.'.join(['a'] * 5000)}]\nb = 1",
-        "unknown key 'a'",
-    ),
-    "nested options": (
-        '"two_player"',
-        '{name = "random", options = {num_players = [[[[[[[[1]]]]]]]]}}',
-        "is nested deeper than",
-    ),
+    "too many seeds": (SEEDS, f"seeds = {10**12}", "seeds: Input should be less than"),
+    "too many trials": (f"0.1]\n{SEEDS}", TOO_MANY, "800000001 trials, at most 100000000"),
+    "5,000 digits": (SEEDS, f"seeds = {DIGITS}", "not valid TOML: Exceeds the limit"),
+    "5,000 digits in hexadecimal": (SEEDS, f"seeds = 0x{DIGITS}", "seeds: Input should"),
+    "5,000 digits in options": (GAME, crowd(f"0x{DIGITS}"), "'num_players' is a number of more th"),
+    "5,000 lists": (SEEDS, f"x = {'[' * 5000}{']' * 5000}", "not valid TOML"),
+    "5,000 tables": (f"[{WHO}]", f"[{WHO}]\n[{'.'.join(['a'] * 5000)}]\nb = 1", "unknown key 'a'"),
+    "nested options": (GAME, crowd("[[[[[[[[1]]]]]]]]"), "is nested deeper than"),
     "a date in parameters": (
-        '"uniform"',
+        WHO,
         '{name = "uniform", parameters = {a = 2020-01-01}}',
         "'a' must be a number, text, list or table, got datetime.date(2020, 1, 1)",
     ),
-    "too many players": (
-        '"two_player"',
-        f'{{name = "random", options = {{num_players = {10**9}}}}}',
-        "num_players must be",
-    ),
+    "too many players": (GAME, crowd(10**9), "num_players must be"),
     "more players than a road holds": (
-        '"two_player"',
-        '{name = "merge", options = {num_players = [2, 7]}}',
+        GAME,
+        game("merge", "num_players = [2, 7]"),
         "scenario 'merge' holds 2 to 6 players, got num_players = 7",
     ),
     "an unknown temperament": (
-        '"two_player"',
-        '{name = "merge", options = {weights = "temperaments", shares = {hasty = 1.0}}}',
+        GAME,
+        game("merge", 'weights = "temperaments", shares = {hasty = 1.0}'),
         "unknown temperament 'hasty'; known are: aggressive, normal, cautious",
     ),
     "shares of less than all": (
-        '"two_player"',
-        '{name = "merge", options = {weights = "temperaments", shares = {normal = 0.7}}}',
+        GAME,
+        game("merge", 'weights = "temperaments", shares = {normal = 0.7}'),
         "shares of temperaments must sum to 1, got 0.7",
     ),
-    "too many iterations": ("seeds = 3", f"seeds = 3\nroot_iterations = {2**31}", "root_iter"),
-    "too many trajectories": ("seeds = 3", f"seeds = 3\ntrajectories = {10**9}", "trajectories"),
-    "an endless limit": ("seeds = 3", "seeds = 3\ntime_limit = 1e300", "time_limit: Input should"),
-    "infinity": ("seeds = 3", "seeds = 3\ntime_limit = inf", "time_limit: Input should"),
+    "too many iterations": (SEEDS, f"{SEEDS}\nroot_iterations = {2**31}", "root_iter"),
+    "too many trajectories": (SEEDS, f"{SEEDS}\ntrajectories = {10**9}", "trajectories"),
+    "an endless limit": (SEEDS, f"{SEEDS}\ntime_limit = 1e300", "time_limit: Input should"),
+    "infinity": (SEEDS, f"{SEEDS}\ntime_limit = inf", "time_limit: Input should"),
     "huge noise": ("0.1]", "1e300]", "sigmas.1: Input should be less than"),
-    "a long name": ('"tiny"', f'"{LONG}"', "name: String should have at most 120 characters"),
-    "NUL": ('"tiny"', '"ti\\u0000ny"', "name: it cannot contain control characters or line breaks"),
-    "a line break": (
-        '"tiny"',
-        '"ti\\nny"',
-        "name: it cannot contain control characters or line breaks",
-    ),
-    "an empty salt": ("seeds = 3", 'seeds = 3\nsalt = "\\t"', "salt: a text that is not empty"),
+    "a long name": (NAME, f'"{LONG}"', "name: String should have at most 120 characters"),
+    "NUL": (NAME, '"ti\\u0000ny"', f"name: {UNPRINTABLE}"),
+    "a line break": (NAME, '"ti\\nny"', f"name: {UNPRINTABLE}"),
+    "an empty salt": (SEEDS, f'{SEEDS}\nsalt = "\\t"', "salt: a text that is not empty"),
     "a line break in a label": (
-        '"uniform"',
+        WHO,
         '{name = "uniform", label = "a\\nb"}',
-        "estimators.0.label: it cannot contain control characters",
+        f"estimators.0.label: {UNPRINTABLE}",
     ),
-    "a long sensor label": ('"full"', f'{{name = "full", label = "{LONG}"}}', "sensors.0.label"),
-    "an escape in an option": (
-        '"two_player"',
-        '{name = "random", options = {num_players = "\\u001b[2J"}}',
-        "control characters",
-    ),
-    "NUL in a plugin": (
-        '"uniform"',
-        '"a\\u0000b.py"',
-        "estimators.0.name: it cannot contain control characters",
-    ),
-    "a long plugin": ('"uniform"', f'"{LONG}.py"', "no estimator file "),
-    "the same twice": ('"full"', '"full", "full"', "sensor 'full' is listed twice"),
+    "a long sensor label": (SENSOR, f'{{name = "full", label = "{LONG}"}}', "sensors.0.label"),
+    "an escape in an option": (GAME, crowd('"\\u001b[2J"'), "control characters"),
+    "NUL in a plugin": (WHO, '"a\\u0000b.py"', f"estimators.0.name: {UNPRINTABLE}"),
+    "a long plugin": (WHO, f'"{LONG}.py"', "no estimator file "),
+    "the same twice": (SENSOR, '"full", "full"', "sensor 'full' is listed twice"),
     "the same label twice": (
-        '"full"',
+        SENSOR,
         '"full", {label = "full", stack = ["partial"]}',
         "sensor 'full' is listed twice",
     ),
     "a metric twice": (
-        "seeds = 3",
-        'seeds = 3\nmetrics = ["cosine_error", "cosine_error"]',
+        SEEDS,
+        f'{SEEDS}\nmetrics = ["cosine_error", "cosine_error"]',
         "metric 'cosine_error' is listed twice",
     ),
-    "neither name nor stack": ('"full"', "{label = 'a'}", "a sensor has a name, or a stack"),
-    "both name and stack": ('"full"', "{name = 'full', stack = ['full']}", "not both"),
-    "an empty stack": ('"full"', "{label = 'a', stack = []}", "sensors.0.layers: Tuple should"),
-    "what is learnt": ('"two_player"', "{name = 'random', family = false}", "unknown key 'scena"),
+    "neither name nor stack": (SENSOR, "{label = 'a'}", "a sensor has a name, or a stack"),
+    "both name and stack": (SENSOR, "{name = 'full', stack = ['full']}", "not both"),
+    "an empty stack": (SENSOR, "{label = 'a', stack = []}", "sensors.0.layers: Tuple should"),
+    "what is learnt": (GAME, "{name = 'random', family = false}", "unknown key 'scena"),
     "a sensor that does not fit": (
-        '"full"',
-        "{name = 'correlated', parameters = {correlation = 0.3, components = ['roll']}}",
+        SENSOR,
+        OF_ROLL,
         "does not fit scenario 'two_player': correlated noise: no component 'roll' is seen",
     ),
     "two kinds of noise": (
-        '"full"',
+        SENSOR,
         "{label = 'both', stack = ['correlated', 'correlated']}",
         "sensor 'both' does not fit",
     ),
     "an unknown limit": (
-        "seeds = 3",
-        "seeds = 3\ngate = {uniform = {speed = 1}}",
+        SEEDS,
+        f"{SEEDS}\ngate = {{uniform = {{speed = 1}}}}",
         "unknown limit 'speed'; the suite has: cosine_error, ",
     ),
-    "too many entries": ('"full"', ", ".join(['"full"'] * 1001), "sensors: Tuple should have at"),
+    "too many entries": (SENSOR, ", ".join([SENSOR] * 1001), "sensors: Tuple should have at"),
 }
 
 

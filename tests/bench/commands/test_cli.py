@@ -1,12 +1,12 @@
 """End-to-end runs of the command line."""
 
 import os
+import pathlib
 import re
 import signal
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import dataclass, field
 from importlib import import_module
 from inspect import signature
 from types import SimpleNamespace
@@ -35,10 +35,7 @@ def fails(capsys, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (
-            ["run", "nope"],
-            "unknown suite 'nope'; known are: calibration, constrained, driving, driving_stock",
-        ),
+        (["run", "nope"], "unknown suite 'nope'; known are: calibration, constrained, driving, d"),
         (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
         (["run", "quick", "--sensor", "x"], "no sensor 'x'; it has: full, partial"),
         (["run", "quick", "--estimator", "x"], "no estimator 'x'; it has: kkt_constrained"),
@@ -68,10 +65,7 @@ def fails(capsys, *arguments):
         (["check", "uniform", "--budget", "inf"], "inf is not a finite number"),
         (["run", "quick", "--frobnicate"], "known are: --out, --jobs"),
         (["run", "quick", "--plugin", "no.py"], "no plugin file"),
-        (
-            ["frobnicate"],
-            "known are: check, compare, confirm, draws, estimate, export, film, gate, import",
-        ),
+        (["frobnicate"], "known are: check, compare, confirm, draws, estimate, export, film, ga"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, expected):
@@ -135,22 +129,12 @@ def test_another_suite_is_refused_in_the_same_folder(tmp_path, capsys):
     assert "holds a run of suite 'quick'" in fails(capsys, "run", "paper", "--out", tmp_path)
 
 
-@dataclass
-class Kept:
-    """A store that keeps statuses only."""
-
-    statuses: list[str] = field(default_factory=list)
-
-    def add(self, _trial, outcome):
-        self.statuses.append(outcome.status)
-
-
 def run_all(monkeypatch, statuses, stop_after=None):
     """The stored statuses of trials with these outcomes, and the reported signal."""
     module = import_module("olne_bench.bench.commands.run")
     study = import_module("olne_bench.bench.run.study")
 
-    def start(todo, _options, stop):
+    def ended(todo, *, stop, **_limits):
         for number, status in enumerate(todo):
             if stop():
                 return
@@ -158,10 +142,11 @@ def run_all(monkeypatch, statuses, stop_after=None):
             if number + 1 == stop_after:
                 os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(study, "start", start)
-    kept = Kept()
-    told = module.run_all(statuses, len(statuses), kept, SimpleNamespace(out="runs/a"))
-    return kept.statuses, told
+    monkeypatch.setattr(study, "run_trials", ended)
+    kept = []
+    store = SimpleNamespace(add=lambda _, outcome: kept.append(outcome.status))
+    machine = study.Machine(pathlib.Path("runs/a"))
+    return kept, module.run_all(statuses, len(statuses), store, machine)
 
 
 def test_a_run_that_is_stopped_tells_what_is_left(monkeypatch, capsys):

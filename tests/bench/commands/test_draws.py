@@ -5,7 +5,7 @@ import pytest
 from olne_bench.bench.judge import nearby_starts, truth
 from olne_bench.bench.plan.draws import DrawsSource, draws_path, draws_source, opened
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.salt import salted
+from olne_bench.bench.plan.suite import salted
 from olne_bench.envs.solved import draws_file, equilibrium
 from olne_bench.envs.solved.draws_file import OtherDrawsError, read_draws, write_draws
 

@@ -125,7 +125,7 @@ def test_what_was_found_is_told_line_by_line():
     ]
     few = Confirmation(
         "two_way", "full", "mine", "", Versions(), (0.1,), 3, 20, "position_error", 0.01, 0.1, 1,
-        confirmed=False,
+        confirmed=False
     )  # fmt: skip
     mixed = replace(GOOD, repeated=Repeated(12, ["x", "y"], 3), because="numpy", implausible=[few])
     assert lines(mixed)[:7] == [

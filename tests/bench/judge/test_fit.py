@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.bench.judge.fit import Fit
 from olne_bench.envs.scenarios import get_scenario
-from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.games.model.observation import FullView
 
 GAME = get_scenario("two_player").game
@@ -22,16 +21,10 @@ def fit(sigma: float, error: float, *, covariance: bool = True, states: bool = T
     y = expected.copy()
     y[:, 1] += error * scale
     y[3, 0] = np.nan
-    result = CheckedEstimate(
+    result = Estimate(
         weights=np.full((2, 4), 0.25),
         states=expected if states else None,
         covariance=4e-4 * np.eye(8) if covariance else None,
-        parameters=None,
-        parameter_deviations=None,
-        converged=True,
-        message="",
-        objective=None,
-        extras=None,
     )
     return Fit(Problem(GAME, FullView(), sigma=sigma, noise_scale=tuple(scale)), y, result)
 

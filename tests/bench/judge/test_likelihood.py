@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.judge import likelihood
-from olne_bench.bench.judge.estimate_check import CheckedEstimate, check_estimate
+from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.likelihood import likelihood_ratio
 from olne_bench.bench.judge.raw_estimate import read_estimate
 from olne_bench.bench.judge.trials import Case, case_of, predict_from_start
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import expand
 from olne_bench.estimators.kkt_constrained import KktConstrained
+from olne_bench.estimators.protocol import Estimate
 from olne_bench.games.solve.newton import Root
 
 
-def judged(seed: int) -> tuple[Case, CheckedEstimate, Root]:
+def judged(seed: int) -> tuple[Case, Estimate, Root]:
     """A draw of two players at 0.03 m, its estimate, and the game from the true start."""
     trial = next(
         one
@@ -33,7 +34,7 @@ def judged(seed: int) -> tuple[Case, CheckedEstimate, Root]:
     return case, estimate, root
 
 
-def ratio(case: Case, estimate: CheckedEstimate, root: Root) -> float | None:
+def ratio(case: Case, estimate: Estimate, root: Root) -> float | None:
     return likelihood_ratio(case.problem, case.observations, case.recordings, estimate, root)
 
 
@@ -48,10 +49,10 @@ def test_a_game_far_from_what_was_seen_does_not_hide_the_optimum() -> None:
 
 def test_whoever_claims_more_than_can_be_found_gets_a_smaller_region() -> None:
     case, estimate, root = judged(0)
-    assert estimate.objective is not None
+    least = estimate.extras["objective"]
     honest = ratio(case, estimate, root)
-    greedy = ratio(case, replace(estimate, objective=0.5 * estimate.objective), root)
-    modest = ratio(case, replace(estimate, objective=10 * estimate.objective), root)
+    greedy = ratio(case, replace(estimate, extras={"objective": 0.5 * least}), root)
+    modest = ratio(case, replace(estimate, extras={"objective": 10 * least}), root)
     assert honest is not None
     assert greedy is not None
     assert greedy > honest + 10

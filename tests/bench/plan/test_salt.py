@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.salt import FRESH, check_salt, salt_id, salted
+from olne_bench.bench.plan.suite import FRESH, check_salt, salt_id, salted
 from olne_bench.errors import UserError
 
 SUITE = load_suite("quick")

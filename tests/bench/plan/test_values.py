@@ -43,67 +43,47 @@ def nested(depth: int) -> object:
     return value
 
 
-ALLOWED = [
-    ("sigma", 0.0),
-    ("sigma", 1e6),
-    ("bound", 0.0),
-    ("seconds", 7 * 86400.0),
-    ("seeds", 1),
-    ("seeds", 10**8),
-    ("iterations", 10**6),
-    ("trajectories", 1000),
-    ("name", "a" * LABEL_LENGTH),
-    ("text", ""),
-    ("text", "b" * 1000),
-    ("parameters", {"a": 2**63 - 1, "b": "c" * 1000, "d": [1.5, True, "e"], "f": {"g": ""}}),
-    ("parameters", {"a": nested(6)}),
-    ("parameters", {"a": [0] * 10_000}),
-    ("parameters", {"a": math.inf}),
-    ("parameters", {"a": -(2**63) + 1}),
-]
-REFUSED = [
-    ("sigma", -0.1),
-    ("sigma", 1.1e6),
-    ("sigma", math.nan),
-    ("sigma", "0.1"),
-    ("bound", math.inf),
-    ("bound", -1.0),
-    ("seconds", 0.0),
-    ("seconds", 7 * 86400.5),
-    ("seeds", 0),
-    ("seeds", 10**8 + 1),
-    ("seeds", 1.0),
-    ("iterations", -1),
-    ("iterations", 10**6 + 1),
-    ("trajectories", 0),
-    ("trajectories", 1001),
-    ("name", ""),
-    ("name", " "),
-    ("name", "a\nb"),
-    ("name", "a" * (LABEL_LENGTH + 1)),
-    ("text", "b" * 1001),
-    ("text", "\x1b[31m"),
-    ("parameters", {"a": 2**63}),
-    ("parameters", {"a": -(2**63)}),
-    ("parameters", {"a": math.nan}),
-    ("parameters", {"a": "c" * 1001}),
-    ("parameters", {"a": "b\nc"}),
-    ("parameters", {"": 1}),
-    ("parameters", {"a": {"\n": 1}}),
-    ("parameters", {"a": [{"b": math.nan}]}),
-    ("parameters", {"a": nested(7)}),
-    ("parameters", {"a": [0] * 10_001}),
-    ("parameters", {"a": None}),
-    ("parameters", {"a": b"bytes"}),
-]
+ALLOWED = {
+    "sigma": [0.0, 1e6],
+    "bound": [0.0],
+    "seconds": [7 * 86400.0],
+    "seeds": [1, 10**8],
+    "iterations": [10**6],
+    "trajectories": [1000],
+    "name": ["a" * LABEL_LENGTH],
+    "text": ["", "b" * 1000],
+    "parameters": [
+        {"a": 2**63 - 1, "b": "c" * 1000, "d": [1.5, True, "e"], "f": {"g": ""}},
+        *({"a": nested(6)}, {"a": [0] * 10_000}, {"a": math.inf}, {"a": -(2**63) + 1}),
+    ],
+}
+REFUSED = {
+    "sigma": [-0.1, 1.1e6, math.nan, "0.1"],
+    "bound": [math.inf, -1.0],
+    "seconds": [0.0, 7 * 86400.5],
+    "seeds": [0, 10**8 + 1, 1.0],
+    "iterations": [-1, 10**6 + 1],
+    "trajectories": [0, 1001],
+    "name": ["", " ", "a\nb", "a" * (LABEL_LENGTH + 1)],
+    "text": ["b" * 1001, "\x1b[31m"],
+    "parameters": [
+        *({"a": 2**63}, {"a": -(2**63)}, {"a": math.nan}, {"a": "c" * 1001}, {"a": "b\nc"}),
+        *({"": 1}, {"a": {"\n": 1}}, {"a": [{"b": math.nan}]}, {"a": nested(7)}),
+        *({"a": [0] * 10_001}, {"a": None}, {"a": b"bytes"}),
+    ],
+}
 
 
-@pytest.mark.parametrize(("key", "value"), ALLOWED)
+def each(values: dict[str, list]) -> list[tuple[str, object]]:
+    return [(key, value) for key, listed in values.items() for value in listed]
+
+
+@pytest.mark.parametrize(("key", "value"), each(ALLOWED))
 def test_values_up_to_their_limits_are_kept(key: str, value: object) -> None:
     assert getattr(Values(**{key: value}), key) == value
 
 
-@pytest.mark.parametrize(("key", "value"), REFUSED)
+@pytest.mark.parametrize(("key", "value"), each(REFUSED))
 def test_values_beyond_their_limits_are_refused(key: str, value: object) -> None:
     with pytest.raises(ValidationError):
         Values(**{key: value})

@@ -26,13 +26,12 @@ from olne_bench.bench.process.child import (
     MisspokeError,
     OutOfMemoryError,
     RaisedError,
-    StartError,
     TimedOutError,
     _cause,
     _raise,
     _too_much,
 )
-from olne_bench.bench.process.fork_server import search_path
+from olne_bench.bench.process.fork_server import StartError, search_path
 from olne_bench.bench.process.messages import Raised, Ready, Stage, encode
 from olne_bench.errors import UserError
 

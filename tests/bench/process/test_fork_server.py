@@ -11,8 +11,9 @@ import psutil
 import pytest
 
 from olne_bench.bench.process import fork_loop, fork_server
-from olne_bench.bench.process.child import Child, DiedError, StartError
+from olne_bench.bench.process.child import Child, DiedError
 from olne_bench.bench.process.family import has_ended
+from olne_bench.bench.process.fork_server import StartError
 
 
 def loaded(name: str) -> bool:

@@ -20,6 +20,19 @@ from olne_bench.games.solve.root_following import follow_root
 from olne_bench.plugins import ESTIMATOR, names
 
 
+def trial_row(**changes: Any) -> dict[str, Any]:
+    """A trial that went well, as tables have it, and what is different of it."""
+    row = {"suite": "s", "scenario": "s", "sensor": "full", "estimator": "e", "sigma": 0.05}
+    row |= {"seed": 0, "parameters": "{}", "count": 1, "status": "ok", "message": ""}
+    row |= {"cosine_error": 0.1, "cosine_limit": 0.05, "position_error": 1.0}
+    row |= {"observation_error": 0.04, "published_forward": 1.0, "solve_seconds": 0.1}
+    return row | {"weights": None} | changes
+
+
+#: What a trial that failed lacks.
+LOST = dict.fromkeys(("cosine_error", "position_error", "published_forward"), np.nan)
+
+
 @pytest.fixture(scope="session")
 def usual() -> Study:
     scenarios = [
@@ -77,28 +90,12 @@ def road_study() -> Study:
 def road_trials(road_study: Study) -> pd.DataFrame:
     """Trials of one draw on a road, for which each built-in estimator finds the true weights."""
     weights = true_recording(road_study.draw("roundabout", 0)).scenario.weights.tolist()
-    metrics = ("cosine_error", "position_error", "reconstruction_error", "held_out_error")
+    errors = ("cosine_error", "position_error", "reconstruction_error", "held_out_error")
+    told = dict.fromkeys(errors, 0.0) | {"covers_truth": 1, "cosine_limit": 0.01}
+    place = {"suite": "roads", "scenario": "roundabout", "sigma": 0.1, "weights": weights}
     return pd.DataFrame(
         [
-            {
-                "suite": "roads",
-                "scenario": "roundabout",
-                "sensor": sensor,
-                "sigma": 0.1,
-                "seed": 0,
-                "estimator": estimator,
-                "parameters": "{}",
-                "count": 1,
-                "status": "ok",
-                "message": "",
-                **dict.fromkeys(metrics, 0.0),
-                "covers_truth": 1,
-                "cosine_limit": 0.01,
-                "published_forward": 1,
-                "observation_error": 0.08,
-                "solve_seconds": 0.1,
-                "weights": weights,
-            }
+            trial_row(**place, **told, estimator=estimator, sensor=sensor)
             for estimator in names(ESTIMATOR)
             for sensor in ("full", "partial")
         ]

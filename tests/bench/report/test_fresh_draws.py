@@ -1,4 +1,4 @@
-"""What fresh errors say of implausible ones."""
+"""What fresh errors say of implausible ones, and how trials of a check are run."""
 
 from dataclasses import replace
 from itertools import islice
@@ -13,8 +13,8 @@ from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.report import fresh_draws
 from olne_bench.bench.report.confirmations import read_confirmations, write_confirmations
-from olne_bench.bench.report.fresh_draws import FEWEST, Suspect, compared, confirm
-from olne_bench.bench.report.machine import Machine
+from olne_bench.bench.report.fresh_draws import FEWEST, Machine, Suspect, compared, confirm, run_all
+from olne_bench.bench.run.study import LOG
 from olne_bench.errors import UserError
 
 LEVELS = (0.01, 0.1)
@@ -116,3 +116,18 @@ def test_the_latest_outcome_of_a_place_is_kept(trials, tmp_path):
     assert read_confirmations(tmp_path / "nowhere") == []
     with pytest.raises(UserError, match="cannot be written"):
         write_confirmations(tmp_path / "nowhere", [first])
+
+
+def test_trials_run_in_places_that_are_named_as_those_of_a_run(trials, monkeypatch, tmp_path):
+    asked = {}
+
+    def run_trials(some, **options):
+        asked.update(options)
+        for trial in some:
+            yield trial, Outcome("ok")
+
+    monkeypatch.setattr(fresh_draws, "run_trials", run_trials)
+    found = run_all(trials, Machine(jobs=4, memory=2**30, hidden=tmp_path))
+    assert tuple(trial for trial, _ in found) == trials
+    assert asked.pop("log").name == LOG
+    assert asked == {"jobs": 4, "memory": 2**30, "hidden": tmp_path}

@@ -11,14 +11,14 @@ from olne_bench.bench.commands import compare
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.commands.compare import _names as compared_names
 from olne_bench.bench.judge.metrics import BUILT_IN
-from olne_bench.bench.plan.salt import salt_id
 from olne_bench.bench.plan.select import Selection
-from olne_bench.bench.plan.suite import GateLimits
+from olne_bench.bench.plan.suite import GateLimits, salt_id
 from olne_bench.bench.report.gate import check_limits
-from olne_bench.bench.report.statistics.run_comparison import compare_runs
+from olne_bench.bench.report.statistics.pairs import compare_runs
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.run.store import open_store
 from olne_bench.errors import UserError
+from tests.bench.report.conftest import trial_row
 
 SUITE = """
 name = "small"
@@ -110,10 +110,7 @@ def test_a_limit_that_is_not_kept(run, tmp_path, capsys):
         ("[gate.kkt_residual]\nerror = 1\n", "limits 'error', which is not a metric of the run"),
         ("[gate.kkt_residual]\ncosine_error = -1\n", "greater than or equal to 0"),
         ("[gate.kkt_residual]\ntime_ratio = 2\n", "time_ratio and time_reference belong together"),
-        (
-            "[gate.kkt_residual]\nsensors = ['full']\n",
-            "no limit is set; limits are those",
-        ),
+        ("[gate.kkt_residual]\nsensors = ['full']\n", "no limit is set; limits are those"),
         ("[gate.nobody]\nfailures = 0\n", "the run has none; it has: kkt_residual, uniform"),
         ("[gate.uniform]\nfailures = 0\nsensors = ['x']\n", "it has: full, partial"),
     ],
@@ -222,12 +219,7 @@ def test_an_estimator_is_looked_for_in_its_own_run():
 
 
 def test_a_new_failure_is_worse():
-    rows = [
-        {"scenario": "two_player", "sensor": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
-        | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
-        for k in range(20)
-    ]
-    before = pd.DataFrame(rows)
+    before = pd.DataFrame([trial_row(scenario="two_player", seed=k) for k in range(20)])
     after = before.assign(status=["crash"] * 12 + ["ok"] * 8)
     table = compare_runs(before, after, {"e": "e"})
     assert (table["verdict"] == "worse").all()
@@ -238,12 +230,7 @@ def test_a_new_failure_is_worse():
 
 def test_small_gains_do_not_make_up_for_new_failures():
     """28 of 40 trials are slightly better, 12 crash: more trials gain, but failures are worse."""
-    rows = [
-        {"scenario": "two_player", "sensor": "full", "sigma": 0.1, "seed": k, "estimator": "e"}
-        | {"status": "ok", "cosine_error": 0.1, "position_error": 1.0, "count": 1}
-        for k in range(40)
-    ]
-    before = pd.DataFrame(rows)
+    before = pd.DataFrame([trial_row(scenario="two_player", seed=k) for k in range(40)])
     after = before.assign(
         status=["crash"] * 12 + ["ok"] * 28, cosine_error=0.099, position_error=0.99
     )

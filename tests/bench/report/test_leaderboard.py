@@ -1,28 +1,17 @@
+"""The leaderboard, and median errors over the noise, counted by hand."""
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.leaderboard import leaderboard
+from olne_bench.bench.report.leaderboard import errors_by_noise, leaderboard
 from olne_bench.bench.report.statistics.score import log_errors, score_table
 from olne_bench.bench.report.study import USUAL
+from tests.bench.report.conftest import trial_row
 
 
 def trial(**changes):
-    row = {
-        "scenario": "s",
-        "sensor": "full",
-        "estimator": "e",
-        "sigma": 0.01,
-        "seed": 0,
-        "status": "ok",
-        "cosine_error": 0.1,
-        "cosine_limit": 0.05,
-        "position_error": 1.0,
-        "published_forward": 1,
-        "solve_seconds": 0.5,
-        "count": 1,
-    }
-    return row | changes
+    return trial_row(**{"sigma": 0.01} | changes)
 
 
 def only_row(*trials, study=USUAL):
@@ -227,3 +216,39 @@ def test_trials_without_noise_are_exact_or_not():
     assert only_row(*rows)["exact"] == 0.75
     assert only_row(trial(sigma=0.0, status="crash", position_error=np.nan))["exact"] == 0
     assert np.isnan(only_row(trial())["exact"])
+
+
+def trials_of(rows: list[tuple[float, str, int, float]]) -> pd.DataFrame:
+    names = ["sigma", "status", "count", "position_error"]
+    table = pd.DataFrame(rows, columns=names).assign(scenario="s", sensor="full", estimator="a")
+    return table.assign(seed=range(len(table)))
+
+
+def test_attempts_and_failures_are_counted() -> None:
+    table = errors_by_noise(
+        trials_of(
+            [
+                (0.0, "ok", 40, 0.5),
+                (0.1, "ok", 1, 0.5),
+                (0.1, "failed_forward", 1, np.nan),
+                (0.1, "timeout", 1, np.nan),
+                (0.2, "skipped", 1, np.nan),
+                (0.2, "harness_error", 1, np.nan),
+                (0.3, "crash", 7, np.nan),
+            ]
+        )
+    )
+    assert table[["sigma", "attempts", "failures"]].to_numpy().tolist() == [
+        [0.0, 40, 0],
+        [0.1, 3, 2],
+        [0.3, 7, 7],
+    ]
+
+
+def test_medians_lie_between_two_of_the_ordered_errors_and_failures_rank_last() -> None:
+    errors = [(0.1, "ok", 1, float(k)) for k in range(1, 10)]
+    few = [(0.2, "ok", 1, 1.0), (0.2, "timeout", 1, np.nan), (0.2, "timeout", 1, np.nan)]
+    table = errors_by_noise(trials_of([*errors[::-1], (0.1, "timeout", 1, np.nan), *few]))
+    shown = table[[f"position_error_{end}" for end in ("median", "low", "high")]].to_numpy()
+    # Of ten values, the second and the ninth enclose the median in 97.9 % of cases.
+    np.testing.assert_array_equal(shown, [[5.5, 2.0, 9.0], [np.inf, np.nan, np.nan]])

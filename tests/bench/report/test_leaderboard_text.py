@@ -8,6 +8,7 @@ from pylatexenc.latexwalker import LatexEnvironmentNode, LatexWalker
 from olne_bench.bench.report.leaderboard import leaderboard
 from olne_bench.bench.report.leaderboard_text import format_leaderboard, latex, markdown
 from olne_bench.bench.report.statistics.score import log_errors, score_table
+from tests.bench.report.conftest import trial_row
 
 ODD = r"50%_of <b>|&$x\y"
 COLUMNS = 12
@@ -17,23 +18,20 @@ COLUMNS = 12
 def table() -> pd.DataFrame:
     rng = np.random.default_rng(0)
     rows = [
-        {
-            "scenario": "two_player",
-            "sensor": "full",
-            "estimator": name,
-            "sigma": 0.01,
-            "seed": seed,
-            "status": "ok" if name != "never" else "timeout",
-            "cosine_error": scale * rng.uniform(1, 2),
-            "identifiable_cosine_error": scale,
-            "cosine_limit": 0.01,
-            "position_error": scale * rng.uniform(1, 2),
-            "held_out_error": 2 * scale,
-            "covers_truth": None if name == "never" else int(seed < 27),
-            "published_forward": 1,
-            "solve_seconds": None if name == "never" else 0.5,
-            "count": 1,
-        }
+        trial_row(
+            scenario="two_player",
+            estimator=name,
+            sigma=0.01,
+            seed=seed,
+            status="ok" if name != "never" else "timeout",
+            cosine_error=scale * rng.uniform(1, 2),
+            identifiable_cosine_error=scale,
+            cosine_limit=0.01,
+            position_error=scale * rng.uniform(1, 2),
+            held_out_error=2 * scale,
+            covers_truth=None if name == "never" else int(seed < 27),
+            solve_seconds=None if name == "never" else 0.5,
+        )
         for name, scale in (("good", 0.001), (ODD, 0.1), ("never", 1.0))
         for seed in range(30)
     ]
@@ -66,11 +64,8 @@ def test_latex(table: pd.DataFrame) -> None:
     assert r"90\% of 30" in text
     rows = [line for line in text.splitlines() if line.endswith(r"\\")]
     assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {COLUMNS - 1}
-
-
-def test_latex_is_well_formed(table: pd.DataFrame) -> None:
     # Unbalanced braces, groups, mathematics and environments raise.
-    nodes, _, _ = LatexWalker(latex(table), tolerant_parsing=False).get_latex_nodes()
+    nodes, _, _ = LatexWalker(text, tolerant_parsing=False).get_latex_nodes()
     environments = [node for node in nodes if isinstance(node, LatexEnvironmentNode)]
     assert [node.environmentname for node in environments] == ["tabular"]
 

@@ -9,15 +9,15 @@ import pytest
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.suite import GateLimits
-from olne_bench.bench.report.figures import errors, style
+from olne_bench.bench.report.figures import over_noise, style
 from olne_bench.bench.report.gate import check_limits
 from olne_bench.bench.report.leaderboard_text import format_leaderboard, latex, markdown
-from olne_bench.bench.report.measures import primary
 from olne_bench.bench.report.page.render import render_page
-from olne_bench.bench.report.statistics.run_comparison import compare_runs
-from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.statistics.pairs import compare_runs
+from olne_bench.bench.report.study import Study, primary, study_of
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.errors import UserError
+from tests.bench.report.conftest import LOST, trial_row
 
 JERK = MetricDeclaration(
     "jerk_error",
@@ -36,34 +36,22 @@ STUDY = Study(metrics=(*BUILT_IN, JERK, ON_ROAD))
 def trials() -> pd.DataFrame:
     rng = np.random.default_rng(0)
     rows = [
-        {
-            "suite": "s",
-            "scenario": "of_another_version",
-            "sensor": sensor,
-            "estimator": name,
-            "sigma": 0.05,
-            "seed": seed,
-            "status": "crash" if name == "b" and seed < 5 else "ok",
-            "message": "",
-            "cosine_error": 0.1,
-            "cosine_limit": 0.05,
-            "position_error": 1.0,
-            "jerk_error": scale * rng.uniform(1, 1.1),
-            "on_road": float(seed % 4 > 0),
-            "observation_error": 0.04,
-            "published_forward": 1.0,
-            "solve_seconds": 0.1,
-            "count": 1,
-            "weights": None,
-        }
+        trial_row(
+            scenario="of_another_version",
+            sensor=sensor,
+            estimator=name,
+            seed=seed,
+            jerk_error=scale * rng.uniform(1, 1.1),
+            on_road=float(seed % 4 > 0),
+        )
         for name, scale in (("a", 0.25), ("b", 2.0))
         for sensor in ("full", "partial", "gappy")
         for seed in range(20)
     ]
     table = pd.DataFrame(rows)
-    lost = table["status"] == "crash"
-    values = ["cosine_error", "position_error", "jerk_error", "on_road", "published_forward"]
-    table.loc[lost, values] = np.nan
+    lost = (table["estimator"] == "b") & (table["seed"] < 5)
+    table.loc[lost, [*LOST, "jerk_error", "on_road"]] = np.nan
+    table.loc[lost, "status"] = "crash"
     return table
 
 
@@ -104,7 +92,7 @@ def test_the_page_has_its_columns_and_scores(trials, embedded):
 def test_the_figure_of_errors_has_its_panels(trials):
     two = trials[trials["sensor"] != "gappy"]
     with style.applied():
-        figure = errors.draw(two, STUDY)
+        figure = over_noise.draw_errors(two, STUDY)
     labels = [axes.get_ylabel() for axes in figure.axes[::2]]
     assert labels == ["Position error [m]", "Cosine error", "Jerk error [m/s^3]"]
     assert [axes.get_title() for axes in figure.axes] == ["full", "partial"] * 3

@@ -6,9 +6,10 @@ import pyarrow as pa
 import pytest
 
 from olne_bench.bench.judge.metrics import BUILT_IN
-from olne_bench.bench.report.measures import in_table
-from olne_bench.bench.report.parts import FrameParts, Parts, joined, of_each, write_trials
+from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of, write_trials
+from olne_bench.bench.report.study import in_table
 from olne_bench.bench.report.tables import tabulate
+from tests.bench.report.conftest import trial_row
 
 KEY = ["scenario", "sensor", "sigma", "seed", "estimator"]
 
@@ -23,26 +24,17 @@ def trials(number: int = 8) -> pd.DataFrame:
                 errors["held_out_error"] = rng.uniform()
                 if scenario == "a":
                     errors[never] = np.nan
-                row = {
-                    "suite": "s",
-                    "scenario": scenario,
-                    "sensor": "full",
-                    "sigma": 0.1,
-                    "seed": seed,
-                    "salt_id": "",
-                    "estimator": estimator,
-                    "parameters": "{}",
-                    "count": 1,
-                    "status": "crash" if failed else "ok",
-                    "message": "",
-                    "cosine_limit": 0.01,
-                    "published_forward": 1.0,
-                    "observation_error": 0.1,
-                    "solve_seconds": 0.1,
-                    "weights": None if failed else "[[0.25, 0.75], [0.5, 0.5]]",
-                    "unknowns": None,
-                    "weight_levels": None,
-                }
+                row = trial_row(
+                    scenario=scenario,
+                    sigma=0.1,
+                    seed=seed,
+                    salt_id="",
+                    estimator=estimator,
+                    status="crash" if failed else "ok",
+                    weights=None if failed else "[[0.25, 0.75], [0.5, 0.5]]",
+                    unknowns=None,
+                    weight_levels=None,
+                )
                 rows.append(row | (dict.fromkeys(errors, np.nan) if failed else errors))
     return pd.DataFrame(rows).sort_values(KEY, ignore_index=True)
 
@@ -62,7 +54,7 @@ def parts(source: Parts) -> list[tuple[str, pd.DataFrame]]:
 @pytest.mark.parametrize("size", [1, 7, 1000])
 def test_a_file_and_a_frame_hold_the_same_parts(tmp_path, size: int) -> None:
     table = trials()
-    kept, read = FrameParts(table), write_trials(batches(table, size), tmp_path)
+    kept, read = parts_of(table), write_trials(batches(table, size), tmp_path)
     assert read.outline.scenarios == ["a", "b"]
     pd.testing.assert_frame_equal(kept.outline.cells, read.outline.cells, check_dtype=False)
     assert (kept.outline.suite, kept.outline.some_ok) == (read.outline.suite, read.outline.some_ok)
@@ -90,12 +82,12 @@ def test_the_tables_do_not_depend_on_where_the_trials_are(tmp_path) -> None:
 
 def test_an_outline_knows_the_metrics_of_the_whole_run() -> None:
     table = trials()
-    own = [metric.name for metric in FrameParts(table).outline.metrics(BUILT_IN)]
+    own = [metric.name for metric in parts_of(table).outline.metrics(BUILT_IN)]
     assert own == [metric.name for metric in in_table(BUILT_IN, table)]
     assert "held_out_error" in own  # which one of the scenarios has only
     lost = table.assign(status="crash", cosine_error=np.nan, position_error=np.nan)
     lost = lost.assign(held_out_error=np.nan)
-    own = [metric.name for metric in FrameParts(lost).outline.metrics(BUILT_IN)]
+    own = [metric.name for metric in parts_of(lost).outline.metrics(BUILT_IN)]
     assert own == [metric.name for metric in in_table(BUILT_IN, lost)] != []
 
 

@@ -9,7 +9,7 @@ import pytest
 from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.truth import Draw, predict_from_start, true_recording
 from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.scenes import (
     Choice,
     choose,

@@ -5,11 +5,11 @@ import os
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.estimate_check import CheckedEstimate
 from olne_bench.bench.judge.metrics.judged import Judged
 from olne_bench.bench.judge.metrics.scoring import MetricError
 from olne_bench.bench.plan.entries import MetricEntry
 from olne_bench.bench.run.metric_process import MetricProcess
+from olne_bench.estimators.protocol import Estimate
 
 PLUGIN = """
 import os, time
@@ -44,7 +44,7 @@ def score(tmp_path):
     path = tmp_path / "scores.py"
     path.write_text(PLUGIN)
     metrics = MetricProcess(memory=None, hidden=None)
-    estimate = CheckedEstimate(np.full((2, 4), 0.25), None, None, None, None, True, "", None, None)
+    estimate = Estimate(np.full((2, 4), 0.25))
     case = Judged((), estimate, prediction=np.zeros((3, 2, 4)), sigma=0.5)
 
     def ask(name: str, seconds: float = 30.0, **parameters: float) -> float | None:

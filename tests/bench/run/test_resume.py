@@ -3,8 +3,7 @@
 import pandas as pd
 import pytest
 
-from olne_bench.bench.plan.salt import salt_id
-from olne_bench.bench.plan.suite import read_suite_json
+from olne_bench.bench.plan.suite import read_suite_json, salt_id
 from olne_bench.bench.process.sandbox import landlock_version
 from olne_bench.bench.run.store import read_store
 from olne_bench.bench.run.store_layout import FILE_NAME

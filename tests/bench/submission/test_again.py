@@ -10,7 +10,7 @@ import pytest
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, expand
-from olne_bench.bench.report.machine import Machine
+from olne_bench.bench.report.fresh_draws import Machine
 from olne_bench.bench.submission import again
 from olne_bench.bench.submission.again import SLOWER, Repeated, outcomes_of, repeat
 

@@ -72,10 +72,7 @@ def folder(path: Path) -> None:
 def test_only_usual_files_are_read(tmp_path: Path, monkeypatch, make) -> None:
     monkeypatch.chdir(tmp_path)  # paths of sockets are short
     make(Path("a"))
-    for call in (
-        lambda: read_file(Path(), "a"),
-        lambda: check_folder(Path(), ["a"], "list"),
-    ):
+    for call in (lambda: read_file(Path(), "a"), lambda: check_folder(Path(), ["a"], "list")):
         Path("list").touch()
         with pytest.raises(UserError, match="'a' is not a file within a submission"):
             call()

@@ -3,7 +3,8 @@
 import json
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -14,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from olne_bench.bench.commands.cli import main
+from olne_bench.bench.plan import fingerprint, versions
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import Versions, environment_version
 from olne_bench.bench.report.confirmations import Confirmation
@@ -91,11 +93,18 @@ def manifest(folder: Path) -> dict:
     return data
 
 
+@contextmanager
+def edited(folder: Path) -> Iterator[dict]:
+    """Its manifest, to change."""
+    data = manifest(folder)
+    yield data
+    (folder / MANIFEST).write_text(json.dumps(data))
+
+
 def sign(folder: Path) -> None:
     """Update the manifest to the present files, as a forger would."""
-    data = manifest(folder)
-    data["files"] = {place: digest((folder / place).read_bytes()) for place in data["files"]}
-    (folder / MANIFEST).write_text(json.dumps(data))
+    with edited(folder) as data:
+        data["files"] = {place: digest((folder / place).read_bytes()) for place in data["files"]}
 
 
 def change_rows(folder: Path, change: Callable[[pd.DataFrame], pd.DataFrame]) -> None:
@@ -105,12 +114,20 @@ def change_rows(folder: Path, change: Callable[[pd.DataFrame], pd.DataFrame]) ->
     sign(folder)
 
 
+def other_libraries(folder: Path) -> None:
+    """Manifest and rows as if an older NumPy had been there."""
+    with edited(folder) as data:
+        libraries = data["runs"][0]["environment"]
+        libraries["numpy"] = "1.0"
+    version = environment_version(libraries)
+    change_rows(folder, lambda rows: rows.assign(environment_version=version))
+
+
 def make_boards(folder: Path) -> None:
     """Tables that follow from the rows, as a forger would make them."""
     found = read_submission(folder)
-    for name, text in board_files(
-        read_rows(found).table, study_of(found.suites(folder / PLUGINS))
-    ).items():
+    study = study_of(found.suites(folder / PLUGINS))
+    for name, text in board_files(read_rows(found).table, study).items():
         (folder / name).write_text(text, newline="")
     sign(folder)
 
@@ -130,12 +147,8 @@ def fewer(monkeypatch) -> None:
 def test_what_is_packed_is_accepted_and_holds_all_that_is_needed(packed: Path, capsys) -> None:
     places = {p.relative_to(packed).as_posix() for p in packed.rglob("*") if p.is_file()}
     assert places == {
-        "leaderboard.csv",
-        "leaderboard.md",
-        "plugins/drawn/beside.py",
-        "plugins/drawn/drawn.py",
-        "submission.json",
-        "trials.parquet",
+        *("leaderboard.csv", "leaderboard.md", "submission.json", "trials.parquet"),
+        *("plugins/drawn/beside.py", "plugins/drawn/drawn.py"),
     }
     text = (packed / MANIFEST).read_text()
     assert str(packed.parent) not in text  # this folder exists only here
@@ -176,12 +189,7 @@ def test_other_versions_do_not_hide_a_rival_made_worse(submission: Path, capsys)
     assert "environment_version of uniform, two_player, full" in capsys.readouterr().err
     # Nor does a manifest that lists the same.
     (submission / ROWS).write_bytes(kept)
-    data = manifest(submission)
-    libraries = data["runs"][0]["environment"] | {"numpy": "1.0"}
-    data["runs"][0]["environment"] = libraries
-    (submission / MANIFEST).write_text(json.dumps(data))
-    version = environment_version(libraries)
-    change_rows(submission, lambda rows: rows.assign(environment_version=version))
+    other_libraries(submission)
     assert verify(submission, "--strict") == 2
     assert "its rows are of other versions: numpy 1.0 there," in capsys.readouterr().err
     assert verify(submission) == 1
@@ -191,12 +199,7 @@ def test_other_versions_do_not_hide_a_rival_made_worse(submission: Path, capsys)
 
 
 def test_rows_of_other_libraries_are_accepted_if_they_are_the_same(submission: Path) -> None:
-    data = manifest(submission)
-    libraries = data["runs"][0]["environment"] | {"numpy": "1.0"}
-    data["runs"][0]["environment"] = libraries
-    (submission / MANIFEST).write_text(json.dumps(data))
-    version = environment_version(libraries)
-    change_rows(submission, lambda rows: rows.assign(environment_version=version))
+    other_libraries(submission)
     assert verify(submission) == 0
 
 
@@ -245,14 +248,6 @@ def test_a_plugin_does_not_find_its_rows_nor_who_runs_it(packed: Path) -> None:
         assert (home / "drawn/drawn.py").exists()
 
 
-def drop_one(folder: Path) -> None:
-    change_rows(folder, lambda rows: rows.iloc[1:])
-
-
-def double_one(folder: Path) -> None:
-    change_rows(folder, lambda rows: pd.concat([rows, rows.iloc[:1]], ignore_index=True))
-
-
 def edit_plugin(folder: Path) -> None:
     plugin = folder / "plugins/drawn/drawn.py"
     plugin.write_text(plugin.read_text().replace("LEAST, 1", "LEAST, 2"))
@@ -267,26 +262,24 @@ def edit_table(folder: Path) -> None:
 
 
 def lose_plugin(folder: Path) -> None:
-    data = manifest(folder)
-    del data["files"]["plugins/drawn/drawn.py"]
-    (folder / MANIFEST).write_text(json.dumps(data))
+    with edited(folder) as data:
+        del data["files"]["plugins/drawn/drawn.py"]
     (folder / "plugins/drawn/drawn.py").unlink()
 
 
-def add_file(folder: Path) -> None:
-    (folder / "more.txt").touch()
-
-
 def ask_for_more(folder: Path) -> None:
-    data = manifest(folder)
-    run = data["runs"][0]
-    run["seeds"] = 10**8
-    run["suite"] = run["suite"].replace('"seeds":3', f'"seeds":{10**8}')
-    (folder / MANIFEST).write_text(json.dumps(data))
+    with edited(folder) as data:
+        run = data["runs"][0]
+        run["seeds"] = 10**8
+        run["suite"] = run["suite"].replace('"seeds":3', f'"seeds":{10**8}')
 
 
-def reshape_weights(folder: Path) -> None:
-    change_rows(folder, lambda rows: rows.assign(weights=[[[0.5], [0.5], [1.0]]] * len(rows)))
+def twice(rows: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat([rows, rows.iloc[:1]], ignore_index=True)
+
+
+def reshaped(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows.assign(weights=[[[0.5], [0.5], [1.0]]] * len(rows))
 
 
 def edit_text(folder: Path) -> None:
@@ -296,9 +289,8 @@ def edit_text(folder: Path) -> None:
 
 
 def leave_folder(folder: Path) -> None:
-    data = manifest(folder)
-    data["files"]["../outside.py"] = "0"
-    (folder / MANIFEST).write_text(json.dumps(data))
+    with edited(folder) as data:
+        data["files"]["../outside.py"] = "0"
 
 
 def link_elsewhere(folder: Path) -> None:
@@ -310,14 +302,14 @@ def link_elsewhere(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("harm", "said"),
     [
-        (drop_one, "suite 'tiny' asks for 12 trials, and there are 11 rows"),
-        (double_one, "has 1 trials more than once"),
+        (lambda f: change_rows(f, lambda r: r[1:]), "suite 'tiny' asks for 12 trials, and there"),
+        (lambda f: change_rows(f, twice), "has 1 trials more than once"),
         (edit_plugin, "plugins/drawn/drawn.py was changed after it was submitted"),
         (edit_table, "is not the leaderboard of the rows beside it: see cosine_error_median"),
         (edit_text, "leaderboard.md is not the leaderboard of the rows beside it"),
-        (add_file, "'more.txt' is not listed in submission.json; remove it"),
+        (lambda f: (f / "more.txt").touch(), "'more.txt' is not listed in submission.json; re"),
         (ask_for_more, f"asks for {4 * 10**8} trials, and there are 12 rows"),
-        (reshape_weights, "no table can be made of its rows: cannot reshape array"),
+        (lambda f: change_rows(f, reshaped), "no table can be made of its rows: cannot reshap"),
         (lose_plugin, "the plugin plugins/drawn/drawn.py of estimator 'Drawn' is missing"),
         (leave_folder, "'../outside.py' is not a file within a submission"),
         (link_elsewhere, "is not a file within a submission"),
@@ -337,6 +329,12 @@ def test_harm_is_told_in_one_line(
     assert "\n" not in errors
 
 
+def forget() -> None:
+    """Contents of files are cached within a process."""
+    for cached in (fingerprint._content, fingerprint._summary, versions._version):
+        cached.cache_clear()
+
+
 def test_what_cannot_be_packed(run: Path, packed: Path, tmp_path: Path, capsys) -> None:
     def refused(folder: Path, *options: object) -> str:
         assert call("submit", folder, *options) == 2
@@ -352,18 +350,17 @@ def test_what_cannot_be_packed(run: Path, packed: Path, tmp_path: Path, capsys) 
     text = helper.read_text()
     helper.write_text("LEAST = 0.4\n")
     try:
-        # Contents of files are cached within a process.
-        from olne_bench.bench.plan import fingerprint, versions
-
-        for cached in (fingerprint._content, fingerprint._summary, versions._version):
-            cached.cache_clear()
+        forget()
         assert "6 of 12 trials in" in (told := refused(run, "--name", "x", "--out", new))
         assert "other code than the present one" in told
     finally:
         helper.write_text(text)
-        for cached in (fingerprint._content, fingerprint._summary, versions._version):
-            cached.cache_clear()
+        forget()
     assert not new.exists()
+
+
+def entry(name: str, label: str) -> dict[str, str]:
+    return {"name": name, "label": label}
 
 
 @pytest.mark.parametrize(
@@ -373,10 +370,7 @@ def test_what_cannot_be_packed(run: Path, packed: Path, tmp_path: Path, capsys) 
         ({"scenarios": ("mine.py",)}, "a submission brings estimators"),
         ({"metrics": ("mine.py",)}, "a submission brings estimators"),
         ({"estimators": ("installed",)}, "run it from its file, with --plugin FILE.py"),
-        (
-            {"estimators": ({"name": "uniform", "label": "map"},)},
-            "an estimator is labelled 'map' and is not that estimator",
-        ),
+        ({"estimators": (entry("uniform", "map"),)}, "an estimator is labelled 'map' and is not"),
     ],
 )
 def test_a_submission_brings_estimators_in_files(change: dict[str, tuple], said: str) -> None:
@@ -384,10 +378,6 @@ def test_a_submission_brings_estimators_in_files(change: dict[str, tuple], said:
     suite = Suite.model_validate({"name": "s", "sigmas": (0.1,), "seeds": 1} | usual | change)
     with pytest.raises(UserError, match=re.escape(said)):
         _plugin_places([suite])
-
-
-def entry(name: str, label: str) -> dict[str, str]:
-    return {"name": name, "label": label}
 
 
 def suite_of(*files: Path) -> Suite:

@@ -69,7 +69,7 @@ def test_nominal_merging_has_the_published_costs() -> None:
 
 @pytest.mark.parametrize("players", [3, 4])
 def test_merging_agrees_with_the_oracle(players: int) -> None:
-    script = runpy.run_path(str(ROOT / "scripts" / "merging_draws.py"))
+    script = runpy.run_path(str(ROOT / "scripts" / "constrained_games.py"))
     rows, _ = script["rows"](6, players)
     for row in rows:
         assert row.certified, row

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.judge.truth import true_recording
+from tests.bench.report.conftest import trial_row
 
 Trials = Callable[..., pd.DataFrame]
 
@@ -32,28 +33,21 @@ def make_trials(prediction_error, usual) -> Trials:
                         weights /= weights.sum(1, keepdims=True)
                         error = sigma * rng.uniform(0.5, 2)
                         rows.append(
-                            {
-                                "suite": "test",
-                                "scenario": scenario,
-                                "sensor": sensor,
-                                "sigma": sigma,
-                                "seed": seed,
-                                "estimator": estimator,
-                                "parameters": "{}",
-                                "status": status,
-                                "message": "",
-                                "cosine_error": error,
-                                "cosine_limit": sigma**2,
-                                "position_error": prediction_error(scenario, seed, weights),
-                                "reconstruction_error": error,
-                                "observation_error": 0.8 * sigma,
-                                "published_forward": 1,
-                                "solve_seconds": 0.1,
-                                "objective": 1.0,
-                                "truth_objective": 1.0,
-                                "count": 1 if sigma else 40,
-                                "weights": weights.tolist(),
-                            }
+                            trial_row(
+                                scenario=scenario,
+                                sensor=sensor,
+                                sigma=sigma,
+                                seed=seed,
+                                estimator=estimator,
+                                status=status,
+                                cosine_error=error,
+                                cosine_limit=sigma**2,
+                                position_error=prediction_error(scenario, seed, weights),
+                                reconstruction_error=error,
+                                observation_error=0.8 * sigma,
+                                count=1 if sigma else 40,
+                                weights=weights.tolist(),
+                            )
                         )
         frame = pd.DataFrame(rows)
         if status in ("timeout", "crash", "invalid", "skipped", "not_converged"):

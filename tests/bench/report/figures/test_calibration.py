@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.figures import calibration, widths
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.figures.calibration import draw_coverage, draw_widths
+from olne_bench.bench.report.formats import NotDrawnError
 
 NUMBER = 60
 
@@ -42,7 +42,7 @@ def told() -> pd.DataFrame:
 
 
 def test_a_curve_for_each_region_and_for_random_points_and_a_line_for_each_weight(told) -> None:
-    above, below = np.reshape(calibration.draw(told).axes, (2, 2))
+    above, below = np.reshape(draw_coverage(told).axes, (2, 2))
     assert [axes.get_title() for axes in above] == ["full", "partial"]
     for axes in above:  # the diagonal, two regions, and one around random points
         assert [line.get_linestyle() for line in axes.lines].count(":") == 1
@@ -56,13 +56,13 @@ def test_a_curve_for_each_region_and_for_random_points_and_a_line_for_each_weigh
 def test_a_player_of_some_draws_has_its_lines(told: pd.DataFrame) -> None:
     more = [np.full((3, 3), 0.5).tolist() if k % 2 else [[0.1] * 3] * 2 for k in range(NUMBER)]
     told.loc[told["estimator"] == "posterior", "weight_levels"] = pd.Series(more * 2).values
-    for axes in calibration.draw(told).axes[2:]:
+    for axes in draw_coverage(told).axes[2:]:
         assert len(axes.lines) == 1 + 3 * 3
 
 
 def test_the_band_of_weights_counts_a_draw_once_at_all_its_noise_levels(told) -> None:
     bands = [
-        calibration.draw(table).axes[2].collections[0].get_paths()[0].vertices
+        draw_coverage(table).axes[2].collections[0].get_paths()[0].vertices
         for table in (told, pd.concat([told, told.assign(sigma=0.2)]))
     ]
     np.testing.assert_array_equal(*bands)
@@ -70,7 +70,7 @@ def test_the_band_of_weights_counts_a_draw_once_at_all_its_noise_levels(told) ->
 
 def test_a_point_with_bars_for_each_noise_level(told: pd.DataFrame) -> None:
     louder = told.assign(sigma=0.2, region_width=2 * told["region_width"])
-    figure = widths.draw(pd.concat([told, louder]))
+    figure = draw_widths(pd.concat([told, louder]))
     assert [axes.get_title() for axes in figure.axes] == ["full", "partial"]
     for axes in figure.axes:
         assert len(axes.containers) == 2 * 2  # estimators and noise levels; uniform says nothing
@@ -82,6 +82,6 @@ def test_a_point_with_bars_for_each_noise_level(told: pd.DataFrame) -> None:
 
 def test_nothing_to_draw_is_said(told: pd.DataFrame) -> None:
     silent = told[told["estimator"] == "uniform"]
-    for module in (calibration, widths):
+    for draw in (draw_coverage, draw_widths):
         with pytest.raises(NotDrawnError):
-            module.draw(silent)
+            draw(silent)

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from olne_bench.bench.report.figures import forest
-from olne_bench.bench.report.not_drawn import NotDrawnError
+from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.statistics.score import log_errors, score_table
 from tests.bench.report.statistics.test_score import FACTORS, STUDY, trials
 

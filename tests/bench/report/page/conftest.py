@@ -16,6 +16,7 @@ from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.envs.scenarios import get_scenario
+from tests.bench.report.conftest import LOST, trial_row
 
 #: A name that a plugin may have.
 HOSTILE = "<img src=x onerror=\"document.title='broken'\"></script><b>&"
@@ -53,27 +54,21 @@ def small_study(prediction_error) -> pd.DataFrame:
                         failed = estimator == HOSTILE and seed == 5
                         error = cosine_error(truth, weights)
                         predicted = prediction_error(scenario, seed, weights)
-                        rows.append(
-                            {
-                                "suite": "small <study>",
-                                "scenario": scenario,
-                                "sensor": sensor,
-                                "sigma": sigma,
-                                "seed": seed,
-                                "estimator": estimator,
-                                "parameters": "{}",
-                                "count": 1,
-                                "status": "crash" if failed else "ok",
-                                "message": "",
-                                "cosine_error": np.nan if failed else error,
-                                "cosine_limit": 21.9 * sigma**2,
-                                "position_error": np.nan if failed else predicted,
-                                "published_forward": np.nan if failed else 1.0,
-                                "observation_error": 0.8 * sigma * rng.uniform(0.9, 1.1),
-                                "solve_seconds": 0.1,
-                                "weights": None if failed else weights.tolist(),
-                            }
+                        row = trial_row(
+                            suite="small <study>",
+                            scenario=scenario,
+                            sensor=sensor,
+                            sigma=sigma,
+                            seed=seed,
+                            estimator=estimator,
+                            cosine_error=error,
+                            cosine_limit=21.9 * sigma**2,
+                            position_error=predicted,
+                            observation_error=0.8 * sigma * rng.uniform(0.9, 1.1),
+                            weights=weights.tolist(),
                         )
+                        lost = LOST | {"status": "crash", "weights": None}
+                        rows.append(row | (lost if failed else {}))
     return pd.DataFrame(rows)
 
 
@@ -81,8 +76,8 @@ def small_study(prediction_error) -> pd.DataFrame:
 def page(small_study: pd.DataFrame, usual: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "index.html"
     tables = tabulate(small_study, usual)
-    drawn = draw_figures(small_study, tables, path.parent / "figures", ("png",), usual)
-    extras = Extras(pictures=drawn.pictures)
+    pictures, _ = draw_figures(small_study, tables, path.parent / "figures", ("png",), usual)
+    extras = Extras(pictures=pictures)
     html = render_page(small_study, tables, [provenance()], usual, extras=extras).html
     path.write_text(html, encoding="utf-8")
     return path

@@ -1,15 +1,20 @@
+"""The page of a run, and of two runs, as HTML."""
+
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
-from olne_bench.bench.report.page.render import board, render_page
-from olne_bench.bench.report.page.verdict import verdict
+from olne_bench.bench.report.page.render import after_name, render_page, two_runs_page
+from olne_bench.bench.report.statistics.pairs import compare_runs
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
+from tests.bench.report.conftest import LOST, trial_row
 
 
 class Tags(HTMLParser):
@@ -57,43 +62,11 @@ def test_predictions_at_the_true_weights_are_the_truth(page: Path, embedded) -> 
 
 
 def test_nothing_but_failures_of_a_scenario_that_is_not_known(embedded) -> None:
-    row = {"suite": "s", "scenario": "gone", "sensor": "full", "estimator": "e", "parameters": "{}"}
-    row |= {
-        "sigma": 0.1,
-        "seed": 0,
-        "count": 1,
-        "status": "timeout",
-        "message": "",
-        "weights": None,
-    }
-    numbers = ("cosine_error", "position_error", "cosine_limit", "observation_error")
-    trials = pd.DataFrame([row]).assign(**dict.fromkeys((*numbers, "solve_seconds"), np.nan))
-    trials["published_forward"] = np.nan
+    row = trial_row(scenario="gone", status="timeout", cosine_limit=np.nan, solve_seconds=np.nan)
+    trials = pd.DataFrame([row | LOST])
     html = render_page(trials, tabulate(trials), []).html
     assert embedded(html)["scenarios"][0]["scene"] is None
     assert "kept no provenance" in html
-
-
-def test_the_board_has_five_columns_the_best_first_and_the_floor_last(
-    small_study: pd.DataFrame, usual: Study
-) -> None:
-    tables = tabulate(small_study, usual)
-    table = board(tables, usual)
-    assert table.heads == ["Estimator", "Score", "Position error [m]", "Failures", "Time [ms]"]
-    scores = [float(cells[1].key or "nan") for _, cells in table.rows]
-    assert scores[:2] == sorted(scores[:2])
-    assert table.rows[-1][0] == {"class": "floor"} and "uniform" in table.rows[-1][1][0].text
-    held = small_study.assign(held_out_error=0.1)
-    assert board(tabulate(held, usual), usual).heads[3] == "Held-out error [m]"
-
-
-def test_without_noise_there_are_errors_and_no_scores(small_study: pd.DataFrame, usual) -> None:
-    quiet = small_study.assign(sigma=0.0)
-    tables = tabulate(quiet[quiet["seed"] == 0], usual)
-    table = board(tables, usual)
-    assert table.note == "Nobody has a score."
-    assert [cells[1].text for _, cells in table.rows] == ["–"] * 3
-    assert verdict(tables.scores, tables.comparisons, usual).startswith("No estimator has a score")
 
 
 def test_temperaments_have_a_section_where_drivers_have_some(
@@ -108,3 +81,31 @@ def test_temperaments_have_a_section_where_drivers_have_some(
     (row,) = re.findall(r"Who drives</summary>.*?<tbody>(.*?)</tbody>", html, re.DOTALL)
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
     assert cells[2:] == ["normal", "7", "0.12", "50 % <small>[20 %, 80 %]</small>"]
+
+
+def test_both_runs_are_on_the_page_and_only_what_they_share(
+    small_study: pd.DataFrame, usual: Study, embedded
+) -> None:
+    one = small_study[small_study["scenario"] == "two_player"]
+    better = one.assign(position_error=one["position_error"] / 2)
+    names = {"kkt_constrained": "kkt_constrained", "uniform": "uniform"}
+    other = better[better["seed"] < 4]
+    changes = compare_runs(one, other, names, usual)
+    html = two_runs_page(("runs/a", one, []), ("runs/b", other, []), names, changes, usual)
+    data = embedded(html)
+    labels = [e["name"] for e in data["estimators"]]
+    assert labels == ["kkt_constrained", "kkt_constrained (second)", "uniform"]
+    scores = pd.read_csv(StringIO(data["tables"]["leaderboard"]))
+    assert set(scores["trials"]) == {2 * 4}
+    own = scores.set_index(["estimator", "sensor"])["position_error_score"]
+    assert own["kkt_constrained (second)", "full"] == pytest.approx(0.5)
+    assert "<h1>runs/a and runs/b</h1>" in html
+    assert html.count('<span class="yes">better</span>') == (changes["verdict"] == "better").sum()
+    assert "only the trials that both runs/a and runs/b have" in html
+
+
+def test_a_name_changes_only_where_it_stands_twice() -> None:
+    names = {"a": "a", "b": "faster"}
+    assert after_name("a", names) == "a (second)"
+    assert after_name("faster", names) == "faster"
+    assert after_name("uniform", {"uniform": "uniform"}) == "uniform"

@@ -1,3 +1,5 @@
+"""Attempts, their errors, and errors of the harness, which are reported and are no failures."""
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,15 +9,21 @@ from hypothesis import strategies as st
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.declaration import declare
 from olne_bench.bench.judge.metrics.position_error import PositionError
-from olne_bench.bench.report.measures import FAILURES, IDENTIFIABLE
+from olne_bench.bench.report.leaderboard_text import format_leaderboard, format_notes, markdown
+from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.statistics.attempts import (
     attempts_of,
     errors_of,
+    harness_errors,
+    in_words,
     measured,
     noisy,
     quantile,
     weighed,
 )
+from olne_bench.bench.report.study import FAILURES, IDENTIFIABLE
+from olne_bench.bench.report.tables import tabulate
+from tests.bench.report.conftest import LOST, trial_row
 
 COSINE_ERROR, POSITION_ERROR = declare(CosineError), declare(PositionError)
 
@@ -154,3 +162,48 @@ def test_failures_are_ones():
         [("two_player", "a", 0, s, 0.1, 0.2) for s in ("ok", "crash", "failed_forward")]
     )
     assert errors_of(trials, FAILURES).tolist() == [0, 1, 1]
+
+
+def spoilt_trials(spoilt: int) -> pd.DataFrame:
+    rows = []
+    for seed in range(10):
+        row = trial_row(scenario="of_another_version", seed=seed)
+        fault = LOST | {"status": "harness_error", "message": f"metric 'x': fault {seed // 3}"}
+        rows.append(row | (fault if seed < spoilt else {}))
+    return pd.DataFrame(rows)
+
+
+def test_errors_of_the_harness_are_no_attempts():
+    (row,) = tabulate(spoilt_trials(4)).leaderboard.to_dict("records")
+    assert (row["trials"], row["failures"], row["harness_errors"]) == (6, 0, 4)
+    assert row["position_error_median"] == row["position_error_mean"] == 1.0
+    (clean,) = tabulate(spoilt_trials(0)).leaderboard.to_dict("records")
+    assert (clean["trials"], clean["harness_errors"]) == (10, 0)
+
+
+def test_errors_of_the_harness_are_counted_by_message():
+    table = harness_errors(spoilt_trials(4))
+    assert table["trials"].tolist() == [3, 1]
+    assert in_words(table) == [
+        "3 x e on of_another_version, full: metric 'x': fault 0",
+        "1 x e on of_another_version, full: metric 'x': fault 1",
+    ]
+    assert in_words(table, most=1)[1] == "and 1 more"
+    assert in_words(harness_errors(spoilt_trials(0))) == []
+
+
+def test_all_reports_tell_errors_of_the_harness():
+    tables = tabulate(spoilt_trials(4))
+    assert "Harness errors" in format_leaderboard(tables.leaderboard)
+    assert "| Harness errors |" in markdown(tables.leaderboard)
+    said = format_notes(tables, ["figure x: why"])
+    assert "3 x e on" in said and "figure x: why" in said
+    html = render_page(spoilt_trials(4), tables, [], notes=["figure x: why"]).html
+    assert "fault 0" in html and "figure x: why" in html
+
+
+def test_nothing_is_said_where_nothing_is_wrong():
+    tables = tabulate(spoilt_trials(0))
+    assert format_notes(tables, []) == ""
+    for text in (format_leaderboard(tables.leaderboard), markdown(tables.leaderboard)):
+        assert "arness" not in text

@@ -15,6 +15,7 @@ from olne_bench.bench.report.statistics.recognition import (
 from olne_bench.bench.report.study import Study
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS, checked_shares, recognised
 from olne_bench.envs.scenarios import check_options
+from tests.bench.report.conftest import trial_row
 
 OPTIONS = {"weights": "temperaments", "num_players": [2, 4]}
 ROAD = ScenarioEntry(name="intersection", label="road", options=OPTIONS, family=True)
@@ -32,17 +33,8 @@ def truth(seed: int) -> tuple[tuple[str, ...], np.ndarray]:
 
 
 def row(estimator: str, seed: int, weights: object, status: str = "ok", **more: object) -> dict:
-    return {
-        "suite": "s",
-        "scenario": "road",
-        "sensor": "full",
-        "sigma": 0.1,
-        "seed": seed,
-        "estimator": estimator,
-        "count": 1,
-        "status": status,
-        "weights": weights,
-    } | more
+    place = {"scenario": "road", "sigma": 0.1, "seed": seed, "estimator": estimator}
+    return trial_row(**place | {"status": status, "weights": weights} | more)
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,8 @@ from olne_bench.bench.report.leaderboard_text import (
     latex,
     markdown,
 )
+from olne_bench.bench.report.page.boards import verdict
 from olne_bench.bench.report.page.render import render_page
-from olne_bench.bench.report.page.verdict import verdict
 from olne_bench.bench.report.statistics.standing import (
     COLUMNS,
     PUBLISHED,
@@ -36,6 +36,7 @@ from olne_bench.bench.report.statistics.standing import (
 )
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
+from tests.bench.report.conftest import trial_row
 
 SEEDS, LEVELS = 10, (0.01, 0.1)
 BUILT_IN = ("kkt_constrained", "map")
@@ -78,24 +79,16 @@ def rows(study: Study, scenario: str, names=(*BUILT_IN, *FOREIGN)) -> pd.DataFra
                 factor = ERRORS[name] * rng.uniform(0.9, 1.1)
                 exact = name in FOREIGN
                 found.append(
-                    {
-                        "suite": "s",
-                        "scenario": scenario,
-                        "sensor": "full",
-                        "sigma": sigma,
-                        "seed": seed,
-                        "estimator": name,
-                        "count": 1,
-                        "status": "ok",
-                        "message": "",
-                        "weights": weights(study, scenario, seed, name),
-                        "published_forward": 1,
-                        "solve_seconds": 0.01,
-                        "observation_error": sigma,
-                        "cosine_limit": sigma**2,
-                        "cosine_error": 0.0 if exact else factor * sigma**2,
-                        "position_error": factor * sigma,
-                    }
+                    trial_row(
+                        scenario=scenario,
+                        sigma=sigma,
+                        seed=seed,
+                        estimator=name,
+                        weights=weights(study, scenario, seed, name),
+                        cosine_limit=sigma**2,
+                        cosine_error=0.0 if exact else factor * sigma**2,
+                        position_error=factor * sigma,
+                    )
                 )
     return pd.DataFrame(found)
 
