@@ -456,10 +456,7 @@ def _draw(scenario: str | Scenario, seed: int, options: dict[str, Any]) -> Scena
 
 
 def _is_kept(scenario: str | Scenario) -> bool:
-    """Whether draws are kept on disk: only those of built-in scenarios drawn by name.
-
-    Changes in the code of other scenarios would go unnoticed.
-    """
+    """Whether draws are kept on disk: those of built-in scenarios by name, whose code is known."""
     return isinstance(scenario, str) and is_built_in(SCENARIO, scenario)
 
 

@@ -51,6 +51,7 @@ from olne_bench.estimators.shared.forward_model import (
     uniform_weights,
     warm_up_games,
 )
+from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.outer_fit import NO_TIME, OuterResiduals, StoppedError
 from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
 from olne_bench.games.compiled.elimination import elimination
@@ -101,6 +102,7 @@ class Bilevel:
     ) -> Estimate:
         problem, observations = with_white_noise(problem, observation)
         deadline = time.monotonic() + budget
+        asked, problem = problem, with_found_noise(problem, observations, deadline)
         starts = [first_games(problem, one) for one in observations]
         if lost := [index for index, found in enumerate(starts) if not found]:
             message = f"no equilibrium found near observation {lost[0]}"
@@ -111,7 +113,7 @@ class Bilevel:
             message = f"{NO_TIME} in start {len(results)}; the optimum is that of the starts before"
         solver = elimination(problem.game)
         known = likelihood_certainty(problem, observations, best.games, solver, prior=self.prior)
-        return Estimate(
+        found = Estimate(
             weights=best.games[0].weights,
             states=best.games[0].root.states,
             covariance=of_weights(problem.game, known.covariance),
@@ -126,6 +128,7 @@ class Bilevel:
                 "evaluations": sum(result.evaluations for result in results),
             },
         )
+        return telling_noise(found, asked, problem)
 
     def _search(
         self,

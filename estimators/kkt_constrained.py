@@ -34,7 +34,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.checks import check_count
-from olne_bench.estimators.protocol import LIKELIHOOD, Estimate, Observation, Problem
+from olne_bench.estimators.protocol import LIKELIHOOD, POSTERIOR, Estimate, Observation, Problem
 from olne_bench.estimators.shared.certainty import Certainty, likelihood_certainty
 from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.incoming_samples import Samples, Stream, WindowStream
@@ -48,6 +48,7 @@ from olne_bench.estimators.shared.joint_problem import (
 )
 from olne_bench.estimators.shared.joint_starts import joint_attempts, largest_explicable
 from olne_bench.estimators.shared.joint_stream import JointStream
+from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
 from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
 from olne_bench.games.compiled.elimination import Elimination
@@ -101,20 +102,22 @@ class KktConstrained:
         problem, observations = with_white_noise(problem, observation)
         self.warm_up(problem)  # where nobody has: compiling may take longer than a small budget
         deadline = time.monotonic() + budget
+        asked, problem = problem, with_found_noise(problem, observations, deadline)
         if len(observations) > 1:
             best, starts = self._several(problem, observations, deadline), 2
         else:
             attempts = self._attempts(problem, observations[0].y, deadline)
             best, starts = _lowest(attempts), len(attempts)
         late = time.monotonic() > deadline
-        return self._described(problem, observations, best, starts, late)
+        found = self._described(problem, observations, best, starts, late)
+        return telling_noise(found, asked, problem)
 
     def start(
         self, problem: Problem, *, rng: np.random.Generator, lag: int | None = None
     ) -> Stream:
         """A stream whose solves begin at the solution of the one before (``joint_stream``)."""
         samples = Samples(problem, lag)
-        if self._uses_ipopt:
+        if self._uses_ipopt or problem.sigma_spread:
             return WindowStream(self, samples, rng)
 
         def described(
@@ -154,7 +157,7 @@ class KktConstrained:
             weights=points[0].weights,
             states=points[0].states,
             covariance=of_weights(game, known.covariance),
-            region=self._region,
+            region=None if self._region == POSTERIOR and len(points) > 1 else self._region,
             parameters=None if standardised is None else game.parameters.values(standardised),
             parameter_deviations=deviations_of(game, known.covariance),
             converged=converged,
@@ -214,7 +217,7 @@ class KktConstrained:
             joint_elimination(problem.game, problem.view)
             return
         settings = self._settings(problem)
-        limits = self.max_iterations, settings.tolerance, settings.barrier > 0
+        limits = self.max_iterations, settings.tolerance, bool(np.any(settings.barrier))
         joint_solver(problem.game, problem.view, 1, *limits)
         warm_up_fit(problem.game, problem.view, problem.game.horizon)
 

@@ -11,8 +11,8 @@ estimate. There is one network for each known game, and its file is part of this
 ``scripts/train_learned.py posterior`` trains it.
 
 Paper: after Papamakarios and Murray 2016 (mixture density network), Greenberg et al. 2019.
-Assumes: a game that it was trained for, weights from a flat Dirichlet distribution, starts near
-    those of the scenario, and independent noise of a level that it was trained for.
+Assumes: a game that it was trained for, starts near those of the scenario, and independent noise of
+    a level that it was trained for. Samples are drawn again by weight where the prior is not flat.
 Cost: milliseconds, no games; before that, 10,000 to 20,000 games and minutes of training, once.
 Trust: as a fast guess. Its coverage is tested on few draws only, and nothing shows when an
     observation is unlike its training draws.
@@ -20,7 +20,7 @@ Trust: as a fast guess. Its coverage is tested on few draws only, and nothing sh
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar
@@ -33,9 +33,13 @@ from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import uniform_weights
 from olne_bench.estimators.shared.mixture_network import MixtureNetwork
 from olne_bench.games.model.game import Game
+from olne_bench.games.model.weight_prior import FLAT
 
 #: Networks and the scenarios that they are called after, beside this file.
 _FILES = {path.stem.partition(".")[2]: path for path in Path(__file__).parent.glob("neural_*.npz")}
+
+#: Times as many samples are drawn where the prior is another one than that of the training.
+_MORE = 8
 
 _NUMBER = re.compile(r"-?\d+\.\d*(e[+-]?\d+)?|-?\d+e[+-]?\d+")
 
@@ -71,10 +75,12 @@ class NeuralPosterior:
             return Estimate(weights=uniform_weights(problem), converged=False, message=reason)
         game = problem.game
         states = _states(problem, observation)
-        points = network_of(game).samples(states, problem.sigma, self.count, rng)
-        size = game.num_players, game.num_weights, problem.weight_floor
-        chart = NormalChart(*size, alpha=1.0, parameters=game.parameters)
-        samples = chart.weights(points)
+        chart = NormalChart.of(replace(problem, prior=FLAT))  # the prior of its training
+        flat = problem.prior == FLAT
+        drawn = self.count if flat else _MORE * self.count
+        samples = chart.weights(network_of(game).samples(states, problem.sigma, drawn, rng))
+        if not flat:
+            samples = samples[_resampled(problem, samples, self.count, rng)]
         return Estimate(
             weights=samples.mean(axis=0),
             covariance=np.cov(samples.reshape(self.count, -1), rowvar=False),
@@ -104,6 +110,17 @@ class NeuralPosterior:
     def warm_up(self, problem: Problem) -> None:
         """Read the networks."""
         _networks()
+
+
+def _resampled(
+    problem: Problem, samples: np.ndarray, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Indices (count,) of samples (M, N, K) under a flat prior, as if under the problem's."""
+    floor, free = problem.weight_floor, 1 - problem.game.num_weights * problem.weight_floor
+    shares = (samples - floor) / free
+    logs = (problem.prior.log_density(shares) - FLAT.log_density(shares)).sum(axis=1)
+    chances = np.exp(logs - logs.max())
+    return rng.choice(len(samples), count, p=chances / chances.sum())
 
 
 @lru_cache(maxsize=16)

@@ -9,8 +9,7 @@ Where this departs from the paper, and why:
 
 - The paper re-plans a game at every step from a state that it knows. Here one open-loop
   equilibrium is observed from an unknown initial state, so that a particle is a point
-  s = (phi, x_1) of log-ratios of weights and an initial state. Its prior is that of ``ukf``,
-  around uniform weights.
+  s = (z, x_1) of coordinates in which the prior is standard normal, and an initial state.
 - s is constant, so particles only lose diversity by resampling, and moving them by Markov chains
   took tens of thousands of games. New particles are drawn instead, where the measurements so far
   put them, and all particles are weighed as draws from the mixture of all proposals (adaptive
@@ -42,7 +41,7 @@ wider by what so few samples leave open (``widening``). Between several trajecto
 belief about the weights is passed on as a Gaussian.
 
 Paper: Peters 2020; proposals and weights after Cornuet et al. 2012.
-Assumes: a known noise level, and the prior of ``ukf``.
+Assumes: the prior, and a known noise level.
 Cost: 0.2 s for two players, 1 to 4 s for five and on roads: by far the most games.
 Trust: if the posterior is far from Gaussian; the least effective sample size shows how well it
     worked.
@@ -54,7 +53,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 
 from olne_bench.checks import check_count, check_number
@@ -68,6 +66,7 @@ from olne_bench.estimators.shared.past_posterior import (
     PastPosterior,
     Tangent,
 )
+from olne_bench.estimators.shared.perturbed_fits import effective_sample_size, tempered
 from olne_bench.estimators.shared.sample_filter import FilterRun, SampleFilter
 
 #: Effective sample sizes, in units of ``count``, that end the draws for a measurement, for the last
@@ -109,13 +108,12 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Particle(SampleFilter):
-    """Particles over log-ratios of weights and initial states.
+    """Particles over weights, unknowns and initial states.
 
     Attributes:
         count: the effective sample size is at least a quarter of it after each measurement, half of
             it after the last, unless ``most_draws`` ends the draws; half of it are drawn at a time.
-        spread: prior standard deviation of the log-ratios, in units of that of weights that are
-            uniform on the simplex.
+        spread: as of ``Ukf``.
         most_draws: largest number of draws for a measurement; twice as many for the last one.
         peek: as of ``Ukf``.
 
@@ -125,7 +123,7 @@ class Particle(SampleFilter):
 
     name: ClassVar[str] = "particle"
     count: int = 200
-    spread: float = 0.5
+    spread: float = 1.0
     most_draws: int = 8
     peek: bool = False
 
@@ -163,11 +161,11 @@ class _Run(FilterRun):
         for cloud in clouds:
             self.online.append(_mean_weights(begin.games, cloud))
             self._effective.append(cloud.effective)
-        self._cloud, size = cloud, begin.games.num_theta
+        self._cloud, size = cloud, begin.games.chart.size
         return cloud.shares @ cloud.points, _covariance(cloud.points[:, :size], cloud.shares)
 
     def certainty(self) -> tuple[np.ndarray, dict[str, Any]]:
-        cloud, free = self._cloud, self.games.num_log_ratios
+        cloud, free = self._cloud, self.games.chart.free
         weights = self.games.weights(cloud.points).reshape(len(cloud.points), -1)
         wider = widening(cloud.effective, free)
         if wider is None and not self.message:
@@ -285,7 +283,7 @@ class _Pool:
         own = np.array([one.log(points) for one in self._proposals])
         last = proposal.log(self._points[old])
         self._densities = np.block([[before, own[:-1]], [last, own[-1]]]) if len(last) else own
-        log_prior = _Proposal(self._prior, np.inf).log(points)
+        log_prior = _Proposal(self._prior, np.inf).log(points) + self._games.tilt(points)
         self._points = np.vstack([self._points[old], points])
         self._squared = np.vstack([self._squared[old], squared])
         self._log_prior = np.concatenate([self._log_prior[old], log_prior])
@@ -302,7 +300,7 @@ class _Pool:
         if not np.isfinite(log_shares).any():
             return self._laplace
         dimension = len(self._prior.mean)
-        shares = _normalised(_tempered(log_shares, max(self._size / 2, dimension)))
+        shares = _normalised(tempered(log_shares, max(self._size / 2, dimension))[0])
         mean, covariance = shares @ self._points, _covariance(self._points, shares)
         effective = 1 / np.sum(shares**2)
         own = effective / (effective + _TRUSTED * dimension / k**2)
@@ -383,15 +381,6 @@ def _root_of(covariance: np.ndarray) -> np.ndarray:
         return np.transpose(upper * np.where(np.diag(upper) < 0, -1, 1)[:, None])
 
 
-def effective_sample_size(log_shares: np.ndarray) -> float:
-    """M_eff (P2) of shares that need not sum to one, by their logarithms."""
-    largest = log_shares.max()
-    if not np.isfinite(largest):
-        return 0.0
-    shares = np.exp(log_shares - largest)
-    return float(shares.sum() ** 2 / (shares**2).sum())
-
-
 def widening(effective: float, size: int) -> float | None:
     """Factor of a sample covariance for regions around a sample mean; None for too few samples.
 
@@ -400,21 +389,6 @@ def widening(effective: float, size: int) -> float | None:
     """
     left = effective - size - 2
     return (effective - 1) / left * (1 + 1 / effective) if left > 0 else None
-
-
-def _tempered(log_shares: np.ndarray, enough: float) -> np.ndarray:
-    """Log shares times the largest factor, up to one, that leaves enough particles effective."""
-    some = np.isfinite(log_shares)
-
-    def scaled(factor: float) -> np.ndarray:
-        return np.where(some, factor * np.where(some, log_shares, 0.0), -np.inf)
-
-    def excess(factor: float) -> float:
-        return effective_sample_size(scaled(factor)) - enough
-
-    if excess(1.0) >= 0:
-        return log_shares
-    return scaled(brentq(excess, 0.0, 1.0, xtol=1e-12) if excess(0.0) > 0 else 0.0)
 
 
 def _normalised(log_shares: np.ndarray) -> np.ndarray:

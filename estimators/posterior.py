@@ -1,9 +1,9 @@
 """Samples of the posterior: weights, unknowns and initial state, given all observations.
 
-The prior of a player's weights is a Dirichlet distribution with all parameters alpha, flat by
-default; that of standardised unknowns is normal within their ranges; that of x_1 is flat, and a
-wide normal one where the first sample misses a player. With Gaussian noise, in
-coordinates z of weights and unknowns in which their prior is standard normal (``charts``),
+The prior of a player's weights is the problem's; that of standardised unknowns is normal within
+their ranges; that of x_1 is flat, and a wide normal one where the first sample misses a player.
+With Gaussian noise, in coordinates z of weights and unknowns in which their prior is standard
+normal (``charts``),
 
     (B1)  log pi(z, x_1) = -|y - h(x(theta(z), x_1))|^2 / (2 sigma^2) - |z|^2 / 2,
 
@@ -14,7 +14,10 @@ with the equilibrium x(theta, x_1) that is followed from one that explains the o
    peak of (B1) near it by Gauss-Newton steps.
 2. Fits of perturbed observations from all peaks are independent points of a known density, which
    follows the bends of (B1); further fits start where they miss it (``perturbed_fits``).
-3. The points are resampled by their importance weights.
+3. The points are resampled by their importance weights. Where these leave fewer than 400 effective
+   points, their powers are used that leave so many: the samples are then wider than the posterior,
+   and the message says so. Where hardly a fit ends, they are Laplace's approximation of the most
+   probable peak.
 
 Equilibria end at folds, where the posterior ends as well.
 
@@ -22,8 +25,7 @@ Paper: sampling after Bardsley et al. 2014 (randomize-then-optimize).
 Assumes: truths drawn from the prior, and what ``kkt_constrained`` does.
 Cost: 1,300 to 50,000 games and as many derivatives.
 Trust: for what else the observations allow: near the simplex's boundary, at folds and between
-    optima. Where noise is high, or constraints are hard, its weights may be too uneven within its
-    fits, and it says ``not_converged``.
+    optima. A message says where its samples are wider than the posterior.
 """
 
 import time
@@ -34,7 +36,7 @@ from typing import ClassVar
 import numpy as np
 
 from olne_bench.checks import check_count, check_number
-from olne_bench.estimators.map import probable_optima
+from olne_bench.estimators.map import check_alpha, prior_of, probable_optima
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import (
@@ -44,22 +46,23 @@ from olne_bench.estimators.shared.forward_model import (
     warm_up_games,
 )
 from olne_bench.estimators.shared.joint_problem import JointSolution
-from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits
-from olne_bench.estimators.shared.posterior_density import GameDensity, climbed, unseen_starts
+from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
+from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits, resampled
+from olne_bench.estimators.shared.posterior_density import STEPS, GameDensity, climbed, start_prior
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 from olne_bench.games.solve.newton import Root
 
-#: An effective sample size below this is reported as a failure.
+#: Effective samples of an answer, if need be of a wider density.
 LEAST_EFFECTIVE = 400.0
 
-#: R-hat above this is reported as a failure.
+#: Fits that have to end for an answer from them.
+_FEWEST = 40
+
+#: R-hat above this is told.
 LARGEST_R_HAT = 1.1
 
 #: Optima whose log-density is lower by more than this are not meant.
 _MEANT = 15.0
-
-#: Gauss-Newton steps from an optimum to the peak.
-_STEPS = 12
 
 #: Peaks nearer to each other than this, in standard deviations, are one.
 _SAME = 0.1
@@ -70,7 +73,7 @@ class Posterior:
     """Samples of weights, unknowns and initial state.
 
     Attributes:
-        alpha: parameter of the Dirichlet distribution; 1 is flat.
+        alpha: parameter of a symmetric Dirichlet distribution in place of the problem's prior.
         first: fits of perturbed observations from all peaks together.
         more: fits from every further place.
         most: number of all fits at most.
@@ -82,7 +85,7 @@ class Posterior:
     """
 
     name: ClassVar[str] = "posterior"
-    alpha: float = 1.0
+    alpha: float | None = None
     first: int = 300
     more: int = 150
     most: int = 2400
@@ -90,7 +93,7 @@ class Posterior:
     count: int = 1000
 
     def __post_init__(self) -> None:
-        check_number("alpha", self.alpha)
+        check_alpha(self.alpha)
         check_count("first", self.first, least=40)
         check_count("more", self.more, least=10)
         check_count("most", self.most, least=self.first)
@@ -111,7 +114,9 @@ class Posterior:
         if unseen.size:
             players = ", ".join(map(str, unseen))
             return _nothing(problem, f"never seen, hence not identified: player {players}")
-        problem = replace(problem, sigma=assumed_sigma(problem))
+        asked, problem = problem, with_found_noise(problem, (seen,), deadline)
+        prior = prior_of(problem, self.alpha)
+        problem = replace(problem, sigma=assumed_sigma(problem), prior=prior)
         density, peaks = self.peaks(problem, seen, deadline)
         if not peaks:
             return _nothing(problem, "no equilibrium found that explains the observations")
@@ -124,9 +129,7 @@ class Posterior:
             most=self.most,
             enough=self.enough,
         )
-        if not fits.effective:
-            return _nothing(problem, "no game could be followed from the most probable one")
-        return _estimate(density, peaks, fits, fits.resampled(self.count, rng))
+        return telling_noise(_estimate(density, peaks, fits, self.count, rng), asked, problem)
 
     def peaks(
         self, problem: Problem, observation: Observation, deadline: float
@@ -138,17 +141,14 @@ class Posterior:
             observation: what was seen.
             deadline: in seconds of ``time.monotonic``.
         """
-        optima = probable_optima(problem, observation.y, self.alpha, deadline)
+        optima = probable_optima(problem, observation.y, problem.prior, deadline)
         density = self.density(problem, observation, deadline)
         return density, _peaks(density, _meant(problem, optima))
 
     def density(self, problem: Problem, observation: Observation, deadline: float) -> GameDensity:
         """The density (B1), as of ``peaks``; (B1) with a prior of x_1 overrides it."""
-        game = problem.game
-        size = game.num_players, game.num_weights, problem.weight_floor
-        chart = NormalChart(*size, self.alpha, game.parameters)
-        start = unseen_starts(problem, observation)
-        return GameDensity(problem, observation, chart, deadline, start)
+        start = start_prior(problem, observation)
+        return GameDensity(problem, observation, NormalChart.of(problem), deadline, start)
 
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
@@ -181,7 +181,7 @@ def _peaks(density: GameDensity, optima: Sequence[JointSolution]) -> list[Peak]:
         if not place.possible[0]:  # a game at a fold
             continue
         try:
-            peak = Peak.at(climbed(density, place, _STEPS))
+            peak = Peak.at(climbed(density, place, STEPS))
         except np.linalg.LinAlgError:
             continue
         if all(_apart(peak, other) > _SAME for other in found):
@@ -195,17 +195,17 @@ def _apart(one: Peak, other: Peak) -> float:
 
 
 def _estimate(
-    density: GameDensity, peaks: Sequence[Peak], fits: Fits, chosen: np.ndarray
+    density: GameDensity, peaks: Sequence[Peak], fits: Fits, count: int, rng: np.random.Generator
 ) -> Estimate:
     """Mean, covariance and samples."""
     problem, known = density.problem, density.problem.game.parameters
-    theta, starts = density.split(fits.points)
+    points, shares, power = _weighed(peaks[0], fits, count, rng)
+    theta, starts = density.split(points)
     weights, parameters = np.split(theta, [problem.game.num_weights], axis=2)
     unknown = known.values(parameters) if known.count else None
-    shares = fits.shares
     mean = np.tensordot(shares, theta, 1)
     states = density.states(mean, np.tensordot(shares, starts, 1), peaks[0].place)
-    message = _complaint(density, fits)
+    chosen = resampled(shares, count, rng)
     return Estimate(
         weights=mean[:, : problem.game.num_weights],
         states=states,
@@ -214,11 +214,11 @@ def _estimate(
         parameter_deviations=None if unknown is None else unknown[chosen].std(axis=0),
         samples=weights[chosen],
         parameter_samples=None if unknown is None else unknown[chosen],
-        converged=not message,
-        message=message,
+        message=_remark(density, fits, power),
         extras={
             "objective": squared_error_of(problem, states, density.observation.y),
             "effective_sample_size": fits.effective,
+            "power": power,
             "split_r_hat": fits.split_r_hat,
             "lost": fits.lost,
             "fits": fits.asked,
@@ -228,11 +228,27 @@ def _estimate(
     )
 
 
-def _complaint(density: GameDensity, fits: Fits) -> str:
+def _weighed(
+    peak: Peak, fits: Fits, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Points (M, d), their weights (M,), and the power of the density that they stand for."""
+    if np.isfinite(fits.log_weights).sum() >= _FEWEST:
+        shares, power = fits.tempered(LEAST_EFFECTIVE)
+        return fits.points, shares, power
+    away = np.linalg.solve(peak.triangle, rng.standard_normal((peak.size, count))).T
+    return peak.place.points + away, np.full(count, 1 / count), 0.0
+
+
+def _remark(density: GameDensity, fits: Fits, power: float) -> str:
+    """What there is to say about the samples, on one line."""
+    said = []
+    if power < 1:
+        said.append(
+            f"the samples are wider than the posterior: it has {fits.effective:.0f} effective "
+            f"samples of {LEAST_EFFECTIVE:g}"
+        )
     if density.late:
-        return f"time limit reached at an effective sample size of {fits.effective:.0f}"
-    if fits.effective < LEAST_EFFECTIVE:
-        return f"the effective sample size is {fits.effective:.0f}, below {LEAST_EFFECTIVE:g}"
+        said.append("time limit reached")
     if fits.split_r_hat > LARGEST_R_HAT:
-        return f"the parts of the samples disagree: split R-hat is {fits.split_r_hat:.2f}"
-    return ""
+        said.append(f"parts of the samples disagree: split R-hat is {fits.split_r_hat:.2f}")
+    return "; ".join(said)

@@ -15,6 +15,7 @@ import numpy as np
 
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import View, observation_size, whitening
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,9 @@ class Problem:
     Attributes:
         game: players' features and tasks, motion model, horizon T and step dt [s]; no weights.
         view: observation model h, shared by all players: y = h(x) + noise, then gaps.
-        sigma: noise level, at least 0. The Gaussian noise on observed component k of a player has
-            the standard deviation ``sigma * noise_scale[k]``. It is independent between players and
+        sigma: noise level, at least 0, or its median where it is not known. The Gaussian noise on
+            observed component k of a player has the standard deviation ``sigma * noise_scale[k]``.
+            It is independent between players and
             between times, and between components unless ``noise_covariance`` is given. Noise on an
             angle is not wrapped (``games.model.observation``).
         weight_floor: smallest weight allowed, given rows that sum to one.
@@ -37,10 +39,16 @@ class Problem:
         goes_on: whether players plan again all the time, each time T states ahead. A stream
             (``estimators.shared.incoming_samples``) then has no last sample, and what it has seen
             last is the beginning of a game of T states.
+        sigma_spread: standard deviation of log sigma where the noise level is not known; 0 where it
+            is. An estimate then tells the level that it found as ``extras["sigma"]``.
+        prior: what is known of each player's weights before, flat by default. Methods that are not
+            Bayesian ignore it. Unknowns carry their own (``Game.parameters``).
 
     Raises:
-        TypeError: on a game or a view that is something else, such as the name of a sensor.
-        ValueError: on a sigma, weight_floor, noise_scale or noise_covariance out of range.
+        TypeError: on a game, a view or a prior that is something else, such as the name of a
+            sensor.
+        ValueError: on a sigma, sigma_spread, weight_floor, noise_scale, noise_covariance or prior
+            out of range.
     """
 
     game: Game
@@ -50,6 +58,8 @@ class Problem:
     noise_scale: tuple[float, ...] = ()
     noise_covariance: tuple[tuple[float, ...], ...] | None = None
     goes_on: bool = False
+    prior: WeightPrior = FLAT
+    sigma_spread: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.game, Game):
@@ -62,8 +72,17 @@ class Problem:
                 f"view must be a View, such as FullView(), got {self.view!r}; "
                 "olne_bench.problem takes names of sensors"
             )
+        if not isinstance(self.prior, WeightPrior):
+            raise TypeError(f"prior must be a WeightPrior, got {self.prior!r}")
+        self.prior.check(self.game.num_weights)
         if not (math.isfinite(self.sigma) and self.sigma >= 0):
             raise ValueError(f"sigma must be a finite number of at least 0, got {self.sigma}")
+        if not (math.isfinite(self.sigma_spread) and self.sigma_spread >= 0):
+            raise ValueError(
+                f"sigma_spread must be a finite number of at least 0, got {self.sigma_spread}"
+            )
+        if self.sigma_spread and not self.sigma:
+            raise ValueError("a noise level that is not known needs a sigma above 0, its median")
         largest = 1 / self.game.num_weights
         if not 0 <= self.weight_floor < largest:
             raise ValueError(
@@ -175,8 +194,9 @@ def _check_samples(name: str, samples: np.ndarray, shape: tuple[int, ...], view:
 
 
 #: Kinds of regions that an estimate may claim.
-SAMPLES, COVARIANCE, LIKELIHOOD = "samples", "covariance", "likelihood"
-REGIONS = (SAMPLES, COVARIANCE, LIKELIHOOD)
+SAMPLES, COVARIANCE = "samples", "covariance"
+LIKELIHOOD, POSTERIOR = "likelihood", "posterior"
+REGIONS = (SAMPLES, COVARIANCE, LIKELIHOOD, POSTERIOR)
 
 
 @dataclass(frozen=True)
@@ -189,8 +209,9 @@ class Estimate:
         covariance: (N*K, N*K) covariance of the weights, each row scaled to sum one, in C order,
             or None.
         region: where the truth is expected: ``samples``, a quantile of their distances,
-            ``covariance``, an ellipsoid, or ``likelihood``, all weights whose profile likelihood is
-            high enough, which the referee computes itself. None means ``samples`` where there are
+            ``covariance``, an ellipsoid, or all weights whose profile of the ``likelihood`` or of
+            the ``posterior`` is high enough, which the referee computes itself; the last for one
+            trajectory. None means ``samples`` where there are
             some, else ``covariance`` where there is one.
         parameters: (N, U) values of the game's unknowns (``Game.parameters``) in their units; None
             where it has none. Columns that stand for nothing are not read.

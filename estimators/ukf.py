@@ -10,15 +10,14 @@ Where this departs from the paper, and why:
   equilibrium is observed from an unknown initial state, so the filter's state is
   augmented by x_1 and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole
   horizon.
-- Weights live on a simplex, so the filter sees their log-ratios phi
-  (``estimators.shared.charts``). Their prior is Gaussian, around those of uniform weights, with
-  the covariance of a uniform distribution on the simplex times spread^2.
+- Weights live on a simplex, so the filter sees coordinates z of weights and unknowns in which
+  the problem's prior is standard normal (``estimators.shared.charts``).
 - The filter begins at the most probable game given the first quarter of the samples
   (``estimators.shared.past_posterior``), and returns to the most probable game so far when it is
   lost. One that follows games from uniform weights on does not reach the equilibria of five
   players: those near uniform weights end at folds on the way.
 
-With the state s = (phi, x_1), constant in time (Wan and van der Merwe 2000; numbers ours):
+With the state s = (z, x_1), constant in time (Wan and van der Merwe 2000; numbers ours):
 
     (U1)  S_k = m, m +- alpha sqrt(n) columns of P^(1/2)                     sigma points
     (U2)  z_kr = h(x_r(S_k)) for all times r                                 forward games
@@ -48,7 +47,7 @@ far is found by the joint problem. If it is clearly more probable than the filte
 filter is lost, the belief is replaced by Laplace's approximation there. That uses the samples up to
 t once, and (U1) to (U6) take in later ones. No belief depends on samples after it.
 
-Mean and covariance of the weights come from those of phi by one more unscented transform.
+Mean and covariance of the weights come from those of z by quadrature.
 
 If a sigma point has no equilibrium that can be followed from
 the mean's, all of them are moved closer to the mean (a smaller alpha), which is an equally valid
@@ -57,7 +56,7 @@ equilibrium, a smaller share is used; if that does not help, the filter is lost.
 so if noise does not explain what the last game leaves.
 
 Paper: LUCIDGames, Le Cleac'h et al. 2021; unscented transform of Wan and van der Merwe 2000.
-Assumes: a Gaussian belief in log-ratios of weights, and a known noise level.
+Assumes: the prior, a Gaussian belief in its coordinates, and a known noise level.
 Cost: 0.1 s for two players, 0.3 to 1 s for five and on roads.
 Trust: online, and at high noise, where its prior keeps it from extreme weights. Its regions hold
     the truth as often as they say only where weights come from its prior.
@@ -95,11 +94,11 @@ Expected = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Ukf(SampleFilter):
-    """Filters log-ratios of weights and the initial state, one measurement at a time.
+    """Filters weights, unknowns and the initial state, one measurement at a time.
 
     Attributes:
-        spread: prior standard deviation of the log-ratios, in units of that of weights that are
-            uniform on the simplex.
+        spread: standard deviation of the coordinates of weights at first; that of the problem's
+            prior is one.
         alpha: distance of the sigma points from the mean, in units of sqrt(n) standard deviations.
         peek: whether the prior is around the weights of a game that is fitted to all observations.
             The weights after early measurements are then not online, and data count twice.
@@ -109,7 +108,7 @@ class Ukf(SampleFilter):
     """
 
     name: ClassVar[str] = "ukf"
-    spread: float = 0.5
+    spread: float = 1.0
     alpha: float = 0.5
     peek: bool = False
 
@@ -130,7 +129,7 @@ class _Run(FilterRun):
     def filtered(self, begin: Outset, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         for belief in _beliefs(begin, samples, self.sigma, self._alpha):
             self.online.append(begin.games.mean_weights(belief))
-        size = begin.games.num_theta
+        size = begin.games.chart.size
         return belief.mean, belief.covariance[:size, :size]
 
     def certainty(self) -> tuple[np.ndarray, dict[str, Any]]:

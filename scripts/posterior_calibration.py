@@ -104,7 +104,8 @@ def _control(problem: Problem, recording: Recording, y: np.ndarray) -> bool:
     truth = truth / truth.sum(axis=1, keepdims=True)
     rows = of_seen(sample_sensitivity(problem, SolvedGame(recording.root, truth)), y)
     by_theta, by_start = np.split(rows, [truth.size], axis=1)
-    tangent, start = by_theta @ theta_tangent(game), np.linalg.qr(by_start)[0]
+    tangent = by_theta @ theta_tangent(game.num_weights, game.parameters.used)
+    start = np.linalg.qr(by_start)[0]
     own = np.linalg.qr(tangent - start @ (start.T @ tangent))[0]
     noise = scaled_samples(problem, y) - expected_samples(problem, recording.states)
     noise = noise.ravel()[np.isfinite(noise.ravel())] / problem.sigma

@@ -7,7 +7,6 @@ python scripts/stored_rows.py plausible runs/roads
 """
 
 import random
-from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -17,18 +16,17 @@ import numpy as np
 import pandas as pd
 from pyarrow import parquet
 
-from olne_bench.bench.judge.truth import true_recording
 from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
-from olne_bench.bench.plan.suite import read_suite_json
 from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial, in_order_of_plugins
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE
 from olne_bench.bench.report.statistics.plausibility import distances_of, implausible, places_of
-from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.study import Study, study_in
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.store import read_store
+from olne_bench.bench.submission.played import played_study
 from olne_bench.envs.solved.kept_draws import travelling
 
 SEQUENCE = ["scenario", "sensor", "sigma", "seed"]
@@ -216,17 +214,17 @@ def plausible(rows: Path, suite: str | None = None, times: float = 1.0) -> None:
     of a run towards the truth: its error becomes this part of what it was.
     """
     if suite:
-        trials, suites = pd.read_parquet(rows), [load_suite(suite)]
+        whole = load_suite(suite)
+        trials, study, draws = pd.read_parquet(rows), played_study([whole]), draws_of(suite, whole)
     else:
         with read_store(rows) as store:
-            trials, suites = store.frame(), [read_suite_json(run.suite) for run in store.runs()]
-    study = study_of(suites)
+            trials, study, draws = store.frame(), study_in(rows, store), None
     plugins = {
         label: entry.model_copy(update={"name": f"/{label}.py"})
         for label, entry in study.estimators.items()
     }
-    study, draws = replace(study, estimators=plugins), draws_of(suites[-1].name, suites[-1])
-    with travelling(draws) if draws else nullcontext():
+    study = replace(study, estimators=plugins)
+    with travelling(draws):
         ended = trials["status"].isin(["ok", "failed_forward"])
         drawn = trials["scenario"].map(study.has_drawn_truths)
         judged = trials[drawn & (trials["sigma"] > 0) & ended]
@@ -242,7 +240,7 @@ def _moved(rows: pd.DataFrame, study: Study, factor: float) -> pd.DataFrame:
     parts = []
     for (scenario, seed), numbers in places_of(rows, ["scenario", "seed"]).items():
         own = rows.iloc[numbers]
-        truth = true_recording(study.draw(scenario, int(seed))).scenario.weights
+        truth = study.scenes.truth(scenario, int(seed)).weights
         weights = truth + factor * (weights_of(own, truth.shape) - truth)
         parts.append(own.assign(weights=pd.Series(weights.tolist(), own.index)))
     return pd.concat(parts)

@@ -31,6 +31,7 @@ from olne_bench.estimators.protocol import Problem
 from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.mixture_network import LARGEST_LOG, encoded
 from olne_bench.games.model.game import Game
+from olne_bench.games.model.weight_prior import FLAT
 
 #: Share of the truths that no step sees, and how often the loss on them is looked at.
 HELD_OUT, EVERY = 0.05, 1000
@@ -206,7 +207,7 @@ class Truths:
     def of(cls, name: str, game: Game, weights: np.ndarray, states: np.ndarray) -> "Truths":
         """Truths with weights (D, N, K)."""
         players, count = weights.shape[1:]
-        chart = NormalChart(players, count, Problem.weight_floor, 1.0, game.parameters)
+        chart = NormalChart(players, count, Problem.weight_floor, FLAT, game.parameters)
         points = np.array([chart.point(one) for one in weights]).clip(-5, 5)
         return cls(name, states, points, np.arange(round(HELD_OUT * len(points))))
 

@@ -37,6 +37,7 @@ from olne_bench.estimators.shared.charts import RatioChart
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
 from olne_bench.estimators.shared.outer_fit import least_error, least_error_in
 from olne_bench.estimators.shared.profile_intervals import OneHeld
+from olne_bench.games.model.weight_prior import FLAT
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.root_following import follow_root
 
@@ -133,7 +134,7 @@ def optimum_near(case: Case, modes: Modes, mode: int) -> Optimum:
     """
     problem, seen = case.problem, case.observations[0]
     found = []
-    for one in probable_optima(problem, seen.y, alpha=1.0, deadline=np.inf):
+    for one in probable_optima(problem, seen.y, FLAT, deadline=np.inf):
         point = one.point
         apart = np.linalg.norm(modes.centres - coordinates(point.weights), axis=1)
         if apart.argmin() == mode:

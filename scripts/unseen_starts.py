@@ -22,7 +22,7 @@ from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.envs.solved.kept_draws import travelling
-from olne_bench.estimators.shared.posterior_density import unseen_starts
+from olne_bench.estimators.shared.posterior_density import start_prior
 from olne_bench.estimators.shared.white_noise import with_white_noise
 
 ROADS = ("highway", "merge", "two_way", "roundabout", "intersection")
@@ -40,7 +40,7 @@ def errors(seeds: int) -> Iterator[dict[str, object]]:
             except NoEquilibriumError:
                 continue
         problem, (seen,) = with_white_noise(case.problem, case.observations[0])
-        start = unseen_starts(problem, seen)
+        start = start_prior(problem, seen)
         if start is None:
             continue
         away = (case.recordings[0].states[0] - start.mean) / start.deviation

@@ -48,6 +48,7 @@ from olne_bench.bench.submission.fresh import (
 )
 from olne_bench.bench.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
 from olne_bench.bench.submission.parquet_rows import read_parquet
+from olne_bench.bench.submission.played import played_study
 from olne_bench.bench.submission.rows import Rows
 
 METRIC = declare(PositionError)
@@ -336,7 +337,7 @@ def _forged(folder: Path, own: str, forge: Forge, rng: np.random.Generator) -> i
         arrow = arrow.set_column(arrow.schema.get_field_index(name), name, column)
     parquet.write_table(arrow, folder / ROWS)
     suites = read_submission(EXAMPLE).suites(folder / PLUGINS)
-    for name, text in board_files(to_frame(arrow), study_of(suites)).items():
+    for name, text in board_files(to_frame(arrow), played_study(suites)).items():
         (folder / name).write_text(text, encoding="utf-8", newline="")
     manifest = json.loads((folder / MANIFEST).read_text())
     manifest["files"] = {name: digest((folder / name).read_bytes()) for name in manifest["files"]}

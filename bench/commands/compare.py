@@ -8,16 +8,14 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from olne_bench.bench.plan.draws import draws_of
-from olne_bench.bench.plan.suite import read_suite_json, salt_id
-from olne_bench.bench.report.confirmations import confirmations_of
+from olne_bench.bench.judge.scene import NoScenes
+from olne_bench.bench.plan.suite import salt_id
 from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.statistics.pairs import compare_runs
 from olne_bench.bench.report.statistics.standing import plausible, said_of_standing, standings
-from olne_bench.bench.report.study import FAILURES, Study, study_of
+from olne_bench.bench.report.study import FAILURES, Study, study_in
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.store import read_store
-from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file, whole_file
 
@@ -67,15 +65,10 @@ class _Run:
 
 def _read(folder: Path) -> _Run:
     with read_store(folder) as store:
-        trials, runs = store.frame(), store.runs()
-        confirmed = confirmations_of(folder, store)
+        trials, runs, study = store.frame(), store.runs(), study_in(folder, store)
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
-    suites = [read_suite_json(run.suite) for run in runs]
-    study = replace(study_of(suites), confirmations=confirmed)
-    with travelling(draws_of(suites[-1].name, suites[-1]) if suites else None):
-        standing = standings(trials, study)
-    return _Run(folder, trials, study, runs, standing)
+    return _Run(folder, trials, study, runs, standings(trials, study))
 
 
 def _comparable(
@@ -109,13 +102,20 @@ def _write_page(
     study: Study,
 ) -> None:
     # Drawing is slow to import.
-    from olne_bench.bench.report.page.render import after_name, two_runs_page
+    from olne_bench.bench.report.page.render import ScenesOfBoth, after_name, two_runs_page
 
     renamed = [
         replace(one, estimator=after_name(one.estimator, names))
         for one in second.study.confirmations
     ]
-    study = replace(study, confirmations=(*first.study.confirmations, *renamed))
+    same = first.study.salt == second.study.salt
+    scenes = ScenesOfBoth(
+        first.study.scenes,
+        second.study.scenes if same else NoScenes(),
+        {after_name(label, names): label for label in names.values()},
+    )
+    known = (*first.study.confirmations, *renamed)
+    study = replace(study, confirmations=known, scenes=scenes)
     html = two_runs_page(
         (str(first.folder), first.trials, first.sources),
         (str(second.folder), second.trials, second.sources),

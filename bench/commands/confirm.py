@@ -6,15 +6,13 @@ from pathlib import Path
 
 import click
 
-from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report.confirmations import Confirmation, write_confirmations
 from olne_bench.bench.report.fresh_draws import Machine, Suspect, suspects, trial_place
 from olne_bench.bench.report.fresh_draws import confirm as run_fresh
-from olne_bench.bench.report.study import study_of
+from olne_bench.bench.report.study import study_in
 from olne_bench.bench.run.store import Store, read_store
-from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 
 
@@ -41,8 +39,7 @@ def _suspects(folder: Path, store: Store) -> list[Suspect]:
         raise UserError(f"the run in {folder} has no finished trial yet")
     suites = [read_suite_json(run.suite) for run in runs]
     planned = {place: trial for suite in suites for place, trial in _planned(suite).items()}
-    with travelling(draws_of(suites[-1].name, suites[-1])):
-        found = suspects(table, study_of(suites), planned)
+    found = suspects(table, study_in(folder, store), planned)
     code = store.current_code()
     for first in (suspect.trials[0] for suspect in found):
         labels = first.labels

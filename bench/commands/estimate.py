@@ -29,6 +29,7 @@ from olne_bench.plugins import ESTIMATOR, SCENARIO, is_built_in, loading, named_
 #: Least noise level of positions [m]: smaller deviations are rounding.
 LEAST_NOISE = 1e-6
 TOLD = "--noise"  # source of a noise level that the user gave
+NOISE_SPREAD = 1.5  # of log sigma around the roughness of tracks, which smoothing takes away
 MOST_STEPS = 400  # longer games are not solved within minutes
 
 
@@ -56,7 +57,8 @@ def estimate(
     view, y = _observation(game, known.metadata.state_names, states)
     level = noise or max(LEAST_NOISE, float(np.nan_to_num(explained.noise)))
     scale = sensor_model(explained.scenario, (view,)).noise_scale
-    problem = Problem(game, view, sigma=level, noise_scale=scale)
+    spread = 0.0 if noise else NOISE_SPREAD
+    problem = Problem(game, view, sigma=level, noise_scale=scale, sigma_spread=spread)
     _say_assumptions(name, known.metadata.dt, explained.assumptions)
     for warning in explained.warnings:
         click.echo(f"warning: {one_line(warning)}", err=True)
@@ -64,7 +66,8 @@ def estimate(
     result = _estimate(estimator, problem, Observation(y), budget)
     fit = Fit(problem, y, result)
     table = _table(players, game.weight_names, fit)
-    _say_result(table, players, fit, TOLD if noise else "from the roughness of the tracks")
+    found = "estimated" if "sigma" in result.extras else "from the roughness of the tracks"
+    _say_result(table, players, fit, TOLD if noise else found)
     if out is not None:
         write_csv(table, out, new=True)
 
@@ -139,6 +142,11 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
         click.echo(f"the estimator gives no motion to compare; {noise}")
     else:
         click.echo(f"residual {fit.residual:.2g} m, {noise}")
+    click.echo(str(fit.test))
+    _say_doubts(players, fit, source)
+
+
+def _say_doubts(players: list[str], fit: Fit, source: str) -> None:
     if fit.standard_errors is None:
         click.echo("no standard errors: the estimator gives no covariance for these data", err=True)
     if fit.unexplained:
@@ -153,9 +161,13 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
         )
         if source != TOLD:
             click.echo("smoothed tracks look less noisy than they are; set --noise", err=True)
+    if fit.test.verdict == "does not fit" and not fit.unexplained:
+        click.echo("warning: the model does not fit, do not rely on these weights", err=True)
     if not fit.result.converged:
         reason = fit.result.message or "the estimator gives no reason"
         click.echo(f"not converged, do not rely on these weights: {reason}", err=True)
+    elif fit.result.message:
+        click.echo(f"note: {fit.result.message}", err=True)
 
 
 def _say_intervals(table: pd.DataFrame, fit: Fit) -> None:

@@ -3,25 +3,21 @@
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.suite import Suite, read_suite_json
-from olne_bench.bench.report.confirmations import confirmations_of
+from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.gate import LimitOutcome, check_limits, missing_trials, task_of
 from olne_bench.bench.report.statistics.attempts import weighed
 from olne_bench.bench.report.statistics.standing import said_of_standing
-from olne_bench.bench.report.study import study_of
+from olne_bench.bench.report.study import study_in
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import read_store
-from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 
 
@@ -29,15 +25,13 @@ def gate(folder: Path, suite: str | None) -> None:
     """Check the run in FOLDER against the limits in the [gate] table of its suite."""
     with read_store(folder) as store:
         trials, runs = store.frame(), store.runs()
-        confirmed = confirmations_of(folder, store)
+        study = study_in(folder, store)
     if trials.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
     last = last_suite(runs, folder)
     source = last if suite is None else load_suite(suite, describe=describe_all)
-    study = study_of(read_suite_json(run.suite) for run in runs)
     _refuse_no_limits(source)
-    with travelling(draws_of(last.name, last)):
-        board = tabulate(weighed(trials), replace(study, confirmations=confirmed)).leaderboard
+    board = tabulate(weighed(trials), study).leaderboard
     outcomes = check_limits(board, source.gate, study)
     # The run has to be finished whatever the limits are.
     unfinished = missing_trials(trials, [task_of(run) for run in runs])

@@ -12,7 +12,7 @@ import click
 from tqdm import tqdm
 
 from olne_bench.bench.commands.options import name_and_value
-from olne_bench.bench.commands.report import show_report, worlds_of
+from olne_bench.bench.commands.report import show_report
 from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.plan.outcome import FAILURES
 from olne_bench.bench.plan.select import Selection
@@ -57,7 +57,7 @@ def run(
         sys.stderr.flush()
         os._exit(128 + interrupted)  # Dask would wait for its workers first
     if report:
-        show_report(out, drawn, loaded=worlds_of(whole))
+        show_report(out, drawn)
     else:
         click.echo(f"{out}: to write its tables and page, run 'olne-bench report {out}'")
 

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Estimate, Observation, Problem
+from olne_bench.estimators.shared.fit_test import FitTest, fit_test, not_testable
 from olne_bench.estimators.shared.forward_model import game_at
 from olne_bench.estimators.shared.profile_intervals import profile_intervals
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
@@ -19,6 +20,8 @@ from olne_bench.games.solve.newton import newton_root
 FAR_ABOVE_NOISE = 2.0
 #: Residuals below this [m] give no warning: positions are rounded to about as much.
 NEGLIGIBLE = 0.01
+#: Residuals below this [m] have no distribution of noise, where nobody tells its level.
+ROUNDING = 1e-3
 _TAILS = 0.025, 0.975
 
 
@@ -27,14 +30,31 @@ class Fit:
     """An estimate and the observations that it was made from.
 
     Attributes:
-        problem: its sigma is the noise level [m].
+        asked: what was known; its sigma is the noise level [m], or its median.
         y: (T, N, d) observations, NaN where missing.
         result: the estimate.
     """
 
-    problem: Problem
+    asked: Problem
     y: np.ndarray
     result: Estimate
+
+    @cached_property
+    def problem(self) -> Problem:
+        """What is known now: the noise level is that of the estimate where nobody told it."""
+        if not self.asked.sigma_spread:
+            return self.asked
+        level = float(self.result.extras.get("sigma", self.asked.sigma))
+        return replace(self.asked, sigma=level, sigma_spread=0.0)
+
+    @cached_property
+    def test(self) -> FitTest:
+        """Whether noise explains the residuals."""
+        if self.asked.sigma_spread and (self.residual or 0.0) < ROUNDING:
+            return not_testable(f"residuals are below {ROUNDING:g} m, as rounding leaves them")
+        theta = self.result.theta(self.asked.game)
+        known = replace(self.problem, sigma_spread=self.asked.sigma_spread)
+        return fit_test(known, Observation(self.y), self.result.states, theta)
 
     @cached_property
     def residuals(self) -> np.ndarray | None:
@@ -108,5 +128,5 @@ class Fit:
         """Players whose motion the model does not explain."""
         if self.residuals is None:
             return []
-        limit = max(NEGLIGIBLE, FAR_ABOVE_NOISE * self.problem.sigma)
+        limit = max(NEGLIGIBLE, FAR_ABOVE_NOISE * self.asked.sigma)
         return [int(i) for i in np.flatnonzero(self.residuals > limit)]

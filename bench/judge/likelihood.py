@@ -1,11 +1,20 @@
-"""The likelihood ratio of an estimate against the truth, computed by the referee."""
+"""Ratios of an estimate against the truth, which the referee computes: how far out the truth is."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from olne_bench.envs.recordings.recording import Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
 from olne_bench.estimators.shared.outer_fit import HeldWeights, least_error, least_error_in
+from olne_bench.estimators.shared.posterior_density import (
+    STEPS,
+    GameDensity,
+    climbed,
+    start_prior,
+)
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.root_following import follow_root
@@ -54,8 +63,54 @@ def likelihood_ratio(
         at_best = least_error(white, seen, fitted, held=False)
     if at_best is None:
         return None
-    claimed = estimate.extras.get("objective", np.inf)
-    return float((at_truth - min(at_best, claimed)) / problem.sigma**2)
+    best = min(at_best, estimate.extras.get("objective", np.inf))
+    if problem.sigma_spread:  # its profile has sigma^2 = error / samples
+        samples = sum(int(np.isfinite(one.y).sum()) for one in seen)
+        return float(samples * np.log(at_truth / best)) if best > 0 else None
+    return float((at_truth - best) / problem.sigma**2)
+
+
+def posterior_ratio(
+    problem: Problem,
+    observation: Observation,
+    recording: Recording,
+    estimate: Estimate,
+    found: Root,
+) -> float | None:
+    """Twice the log of the posterior's peak less its profile at the true weights.
+
+    The density is that of ``posterior`` (B1), in coordinates in which the problem's prior is
+    standard normal. The peak is the higher one of those to which estimate and truth lead.
+
+    Args:
+        problem: what the estimator was told.
+        observation: what it was shown.
+        recording: the true motion.
+        estimate: the estimate.
+        found: the forward game at the estimate.
+
+    Returns:
+        None at a fold of equilibria.
+    """
+    white, (seen,) = with_white_noise(problem, (observation,))
+    level = float(estimate.extras.get("sigma", white.sigma)) if white.sigma_spread else white.sigma
+    white = replace(white, sigma=level, sigma_spread=0.0)
+    chart = NormalChart.of(white)
+    density = GameDensity(white, seen, chart, np.inf, start_prior(white, seen))
+    theta = estimate.theta(problem.game)
+    truth = density.place(game_at(problem.game, recording.root, recording.scenario.theta))
+    if not truth.possible[0]:
+        return None
+    try:
+        held = climbed(density, truth, STEPS, slice(chart.free, None))
+        peaks = [climbed(density, held, STEPS)]
+        own = density.place(game_at(problem.game, found, theta))
+        if own.possible[0]:
+            peaks.append(climbed(density, own, STEPS))
+    except np.linalg.LinAlgError:
+        return None
+    top = max(float(peak.log_density[0]) for peak in peaks)
+    return 2 * (top - float(held.log_density[0]))
 
 
 def _games(problem: Problem, roots: list[Root], theta: np.ndarray) -> tuple[SolvedGame, ...]:

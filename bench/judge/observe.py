@@ -1,7 +1,7 @@
 """Observations of recordings: a recording is played again and seen through sensors.
 
 The wrappers of ``envs.worlds.wrappers`` are applied to a world that plays the recording
-(``envs.recordings.recording``), so an observation equals what the wrapped world showed, bit
+(``envs.worlds.recorded``), so an observation equals what the wrapped world showed, bit
 for bit.
 """
 
@@ -11,13 +11,15 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from olne_bench.envs.recordings.recording import RecordedWorld, Recording
+from olne_bench.envs.recordings.recording import Recording
 from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.worlds.recorded import RecordedWorld
 from olne_bench.envs.worlds.wrappers import World, wrap
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.model.game import Game
-from olne_bench.games.model.observation import View, observation_function
+from olne_bench.games.model.observation import FullView, View, observation_function
 from olne_bench.games.model.sensor import Layer, SensorModel
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 T = TypeVar("T")
 
@@ -31,7 +33,7 @@ def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:
     return SensorModel.of(layers, scenario.game.dynamics, scenario.noise_scale)
 
 
-def problem_of(told: Game, model: SensorModel, sigma: float) -> Problem:
+def problem_of(told: Game, model: SensorModel, sigma: float, prior: WeightPrior = FLAT) -> Problem:
     """What an estimator is told of a game that is seen through a sensor, with noise ``sigma``."""
     return Problem(
         told,
@@ -39,6 +41,7 @@ def problem_of(told: Game, model: SensorModel, sigma: float) -> Problem:
         sigma,
         noise_scale=model.noise_scale,
         noise_covariance=model.noise_covariance,
+        prior=prior,
     )
 
 
@@ -66,6 +69,20 @@ def observe(
     )
 
 
+def observe_states(
+    world: RecordedWorld, noise_scale: Sequence[float], sigma: float, seed: int
+) -> np.ndarray:
+    """Whole states (S, N, n) of a world's S steps under the noise that ``observe`` adds.
+
+    Args:
+        world: plays the true motion.
+        noise_scale: (n,) standard deviations, relative to sigma.
+        sigma: noise level [m].
+        seed: seed of the noise of the first recording.
+    """
+    return _frames(wrap(world, (FullView(),), sigma, noise_scale), seed)
+
+
 def _seed(seed: int, index: int) -> int:
     return int(np.random.default_rng([seed, index]).integers(2**63))
 
@@ -88,7 +105,7 @@ def _wrapped(same: Same[Recording], layers: tuple[Layer, ...], sigma: float) -> 
     scenario = same.it.scenario
     model = sensor_model(scenario, layers)
     _check_angles(model.view, same.it)
-    return wrap(RecordedWorld(same.it), layers, sigma, scenario.noise_scale)
+    return wrap(same.it.world(), layers, sigma, scenario.noise_scale)
 
 
 def _check_angles(view: View, recording: Recording) -> None:
@@ -113,19 +130,24 @@ def _check_angles(view: View, recording: Recording) -> None:
 
 def _played(world: World, seed: int) -> Observation:
     """One pass of a recorded world: T samples and the extra one."""
+    y = _frames(world, seed)
+    return Observation(y=y[:-1], extra=y[-1])
+
+
+def _frames(world: World, seed: int) -> np.ndarray:
+    """What is seen (S, N, d) in one pass of a recorded world."""
     shown, _ = world.reset(seed=seed)
     frames = list(shown.values())
     while world.agents:
         shown, *_ = world.step({})
         frames += shown.values()
     layout = world.observation_layout
-    y = np.array(frames)[:, :-1].reshape(len(frames), layout.num_players, layout.state_size)
-    return Observation(y=y[:-1], extra=y[-1])
+    return np.array(frames)[:, :-1].reshape(len(frames), layout.num_players, layout.state_size)
 
 
 def observed(view: View, recording: Recording) -> np.ndarray:
     """h(x) (T+1, N, d) of a recording and its extra state, without noise."""
-    states = np.concatenate([recording.states, recording.extra_state[None]])
+    states = recording.all_states
     dynamics = recording.scenario.game.dynamics
     flat = np.array(observation_function(view, dynamics)(states.reshape(-1, states.shape[-1]).T)).T
     return flat.reshape(*states.shape[:2], -1)

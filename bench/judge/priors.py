@@ -4,28 +4,30 @@ from olne_bench import plugins
 from olne_bench.bench.plan.entries import EstimatorEntry
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.estimators.protocol import Problem
-from olne_bench.estimators.shared.prior_mass import LEAST_MASS, excluded_weight
+from olne_bench.games.model.weight_prior import LEAST_MASS, WeightPrior
 
-#: Estimators with a Dirichlet prior, whose parameter is their ``alpha``.
-WITH_PRIOR = ("map", "posterior")
+#: Built-in estimators that use the prior of weights.
+WITH_PRIOR = ("map", "neural_posterior", "particle", "posterior", "ukf")
 
 
-def alpha_of(estimator: EstimatorEntry) -> float:
-    """The parameter of its prior, of which 1 or less excludes nothing; zero if it has none."""
+def prior_told(estimator: EstimatorEntry, scenario: Scenario) -> WeightPrior | None:
+    """The prior that an estimator uses: the scenario's, or one that its parameters name instead."""
     if estimator.name not in WITH_PRIOR:
-        return 0.0
-    return float(plugins.make(plugins.ESTIMATOR, estimator.name, estimator.parameters).alpha)
+        return None
+    made = plugins.make(plugins.ESTIMATOR, estimator.name, estimator.parameters)
+    alpha = getattr(made, "alpha", None) if estimator.name in ("map", "posterior") else None
+    return scenario.prior if alpha is None else WeightPrior((float(alpha),))
 
 
 def exclusion(estimator: EstimatorEntry, scenario: Scenario) -> str:
     """Why an estimator can never find the true weights; empty if it can, or has no prior."""
-    alpha = alpha_of(estimator)
-    found = excluded_weight(scenario.weights, alpha, Problem.weight_floor)
+    prior = prior_told(estimator, scenario)
+    found = prior.excluded(scenario.weights, Problem.weight_floor) if prior else None
     if found is None:
         return ""
     player, weight = found
     return (
-        f"its prior (alpha = {alpha:g}) gives the truth no mass: weight "
+        f"its prior {prior!r} gives the truth no mass: weight "
         f"{scenario.game.weight_names[weight]!r} of player {player} is "
         f"{scenario.weights[found]:.3g}, and the prior's probability of one as extreme is below "
         f"{LEAST_MASS:g}"

@@ -8,6 +8,8 @@ import json
 
 import numpy as np
 
+from olne_bench.bench.plan.entries import ScenarioEntry
+
 
 def stream(salt: str, purpose: str, *key: str | int | float) -> int:
     """A seed of 63 bits.
@@ -19,6 +21,12 @@ def stream(salt: str, purpose: str, *key: str | int | float) -> int:
     """
     text = json.dumps([salt, purpose, *key])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
+
+
+def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
+    """Seed of a trial's noise, the same for every sensor and estimator."""
+    options = json.dumps(scenario.options, sort_keys=True)
+    return stream(salt, "noise", scenario.name, options, round(sigma * 1e9), seed)
 
 
 def generator_of(values: np.ndarray) -> np.random.Generator:

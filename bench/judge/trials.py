@@ -13,7 +13,7 @@ import numpy as np
 
 from olne_bench import plugins
 from olne_bench.bench.judge.estimate_check import check_estimate
-from olne_bench.bench.judge.likelihood import likelihood_ratio
+from olne_bench.bench.judge.likelihood import likelihood_ratio, posterior_ratio
 from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.judge.observe import observe, observed, problem_of, sensor_model
@@ -27,14 +27,15 @@ from olne_bench.bench.judge.players import (
 )
 from olne_bench.bench.judge.priors import exclusion
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.bench.judge.seeds import stream
+from olne_bench.bench.judge.scene import pack_motion, pack_truth
+from olne_bench.bench.judge.seeds import noise_seed, stream
 from olne_bench.bench.judge.truth import (
     Draw,
     held_out,
     held_out_samples,
-    noise_seed,
     predict_from_start,
     true_recordings,
+    true_scene,
     unit_cosine_limit,
 )
 from olne_bench.bench.judge.weight_levels import weight_levels
@@ -44,6 +45,9 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.fit_test import Expected, expected_of, residuals_of
+from olne_bench.estimators.shared.forward_model import game_at, sample_sensitivity
+from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.observation import FullView, View, whitening
 from olne_bench.games.model.sensor import Layer, SensorModel
 
@@ -83,7 +87,20 @@ def judge(trial: Trial, staff: Staff) -> Outcome:
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
         return Outcome("harness_error", f"set-up: {describe_error(error)}")
-    return judge_case(trial, case, staff)
+    outcome, scene = judge_case(trial, case, staff), _scene_once(trial, case.draw)
+    return outcome if scene is None else replace(outcome, scene=scene)
+
+
+_sent: set[tuple[str, str, int]] = set()
+
+
+def _scene_once(trial: Trial, draw: Draw) -> bytes | None:
+    """What a store keeps of a draw and a sensor; None if this process has sent it already."""
+    place = (trial.scenario.label, trial.sensor.label, draw.seed)
+    if place in _sent:
+        return None
+    _sent.add(place)
+    return pack_truth(true_scene(draw, _model(draw, layers_of(trial.sensor))))
 
 
 def judge_case(trial: Trial, case: Case, staff: Staff) -> Outcome:
@@ -179,7 +196,8 @@ def shown(
         NoEquilibriumError: if the draw has no certified equilibrium.
     """
     recordings, model = true_recordings(draw), _model(draw, layers)
-    problem = problem_of(recordings[0].scenario.told, model, sigma)
+    scenario = recordings[0].scenario
+    problem = problem_of(scenario.told, model, sigma, scenario.prior)
     return problem, observe(recordings, layers, sigma, seed)
 
 
@@ -199,6 +217,7 @@ def _scored(
         weights=estimate.weights.tolist(),
         unknowns=_listed(estimate.parameters),
         weight_levels=_listed(levels),
+        fit_p=_fit(estimate, trial, case),
         objective=estimate.extras.get("objective"),
         extras=_stored_extras(estimate),
     )
@@ -214,6 +233,7 @@ def _scored(
         message = "no root of the game found at the estimated weights"
         outcome = replace(outcome, status="failed_forward", message=message)
         return _with_scores(outcome, judged, trial, foreign)
+    outcome = replace(outcome, motion=pack_motion(prediction.root.states))
     judged = replace(
         judged,
         prediction=prediction.root.states,
@@ -226,8 +246,44 @@ def _scored(
                 *(estimate, prediction.root),
             )
         ),
+        posterior_ratio=Once(
+            partial(
+                posterior_ratio,
+                *(case.problem, case.observations[0], case.recordings[0]),
+                *(estimate, prediction.root),
+            )
+        ),
     )
     return _with_scores(outcome, judged, trial, foreign)
+
+
+def _fit(estimate: Estimate, trial: Trial, case: Case) -> float | None:
+    """P-value of the fit test; its distribution is that at the true weights, which is kept."""
+    if estimate.states is None or not trial.sigma:
+        return None
+    problem, (seen, *_) = with_white_noise(case.problem, case.observations)
+    there = np.isfinite(seen.y)
+    expected = _expected_fit(case.draw, problem, there.tobytes())
+    if expected is None:
+        return None
+    residuals = residuals_of(problem, seen.y, estimate.states)
+    return expected.test(residuals, level_known=not problem.sigma_spread).p
+
+
+@lru_cache(maxsize=32)
+def _expected_fit(draw: Draw, problem: Problem, there: bytes) -> Expected | None:
+    """What the fit test expects of one trajectory; None at a fold of equilibria."""
+    recording = true_recordings(draw)[0]
+    try:
+        sensitivity = sample_sensitivity(
+            problem, game_at(problem.game, recording.root, recording.scenario.theta)
+        )
+    except ValueError:
+        return None
+    seen = np.frombuffer(there, dtype=bool).reshape(
+        *problem.game.state_shape[:2], len(problem.noise_scale)
+    )
+    return expected_of(problem, seen, sensitivity)
 
 
 def _stored_extras(estimate: Estimate) -> str | None:

@@ -4,21 +4,26 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from olne_bench.bench.judge.metrics.judged import HeldOut
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
 from olne_bench.bench.judge.observe import Same
+from olne_bench.bench.judge.scene import Quantity, TrueScene
 from olne_bench.bench.judge.seeds import stream
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recordings.recording import Recording, record
-from olne_bench.envs.scenarios import get_scenario
+from olne_bench.envs.roads.temperaments import checked_shares
+from olne_bench.envs.scenarios import check_options, get_scenario
 from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.worlds.scene import is_on_road
 from olne_bench.games.model.sensor import SensorModel
 from olne_bench.games.solve.batch import solve_batch
 from olne_bench.games.solve.information import (
     cosine_error_limit,
+    information_root,
     joint_weight_covariance,
     observation_sensitivity,
     of_seen,
@@ -26,6 +31,7 @@ from olne_bench.games.solve.information import (
 )
 from olne_bench.games.solve.nearest_root import Prediction, predict
 from olne_bench.games.solve.newton import Root
+from olne_bench.plugins import SCENARIO, is_built_in
 
 #: Number of other initial states from which predictions are judged.
 HELD_OUT = 5
@@ -61,12 +67,6 @@ class Draw:
     def of_object(cls, scenario: Scenario) -> "Draw":
         """The only draw of a scenario that exists in this process only."""
         return cls(scenario.name, "{}", 1, 0, Same(scenario))
-
-
-def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
-    """Seed of a trial's noise, the same for every sensor and estimator."""
-    options = json.dumps(scenario.options, sort_keys=True)
-    return stream(salt, "noise", scenario.name, options, round(sigma * 1e9), seed)
 
 
 def true_recording(draw: Draw) -> Recording:
@@ -200,6 +200,44 @@ def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
         )
         for one in true_recordings(draw)
     )
+
+
+def true_scene(draw: Draw, model: SensorModel) -> TrueScene:
+    """What reports need of a draw and a sensor.
+
+    Raises:
+        NoEquilibriumError: where no certified equilibrium was found.
+        ValueError: as ``sensitivities_of``.
+    """
+    recording = true_recording(draw)
+    scenario, told = recording.scenario, recording.scenario.told
+    temperaments, shares = _drivers(draw)
+    return TrueScene(
+        road=scenario.name if is_on_road(scenario) else "",
+        dt=scenario.game.dt,
+        state_names=scenario.game.dynamics.state_names,
+        weight_names=told.weight_names,
+        noise_scale=scenario.noise_scale,
+        states=recording.states,
+        weights=scenario.weights,
+        parameters=scenario.theta[:, :0] if scenario.parameters is None else scenario.parameters,
+        unknowns=tuple(
+            tuple(Quantity(one.name, one.unit, float(one.deviation)) for one in own)
+            for own in told.parameters.unknowns
+        ),
+        information_root=information_root(told, sensitivities_of(draw, model)),
+        temperaments=temperaments,
+        shares=shares,
+    )
+
+
+def _drivers(draw: Draw) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Temperaments of a draw's drivers and the shares of its traffic, where there are any."""
+    if draw.given is not None or not is_built_in(SCENARIO, draw.name):
+        return (), {}
+    family: Any = check_options(draw.name, **json.loads(draw.options))
+    names = family.temperaments(draw.seed) if hasattr(family, "temperaments") else ()
+    return names, checked_shares(family.shares) if names else {}
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,7 @@
 """Outcomes of trials."""
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 #: Statuses of a trial. All but the first and the last two are failures.
 STATUSES = (
@@ -33,6 +34,8 @@ class Outcome:
     # sum of squared errors of the observation about the true trajectory, over noise scales
     truth_objective: float | None = None
     solve_seconds: float | None = None  # wall-clock time of the estimate, without building solvers
+    # whether noise explains the residuals (``estimators.shared.fit_test``); None if not testable
+    fit_p: float | None = None
     weights: list[list[float]] | None = None  # (N, K)
     # (N, U), each in its unit; None if the game has no unknowns
     unknowns: list[list[float]] | None = None
@@ -43,11 +46,19 @@ class Outcome:
     scores: dict[str, float | None] = field(default_factory=dict)
     # of the whole trial; no column has it, but sums are kept
     trial_seconds: float | None = field(default=None, compare=False)
+    # truth of its draw and sensor (``bench.judge.scene``), once from each process; its prediction
+    scene: bytes | None = field(default=None, compare=False, repr=False)
+    motion: bytes | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The values of ``OUTCOME_COLUMNS``."""
+        return {name: getattr(self, name) for name in OUTCOME_COLUMNS}
 
 
 #: Columns of nested lists, which a store keeps as JSON text.
 NESTED = ("weights", "unknowns", "weight_levels")
-_NO_COLUMNS = ("scores", "trial_seconds")
+_NO_COLUMNS = ("scores", "trial_seconds", "scene", "motion")
 _TEXTS = {"status", "message", "extras", *NESTED}
 #: Columns of a row that hold an outcome, and their SQL types; those of metrics follow.
 OUTCOME_COLUMNS = {

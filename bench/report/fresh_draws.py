@@ -7,7 +7,7 @@ ones, and fewer than a quarter of 20 are so in one of 170 cases; of others hardl
 
 import secrets
 from collections.abc import Generator, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import count, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -51,7 +51,7 @@ class Machine:
 
 def row_of(trial: Trial, outcome: Outcome) -> dict[str, Any]:
     """The row of a trial, as tables have it."""
-    return trial.labels | asdict(outcome) | outcome.scores
+    return trial.labels | outcome.columns | outcome.scores
 
 
 def run_all(

@@ -1,32 +1,23 @@
 """Scenes for pictures and pages: a truth, what was seen of it, and what estimates predict.
 
-This is the only module of reports, besides those of identifiability and plausibility, that plays
-truths again: a store keeps only the error of each prediction. So a motion is searched again, the
-cheapest way first, and recognised by its error. One that a few dozen iterations do not find is not
-shown, nor is one that the published step does not find, as in the published figures.
+Truths and motions are those of the store (``Study.scenes``). A motion that the published step does
+not find is not shown, as in the published figures.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.judge.metrics.formulas import position_error
-from olne_bench.bench.judge.observe import observe
-from olne_bench.bench.judge.truth import Draw, true_recording
+from olne_bench.bench.judge.observe import observe_states
+from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.statistics.score import REFERENCE
-from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
-from olne_bench.envs.recordings.recording import Recording
-from olne_bench.envs.worlds.scene import is_on_road
-from olne_bench.games.model.game import Game
-from olne_bench.games.model.observation import FullView
-from olne_bench.games.solve.nearest_root import nearest_root, predict
-from olne_bench.games.solve.root_following import follow_weights
+from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.envs.worlds.recorded import RecordedWorld
 
 if TYPE_CHECKING:
     from olne_bench.envs.roads.road_shapes import LaneShape
@@ -39,8 +30,6 @@ _MARGIN, _LEAST_MARGIN = 0.12, 0.05  # of the extent, on each side; of the large
 _ROAD_MARGIN = 7.0  # [m] on each side of a road's cars
 _ELONGATED = 2.0  # ratio of extents above which a scene is drawn along the page
 _FLATTEST, _MOST_STRETCH = 6.0, 3.0  # ratio of extents of a stretched road, and largest stretch
-_ITERATIONS = 60  # of IPOPT
-_TOLERANCE = 1e-6, 1e-4  # [m] and relative, of the error that is known
 _ENOUGH = 0.5  # share of the draws that both estimators of a choice must predict
 _TRIES = 5  # draws that are looked at for two predictions
 _TRIAL = ["sensor", "sigma", "seed"]
@@ -53,7 +42,7 @@ class Scene:
     Attributes:
         study: study of the run.
         name: label of the scenario.
-        recording: the truth.
+        truth: the truth, as it is stored.
         axes_order: indices of the position components drawn to the right and upwards.
         limits: ((low, high) to the right, (low, high) upwards) [m].
         lanes: lanes of HighwayEnv's road, if it is on one.
@@ -61,7 +50,7 @@ class Scene:
 
     study: Study
     name: str
-    recording: Recording
+    truth: TrueScene
     axes_order: tuple[int, int]
     limits: Limits
     lanes: "tuple[LaneShape, ...]" = ()
@@ -69,7 +58,7 @@ class Scene:
     @property
     def on_road(self) -> bool:
         """Whether it is on HighwayEnv's road: y points down, and cars have a size."""
-        return is_on_road(self.recording.scenario)
+        return bool(self.truth.road)
 
     @property
     def extents(self) -> tuple[float, float]:
@@ -93,38 +82,34 @@ class Scene:
     @property
     def axis_names(self) -> tuple[str, str]:
         """Names of the position components to the right and upwards."""
-        names = self.recording.scenario.game.dynamics.state_names
+        names = self.truth.state_names
         return names[self.axes_order[0]], names[self.axes_order[1]]
 
     def observed(self, sigma: float, seed: int) -> np.ndarray:
         """Full states (T, N, n) under a trial's noise, whatever its sensor shows of them."""
-        noise = self.study.noise_seed(self.name, sigma, seed)
-        return observe((self.recording,), (FullView(),), sigma, noise)[0].y
+        truth, noise = self.truth, self.study.noise_seed(self.name, sigma, seed)
+        world = RecordedWorld(truth.states, truth.state_names, truth.dt)
+        return observe_states(world, truth.noise_scale, sigma, noise)
 
     def predicted(self, trial: Mapping[Any, Any]) -> np.ndarray | None:
         """The predicted states (T, N, n) of a trial.
 
         Args:
-            trial: its row, with ``seed, status, weights, unknowns, position_error,
-                published_forward``.
+            trial: its row, with ``scenario, sensor, sigma, seed, estimator, status`` and
+                ``published_forward``.
 
         Returns:
-            None if it has no prediction by the published step, or no motion with its error is
-            found.
+            None if it has no prediction by the published step, or none is stored.
 
         Raises:
-            NotDrawnError: if its weights do not fit the scenario.
+            NotDrawnError: if what is stored cannot be read.
         """
-        told = self.recording.scenario.told
-        weights = estimated_weights(trial["weights"], told)
-        if trial["status"] != "ok" or weights is None or trial["published_forward"] == 0:
+        if trial["status"] != "ok" or trial["published_forward"] == 0:
             return None
-        theta = weights
-        if told.parameters.used.any():
-            unknowns = np.array([list(row) for row in trial["unknowns"]], dtype=float)
-            theta = np.hstack([weights, told.parameters.standardised(unknowns)])
-        draw = self.study.draw(self.name, int(trial["seed"]))
-        return _predicted(draw, theta.tobytes(), float(trial["position_error"]))
+        try:
+            return self.study.scenes.motion(trial, self.truth.states.shape)
+        except NoSceneError as error:
+            raise NotDrawnError(str(error)) from error
 
     def plane(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates to the right and upwards of states (..., n)."""
@@ -135,22 +120,21 @@ def scene_of(name: str, seed: int, study: Study = USUAL) -> Scene:
     """The scene of a scenario's draw.
 
     Raises:
-        NotDrawnError: if it cannot be played here.
+        NotDrawnError: if it is not stored, or cannot be read.
     """
     try:
-        recording = true_recording(study.draw(name, seed))
-    except UNKNOWN_HERE as error:
-        raise NotDrawnError(f"it cannot be played here: {why_unknown(error)}") from error
-    road = is_on_road(recording.scenario)
-    limits = _limits(recording.states[..., :2].reshape(-1, 2), road)
-    if road:
+        truth = study.scenes.truth(name, seed)
+    except NoSceneError as error:
+        raise NotDrawnError(str(error)) from error
+    limits = _limits(truth.states[..., :2].reshape(-1, 2), bool(truth.road))
+    if truth.road:
         from olne_bench.envs.roads.road_shapes import lane_shapes  # HighwayEnv is slow to import
 
-        lanes = tuple(lane_shapes(recording.scenario.name, *np.array(limits).T))
-        return Scene(study, name, recording, (0, 1), limits, lanes)
+        lanes = tuple(lane_shapes(truth.road, *np.array(limits).T))
+        return Scene(study, name, truth, (0, 1), limits, lanes)
     width, height = (high - low for low, high in limits)
     order = (1, 0) if height > _ELONGATED * width else (0, 1)
-    return Scene(study, name, recording, order, (limits[order[0]], limits[order[1]]))
+    return Scene(study, name, truth, order, (limits[order[0]], limits[order[1]]))
 
 
 def _limits(positions: np.ndarray, road: bool) -> Limits:
@@ -164,57 +148,21 @@ def _limits(positions: np.ndarray, road: bool) -> Limits:
     return (left, right), (bottom, top)
 
 
-def estimated_weights(value: Any, game: Game) -> np.ndarray | None:
+def estimated_weights(value: Any, truth: TrueScene) -> np.ndarray | None:
     """Weights (N, K) of a row; None if it has none.
 
     Raises:
-        NotDrawnError: on weights that the game does not accept, such as those of another version.
+        NotDrawnError: on weights that do not fit the truth, such as those of another version.
     """
     if value is None or (isinstance(value, float) and np.isnan(value)) or value is pd.NA:
         return None
     try:
         rows = np.array([list(row) for row in value], dtype=float)
-        game.check_weights(rows)
     except (TypeError, ValueError) as error:
         raise NotDrawnError(f"stored weights do not fit the scenario: {error}") from error
-    return rows  # unscaled: rounding can change where the published step ends
-
-
-@lru_cache(maxsize=4096)  # the page and the figures show the same trials
-def _predicted(draw: Draw, theta: bytes, error: float) -> np.ndarray | None:
-    recording = true_recording(draw)
-    shaped = np.frombuffer(theta).reshape(recording.scenario.theta.shape)
-    absolute, relative = _TOLERANCE
-    ways: tuple[Callable[..., np.ndarray | None], ...] = (_followed, _nearest)
-    for find in ways:
-        states = find(recording, shaped)
-        if states is None:
-            continue
-        if abs(position_error(recording.states, states) - error) <= absolute + relative * error:
-            return states
-    return None
-
-
-def _followed(recording: Recording, theta: np.ndarray) -> np.ndarray | None:
-    truth = recording.scenario
-    root = follow_weights(truth.told, recording.root, truth.theta, theta)
-    return None if root is None else root.states
-
-
-def _nearest(recording: Recording, theta: np.ndarray) -> np.ndarray | None:
-    truth = recording.scenario
-    if truth.told.constraints or truth.told.parameters.count:
-        found = predict(truth.told, theta, recording.root, truth.theta).root
-        return None if found is None else found.states
-    root = nearest_root(
-        truth.told,
-        theta,
-        recording.states,
-        recording.controls,
-        np.zeros_like(recording.costates),
-        max_iterations=_ITERATIONS,
-    )
-    return None if root is None else root.states
+    if rows.shape != truth.weights.shape or not (np.isfinite(rows) & (rows >= 0)).all():
+        raise NotDrawnError(f"stored weights do not fit the scenario: {rows.tolist()}")
+    return rows
 
 
 @dataclass(frozen=True)
@@ -285,10 +233,10 @@ def _two_estimators(attempts: pd.DataFrame, study: Study) -> tuple[str, str]:
 def shown_trial(
     trials: pd.DataFrame, choice: Choice, study: Study = USUAL
 ) -> tuple[int, Scene, list[dict[Any, Any]], list[np.ndarray]]:
-    """The first draw of a choice whose predictions are found: seed, scene, rows, predictions.
+    """The first draw of a choice whose predictions are stored: seed, scene, rows, predictions.
 
     Raises:
-        NotDrawnError: if none of the first draws has both, or it cannot be played here.
+        NotDrawnError: if none of the first draws has both, or it cannot be read.
     """
     for seed in choice.seeds[:_TRIES]:
         here = trials[trials["seed"] == seed]
@@ -299,7 +247,7 @@ def shown_trial(
         found = [states for row in told if (states := scene.predicted(row)) is not None]
         if len(found) == len(told):
             return seed, scene, told, found
-    raise NotDrawnError("the predictions of the chosen trials are not found again")
+    raise NotDrawnError("the predictions of the chosen trials are not stored")
 
 
 def sequences(

@@ -1,23 +1,23 @@
 """What a run's tables are about: entries by their labels, from its suites, and its metrics."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declaration_from
-from olne_bench.bench.judge.observe import sensor_model
-from olne_bench.bench.judge.trials import layers_of
-from olne_bench.bench.judge.truth import Draw, noise_seed, true_recording
+from olne_bench.bench.judge.scene import NoScenes, Scenes
+from olne_bench.bench.judge.seeds import noise_seed
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
-from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.suite import Suite, read_suite_json, salt_id
 from olne_bench.bench.plan.truths import has_drawn_truths, is_foreign
-from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.envs.recordings.recording import NoEquilibriumError
+from olne_bench.bench.report.confirmations import Confirmation, confirmations_of
+from olne_bench.bench.run.store import Store
+from olne_bench.bench.run.store_scenes import StoredScenes
 from olne_bench.errors import UserError
-from olne_bench.games.model.sensor import SensorModel
 
 #: Built-in estimators that use no data, or not what they are told: they have scores, and no rank.
 _FLOORS = ("uniform", "ignorant")
@@ -44,9 +44,6 @@ IDENTIFIABLE = MetricDeclaration(
 #: A failure, compared like an error: 1 for an attempt without a prediction, else 0.
 FAILURES = MetricDeclaration("failures", worst=1.0)
 
-#: Errors raised if a label is of another version, or its truth cannot be computed.
-UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)
-
 
 @dataclass(frozen=True)
 class Study:
@@ -58,10 +55,14 @@ class Study:
     salt: str = ""  # of draws and noise
     estimators: Mapping[str, EstimatorEntry] = field(default_factory=dict)
     confirmations: tuple[Confirmation, ...] = ()  # what fresh draws said of implausible rows
+    scenes: Scenes = field(default_factory=NoScenes)  # its truths and motions
 
     def scenario(self, label: str) -> ScenarioEntry:
         """The scenario with a label, whose plugin may not exist any more; UserError without one."""
-        return _of_label("scenario", label, self.scenarios)
+        if label not in self.scenarios:
+            known = ", ".join(self.scenarios) or "none"
+            raise UserError(f"no scenario {label!r} in the suite; it has: {known}")
+        return self.scenarios[label]
 
     def is_family(self, label: str) -> bool:
         """Whether each seed of the scenario with this label has its own draw."""
@@ -95,35 +96,35 @@ class Study:
         known = self.estimators.get(label)
         return label if known is None else known.name
 
-    def draw(self, label: str, seed: int) -> Draw:
-        """The draw of the trials with a scenario's label and a seed."""
-        return Draw.of(self.scenario(label), seed, self.salt)
-
-    def sensor_model(self, sensor: str, draw: Draw) -> SensorModel:
-        """The model of the sensor with a label on a draw; ValueError if it does not fit."""
-        layers = layers_of(_of_label("sensor", sensor, self.sensors))
-        return sensor_model(true_recording(draw).scenario, layers)
-
     def noise_seed(self, label: str, sigma: float, seed: int) -> int:
         """Seed of the noise of the trials of a scenario."""
         return noise_seed(self.scenario(label), sigma, seed, self.salt)
-
-
-T = TypeVar("T")
-
-
-def _of_label(what: str, label: str, known: Mapping[str, T]) -> T:
-    if label not in known:
-        raise UserError(f"no {what} {label!r} in the suite; it has: {', '.join(known) or 'none'}")
-    return known[label]
 
 
 #: A study with the built-in metrics only.
 USUAL = Study()
 
 
+def study_in(folder: Path, store: Store) -> Study:
+    """The study of a run folder, with its stored truths and its confirmations.
+
+    Args:
+        folder: the run folder.
+        store: its store.
+
+    Raises:
+        UserError: as ``study_of``, and on confirmations that cannot be read.
+    """
+    study = study_of(read_suite_json(run.suite) for run in store.runs())
+    return replace(
+        study,
+        scenes=StoredScenes(folder, salt_id(study.salt)),
+        confirmations=confirmations_of(folder, store),
+    )
+
+
 def study_of(suites: Iterable[Suite]) -> Study:
-    """The study of a run, from all its suites: a suite may grow when a run continues.
+    """A study from its suites: a suite may grow when a run continues. It knows no truth.
 
     If none names metrics, the built-in ones count. UserError on a suite of another kind.
     """
@@ -149,12 +150,6 @@ def _declaration(entry: Any) -> MetricDeclaration:
     usual = next((one.stored() for one in BUILT_IN if one.name == entry.column), {})
     told = {key: value for key, value in entry.declaration.items() if value is not None}
     return declaration_from(usual | told | {"name": entry.column})
-
-
-def why_unknown(error: Exception) -> str:
-    """The message of an error; some exceptions need their type or argument instead."""
-    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
-    return text or type(error).__name__
 
 
 def compared(metrics: Iterable[MetricDeclaration]) -> list[MetricDeclaration]:

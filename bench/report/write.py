@@ -1,18 +1,15 @@
 """Write the report of a run, of trials, streams or drives: tables, page and figures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from olne_bench.bench.judge.streams import ERROR_COLUMNS
-from olne_bench.bench.plan.draws import draws_of
-from olne_bench.bench.plan.load import suite_names
-from olne_bench.bench.plan.suite import Suite, read_suite_json
+from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report import drive_tables, stream_tables
-from olne_bench.bench.report.confirmations import confirmations_of
 from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.figures import draw_figures, online, style
 from olne_bench.bench.report.leaderboard_text import format_summary, latex, markdown
@@ -20,12 +17,11 @@ from olne_bench.bench.report.page.online import online_page
 from olne_bench.bench.report.page.render import Extras, render_page
 from olne_bench.bench.report.parts import write_trials
 from olne_bench.bench.report.statistics.attempts import attempts_of
-from olne_bench.bench.report.study import Study, study_of
+from olne_bench.bench.report.study import Study, study_in
 from olne_bench.bench.report.tables import RunTables, tabulate
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import last_suite
 from olne_bench.bench.run.store import Store, read_store
-from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
 from olne_bench.files import whole_file
 
@@ -57,28 +53,24 @@ def write_report(
 
     The tables are ``trials`` (also as Parquet), ``leaderboard`` (also in Markdown and LaTeX), and
     those of ``RunTables``. The page can play the trials of the ``playable`` noise levels and seeds.
-    Truths are read from the draws that come with the suite, where there are some. Only the trials
-    of one scenario are in memory. UserError if there is no run in the folder.
+    Truths and motions are those of the store. Only the trials of one scenario are in memory.
+    UserError if there is no run in the folder.
     """
     with read_store(folder) as store:
         runs = store.runs()
         if next(store.batches(), None) is None:
             raise UserError(f"the run in {folder} has no finished trial yet")
         _refuse_unknown(store, playable)
-        suites = [read_suite_json(run.suite) for run in runs]
-        study = replace(study_of(suites), confirmations=confirmations_of(folder, store))
+        study = study_in(folder, store)
         trials = write_trials(store.batches(), folder)
-    shipped = suites[-1].origin in suite_names()
-    draws = draws_of(suites[-1].origin, suites[-1]) if shipped else None
-    with travelling(draws):
-        tables = tabulate(trials, study)
-        _write_tables(tables.by_name(), folder)
-        write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
-        write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
-        pictures, lost = draw_figures(trials, tables, folder / "figures", formats, study)
-        notes = [*tables.notes, *lost]
-        extras = Extras(playable=tuple(playable), pictures=pictures)
-        page = render_page(trials, tables, runs, study, notes, extras)
+    tables = tabulate(trials, study)
+    _write_tables(tables.by_name(), folder)
+    write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
+    write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
+    pictures, lost = draw_figures(trials, tables, folder / "figures", formats, study)
+    notes = [*tables.notes, *lost]
+    extras = Extras(playable=tuple(playable), pictures=pictures)
+    page = render_page(trials, tables, runs, study, notes, extras)
     write_text(folder / "index.html", page.html)
     return Report(tables, study, list(dict.fromkeys([*notes, *page.notes])))
 

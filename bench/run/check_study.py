@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from olne_bench import plugins
-from olne_bench.bench.judge.priors import alpha_of, exclusion
+from olne_bench.bench.judge.priors import WITH_PRIOR, exclusion
 from olne_bench.bench.judge.trials import layers_of
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.suite import Suite
@@ -48,7 +48,7 @@ def check_priors(suite: Suite, hidden: Path | None = None) -> None:
         UserError: with a message that names the first such pair, the weight, and what to do.
     """
     for scenario, estimator in suite.pairs():
-        if scenario.family or alpha_of(estimator) <= 1:
+        if scenario.family or estimator.name not in WITH_PRIOR:
             continue
         own = plugins.is_built_in(plugins.SCENARIO, scenario.name)
         foreign = () if own else (scenario.name, estimator.name)

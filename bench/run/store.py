@@ -37,6 +37,7 @@ from olne_bench.bench.run.store_layout import (
     quoted,
 )
 from olne_bench.bench.run.store_merge import merge_stores
+from olne_bench.bench.run.store_scenes import add_scenes
 from olne_bench.bench.run.time_left import Cost
 from olne_bench.bench.text import one_line
 
@@ -92,11 +93,9 @@ class Store:
             )
 
     def add(self, trial: Trial, outcome: Outcome) -> None:
-        """Write the row of a finished trial and commit it."""
+        """Write the row of a finished trial, its truth and its motion, and commit them."""
         self._make_columns(trial)
-        row = dict(vars(outcome))
-        scores, seconds = row.pop("scores"), row.pop("trial_seconds")
-        row |= {name: scores.get(name) for name in self._metrics}
+        row = outcome.columns | {name: outcome.scores.get(name) for name in self._metrics}
         row |= trial.labels | {"message": _shortened(outcome.message)}
         row |= zip(VERSION_COLUMNS, _flat(trial.versions), strict=True)
         row |= {name: dumps(row[name]) for name in NESTED if row[name] is not None}
@@ -109,7 +108,8 @@ class Store:
                 f"INSERT OR REPLACE INTO trials ({names}) VALUES ({places})",
                 (*values, self._run, self._sums.of(values)),
             )
-            if seconds is not None:
+            add_scenes(self._connection, trial, outcome)
+            if (seconds := outcome.trial_seconds) is not None:
                 add_cost(self._connection, row["scenario"], row["estimator"], seconds)
 
     def _make_columns(self, trial: Trial) -> None:

@@ -8,7 +8,7 @@ import os
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -72,6 +72,18 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
     except OSError as error:
         raise UserError(f"cannot read {folder}: {error.strerror or error}") from error
     with _connected(path, _reader) as connection:
+        yield connection
+
+
+@contextmanager
+def glancing(folder: Path) -> Iterator[sqlite3.Connection]:
+    """A read-only connection to a store that was read before: it is not checked again.
+
+    Raises:
+        sqlite3.Error: if it cannot be read any more.
+    """
+    with closing(_reader(folder / FILE_NAME)) as connection:
+        connection.create_function("checksum", -1, checksum)
         yield connection
 
 

@@ -2,7 +2,7 @@
 
 Rows of former versions of the code stay; ``current`` holds the version that was last run under a
 name. Each metric has a column, which is added by the first run that has it. Each row of each table
-has a checksum (``store_check``).
+has a checksum (``store_check``); truths and motions (``store_scenes``) have that of zlib.
 """
 
 import sqlite3
@@ -15,7 +15,7 @@ from olne_bench.bench.plan.versions import VERSION_COLUMNS
 FILE_NAME = "trials.sqlite"
 #: Mark the file as a store, and its layout.
 APPLICATION_ID = 0x4F4C4E45  # "OLNE"
-VERSION = 7
+VERSION = 8
 
 #: Columns of every store, and their types.
 COLUMNS = LABEL_COLUMNS | OUTCOME_COLUMNS | VERSION_COLUMNS
@@ -25,8 +25,10 @@ CURRENT = ("parameters", *VERSION_COLUMNS)
 
 
 _CHECKSUM = {"checksum": "INTEGER"}
+_DRAW = {"scenario": "TEXT", "seed": "INTEGER", "salt_id": "TEXT", "sensor": "TEXT"}
 #: All tables with their columns; in ``trials``, those of metrics follow, whose names ``metrics``
-#: has. ``costs`` has sums over finished trials, for estimates of the time left.
+#: has. ``costs`` has sums over finished trials, for estimates of the time left. ``code`` is a
+#: checksum of the versions that a truth or a motion was made with.
 TABLES = {
     "trials": COLUMNS | {"run": "INTEGER"} | _CHECKSUM,
     "runs": {"id": "INTEGER", "provenance": "TEXT"} | _CHECKSUM,
@@ -34,13 +36,19 @@ TABLES = {
     "metrics": {"name": "TEXT"} | _CHECKSUM,
     "costs": {"scenario": "TEXT", "estimator": "TEXT", "trials": "INTEGER", "seconds": "REAL"}
     | _CHECKSUM,
+    "scenes": _DRAW | {"code": "INTEGER", "content": "BLOB"},
+    "motions": _DRAW | {"sigma": "REAL", "estimator": "TEXT", "code": "INTEGER", "states": "BLOB"},
 }
+#: Tables that are read as a whole, and checked, whenever a store is opened.
+SMALL_TABLES = ("runs", "current", "metrics", "costs")
 _KEYS = {
     "trials": (*KEY_COLUMNS, *VERSION_COLUMNS),
     "runs": ("id",),
     "current": NAMED,
     "metrics": ("name",),
     "costs": ("scenario", "estimator"),
+    "scenes": (*_DRAW, "code"),
+    "motions": (*_DRAW, "sigma", "estimator", "code"),
 }
 _WITHOUT_ROWID = ("current", "metrics", "costs")
 _ADD_COST = (

@@ -16,7 +16,7 @@ from olne_bench.errors import UserError
 
 
 def merge_stores(connection: sqlite3.Connection, other: Path) -> tuple[int, int]:
-    """Add the rows and runs of another store in one commit.
+    """Add the rows, runs, truths and motions of another store in one commit.
 
     Args:
         connection: connection to the store that is written to.
@@ -93,5 +93,7 @@ def _merge(connection: sqlite3.Connection) -> tuple[int, int]:
         f"SELECT {names}, checksum, run + ? FROM other.trials",
         [offset],
     ).rowcount
+    for table in ("scenes", "motions"):
+        execute(f"INSERT OR IGNORE INTO main.{table} SELECT * FROM other.{table}")
     (rows,) = execute("SELECT count(*) FROM other.trials").fetchone()
     return new, rows - new

@@ -3,6 +3,7 @@
 import shutil
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -13,7 +14,7 @@ from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import KEY_COLUMNS, expand
 from olne_bench.bench.plan.versions import files_of
 from olne_bench.bench.report.gate import task_of
-from olne_bench.bench.report.study import study_of
+from olne_bench.bench.report.study import Study, study_in
 from olne_bench.bench.run.provenance import Provenance
 from olne_bench.bench.run.resume import Stored
 from olne_bench.bench.run.store import Store, read_store
@@ -48,11 +49,12 @@ def pack(folder: Path, name: str, out: Path) -> int:
         suites = [read_suite_json(run.suite) for run in runs]
         places = _plugin_places(suites)
         rows = _whole(store, runs, folder)
+        study = replace(study_in(folder, store), confirmations=())
     if rows.num_rows > MOST_ROWS:
         raise UserError(f"{folder} has {rows.num_rows} rows, at most {MOST_ROWS} are allowed")
     with whole_folder(out) as unfinished:
         _copy_plugins(places, unfinished)
-        _write_tables(rows, suites, unfinished)
+        _write_tables(rows, study, unfinished)
         packed = [_without_paths(run, places) for run in runs]
         _write_manifest(name, packed, unfinished)
     return int(rows.num_rows)
@@ -120,10 +122,10 @@ def _copy_plugins(places: dict[str, str], target: Path) -> None:
             shutil.copyfile(file, copy)
 
 
-def _write_tables(rows: pa.Table, suites: Iterable[Suite], target: Path) -> None:
+def _write_tables(rows: pa.Table, study: Study, target: Path) -> None:
     parsed = parse_nested(rows)
     parquet.write_table(parsed, target / ROWS, **parquet_options(parsed.schema))
-    for name, text in board_files(to_frame(parsed), study_of(suites)).items():
+    for name, text in board_files(to_frame(parsed), study).items():
         (target / name).write_text(text, encoding="utf-8", newline="")
 
 

@@ -25,7 +25,7 @@ from olne_bench.bench.report.fresh_draws import (
     trial_place,
 )
 from olne_bench.bench.report.statistics.attempts import errors_of
-from olne_bench.bench.report.study import Study, primary, study_of
+from olne_bench.bench.report.study import Study, primary
 from olne_bench.bench.submission.again import Repeated, outcomes_of, repeat
 from olne_bench.bench.submission.asked import asked, planned_trials
 from olne_bench.bench.submission.boards import check_boards
@@ -47,6 +47,7 @@ from olne_bench.bench.submission.fresh import (
     has_truth,
 )
 from olne_bench.bench.submission.manifest import PLUGINS, Submission, read_submission
+from olne_bench.bench.submission.played import played_study
 from olne_bench.bench.submission.rows import (
     Key,
     Rows,
@@ -128,7 +129,7 @@ def _checked(submission: Submission, rows: Rows, home: Path) -> _Case:
     parts = asked(submission, home, len(rows.table))
     planned = planned_trials(parts)
     check_whole(rows, planned, submission.folder)
-    study = study_of(suite for suite, _, _ in parts)
+    study = played_study(suite for suite, _, _ in parts)
     other = check_versions(rows, planned, submission)
     check_boards(submission, rows.table, study)
     metric = primary(study.metrics)

@@ -52,27 +52,19 @@ RANGE = 5.0
 
 @dataclass(frozen=True)
 class DriveRoad:
-    """What a drive takes from a family, and where its cars come and go.
+    """What a drive takes from a family, and where its cars come and go; distances in [m].
 
-    Attributes:
-        family: draws starts, routes, target speeds; everybody knows its speeds.
-        cars: number of cars, the ego included.
-        ego: which car of a proposal the ego is.
-        lead: distance [m] that the ego starts farther back than proposed.
-        moving: whether starts of cars with one lane move along with the ego, as the road goes on.
-        shift: distance [m] by which these starts are moved ahead or back, so that there is room.
-        entry: least distance [m] from the ego at which cars enter.
-        ahead, behind: distance [m] from the ego at which cars leave. Where the road does not go on,
-            ``ahead`` is that from its middle, at which cars on the last lane of their route leave.
+    Cars leave so far ahead of the ego or behind it. Where the road does not go on, ``ahead`` is
+    that from its middle, at which cars on the last lane of their route leave.
     """
 
-    family: type[RoadFamily]
-    cars: int
-    ego: int
-    lead: float
-    moving: bool
-    shift: float
-    entry: float
+    family: type[RoadFamily]  # draws starts, routes, target speeds; everybody knows its speeds
+    cars: int  # number of cars, the ego included
+    ego: int  # which car of a proposal the ego is
+    lead: float  # by which the ego starts farther back than proposed
+    moving: bool  # whether starts of cars with one lane move along, as the road goes on
+    shift: float  # by which these starts are moved ahead or back, so that there is room
+    entry: float  # least distance from the ego at which cars enter
     ahead: float
     behind: float
 
@@ -88,21 +80,13 @@ ROADS: dict[str, DriveRoad] = {
 
 @dataclass(frozen=True)
 class Car:
-    """One car of a drive.
+    """One car of a drive."""
 
-    Attributes:
-        number: identifies it; no number is used twice.
-        player: its features, for steps of a drive.
-        weights: (4,) of its preferences, sum one.
-        lanes: its route.
-        start: (4,) px [m], py [m], heading [rad], speed [m/s].
-    """
-
-    number: int
-    player: Player
-    weights: np.ndarray
-    lanes: tuple[Lane, ...]
-    start: np.ndarray
+    number: int  # identifies it; no number is used twice
+    player: Player  # its features, for steps of a drive
+    weights: np.ndarray  # (4,) of its preferences, sum one
+    lanes: tuple[Lane, ...]  # its route
+    start: np.ndarray  # (4,) px [m], py [m], heading [rad], speed [m/s]
 
     @property
     def target_speed(self) -> float:
@@ -113,10 +97,7 @@ class Car:
 def proposed_cars(road: DriveRoad, rng: np.random.Generator, kind: str) -> list[Car]:
     """The cars of one proposal, the ego first; numbers are their places.
 
-    Args:
-        road: the road.
-        rng: draws the proposal, then the weights.
-        kind: one of ``WEIGHTS``.
+    ``rng`` draws the proposal, then the weights, whose kind is one of ``WEIGHTS``.
     """
     scenario = road.family.propose(rng, road.cars)
     order = [road.ego, *(i for i in range(road.cars) if i != road.ego)]
@@ -181,12 +162,7 @@ class EgoCost:
         self._standing = self.of_step(stands[None], np.zeros(2))
 
     def of_step(self, states: np.ndarray, control: np.ndarray) -> float:
-        """Cost of a step.
-
-        Args:
-            states: (N, 4), the ego first.
-            control: (2,) of the ego.
-        """
+        """Cost of a step from states (N, 4), the ego first, with the ego's control (2,)."""
         values = [
             self._proximities(states) if one is None else float(one(states[:1].T, control))
             for one in self._own
@@ -202,12 +178,9 @@ class EgoCost:
     def of_drive(
         self, motion: Sequence[np.ndarray], controls: Sequence[np.ndarray], crashed: bool
     ) -> float:
-        """Mean share of the steps of a whole drive, 0 to 1.
+        """Mean share of the steps of a whole drive, 0 to 1, which may have ended in a collision.
 
-        Args:
-            motion: states (N, 4) at each step, the ego first; the last ones are those at the end.
-            controls: (2,) of each step.
-            crashed: whether the drive ended in a collision.
+        The motion is the states (N, 4) at each step, the ego first, and those at the end.
         """
         costs = [
             self.share(states, control)

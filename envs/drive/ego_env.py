@@ -45,11 +45,7 @@ class EgoView:
         self._route = _points(ego.lanes)
 
     def of(self, samples: np.ndarray) -> np.ndarray:
-        """What the driver sees (SIZE,).
-
-        Args:
-            samples: (1 + M, 4) states of the ego and of the others as it knows them.
-        """
+        """What the driver sees (SIZE,) of samples (1 + M, 4) of the ego and the others."""
         (px, py, heading, speed), target = samples[0], self._ego.target_speed
         turn = _turn(heading)
         here = np.array([px, py])
@@ -60,14 +56,10 @@ class EgoView:
         return found.clip(-LARGEST, LARGEST).astype(np.float32)
 
     def control(self, state: np.ndarray, action: np.ndarray) -> np.ndarray:
-        """Steering [rad] and acceleration [m/s^2] (2,).
+        """Steering [rad] and acceleration [m/s^2] (2,) for an action (2,) within -1 and 1.
 
         Without an action the ego follows its route at constant speed: it steers along the arc to a
         point of the route ahead (pure pursuit, Coulter 1992).
-
-        Args:
-            state: (4,) of the ego.
-            action: (2,) of the driver, within -1 and 1.
         """
         px, py, heading, speed = state
         away = max(_LEAST_LOOK_AHEAD, _LOOK_AHEAD * speed)
@@ -131,16 +123,7 @@ class EgoEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def __init__(
         self, road: str | None = None, traffic: str | None = None, sigma: float = 0.1
     ) -> None:
-        """Nothing is drawn yet.
-
-        Args:
-            road: one of ``cars.ROADS``; None draws one for each episode.
-            traffic: one of ``world.TRAFFIC``; None draws one.
-            sigma: standard deviation of the noise on the others' positions [m].
-
-        Raises:
-            ValueError: on an unknown road or traffic.
-        """
+        """Road and traffic are drawn for each episode if None; ``sigma`` [m] is the noise level."""
         for what, given, known in (("road", road, tuple(ROADS)), ("traffic", traffic, TRAFFIC)):
             if given is not None and given not in known:
                 raise ValueError(f"unknown {what} {given!r}; known are: {', '.join(known)}")

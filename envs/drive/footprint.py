@@ -64,16 +64,11 @@ class CarsApart:
     So cars in a lane are 5.7 m apart and cars side by side 3.2 m, while lanes are 4 m wide. The
     margin is ``(s - d^2) / (2 d)`` [m] with the distance d that circles need and a smooth minimum s
     of the four squared distances, which is smaller than all of them: by 8 % where two are equal.
-
-    Attributes:
-        players: whose cars.
-        first_step: from which on they keep apart.
-        more: distance between the circles [m].
     """
 
-    players: tuple[int, int]
-    first_step: int = 0
-    more: float = 0.0
+    players: tuple[int, int]  # whose cars
+    first_step: int = 0  # from which on they keep apart
+    more: float = 0.0  # distance between the circles [m]
     name: str = "cars apart"
 
     def margins(self, stage: Stage) -> ca.SX:

@@ -33,27 +33,16 @@ _ATTEMPTS = 1  # at a variational equilibrium, from each start
 
 @dataclass
 class PlanCounts:
-    """What became of plans of single cars.
+    """What became of plans of single cars."""
 
-    Attributes:
-        solved: new plans.
-        apart: those of them that a hard distance keeps out of other cars.
-        kept: rests of former plans that were followed in their place.
-        braked: cars that braked for a second, without either.
-    """
-
-    solved: int = 0
-    apart: int = 0
-    kept: int = 0
-    braked: int = 0
+    solved: int = 0  # new plans
+    apart: int = 0  # those of them that a hard distance keeps out of other cars
+    kept: int = 0  # rests of former plans that were followed in their place
+    braked: int = 0  # cars that braked for a second, without either
 
 
 class NashTraffic:
-    """The plans of all cars but the ego.
-
-    Args:
-        first: states and controls of the first plan of all cars, if it is known.
-    """
+    """The plans of all cars but the ego; ``first`` are states and controls of the first plan."""
 
     def __init__(self, first: tuple[np.ndarray, np.ndarray] | None = None) -> None:
         self.counts = PlanCounts()
@@ -61,12 +50,7 @@ class NashTraffic:
         self._plans: dict[int, np.ndarray] = {}  # controls that are left, by car number
 
     def plan(self, cars: Sequence[Car], states: np.ndarray) -> bool:
-        """Plan again for all cars, the ego first; whether every car has a new plan.
-
-        Args:
-            cars: the cars.
-            states: (N, 4) their states.
-        """
+        """Plan again for all cars, the ego first; whether every car has a new plan."""
         former = [self._plans.get(car.number) for car in cars]
         good = self._take(cars, self._first or nash_plan(cars, states, former))
         self._first = None
@@ -116,10 +100,7 @@ def nash_plan(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """A certified equilibrium: states (T, N, 4) and controls (T-1, N, 2); None if none is found.
 
-    Args:
-        cars: the players.
-        states: (N, 4) their states.
-        former: controls (S, 2) that each car had in mind; None for none.
+    Each car formerly had controls (S, 2) in mind, or None.
     """
     game = drive_game([car.player for car in cars], HORIZON)
     weights = np.stack([car.weights for car in cars])
@@ -133,10 +114,7 @@ def nash_plan(
 def plan_apart(
     cars: Sequence[Car], states: np.ndarray, former: Sequence[np.ndarray | None]
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """As ``nash_plan``: the variational equilibrium of cars that keep a distance to each other.
-
-    Its first-order conditions hold; best responses do not certify it.
-    """
+    """As ``nash_plan``: the variational equilibrium of cars that keep a distance; not certified."""
     pairs = combinations(range(len(cars)), 2)
     constraints = tuple(CarsApart(pair, FIRST_STEP) for pair in pairs)
     game = drive_game([car.player for car in cars], HORIZON, constraints)

@@ -14,12 +14,7 @@ _RADIUS = 3  # of a dot [pixels]
 
 
 def picture(world: DriveWorld, plan: EgoPlan | None) -> np.ndarray:
-    """One frame (height, width, 3) uint8.
-
-    Args:
-        world: the drive; its ``road`` draws ``rgb_array`` pictures.
-        plan: the ego's plan from now on; None to draw the cars alone.
-    """
+    """One frame (height, width, 3) uint8 of a drive; only its cars where there is no plan."""
     for place, vehicle in enumerate(world.road.road.vehicles):
         vehicle.color = _OTHERS if place else _EGO
     frame = world.road.render()

@@ -47,36 +47,22 @@ _BRAKING = 8.0  # [m/s^2]
 
 @dataclass(frozen=True)
 class Mind:
-    """A car as the ego takes it to be.
+    """A car as the ego takes it to be."""
 
-    Attributes:
-        number: identifies the car.
-        player: its features, with a target speed.
-        weights: (4,) of its preferences.
-    """
-
-    number: int
-    player: Player
-    weights: np.ndarray
+    number: int  # identifies the car
+    player: Player  # its features, with a target speed
+    weights: np.ndarray  # (4,) of its preferences
 
 
 @dataclass(frozen=True)
 class EgoPlan:
-    """A plan of the ego, and what it expects of the others.
+    """A plan of the ego, and what it expects of the others."""
 
-    Attributes:
-        numbers: of the cars, the ego first.
-        states: (T, N, 4), the present ones first.
-        controls: (T-1, N, 2).
-        costates: (T-1, N, 4).
-        kind: how it was found.
-    """
-
-    numbers: tuple[int, ...]
-    states: np.ndarray
-    controls: np.ndarray
-    costates: np.ndarray
-    kind: str
+    numbers: tuple[int, ...]  # of the cars, the ego first
+    states: np.ndarray  # (T, N, 4), the present ones first
+    controls: np.ndarray  # (T-1, N, 2)
+    costates: np.ndarray  # (T-1, N, 4)
+    kind: str  # how it was found
 
     @property
     def control(self) -> np.ndarray:
@@ -92,12 +78,7 @@ class Planner(ABC):
         self._former: EgoPlan | None = None
 
     def plan(self, minds: Sequence[Mind], states: np.ndarray) -> EgoPlan:
-        """The next plan.
-
-        Args:
-            minds: the ego as it is, and the others as it takes them to be.
-            states: (N, 4) states of all of them, as it knows them.
-        """
+        """The next plan, from minds and states (N, 4) of all cars as the ego knows them."""
         numbers = tuple(mind.number for mind in minds)
         found = self._found(_game(minds), minds, numbers, states)
         self._former = found or kept_or_braked(self._former, numbers, states)
@@ -130,10 +111,7 @@ class GamePlanner(Planner):
 
 
 class StraightOnPlanner(Planner):
-    """The others drive straight on along their velocity, and the ego plans alone among them.
-
-    Only the ego's own features and weights count.
-    """
+    """The others drive straight on along their velocity, and the ego plans alone among them."""
 
     def _found(
         self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
@@ -211,10 +189,7 @@ def _alone(
 def kept_or_braked(former: EgoPlan | None, numbers: tuple[int, ...], states: np.ndarray) -> EgoPlan:
     """The rest of a former plan of the ego; if it is used up, braking. The others drive on.
 
-    Args:
-        former: the plan before.
-        numbers: of the cars that are there now.
-        states: (N, 4) their states.
+    Numbers and states (N, 4) are those of the cars that are there now.
     """
     controls = np.zeros((HORIZON - 1, len(numbers), 2))
     if former is None or former.kind == BRAKED or len(former.controls) < 2:

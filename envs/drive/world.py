@@ -59,11 +59,7 @@ class FirstCars(NamedTuple):
 
 @lru_cache(maxsize=4)  # the planners of a study drive a seed one after the other
 def first_cars(road: str, seed: int, traffic: str, weights: str) -> FirstCars:
-    """The first proposal whose cars are apart, and in Nash traffic have plans.
-
-    Raises:
-        NoDriveError: if no proposal of the seed can be driven.
-    """
+    """The first proposal whose cars are apart and have plans in Nash traffic, or NoDriveError."""
     for attempt in range(_MOST_PROPOSALS):
         cars = tuple(proposed_cars(ROADS[road], rng_of(road, seed, 0, attempt), weights))
         states = np.stack([car.start for car in cars])
@@ -86,29 +82,18 @@ def rng_of(road: str, seed: int, *key: int) -> np.random.Generator:
 
 @dataclass
 class DriveCounts:
-    """What happened among the other cars.
+    """What happened among the other cars."""
 
-    Attributes:
-        plans: of Nash traffic.
-        entered, left: cars that came and went.
-        collided: cars that collided without the ego, and were taken off the road.
-    """
-
-    plans: PlanCounts = field(default_factory=PlanCounts)
+    plans: PlanCounts = field(default_factory=PlanCounts)  # of Nash traffic
     entered: int = 0
     left: int = 0
-    collided: int = 0
+    collided: int = 0  # without the ego, and taken off the road
 
 
 class DriveWorld:
-    """One drive.
+    """One drive: its cars, the ego first, and HighwayEnv's environment ``road``, for pictures.
 
-    Attributes:
-        cars: cars on the road, the ego first.
-        step: number of steps so far.
-        crashed: whether the ego has collided. The drive is over then.
-        counts: what happened among the others.
-        road: HighwayEnv's environment, for pictures.
+    It is over once the ego has ``crashed``.
     """
 
     def __init__(
@@ -121,19 +106,10 @@ class DriveWorld:
         stock_ego: bool = False,
         pictures: bool = False,
     ) -> None:
-        """Draw the start.
+        """Draw the start of the drive that the seed identifies, or raise NoDriveError.
 
-        Args:
-            name: one of ``ROADS``.
-            seed: identifies the drive.
-            traffic: one of ``TRAFFIC``.
-            weights: how hidden weights are drawn, one of ``WEIGHTS``.
-            stock_ego: whether HighwayEnv's own driver drives the ego.
-            pictures: whether ``road`` draws pictures.
-
-        Raises:
-            ValueError: on an unknown road, traffic or kind of weights.
-            NoDriveError: if no proposal of the seed can be driven.
+        The road is one of ``ROADS``, the traffic of ``TRAFFIC``, the kind of hidden weights of
+        ``WEIGHTS``. HighwayEnv's own driver drives a ``stock_ego``.
         """
         for what, given, known in (
             ("road", name, tuple(ROADS)),
@@ -168,15 +144,7 @@ class DriveWorld:
         return self.crashed or self.step >= STEPS
 
     def advance(self, control: np.ndarray | None) -> None:
-        """One step.
-
-        Args:
-            control: (2,) steering [rad] and acceleration [m/s^2] of the ego; None if HighwayEnv's
-                driver drives it.
-
-        Raises:
-            ValueError: on a control that is not finite, or on one where there must be none.
-        """
+        """One step, with steering [rad] and acceleration [m/s^2]; None if a stock ego drives."""
         if (control is None) != self._stock_ego:
             raise ValueError("an ego has controls, unless HighwayEnv's driver drives it")
         if control is not None and not np.isfinite(control).all():
@@ -196,9 +164,8 @@ class DriveWorld:
     def _frame(self) -> None:
         """One frame of the simulator.
 
-        At the intersection, its right of way makes HighwayEnv's own drivers wait, and nobody else.
-        To look for conflicts takes about half of the time of a drive, so it is left out where none
-        of them drives.
+        At the intersection, its right of way makes HighwayEnv's own drivers wait. To look for
+        conflicts takes half of the time of a drive, so it is left out where none of them drives.
         """
         road = self.road.road
         stock = [vehicle for vehicle in road.vehicles if isinstance(vehicle, IDMVehicle)]
@@ -312,12 +279,7 @@ def seen(
 ) -> tuple[list[Car], np.ndarray]:
     """The ego and the nearest others, in order of their numbers, and samples (1 + M, 4) of them.
 
-    The ego knows its own state.
-
-    Args:
-        world: the drive.
-        sigma: standard deviation of the noise on positions [m].
-        rng_of: draws the noise of a car.
+    The ego knows its own state; ``sigma`` is the noise on the others' positions [m].
     """
     samples = world.states()
     away = np.linalg.norm(samples[1:, :2] - samples[0, :2], axis=1)

@@ -206,11 +206,7 @@ def read_recording(path: Path | str) -> RecordingFile:
 
 
 def _recording(file: pq.ParquetFile, metadata: Metadata) -> RecordingFile:
-    """The recording in a file with these metadata.
-
-    Raises:
-        ValueError: if rows are missing or too many, or numbers are impossible.
-    """
+    """The recording in a file with these metadata."""
     episodes = metadata.episodes
     rows, players = file.metadata.num_rows, sum(len(known.players) for known in episodes)
     if rows > min(MOST_ROWS, MOST_STEPS * players):
@@ -238,11 +234,7 @@ def _recording(file: pq.ParquetFile, metadata: Metadata) -> RecordingFile:
 
 
 def _metadata(path: Path, entry: bytes) -> Metadata:
-    """The checked metadata.
-
-    Raises:
-        ValueError: with a message that names the first wrong value.
-    """
+    """The checked metadata; ValueError names the first wrong value."""
     if len(entry) > MOST_METADATA:
         raise ValueError(f"its metadata have {len(entry)} bytes, at most {MOST_METADATA} are read")
     try:
@@ -262,11 +254,7 @@ def _metadata(path: Path, entry: bytes) -> Metadata:
 
 
 def _numbers(file: pq.ParquetFile, names: list[str]) -> pd.DataFrame:
-    """Columns of a file, which hold finite numbers, NaN where unknown; no others are read.
-
-    Raises:
-        ValueError: on a column that is missing, is there twice, or holds something else.
-    """
+    """Columns of a file, which hold finite numbers, NaN where unknown; no others are read."""
     schema = file.schema_arrow
     for name in names:
         if names.count(name) > 1 or schema.names.count(name) != 1:

@@ -49,11 +49,7 @@ _PALETTE: tuple[tuple[int, int, int], ...] = (
 
 
 def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
-    """One of HighwayEnv's lanes as a curve of ``games.model.lanes`` with the same parameters.
-
-    Raises:
-        ValueError: for a kind of lane that has no such curve (polylines).
-    """
+    """One of HighwayEnv's lanes as a curve with the same parameters; ValueError for polylines."""
     if isinstance(lane, highway_lanes.StraightLane):  # a SineLane is one as well
         axis = StraightLane(_pair(lane.start), _pair(lane.direction), float(lane.length))
         if not isinstance(lane, highway_lanes.SineLane):
@@ -69,10 +65,7 @@ def lane_curve(lane: highway_lanes.AbstractLane) -> Lane:
 
 
 def appended(lanes: list[Lane], lane: Lane) -> list[Lane]:
-    """The lanes with one more at the end.
-
-    An arc that continues the circle of the last lane is joined with it.
-    """
+    """The lanes with one more; an arc that continues the circle of the last one is joined to it."""
     last = lanes[-1] if lanes else None
     if (
         isinstance(last, ArcLane)
@@ -157,12 +150,7 @@ class PlayersOnly(AbstractEnv):
         self.viewer = None  # HighwayEnv's close would shut pygame down for all worlds
 
     def place(self, states: np.ndarray, margin: float = 0.0) -> None:
-        """Reset with one vehicle per player.
-
-        Args:
-            states: (N, 4) px [m], py [m], heading [rad], speed [m/s].
-            margin: distance [m] by which vehicles are wider on each side in collisions.
-        """
+        """Reset with a vehicle for each state (N, 4), wider by the margin [m] on each side."""
         self.initial_state = np.asarray(states, dtype=float)
         self.margin = margin
         self.reset()
@@ -248,16 +236,7 @@ ROAD_NAMES = tuple(_ROADS)
 
 
 def make_road(name: str, render_mode: str | None = None, **config: object) -> PlayersOnly:
-    """One of HighwayEnv's environments, without vehicles.
-
-    Args:
-        name: one of ``ROAD_NAMES``.
-        render_mode: ``"human"`` (a window), ``"rgb_array"`` or None.
-        **config: entries of HighwayEnv's configuration.
-
-    Raises:
-        ValueError: on an unknown name.
-    """
+    """One of HighwayEnv's environments without vehicles, configured; ValueError on a wrong name."""
     if name not in _ROADS:
         raise ValueError(f"no road for {name!r}; known are: {', '.join(ROAD_NAMES)}")
     # In "human" mode HighwayEnv draws by itself, even before any vehicle is placed.
@@ -284,16 +263,9 @@ def route(network: RoadNetwork, *indices: LaneIndex) -> tuple[Lane, ...]:
 def replay(
     name: str, initial_state: np.ndarray, controls: np.ndarray, margin: float = 0.0
 ) -> np.ndarray:
-    """Play open-loop controls (T-1, N, 2) on the simulator.
+    """States (T, N, 4) to which the simulator moves by open-loop controls (T-1, N, 2).
 
-    Args:
-        name: one of ``ROAD_NAMES``.
-        initial_state: (N, 4) px [m], py [m], heading [rad], speed [m/s].
-        controls: (T-1, N, 2) steering [rad], acceleration [m/s^2].
-        margin: distance [m] by which vehicles are wider on each side in collisions.
-
-    Returns:
-        States (T, N, 4).
+    The margin [m] is that of ``PlayersOnly.place``.
     """
     road = _replay_road(name)
     road.place(initial_state, margin)

@@ -11,12 +11,18 @@ import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.roads.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
-from olne_bench.envs.roads.temperaments import checked_shares, drawn_temperaments, tempered_weights
+from olne_bench.envs.roads.temperaments import (
+    checked_shares,
+    drawn_temperaments,
+    tempered_prior,
+    tempered_weights,
+)
 from olne_bench.envs.scenarios.player_numbers import PlayerNumber, player_number, player_range
 from olne_bench.envs.scenarios.scenario import Limits, NoEquilibriumError, Scenario
 from olne_bench.envs.scenarios.true_weights import (
     DIRICHLET,
     MODERATE,
+    MODERATE_PRIOR,
     TEMPERED,
     check_kind,
     flat_dirichlet,
@@ -209,10 +215,11 @@ class RoadFamily(ABC):
         """One proposal with its constraints and its weights."""
         scenario = self.constrained(rng, count)
         if self.weights == TEMPERED:
-            return replace(scenario, weights=self.tempered(seed))
+            prior = tempered_prior(checked_shares(self.shares))
+            return replace(scenario, weights=self.tempered(seed), prior=prior)
         if self.weights == DIRICHLET:
             return replace(scenario, weights=flat_dirichlet(seed, *scenario.weights.shape))
-        return scenario
+        return replace(scenario, prior=MODERATE_PRIOR)
 
     def constrained(self, rng: np.random.Generator, count: int) -> Scenario:
         """One proposal with its constraints."""

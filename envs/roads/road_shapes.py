@@ -15,15 +15,10 @@ _MARKS = {LineType.NONE: "none", LineType.STRIPED: "dashed"}  # all others are s
 
 @dataclass(frozen=True)
 class LaneShape:
-    """A lane seen from above.
+    """A lane seen from above."""
 
-    Attributes:
-        edges: two lines (S, 2) [m], both in the driving direction.
-        marks: how each edge is marked: ``none``, ``dashed`` or ``solid``.
-    """
-
-    edges: tuple[np.ndarray, np.ndarray]
-    marks: tuple[str, str]
+    edges: tuple[np.ndarray, np.ndarray]  # two lines (S, 2) [m], both in the driving direction
+    marks: tuple[str, str]  # how each edge is marked: ``none``, ``dashed`` or ``solid``
 
     def clipped(self, low: np.ndarray, high: np.ndarray) -> "LaneShape | None":
         """The part between the corners low and high (2,) [m]; None if there is none."""
@@ -45,16 +40,7 @@ class LaneShape:
 
 
 def lane_shapes(name: str, low: np.ndarray, high: np.ndarray) -> list[LaneShape]:
-    """Lanes of a road between two corners.
-
-    Args:
-        name: name of the road, one of ``envs.roads.highway_roads.ROAD_NAMES``.
-        low: smallest px, py [m].
-        high: largest px, py [m].
-
-    Raises:
-        ValueError: on an unknown name.
-    """
+    """Lanes of a road (one of ``ROAD_NAMES``) between two corners px, py [m]."""
     clipped = (shape.clipped(low, high) for shape in _all_shapes(name))
     return [shape.simplified() for shape in clipped if shape is not None]
 

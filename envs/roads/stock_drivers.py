@@ -41,38 +41,20 @@ _MOST_EVALUATIONS = 15
 
 @dataclass(frozen=True)
 class StockDriver:
-    """Parameters of one driver; the defaults are HighwayEnv's.
+    """Parameters of one driver; the defaults are HighwayEnv's."""
 
-    Attributes:
-        target_speed: [m/s].
-        time_gap: wanted time to the car in front [s].
-        jam_distance: wanted distance to a car in front that stands, from centre to centre [m].
-        acceleration: comfortable acceleration [m/s^2].
-        braking: comfortable deceleration [m/s^2].
-    """
-
-    target_speed: float
-    time_gap: float = IDMVehicle.TIME_WANTED
+    target_speed: float  # [m/s]
+    time_gap: float = IDMVehicle.TIME_WANTED  # wanted time to the car in front [s]
+    #: Wanted distance to a car in front that stands, from centre to centre [m].
     jam_distance: float = IDMVehicle.DISTANCE_WANTED
-    acceleration: float = IDMVehicle.COMFORT_ACC_MAX
-    braking: float = -IDMVehicle.COMFORT_ACC_MIN
+    acceleration: float = IDMVehicle.COMFORT_ACC_MAX  # comfortable acceleration [m/s^2]
+    braking: float = -IDMVehicle.COMFORT_ACC_MIN  # comfortable deceleration [m/s^2]
 
 
 def drive_stock(
     name: str, game: Game, states: np.ndarray, drivers: Sequence[StockDriver], steps: int
 ) -> np.ndarray:
-    """Let stock drivers drive on from given states.
-
-    Args:
-        name: name of the road.
-        game: says which lanes each player keeps.
-        states: (N, 4) px [m], py [m], heading [rad], speed [m/s].
-        drivers: a driver for each player.
-        steps: number of the game's steps.
-
-    Returns:
-        States (steps + 1, N, 4), the given ones first.
-    """
+    """States (steps + 1, N, 4), the given ones first, where stock drivers drive on from there."""
     road = _empty_road(name)
     cars = [
         stock_car(road, state, driver, route)
@@ -89,19 +71,7 @@ def drive_stock(
 def drive_among(
     name: str, game: Game, player: int, start: np.ndarray, driver: StockDriver, others: np.ndarray
 ) -> np.ndarray:
-    """Let one stock driver drive among cars that move as recorded.
-
-    Args:
-        name: name of the road.
-        game: says which lanes the player keeps.
-        player: index of the player.
-        start: (4,) state to start from.
-        driver: the player's driver.
-        others: (n, N, 4) recorded states of all players.
-
-    Returns:
-        States (n, 4) of the player.
-    """
+    """States (n, 4) of a stock driver in a player's place, among recorded cars (n, N, 4)."""
     road = _empty_road(name)
     car = stock_car(road, start, driver, routes(name, game)[player])
     motion = [start]
@@ -198,14 +168,9 @@ class StockFit:
 def fit_stock(
     name: str, game: Game, player: int, seen: np.ndarray, deviations: np.ndarray
 ) -> StockFit:
-    """Fit one player's driver and first state to a window, the others moving as recorded.
+    """Fit one player's driver and first state to noisy states (n, N, 4); others move as recorded.
 
-    Args:
-        name: name of the road.
-        game: says which lanes each player keeps.
-        player: index of the player.
-        seen: (n, N, 4) noisy states.
-        deviations: (4,) standard deviations of their noise.
+    ``deviations`` (4,) are the standard deviations of the noise.
     """
     first, usual = seen[0, player], np.array(astuple(StockDriver(float(seen[0, player, 3]))))
     scale = np.concatenate([_DEVIATIONS, deviations])
@@ -238,17 +203,9 @@ def fit_stock(
 def predict_by_fit(
     name: str, game: Game, seen: np.ndarray, deviations: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Fit all players' drivers to a window and let them drive on together from its last states.
+    """States (steps + 1, N, 4) of all players' fitted drivers, which drive on together.
 
-    Args:
-        name: name of the road.
-        game: says which lanes each player keeps.
-        seen: (n, N, 4) noisy states.
-        deviations: (4,) standard deviations of their noise.
-        steps: number of steps to predict.
-
-    Returns:
-        States (steps + 1, N, 4), the window's last ones first.
+    They start from the last ones of the window (n, N, 4), which come first.
     """
     fits = [fit_stock(name, game, player, seen, deviations) for player in range(seen.shape[1])]
     return drive_stock(name, game, seen[-1], [fit.driver for fit in fits], steps)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from olne_bench.checks import as_text
+from olne_bench.games.model.weight_prior import WeightPrior
 
 #: Parameters of each temperament's Dirichlet distribution, in the order of ``PREFERENCES``.
 TEMPERAMENTS: dict[str, tuple[float, float, float, float]] = {
@@ -61,6 +62,14 @@ def tempered_weights(seed: int, temperaments: tuple[str, ...]) -> np.ndarray:
     """Weights (N, 4) of players with these temperaments, a function of both and the seed."""
     rng = np.random.default_rng([seed, len(temperaments), 0x7F])
     return np.stack([rng.dirichlet(TEMPERAMENTS[name]) for name in temperaments])
+
+
+def tempered_prior(shares: Mapping[str, float]) -> WeightPrior:
+    """The distribution of the weights of a driver of unknown temperament."""
+    there = [name for name in TEMPERAMENTS if shares[name] > 0]
+    return WeightPrior(
+        tuple(TEMPERAMENTS[name] for name in there), tuple(shares[name] for name in there)
+    )
 
 
 def recognised(weights: np.ndarray, shares: Mapping[str, float]) -> np.ndarray:

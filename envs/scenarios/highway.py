@@ -24,16 +24,12 @@ QUICK = (27.0, 29.0)  # [m/s]
 
 @dataclass(frozen=True)
 class Highway(RoadFamily):
-    """Pairs of a fast car behind a slow one; each seed draws others.
-
-    Attributes:
-        num_players: N, 3 to 8.
-    """
+    """Pairs of a fast car behind a slow one; each seed draws others."""
 
     name: ClassVar[str] = "highway"
     players: ClassVar[tuple[int, int]] = PLAYERS
     speeds: ClassVar[tuple[float, float]] = (SLOW[0], QUICK[1])
-    num_players: PlayerNumber = 5
+    num_players: PlayerNumber = 5  # N, 3 to 8
 
     @staticmethod
     def propose(rng: np.random.Generator, count: int) -> Scenario:

@@ -24,24 +24,13 @@ LIMITS = Limits(controls=(1.0, 0.5), states=(100.0, 100.0, 21.0, 10.0))
 WIDE_LIMITS = Limits(controls=(10.0, 5.0), states=(1000.0, 1000.0, 192.0, 100.0))
 
 
-@dataclass(frozen=True)
-class Car:
-    """One car: its start, its target lane and speed, and its proximity weight."""
-
-    px: float
-    py: float
-    speed: float
-    lane_x: float
-    target_speed: float
-    proximity: float
-
-
+#: Of each car: px, py and speed at the start, px of its lane, target speed, proximity weight.
 CARS = (
-    Car(px=1, py=0, speed=0.2, lane_x=0, target_speed=0.3, proximity=0.3),
-    Car(px=0, py=-3, speed=0.4, lane_x=0, target_speed=0.4, proximity=0.3),
-    Car(px=1, py=2, speed=0.1, lane_x=1, target_speed=0.1, proximity=0.05),
-    Car(px=1, py=4, speed=0.1, lane_x=1, target_speed=0.1, proximity=0.05),
-    Car(px=0, py=6, speed=0.3, lane_x=1, target_speed=0.2, proximity=0.3),
+    (1, 0, 0.2, 0, 0.3, 0.3),
+    (0, -3, 0.4, 0, 0.4, 0.3),
+    (1, 2, 0.1, 1, 0.1, 0.05),
+    (1, 4, 0.1, 1, 0.1, 0.05),
+    (0, 6, 0.3, 1, 0.2, 0.3),
 )
 
 
@@ -55,23 +44,23 @@ class HighwayOvertaking(PublishedOrDrawn):
         """The scenario."""
         return Scenario(
             name=self.name,
-            game=Game(tuple(_player(car) for car in CARS), UNICYCLE, HORIZON, DT),
-            weights=self.drawn(np.array([[car.proximity, 1, 1, 1] for car in CARS]), seed),
-            initial_state=np.array([[car.px, car.py, ROAD_HEADING, car.speed] for car in CARS]),
+            game=Game(tuple(_player(*car[3:5]) for car in CARS), UNICYCLE, HORIZON, DT),
+            weights=self.drawn(np.array([[car[-1], 1, 1, 1] for car in CARS]), seed),
+            initial_state=np.array([[px, py, ROAD_HEADING, speed] for px, py, speed, *_ in CARS]),
             limits=LIMITS if self.fixed else WIDE_LIMITS,
         )
 
 
-def _player(car: Car) -> Player:
+def _player(lane_x: float, target_speed: float) -> Player:
     return Player(
         preferences=(
             Proximity(),
-            StateDeviation("speed", target=car.target_speed),
+            StateDeviation("speed", target=target_speed),
             ControlEffort("acceleration", scale=10.0),
             ControlEffort("yaw_rate"),
         ),
         task=(
-            StateDeviation("px", target=car.lane_x),
+            StateDeviation("px", target=lane_x),
             StateDeviation("heading", target=ROAD_HEADING, scale=2.0),
         ),
     )

@@ -20,16 +20,12 @@ SPACING = 8.0  # [m] that each further car is farther away
 
 @dataclass(frozen=True)
 class Intersection(RoadFamily):
-    """Cars that cross or turn; each seed draws others.
-
-    Attributes:
-        num_players: N, 2 to 4, each from another arm.
-    """
+    """Cars that cross or turn; each seed draws others."""
 
     name: ClassVar[str] = "intersection"
     players: ClassVar[tuple[int, int]] = PLAYERS
     speeds: ClassVar[tuple[float, float]] = SPEED
-    num_players: PlayerNumber = 3
+    num_players: PlayerNumber = 3  # N, 2 to 4, each from another arm
 
     @staticmethod
     def propose(rng: np.random.Generator, count: int) -> Scenario:

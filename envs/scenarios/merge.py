@@ -21,16 +21,12 @@ LEFT_SPEED = (25.0, 28.0)  # [m/s], target on the left lane
 
 @dataclass(frozen=True)
 class Merge(RoadFamily):
-    """Cars on a ramp join the right lane of a highway; each seed draws others.
-
-    Attributes:
-        num_players: N, 2 to 6.
-    """
+    """Cars on a ramp join the right lane of a highway; each seed draws others."""
 
     name: ClassVar[str] = "merge"
     players: ClassVar[tuple[int, int]] = PLAYERS
     speeds: ClassVar[tuple[float, float]] = (SPEED[0], LEFT_SPEED[1])
-    num_players: PlayerNumber = 4
+    num_players: PlayerNumber = 4  # N, 2 to 6
 
     @staticmethod
     def propose(rng: np.random.Generator, count: int) -> Scenario:

@@ -15,6 +15,7 @@ from olne_bench.envs.scenarios.scenario import Limits, NoEquilibriumError, Scena
 from olne_bench.envs.scenarios.true_weights import (
     DIRICHLET,
     MODERATE,
+    MODERATE_PRIOR,
     PUBLISHED,
     check_kind,
     flat_dirichlet,
@@ -98,6 +99,8 @@ class Merging:
         if touch := touching(start, diameter):
             raise NoEquilibriumError(f"draw {seed} of merging is infeasible: {touch}")
         drawn = scenario(start, weights, diameter)
+        if self.weights == MODERATE:
+            drawn = replace(drawn, prior=MODERATE_PRIOR)
         return asking_for_the_diameter(drawn, diameter) if self.unknown_radius else drawn
 
 

@@ -11,11 +11,18 @@ import numpy as np
 
 from olne_bench.checks import as_text, check_whole
 from olne_bench.envs.scenarios.scenario import Limits, Scenario
-from olne_bench.envs.scenarios.true_weights import DIRICHLET, MODERATE, check_kind, flat_dirichlet
+from olne_bench.envs.scenarios.true_weights import (
+    DIRICHLET,
+    MODERATE,
+    MODERATE_PRIOR,
+    check_kind,
+    flat_dirichlet,
+)
 from olne_bench.envs.scenarios.two_player import WIDE_LIMITS
 from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
 from olne_bench.games.model.dynamics import UNICYCLE
 from olne_bench.games.model.game import Game, Player
+from olne_bench.games.model.weight_prior import FLAT
 
 HORIZON = 25
 DT = 0.25  # [s]
@@ -75,6 +82,7 @@ class Random:
             weights=weights,
             initial_state=np.column_stack([starts, headings, speeds]),
             limits=WIDE_LIMITS if self.weights == DIRICHLET else LIMITS,
+            prior=FLAT if self.weights == DIRICHLET else MODERATE_PRIOR,
         )
 
 

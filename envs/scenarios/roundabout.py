@@ -22,15 +22,12 @@ RING_PLACE = (0.0, 12.0)  # [m] along the ring's segment before the entry
 
 @dataclass(frozen=True)
 class Roundabout(RoadFamily):
-    """Cars on the ring and cars that enter it; each seed draws others.
-
-    Attributes:
-        num_players: N, 2 to 4: alternately on the ring west of an entry and on the entry.
-    """
+    """Cars on the ring and cars that enter it; each seed draws others."""
 
     name: ClassVar[str] = "roundabout"
     players: ClassVar[tuple[int, int]] = PLAYERS
     speeds: ClassVar[tuple[float, float]] = (ENTRY_SPEED[0], RING_SPEED[1])
+    #: N, 2 to 4: alternately on the ring west of an entry and on the entry.
     num_players: PlayerNumber = 3
 
     @staticmethod

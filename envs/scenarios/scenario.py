@@ -6,6 +6,7 @@ import numpy as np
 
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.unknowns import Parameters
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 #: Standard deviations beyond which a normal prior has no mass: its tails have 1e-15.
 FARTHEST = 8.0
@@ -51,6 +52,7 @@ class Scenario:
         asked: the game that estimators are told of, with unknowns in place of numbers of ``game``;
             None where only weights are unknown.
         parameters: (N, U) true values of these unknowns, in their units; None where there are none.
+        prior: what estimators are told of each player's weights: how they are drawn, or near it.
 
     Raises:
         ValueError: on arrays of a wrong shape, noise scales that are not positive, or parameters
@@ -67,9 +69,11 @@ class Scenario:
     noise_scale: tuple[float, ...] = ()
     asked: Game | None = None
     parameters: np.ndarray | None = None
+    prior: WeightPrior = FLAT
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", self.game.check_weights(self.weights))
+        self.prior.check(self.game.num_weights)
         state = self.game.check_initial_state(self.initial_state)
         object.__setattr__(self, "initial_state", state)
         size = self.game.dynamics.state_size

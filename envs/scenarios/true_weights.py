@@ -9,8 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from olne_bench.games.model.weight_prior import WeightPrior
+
 #: Weights as published, or as a family drew them first: each from 0.2 to 1 before they are scaled.
 PUBLISHED, MODERATE = "published", "moderate"
+
+#: The Dirichlet distribution with the mean and spread of moderate weights, within 4 %, of 2 to 5.
+MODERATE_PRIOR = WeightPrior((6.0,))
 
 #: Each player's weights are uniform on the simplex.
 DIRICHLET = "dirichlet"

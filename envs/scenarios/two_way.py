@@ -23,16 +23,13 @@ QUICK = (24.0, 27.0)  # [m/s]
 
 @dataclass(frozen=True)
 class TwoWay(RoadFamily):
-    """One car overtakes against oncoming traffic; each seed draws others.
-
-    Attributes:
-        num_players: N, 3 to 5: one that overtakes, one slow, one oncoming; the fourth starts behind
-            the overtaking one in the same lane, the fifth is oncoming as well.
-    """
+    """One car overtakes against oncoming traffic; each seed draws others."""
 
     name: ClassVar[str] = "two_way"
     players: ClassVar[tuple[int, int]] = PLAYERS
     speeds: ClassVar[tuple[float, float]] = (SLOW[0], QUICK[1])
+    #: N, 3 to 5: one that overtakes, one slow, one oncoming; the fourth starts behind the
+    #: overtaking one in the same lane, the fifth is oncoming as well.
     num_players: PlayerNumber = 3
 
     @staticmethod

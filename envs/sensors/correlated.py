@@ -11,19 +11,13 @@ from olne_bench.games.model.sensor import CorrelatedNoise, CovarianceNoise, Laye
 class Correlated:
     """Noise with a correlation between components, or with a given covariance.
 
-    Attributes:
-        correlation: correlation between any two of the components.
-        components: names of the components. Default: all that are seen.
-        covariance: (d, d) rows, relative to sigma^2, in place of the other two.
-
-    Raises:
-        ValueError: on values that are not numbers. Whether they are a covariance is checked once
-            it is known what is seen.
+    Whether these are a covariance is checked once it is known what is seen.
     """
 
     name: ClassVar[str] = "correlated"
-    correlation: float = 0.7
-    components: Sequence[str] = ()
+    correlation: float = 0.7  # correlation between any two of the components
+    components: Sequence[str] = ()  # names of the components. Default: all that are seen
+    #: (d, d) rows, relative to sigma^2, in place of the other two.
     covariance: Sequence[Sequence[float]] = ()
 
     def __post_init__(self) -> None:

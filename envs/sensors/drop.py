@@ -8,17 +8,10 @@ from olne_bench.games.model.sensor import Drops, Layer
 
 @dataclass(frozen=True)
 class Drop:
-    """Every player is missed with probability p in every step, independently.
-
-    Attributes:
-        p: probability, 0 to 1.
-
-    Raises:
-        ValueError: if p is not a probability.
-    """
+    """Every player is missed with probability p in every step, independently."""
 
     name: ClassVar[str] = "drop"
-    p: float
+    p: float  # probability, 0 to 1
 
     def __post_init__(self) -> None:
         if isinstance(self.p, bool) or not isinstance(self.p, int | float):

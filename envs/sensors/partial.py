@@ -9,17 +9,10 @@ from olne_bench.games.model.sensor import Layer
 
 @dataclass(frozen=True)
 class Partial:
-    """The named components only, by default those of the paper: no speed.
-
-    Attributes:
-        components: names of the components, at least one.
-
-    Raises:
-        ValueError: if these are not different names.
-    """
+    """The named components only, by default those of the paper: no speed."""
 
     name: ClassVar[str] = "partial"
-    components: tuple[str, ...] = ("px", "py", "heading")
+    components: tuple[str, ...] = ("px", "py", "heading")  # names of the components, at least one
 
     def __post_init__(self) -> None:
         self.layers()

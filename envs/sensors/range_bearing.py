@@ -9,21 +9,12 @@ from olne_bench.games.model.sensor import Layer
 
 @dataclass(frozen=True)
 class RangeBearing:
-    """Range [m] and bearing [rad] of each player. It must face the scene (``RangeBearingView``).
-
-    Attributes:
-        position: px and py of the sensor [m].
-        facing: direction of bearing zero [rad].
-        bearing_scale: noise of the bearing over that of the range [rad/m].
-
-    Raises:
-        ValueError: on a position that is not a pair of numbers, or numbers out of range.
-    """
+    """Range [m] and bearing [rad] of each player. It must face the scene (``RangeBearingView``)."""
 
     name: ClassVar[str] = "range_bearing"
-    position: tuple[float, float] = (0.0, 0.0)
-    facing: float = 0.0
-    bearing_scale: float = 0.1
+    position: tuple[float, float] = (0.0, 0.0)  # px and py of the sensor [m]
+    facing: float = 0.0  # direction of bearing zero [rad]
+    bearing_scale: float = 0.1  # noise of the bearing over that of the range [rad/m]
 
     def __post_init__(self) -> None:
         self.layers()

@@ -78,11 +78,7 @@ class Solved(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields
         return cls(solved.controls.shape, found.tolerance, *packed)
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not fit the shape.
-
-        Raises:
-            ValueError: with a message that names the array.
-        """
+        """ValueError for arrays that do not fit the shape."""
         if min(self.shape) < 1 or not 0 <= self.tolerance < 1:
             raise ValueError(f"a motion of the shape {self.shape} cannot be")
         for name, kind in _TYPES.items():

@@ -19,11 +19,7 @@ from olne_bench.games.solve.olne import Equilibrium, solve_olne
 
 
 def certified_equilibrium(scenario: Scenario) -> Equilibrium:
-    """The scenario's OLNE. Its arrays are shared and read-only.
-
-    Raises:
-        NoEquilibriumError: if the equilibrium is not certified, or the start breaks a constraint.
-    """
+    """The scenario's OLNE, whose arrays are shared and read-only, or NoEquilibriumError."""
     try:
         check_start(scenario.game, scenario.initial_state)
     except ValueError as error:

@@ -69,8 +69,7 @@ def _set(variable: ContextVar[T], value: T) -> Iterator[None]:
 def travelled(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> Equilibrium | None:
     """The equilibrium of a game among the draws that travel; None if it is not there.
 
-    Raises:
-        OtherDrawsError: if they hold another game's motion in its place.
+    OtherDrawsError if they hold another game's motion in its place.
     """
     draws = _travelling.get()
     return None if draws is None else draws.equilibrium(game, weights, initial_state)
@@ -139,11 +138,7 @@ def _surroundings() -> tuple[str, ...]:
 
 
 def _told(value: Any) -> str:
-    """A text that differs for different games: fields of dataclasses, names of functions.
-
-    Raises:
-        TypeError: on a value of another kind.
-    """
+    """A text that differs for different games: fields of dataclasses, names of functions."""
     if is_dataclass(value) and not isinstance(value, type):
         inner = ", ".join(f"{f.name}={_told(getattr(value, f.name))}" for f in fields(value))
         return f"{type(value).__module__}.{type(value).__qualname__}({inner})"

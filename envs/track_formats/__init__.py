@@ -22,8 +22,7 @@ class TrackFormat(Protocol):
     def read(self, path: Path, part: str | None) -> Tracks:
         """Read a file; convert to metres, seconds, radians and the centres of cars.
 
-        Raises:
-            UserError: on a file that is not of this format, or an unknown part.
+        UserError on a file that is not of this format, or an unknown part.
         """
 
 
@@ -33,11 +32,7 @@ def format_names() -> list[str]:
 
 
 def get_format(name: str) -> TrackFormat:
-    """The format with a name.
-
-    Raises:
-        UserError: on an unknown name; the message lists the known ones.
-    """
+    """The format with a name; the message of UserError lists the known ones."""
     if name not in format_names():
         raise UserError(f"unknown format {name!r}; known are: {', '.join(format_names())}")
     return cast(TrackFormat, import_module(f"{__name__}.{name}"))

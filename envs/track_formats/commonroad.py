@@ -37,11 +37,7 @@ def read(path: Path, part: str | None) -> Tracks:
 
 
 def commonroad_io() -> None:
-    """Make sure that commonroad-io is installed.
-
-    Raises:
-        UserError: if it is not; the message says how to install it.
-    """
+    """UserError unless commonroad-io is installed; it says how to install it."""
     try:
         import commonroad  # noqa: F401
     except ImportError as error:

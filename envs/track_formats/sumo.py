@@ -58,11 +58,7 @@ def _vehicles(path: Path, what: str) -> Iterator[tuple[float, str, float, float,
 
 
 def read_net(path: Path) -> Road:
-    """Read the lanes for cars, including those inside junctions, and their successors.
-
-    Raises:
-        UserError: if the file is missing or not a network.
-    """
+    """Read the lanes for cars, including those inside junctions, and their successors."""
     check_input("road file", path, MOST_MAP_BYTES)
     with bad_input(f"{path} is not a SUMO network", OSError):
         net = ElementTree.parse(path).getroot()

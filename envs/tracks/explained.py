@@ -36,43 +36,28 @@ START_TOLERANCE = 0.25  # [m] from a drawn player's start, in addition to three 
 
 @dataclass(frozen=True)
 class Assumption:
-    """An assumed target of a player.
-
-    Attributes:
-        player: name of the player.
-        what: a component of the state, such as ``speed``, or ``lanes`` or ``goal``.
-        value: the target as text.
-        source: ``file``, ``draw``, ``scenario`` or ``data``.
-        how: how it was computed from the data; empty for other sources.
-    """
+    """An assumed target of a player."""
 
     player: str
-    what: str
+    what: str  # a component of the state, such as ``speed``, or ``lanes`` or ``goal``
     value: str
-    source: str
-    how: str = ""
+    source: str  # ``file``, ``draw``, ``scenario`` or ``data``
+    how: str = ""  # how it was computed from the data; empty for other sources
 
 
 @dataclass(frozen=True)
 class Known:
-    """The sources of targets.
+    """The sources of targets."""
 
-    Attributes:
-        file: road file of the recording.
-        road: lanes, if costs depend on them.
-        players: players of the scenario.
-    """
-
-    file: RoadFile
-    road: Road | None
-    players: Sequence[Player]
+    file: RoadFile  # road file of the recording
+    road: Road | None  # lanes, if costs depend on them
+    players: Sequence[Player]  # players of the scenario
 
 
 def check_told(scenario: str, known: Known) -> list[str]:
     """Warnings on entries of the file that the scenario's costs do not use.
 
-    Raises:
-        UserError: on a target of a component that no cost has, which is a mistake.
+    UserError on a target of a component that no cost has, which is a mistake.
     """
     terms = [term for player in known.players for term in (*player.preferences, *player.task)]
     components = sorted({term.component for term in terms if isinstance(term, StateDeviation)})
@@ -97,21 +82,13 @@ def check_told(scenario: str, known: Known) -> list[str]:
 
 @dataclass
 class Targets:
-    """Look up one player's targets and note their sources.
-
-    Attributes:
-        player: name of the player.
-        motion: motion of the player.
-        known: sources of targets.
-        drawn: the scenario's player with the same start, or None.
-        assumptions: assumptions made so far.
-    """
+    """Look up one player's targets and note their sources."""
 
     player: str
     motion: Motion
-    known: Known
-    drawn: Player | None
-    assumptions: list[Assumption] = field(default_factory=list)
+    known: Known  # sources of targets
+    drawn: Player | None  # the scenario's player with the same start, or None
+    assumptions: list[Assumption] = field(default_factory=list)  # assumptions made so far
 
     def __post_init__(self) -> None:
         self._told = self.known.file.players.get(self.player, PlayerEntry())
@@ -153,11 +130,7 @@ class Targets:
         return replace(term, target=float(target))
 
     def _from_data(self, name: str, everybody: list[float]) -> tuple[float, str]:
-        """The target of a component from the track, and how it was computed.
-
-        Raises:
-            UserError: if the track does not give it either.
-        """
+        """The target of a component from the track, and how it was computed."""
         told = {"speed": self.motion.speeds, "heading": self.motion.headings}.get(name)
         if told is not None and np.isfinite(told).any():
             return float(np.nanmedian(told)), f"median {name}"
@@ -211,36 +184,23 @@ class Targets:
 
 @dataclass(frozen=True)
 class Explained:
-    """A game that may explain a recording.
+    """A game that may explain a recording."""
 
-    Attributes:
-        scenario: holds the game, whose players are those of the recording, and the noise scales;
-            its weights and initial state are placeholders.
-        assumptions: the assumed targets of each player, with their sources.
-        noise: upper estimate of the noise on positions from the data [m]; NaN if unknown.
-        warnings: one line each.
-    """
-
+    #: Holds the game, whose players are those of the recording, and the noise scales; its weights
+    #: and initial state are placeholders.
     scenario: Scenario
-    assumptions: tuple[Assumption, ...]
-    noise: float
-    warnings: tuple[str, ...]
+    assumptions: tuple[Assumption, ...]  # the assumed targets of each player, with their sources
+    noise: float  # upper estimate of the noise on positions from the data [m]; NaN if unknown
+    warnings: tuple[str, ...]  # one line each
 
 
 def explain(
     name: str, seed: int | None, known: RecordingFile, episode: int, noise: float | None = None
 ) -> Explained:
-    """Make the game of a recording's episode.
+    """Make the game of a recording's episode, whose players have the costs of a named scenario.
 
-    Args:
-        name: name of the scenario whose costs the players have.
-        seed: the draw that the tracks show; None if they do not show a draw.
-        known: the recording.
-        episode: index of the episode.
-        noise: noise of positions [m], if known.
-
-    Raises:
-        UserError: if scenario and recording do not fit each other.
+    The seed is that of the draw that the tracks show, if they show one; ``noise`` that of positions
+    [m], if known. UserError if scenario and recording do not fit each other.
     """
     states, entry = known.states[episode], known.metadata.episodes[episode]
     names, dt = known.metadata.state_names, known.metadata.dt
@@ -278,8 +238,7 @@ def explain(
 def costs_of(name: str, seed: int | None, count: int) -> Scenario:
     """A scenario whose players have the costs; without a seed, its draw may be unplayable.
 
-    Raises:
-        UserError: on an unknown scenario, or a number of players that it does not hold.
+    UserError on an unknown scenario, or a number of players that it does not hold.
     """
     try:
         if seed is None and is_family(name):

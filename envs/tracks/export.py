@@ -22,23 +22,14 @@ _DECIMALS = 12  # digits of positions in XML
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode of a recording.
+    """One episode of a recording."""
 
-    Attributes:
-        players: names of the N players.
-        times: (T,) times [s].
-        states: (T, N, n) states.
-        state_names: names of the n components.
-        dt: time step [s].
-        road: lanes and targets, as far as known.
-    """
-
-    players: list[str]
-    times: np.ndarray
-    states: np.ndarray
-    state_names: list[str]
-    dt: float
-    road: RoadFile | None
+    players: list[str]  # names of the N players
+    times: np.ndarray  # (T,) times [s]
+    states: np.ndarray  # (T, N, n) states
+    state_names: list[str]  # names of the n components
+    dt: float  # time step [s]
+    road: RoadFile | None  # lanes and targets, as far as known
 
     @classmethod
     def of(cls, known: RecordingFile, index: int) -> "Episode":
@@ -52,11 +43,7 @@ class Episode:
 
 
 def write_csv(path: Path, episode: Episode) -> None:
-    """Write a file that ``import --format csv`` reads; numbers keep all digits.
-
-    Raises:
-        UserError: if the file cannot be written.
-    """
+    """Write a file that ``import --format csv`` reads; numbers keep all digits."""
     steps, count, _ = episode.states.shape
     columns = {
         "time": np.repeat(episode.times, count),
@@ -72,11 +59,7 @@ def write_csv(path: Path, episode: Episode) -> None:
 def write_commonroad(path: Path, episode: Episode) -> dict[str, str]:
     """Write a CommonRoad scenario: lanes as lanelets, players as dynamic obstacles.
 
-    Returns:
-        The obstacles' numbers, by name of the player.
-
-    Raises:
-        UserError: if commonroad-io is not installed, or the file cannot be written.
+    Returns the obstacles' numbers, by name of the player.
     """
     commonroad_io()
     from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile

@@ -26,17 +26,11 @@ _ROUGHNESS_NORM = 20.0  # 1 + 9 + 9 + 1, squared coefficients of a third differe
 
 @dataclass(frozen=True)
 class Frame:
-    """A change of frame, applied in this order; headings change accordingly.
+    """A change of frame, applied in this order; headings change accordingly."""
 
-    Attributes:
-        flip_y: whether to reverse the direction of y.
-        rotate: angle [rad] from the x axis towards the y axis.
-        shift: shift in x and y [m].
-    """
-
-    flip_y: bool = False
-    rotate: float = 0.0
-    shift: tuple[float, float] = (0.0, 0.0)
+    flip_y: bool = False  # whether to reverse the direction of y
+    rotate: float = 0.0  # angle [rad] from the x axis towards the y axis
+    shift: tuple[float, float] = (0.0, 0.0)  # shift in x and y [m]
 
     def apply(self, table: pd.DataFrame) -> pd.DataFrame:
         """The table of tracks in the new frame."""
@@ -54,34 +48,23 @@ class Frame:
 
 @dataclass(frozen=True)
 class Excerpt:
-    """Which part of a file to use.
+    """Which part of a file to use."""
 
-    Attributes:
-        window: first and last time [s]. Default: all times.
-        players: names in the wanted order. Default: all that are seen often enough.
-        step: time step of the result [s]. Default: that of the data.
-    """
-
-    window: tuple[float, float] | None = None
+    window: tuple[float, float] | None = None  # first and last time [s]. Default: all times
+    #: Names in the wanted order. Default: all that are seen often enough.
     players: tuple[str, ...] = ()
-    step: float | None = None
+    step: float | None = None  # time step of the result [s]. Default: that of the data
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Tracks on common, equally spaced times.
+    """Tracks on common, equally spaced times."""
 
-    Attributes:
-        times: (T,) times [s].
-        players: names of the N players.
-        states: (T, N, 4) in the order of ``STATE_NAMES``, NaN where unknown; headings unwrapped.
-        notes: what was left out, one line each.
-    """
-
-    times: np.ndarray
-    players: list[str]
+    times: np.ndarray  # (T,) times [s]
+    players: list[str]  # names of the N players
+    #: (T, N, 4) in the order of ``STATE_NAMES``, NaN where unknown; headings unwrapped.
     states: np.ndarray
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=())  # what was left out, one line each
 
     @property
     def step(self) -> float:
@@ -90,11 +73,7 @@ class Grid:
 
 
 def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
-    """Put an excerpt of a table of tracks on a common time grid.
-
-    Raises:
-        UserError: with a message that names the file, the problem and the alternatives.
-    """
+    """Put an excerpt of a table of tracks on a common time grid."""
     table = _window(path, table, excerpt.window)
     table, notes = _chosen(path, table, excerpt.players)
     check_times(path, table)
@@ -213,17 +192,11 @@ def _between(
 
 @dataclass(frozen=True)
 class Motion:
-    """One player's motion; NaN where unknown.
+    """One player's motion; NaN where unknown."""
 
-    Attributes:
-        positions: (T, 2) positions [m].
-        headings: (T,) headings [rad], given or computed from the positions.
-        speeds: (T,) speeds [m/s], given or computed from the positions.
-    """
-
-    positions: np.ndarray
-    headings: np.ndarray
-    speeds: np.ndarray
+    positions: np.ndarray  # (T, 2) positions [m]
+    headings: np.ndarray  # (T,) headings [rad], given or computed from the positions
+    speeds: np.ndarray  # (T,) speeds [m/s], given or computed from the positions
 
     @classmethod
     def of(cls, states: np.ndarray, names: list[str], dt: float) -> "Motion":

@@ -22,14 +22,9 @@ _Borders = tuple[np.ndarray, np.ndarray]
 def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road:
     """Read the lanelets for cars and their successors; a two-way lanelet becomes two lanes.
 
-    Args:
-        path: path of the map.
-        origin: UTM east and north [m] of (0, 0) in the tracks. Default: the point at latitude 0 and
-            longitude 0, as in INTERACTION. Unused if all nodes of borders have the tags
-            ``local_x`` and ``local_y``.
-
-    Raises:
-        UserError: if the file is missing or not a map, or if pyproj is needed and not installed.
+    ``origin`` is UTM east and north [m] of (0, 0) in the tracks; by default the point at latitude 0
+    and longitude 0, as in INTERACTION. It is unused if all nodes of borders have the tags
+    ``local_x`` and ``local_y``.
     """
     check_input("road file", path, MOST_MAP_BYTES)
     with bad_input(f"{path} is not a lanelet2 map", OSError):

@@ -33,17 +33,11 @@ _HINT = (
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of a car's way, on one lane.
-
-    Attributes:
-        lane: name of the lane.
-        until: distance along the lane at which the car left it [m].
-        changed: whether the car changed to the next leg's lane, instead of following this one.
-    """
+    """A part of a car's way, on one lane."""
 
     lane: str
-    until: float
-    changed: bool
+    until: float  # distance along the lane at which the car left it [m]
+    changed: bool  # whether the car changed to the next leg's lane, instead of following this one
 
 
 def driven(road: Road, motion: Motion) -> list[Leg]:
@@ -73,7 +67,7 @@ def driven(road: Road, motion: Motion) -> list[Leg]:
 
 
 def route(road: Road, legs: Sequence[Leg]) -> tuple[tuple[Lane, ...], list[str]]:
-    """The curves of the lanes that a car with these legs keeps to, and the names of these lanes.
+    """The curves and names of the lanes that a car with these legs keeps to.
 
     A car that changes lanes keeps to the lane in which it ends. A car that returns to this lane
     keeps to the other one until it leaves that.
@@ -154,30 +148,21 @@ def _until(lane: RoadLane, along: float) -> list[Lane]:
 
 
 def shortened(curve: Lane, length: float) -> Lane:
-    """The first ``length`` metres of a curve.
-
-    Raises:
-        TypeError: on a curve of another kind than those of ``games.model.lanes``.
-    """
+    """The first ``length`` metres of a curve."""
     if isinstance(curve, StraightLane):
-        return StraightLane(curve.start, curve.direction, length)
+        return replace(curve, length=length)
     if isinstance(curve, SineLane):
-        axis = StraightLane(curve.axis.start, curve.axis.direction, length)
-        return SineLane(axis, curve.amplitude, curve.pulsation, curve.phase)
+        return replace(curve, axis=replace(curve.axis, length=length))
     if isinstance(curve, ArcLane):
         turn = (curve.end_phase - curve.start_phase) * length / curve.length
-        return ArcLane(curve.centre, curve.radius, curve.start_phase, curve.start_phase + turn)
+        return replace(curve, end_phase=curve.start_phase + turn)
     raise TypeError(f"no part of a {type(curve).__name__}")
 
 
 def check_on_road(
     road: Road, names: Sequence[str], motions: Sequence[Motion], noise: float
 ) -> None:
-    """Refuse players that are off the road, or drive against its lanes.
-
-    Raises:
-        UserError: with a message that names the player, its position, and what can be done.
-    """
+    """UserError on players that are off the road, or drive against its lanes."""
     for name, motion in zip(names, motions, strict=True):
         positions, headings = motion.positions[motion.seen], motion.headings[motion.seen]
         places = [locate(lane.line, positions) for lane in road.lanes.values()]

@@ -28,15 +28,10 @@ _NOWHERE = np.empty((0, 2))
 
 @dataclass(frozen=True)
 class Imported:
-    """An imported file.
+    """An imported file."""
 
-    Attributes:
-        recording: recording of one episode.
-        notes: what was assumed or left out, one line each.
-    """
-
-    recording: RecordingFile
-    notes: tuple[str, ...]
+    recording: RecordingFile  # recording of one episode
+    notes: tuple[str, ...]  # what was assumed or left out, one line each
 
 
 def read_tracks(
@@ -48,19 +43,12 @@ def read_tracks(
     road: Path | None = None,
     part: str | None = None,
 ) -> Imported:
-    """Read a file of tracks.
+    """Read a file of tracks in one of ``track_formats.format_names()``.
 
-    Args:
-        path: path of the file.
-        format_name: one of ``track_formats.format_names()``.
-        excerpt: times, players and step. Default: all of the file.
-        frame: change of frame of positions and headings after reading; lanes do not change.
-        road: TOML file of lanes and targets, SUMO network or lanelet2 map. Default: the TOML file
-            of the same name beside ``path``, if there is one.
-        part: part of a file in which player names repeat.
-
-    Raises:
-        UserError: with a message that names file, place, value and what is expected.
+    ``excerpt`` says which times, players and step, by default all. ``frame`` changes positions and
+    headings after reading, not lanes. ``road`` is a TOML file of lanes and targets, SUMO network or
+    lanelet2 map; by default the TOML file of the same name beside ``path``, if there is one.
+    ``part`` is one of a file in which player names repeat.
     """
     with bad_input(f"{path} cannot be read as {format_name}", OSError, TypeError):
         tracks = get_format(format_name).read(path, part)
@@ -107,11 +95,7 @@ def _road(
 
 
 def _near_part(path: Path, origin: tuple[float, float] | None, positions: np.ndarray) -> Road:
-    """The lanes of a map that are near a player.
-
-    Raises:
-        UserError: if there are none.
-    """
+    """The lanes of a map that are near a player; UserError if there are none."""
     whole = read_net(path) if path.suffix.lower() == ".xml" else read_lanelets(path, origin)
     near = whole.near(positions, _NEAR)
     if not near.lanes:

@@ -29,24 +29,14 @@ _FLATTEST = 1e4  # [m]; an arc of a larger radius is a straight line
 
 @dataclass(frozen=True)
 class RoadLane:
-    """One lane: curves in driving order.
+    """One lane: curves in driving order."""
 
-    Attributes:
-        curves: curves of the centre line, at least one.
-        width: width [m].
-        following: names of the lanes that it leads to.
-    """
-
-    curves: tuple[Lane, ...]
-    width: float = DEFAULT_WIDTH
-    following: tuple[str, ...] = ()
+    curves: tuple[Lane, ...]  # curves of the centre line, at least one
+    width: float = DEFAULT_WIDTH  # width [m]
+    following: tuple[str, ...] = ()  # names of the lanes that it leads to
 
     def __post_init__(self) -> None:
-        """Refuse lanes whose points cannot be computed.
-
-        Raises:
-            ValueError: with a message that names the number.
-        """
+        """ValueError for lanes whose points cannot be computed."""
         if not 0 < self.width <= _WIDEST:
             raise ValueError(f"a lane's width is {self.width:g} m, expected 0 to {_WIDEST:g}")
         for curve in self.curves:
@@ -76,11 +66,7 @@ def _apart(points: np.ndarray, least: float) -> np.ndarray:
 
 
 def check_shown(what: str, name: str) -> None:
-    """Refuse a name that is empty, long, or has characters that are not seen.
-
-    Raises:
-        ValueError: with a message that shows the name.
-    """
+    """ValueError for a name that is empty, long, or has characters that are not seen."""
     if not name.strip() or len(name) > LONGEST_NAME or visible(name) != name:
         raise ValueError(
             f"a {what} is called {name[:LONGEST_NAME]!r}; expected a name of 1 to {LONGEST_NAME} "
@@ -95,11 +81,7 @@ class Road:
     lanes: Mapping[str, RoadLane]
 
     def __post_init__(self) -> None:
-        """Refuse names that cannot be shown.
-
-        Raises:
-            ValueError: with a message that shows the name.
-        """
+        """ValueError for names that cannot be shown."""
         for name in self.lanes:
             check_shown("lane", name)
 
@@ -111,17 +93,11 @@ class Road:
 
 @dataclass(frozen=True)
 class Place:
-    """Positions relative to a line; every array is (S,).
+    """Positions relative to a line; every array is (S,)."""
 
-    Attributes:
-        along: distance along the line [m].
-        distance: distance from the nearest point of the line [m].
-        heading: heading of the line at this point [rad].
-    """
-
-    along: np.ndarray
-    distance: np.ndarray
-    heading: np.ndarray
+    along: np.ndarray  # distance along the line [m]
+    distance: np.ndarray  # distance from the nearest point of the line [m]
+    heading: np.ndarray  # heading of the line at this point [rad]
 
 
 def locate(line: np.ndarray, positions: np.ndarray) -> Place:
@@ -150,11 +126,7 @@ def _located(line: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def curve_points(curve: Lane) -> np.ndarray:
-    """Points (P, 2) on a curve of ``games.model.lanes``, from its start to its end.
-
-    Raises:
-        TypeError: on a curve of another kind.
-    """
+    """Points (P, 2) on a curve of ``games.model.lanes``, from its start to its end."""
     if isinstance(curve, StraightLane):
         return _on_axis(curve, np.array([0.0, curve.length]))
     if isinstance(curve, SineLane):
@@ -210,10 +182,8 @@ def _on_axis(axis: StraightLane, along: np.ndarray) -> np.ndarray:
 def curves_through(points: np.ndarray | Sequence[Sequence[float]]) -> tuple[Lane, ...]:
     """A few curves within ``TOLERANCE`` of points (P, 2), from the first to the last point.
 
-    Each is the longest curve that fits: a straight line if one reaches as far as an arc.
-
-    Raises:
-        ValueError: if the points are not pairs of metres, too many, or fewer than two differ.
+    Each is the longest curve that fits: a straight line if one reaches as far as an arc. ValueError
+    if the points are not pairs of metres, too many, or fewer than two differ.
     """
     line = np.asarray(points, dtype=float)
     if line.ndim != 2 or line.shape[1] != 2 or not np.isfinite(line).all():

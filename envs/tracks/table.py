@@ -25,29 +25,19 @@ _SHOWN, _SHOWN_NAME = 8, 60  # names in a message, and characters of each
 
 @dataclass(frozen=True)
 class Tracks:
-    """Rows of motion in metres, seconds and radians; positions are those of the cars' centres.
+    """Rows of motion in metres, seconds and radians; positions are those of the cars' centres."""
 
-    Attributes:
-        table: one row per player and time, with ``COLUMNS``; NaN where unknown.
-        road: lanes, if the format has a map.
-        notes: what the reader had to assume or leave out, one line each.
-        origin: UTM east and north [m] of position (0, 0), if the file has them.
-    """
-
-    table: pd.DataFrame
-    road: Road | None = None
-    notes: tuple[str, ...] = ()
+    table: pd.DataFrame  # one row per player and time, with ``COLUMNS``; NaN where unknown
+    road: Road | None = None  # lanes, if the format has a map
+    notes: tuple[str, ...] = ()  # what the reader had to assume or leave out, one line each
+    #: UTM east and north [m] of position (0, 0), if the file has them.
     origin: tuple[float, float] | None = None
 
 
 def read_columns(
     path: Path, needed: Sequence[str], optional: Sequence[str] = (), **settings: object
 ) -> pd.DataFrame:
-    """Read columns of a data set's CSV file; the case of their names does not matter.
-
-    Raises:
-        UserError: if the file is missing, is not CSV or lacks a column.
-    """
+    """Read columns of a data set's CSV file; the case of their names does not matter."""
     titles = list(settings.get("names") or read_titles(path))  # type: ignore[call-overload]
     there = [str(title).lower() for title in titles]
     check_titles(path, titles, [name for name in needed if name.lower() not in there])
@@ -66,11 +56,7 @@ def read_columns(
 
 
 def read_titles(path: Path) -> list[str]:
-    """The column names of a CSV file, as it has them.
-
-    Raises:
-        UserError: if it is missing, too large or not CSV.
-    """
+    """The column names of a CSV file, as it has them."""
     check_input("tracks file", path, MOST_BYTES)
     with path.open("rb") as file:
         if len(file.readline(_LONGEST_TITLES + 1)) > _LONGEST_TITLES:
@@ -94,11 +80,7 @@ def check_titles(path: Path, titles: Sequence[str], absent: Sequence[str]) -> No
 
 
 def plain_float(text: str) -> float:
-    """The number in a file; Python would also take ``1_0`` and digits of other scripts.
-
-    Raises:
-        ValueError: on anything else.
-    """
+    """The number in a file; Python would also take ``1_0`` and digits of other scripts."""
     if not text.isascii() or "_" in text:
         raise ValueError(f"could not convert string to float: {text[:_SHOWN_NAME]!r}")
     return float(text)
@@ -109,8 +91,7 @@ def numbers(
 ) -> pd.DataFrame:
     """The table with the named columns as numbers, NaN where a cell is empty.
 
-    Raises:
-        UserError: with a message that names the place, by its index, and what is not a number.
+    Messages of UserError name the place, by its index, and what is not a number.
     """
     frame = frame.copy()
     for name in names:
@@ -144,14 +125,8 @@ def read_frames(
 ) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
     """The rows of ``NN_tracks.csv``, and the metadata in ``NN_recordingMeta.csv`` and their path.
 
-    Args:
-        path: the file of tracks.
-        player: column with the names of players.
-        names: columns with numbers; ``time`` [s] comes from ``frame`` and the frame rate.
-        more: columns of the metadata to read if they are there.
-
-    Raises:
-        UserError: if a file or a column is missing, or a value is not a number.
+    ``player`` is the column of the players' names, ``names`` those of numbers; ``time`` [s] comes
+    from ``frame`` and the frame rate. ``more`` columns of the metadata are read if they are there.
     """
     rows = numbers(path, read_columns(path, (player, "frame", *names)), ("frame", *names))
     meta_path = companion(path, "recordingMeta", "frame rate")
@@ -161,11 +136,7 @@ def read_frames(
 
 
 def companion(path: Path, suffix: str, purpose: str) -> Path:
-    """The file ``NN_<suffix>.csv`` beside ``NN_tracks.csv``.
-
-    Raises:
-        UserError: if it does not exist.
-    """
+    """The file ``NN_<suffix>.csv`` beside ``NN_tracks.csv``."""
     stem = path.stem.removesuffix("_tracks")
     beside = path.with_name(f"{stem}_{suffix}.csv")
     if not beside.is_file():
@@ -174,11 +145,7 @@ def companion(path: Path, suffix: str, purpose: str) -> Path:
 
 
 def frame_rate(meta: pd.DataFrame, path: Path) -> float:
-    """Frames per second from a recording's metadata.
-
-    Raises:
-        UserError: unless it is that of a camera.
-    """
+    """Frames per second from a recording's metadata."""
     rate = float(numbers(path, meta, ["frameRate"])["frameRate"].iloc[0])
     least, most = 1 / LONGEST_STEP, 1 / SHORTEST_STEP
     if not least <= rate <= most:
@@ -187,11 +154,7 @@ def frame_rate(meta: pd.DataFrame, path: Path) -> float:
 
 
 def choose_part(path: Path, frame: pd.DataFrame, column: str, part: str | None) -> pd.DataFrame:
-    """The rows of one part of a file in which player names repeat.
-
-    Raises:
-        UserError: if an unknown part is chosen, or none although there are several.
-    """
+    """The rows of one part of a file in which player names repeat."""
     if column not in frame:
         if part is not None:
             raise UserError(f"--part {part!r}: {path} has no column {column}")

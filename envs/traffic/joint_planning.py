@@ -31,19 +31,14 @@ Starts = list[VehiclePlan | None]
 
 @dataclass
 class TrafficReport:
-    """Counts of the outcomes of planning on one road.
+    """Counts of the outcomes of planning on one road."""
 
-    Attributes:
-        solved: number of vehicle plans that are equilibria.
-        shifted: number of times a vehicle continued its previous plan.
-        braked: number of times a vehicle fell back on the Intelligent Driver Model, as it had no
-            plan or only one that collides.
-        seconds: the latest solving times [s], by number of vehicles that planned at once.
-    """
-
-    solved: int = 0
-    shifted: int = 0
+    solved: int = 0  # number of vehicle plans that are equilibria
+    shifted: int = 0  # number of times a vehicle continued its previous plan
+    #: Number of times a vehicle fell back on the Intelligent Driver Model, as it had no plan or
+    #: only one that collides.
     braked: int = 0
+    #: The latest solving times [s], by number of vehicles that planned at once.
     seconds: dict[int, deque[float]] = field(default_factory=dict)
 
 
@@ -80,10 +75,7 @@ def planning_groups(road: Road) -> list[list[PlanningVehicle]]:
 
 
 def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.ndarray:
-    """Positions (N, M, T-1, 2) that each of the N members of groups avoids besides its group.
-
-    These are the predictions that start nearest to it.
-    """
+    """The nearest predictions (N, M, T-1, 2) that members of groups avoid besides their group."""
     around = [entry for entry in (*road.vehicles, *road.objects) if not isinstance(entry, Landmark)]
     paths = np.stack([predicted_positions(other) for other in around])
     group_of = {id(member): index for index, group in enumerate(groups) for member in group}
@@ -174,16 +166,9 @@ def _first_controls(situation: Situation, start: Starts) -> np.ndarray:
 
 
 def _next_plan(
-    solution: Plan,
-    index: int,
-    collides: bool,
-    start: VehiclePlan | None,
-    report: TrafficReport,
+    solution: Plan, index: int, collides: bool, start: VehiclePlan | None, report: TrafficReport
 ) -> VehiclePlan | None:
-    """The next plan of one player; None means the Intelligent Driver Model.
-
-    The case is counted in the report.
-    """
+    """One player's next plan, counted in the report; None for the Intelligent Driver Model."""
     if solution.converged:
         if not collides:
             report.solved += 1
@@ -196,12 +181,7 @@ def _next_plan(
 
 
 def _run_into_something(states: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Which players' plans lead to contact with something ahead of them, as a mask (N,).
-
-    Args:
-        states: (T, N, 4) planned states of all players.
-        others: (N, M, T-1, 2) predicted positions of the other objects that each player avoids.
-    """
+    """Mask (N,) of plans (T, N, 4) that lead to contact with others (N, M, T-1, 2) ahead."""
     own = states[1:].swapaxes(0, 1)  # (N, T-1, 4)
     players = np.broadcast_to(own[..., :2], (len(own), *own[..., :2].shape))
     offsets = np.concatenate([players, others], axis=1) - own[:, None, :, :2]

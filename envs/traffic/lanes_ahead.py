@@ -21,12 +21,9 @@ def points_along_lanes(
     distances: np.ndarray,
     lateral: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points at distances (S,) ahead of a position, along a lane and the lanes that follow it.
+    """Points (S, 3) px, py, direction at distances (S,) ahead along lanes, and speed limits (S,).
 
     The last lane is extended beyond its end.
-
-    Returns:
-        Points (S, 3) px, py, direction, and the speed limit (S,) [m/s] at each.
     """
     points, limits = np.empty((len(distances), 3)), np.empty(len(distances))
     lane = network.get_lane(index)

@@ -15,23 +15,14 @@ STEPS = 10  # steps per plan
 
 @dataclass(frozen=True)
 class Temperament:
-    """A driver's cost weights, in the units of ``games.solve.reference_game.Units``.
+    """A driver's cost weights, in the units of ``games.solve.reference_game.Units``."""
 
-    Attributes:
-        proximity: weight of proximity to others.
-        speed: weight of deviations from the target speed.
-        acceleration: weight of longitudinal comfort.
-        turning: weight of lateral comfort.
-        lane: weight of deviations from the centre of the target lane.
-        haste: factor on the target speed.
-    """
-
-    proximity: float = 2.5
-    speed: float = 1.0
-    acceleration: float = 0.5
-    turning: float = 0.5
-    lane: float = 1.0
-    haste: float = 1.0
+    proximity: float = 2.5  # weight of proximity to others
+    speed: float = 1.0  # weight of deviations from the target speed
+    acceleration: float = 0.5  # weight of longitudinal comfort
+    turning: float = 0.5  # weight of lateral comfort
+    lane: float = 1.0  # weight of deviations from the centre of the target lane
+    haste: float = 1.0  # factor on the target speed
 
     @property
     def weights(self) -> np.ndarray:
@@ -48,11 +39,7 @@ TEMPERAMENTS: dict[str, Temperament] = {
 
 
 def temperament(preset: str | Temperament) -> Temperament:
-    """A preset by its name; a ``Temperament`` is returned unchanged.
-
-    Raises:
-        ValueError: on an unknown name.
-    """
+    """A preset by its name; a ``Temperament`` is returned unchanged."""
     if isinstance(preset, Temperament):
         return preset
     if preset not in TEMPERAMENTS:
@@ -62,17 +49,12 @@ def temperament(preset: str | Temperament) -> Temperament:
 
 @dataclass(frozen=True)
 class VehiclePlan:
-    """Planned motion of one vehicle.
+    """Planned motion of one vehicle."""
 
-    Attributes:
-        states: (T, 4) px [m], py [m], heading [rad], speed [m/s], from the start of the plan on.
-        controls: (T-1, 2) steering [rad], acceleration [m/s^2].
-        shifts: number of plan steps since it was solved.
-    """
-
+    #: (T, 4) px [m], py [m], heading [rad], speed [m/s], from the start of the plan on.
     states: np.ndarray
-    controls: np.ndarray
-    shifts: int = 0
+    controls: np.ndarray  # (T-1, 2) steering [rad], acceleration [m/s^2]
+    shifts: int = 0  # number of plan steps since it was solved
 
     @cached_property
     def rest(self) -> "VehiclePlan":
@@ -86,16 +68,7 @@ class VehiclePlan:
 
 
 class PlanningVehicle(IDMVehicle):
-    """A vehicle with a temperament and a plan.
-
-    Attributes:
-        temperament: its cost weights.
-        plan: its plan, or None if it drives by the Intelligent Driver Model.
-        plan_age: time since the plan was made [s].
-
-    Raises:
-        ValueError: if ``TEMPERAMENT`` names no preset.
-    """
+    """A vehicle with a temperament and a plan; without one, the Intelligent Driver Model drives."""
 
     TEMPERAMENT: ClassVar[str | Temperament] = "normal"
 
@@ -106,11 +79,7 @@ class PlanningVehicle(IDMVehicle):
         self.plan_age = PLAN_STEP  # the first plan is due at once
 
     def set_temperament(self, preset: str | Temperament) -> None:
-        """Change the cost weights from the next plan on.
-
-        Raises:
-            ValueError: on an unknown name.
-        """
+        """Change the cost weights from the next plan on."""
         self.temperament = temperament(preset)
 
     def step(self, dt: float) -> None:

@@ -11,16 +11,11 @@ from olne_bench.games.solve.olne import Equilibrium
 
 
 class Episode:
-    """One run through a game.
+    """One run through a game, whose equilibrium is None if the truth is hidden.
 
-    Attributes:
-        scenario: the scenario that is played.
-        truth: its equilibrium, or None if the truth is hidden.
-        states: (N, n) present states.
-        history: states (N, n) of all steps so far.
-        steps: number of steps so far.
-        left: indices of players that left before the horizon, as after a crash in a simulator. On
-            the game's own dynamics no player leaves.
+    ``history`` holds the states (N, n) of all steps so far, ``left`` the indices of players that
+    left before the horizon, as after a crash in a simulator. On the game's own dynamics no player
+    leaves.
     """
 
     def __init__(self, scenario: Scenario, truth: Equilibrium | None) -> None:
@@ -48,11 +43,7 @@ class Episode:
         return self.steps * self.scenario.game.dt
 
     def advance(self, controls: np.ndarray) -> np.ndarray:
-        """Play controls (N, m) for one step.
-
-        Returns:
-            Cost of the step for each player (N,).
-        """
+        """Play controls (N, m) for one step, which costs the players (N,)."""
         weights = self.scenario.weights
         costs = self._running_costs(self.states, controls, weights)[0]
         self._played = self.states, controls

@@ -23,17 +23,10 @@ INK = (60, 62, 68)
 
 
 class Camera:
-    """The part of the world that frames show.
+    """The part of the world that frames show, which holds all expected positions (S, 2).
 
-    The y axis points up. A view that is taller than wide is turned: then x points down and y to
-    the right, so that roads run from left to right.
-
-    Args:
-        expected: (S, 2) positions that the view should hold.
-
-    Attributes:
-        low, high: corners (2,) of the view [m].
-        frame_size: width and height of a frame [px], which do not change.
+    The y axis points up. A view that is taller than wide is turned: then x points down and y to the
+    right, so that roads run from left to right.
     """
 
     def __init__(self, expected: np.ndarray) -> None:
@@ -76,15 +69,10 @@ def _box(positions: np.ndarray, margin: float = MARGIN) -> tuple[np.ndarray, np.
 
 
 class Renderer:
-    """Draws the states of one episode.
+    """Draws the states of one episode, with goals and lanes of the players' tasks.
 
-    The view holds all expected states, and widens if a player leaves it. ``Camera`` describes the
-    axes.
-
-    Args:
-        scenario: the scenario; goals and lanes are those of its players' task features.
-        expected: (S, N, n) states that the view should hold.
-        fps: frame rate of a window; None draws into arrays.
+    The view holds all expected states (S, N, n), and widens if a player leaves it (``Camera``).
+    Without frame rate, it draws into arrays.
     """
 
     def __init__(self, scenario: Scenario, expected: np.ndarray, fps: int | None) -> None:
@@ -100,15 +88,7 @@ class Renderer:
         self._first_car_length = CAR_LENGTH * float((self._view.high - self._view.low).max())
 
     def draw(self, history: list[np.ndarray], time: float) -> np.ndarray | None:
-        """Draw one frame.
-
-        Args:
-            history: states (N, n) up to now, the latest last.
-            time: time since the start [s].
-
-        Returns:
-            (height, width, 3) uint8, or None if the frame was shown in the window.
-        """
+        """Draw states (N, n), the latest last: (height, width, 3) uint8, None if into a window."""
         positions = np.stack(history)[..., :2]
         self._view.widen(positions.reshape(-1, 2))
         width, height = self._view.frame_size

@@ -7,15 +7,11 @@ import pygame
 
 
 class Window:
-    """Shows the frames of one world.
+    """Shows the frames of one world, at most so many a second.
 
     pygame has one window per process. It shows the world that drew last, and ``close`` closes it
     only while it shows the caller's world. A copy of a world opens it again when it draws. macOS
     opens windows in the main thread only.
-
-    Args:
-        title: title of the window.
-        fps: largest frame rate [1/s]; None sets no limit.
     """
 
     _shown: ClassVar["Window | None"] = None
@@ -26,11 +22,7 @@ class Window:
         self._fps = fps
 
     def show(self, frame: np.ndarray) -> list[pygame.event.Event]:
-        """Show a frame (height, width, 3) uint8.
-
-        Returns:
-            Events in the window since the last frame.
-        """
+        """Show a frame (height, width, 3) uint8; events in the window since the last frame."""
         size = (frame.shape[1], frame.shape[0])
         surface = pygame.display.get_surface()
         if Window._shown is not self or surface is None or surface.get_size() != size:

@@ -48,10 +48,7 @@ _STEPS_AHEAD = 32
 
 
 def wrap(
-    world: World,
-    layers: Sequence[Layer],
-    sigma: float,
-    noise_scale: Sequence[float] | np.ndarray,
+    world: World, layers: Sequence[Layer], sigma: float, noise_scale: Sequence[float] | np.ndarray
 ) -> World:
     """Put the layers of a sensor around a world: views, noise, gaps.
 

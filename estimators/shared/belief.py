@@ -1,4 +1,6 @@
-"""Beliefs over (phi, s, x_1): log-ratios of weights, standardised unknowns and an initial state.
+"""Beliefs over (z, x_1): coordinates of weights and unknowns, and an initial state.
+
+In these coordinates the problem's prior of weights and unknowns is standard normal (``charts``).
 
 ``ukf`` and ``particle`` share the belief before the first measurement and the games at points of
 the belief. One open-loop equilibrium over the whole horizon is observed from an unknown initial
@@ -14,17 +16,14 @@ depend on later ones.
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
 from scipy.linalg import block_diag
 
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.charts import (
-    by_log_ratios,
-    flat_covariance,
-    from_log_ratios,
-    log_ratios_of,
-)
+from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
@@ -34,7 +33,6 @@ from olne_bench.estimators.shared.forward_model import (
     initial_state_prior,
     play_batch,
     sample_sensitivity,
-    theta_of,
     uniform_weights,
 )
 from olne_bench.estimators.shared.white_noise import assumed_sigma
@@ -44,12 +42,8 @@ from olne_bench.games.model.game import Game
 from olne_bench.games.solve.batch import Batch
 from olne_bench.games.solve.newton import pack
 
-#: Weights of the first game are at least this share of uniform ones, so that phi is finite.
+#: Weights of the first game are at least this share of uniform ones.
 _LEAST_SHARE = 0.1
-
-
-#: Least distance of a weight from its floor, so that phi is finite.
-_LEAST_WEIGHT = 1e-6
 
 
 #: Residuals of games, relative to the noise: what they leave in positions, some ten times as much,
@@ -60,6 +54,10 @@ _TOLERANCE = 1e-4
 #: Hard constraints: margin times multiplier comes to this share of noise times cost, which leaves a
 #: car that keeps its distance some 1e-4 of the noise farther away.
 _RELAXED = 1e-5
+
+
+#: Points of the quadrature of weights in each direction.
+_NODES = 5
 
 
 class LostError(Exception):
@@ -120,23 +118,18 @@ def first_game(problem: Problem, observation: Observation) -> SolvedGame:
 
 
 def first_weights(problem: Problem, spread: float, start: SolvedGame | None = None) -> Gaussian:
-    """Belief about the log-ratios and unknowns before anything is seen.
+    """Belief about the coordinates of weights and unknowns before anything is seen.
 
     Args:
         problem: what is known.
-        spread: standard deviations of the log-ratios, in units of those of weights that are uniform
-            on the simplex.
-        start: the game at whose log-ratios the mean is, where a filter may peek; uniform weights if
-            None.
+        spread: standard deviation of the coordinates; that of the problem's prior is one.
+        start: the game around which the belief is, where a filter may peek.
     """
-    game = problem.game
-    around = uniform_weights(problem) if start is None else start.weights
-    covariance = spread**2 * flat_covariance(game.num_players, game.num_weights)
-    unknown = int(game.parameters.used.sum())
-    return Gaussian(
-        np.concatenate([log_ratios_of(around, problem.weight_floor), np.zeros(unknown)]),
-        block_diag(covariance, np.eye(unknown)),
-    )
+    chart = NormalChart.of(problem)
+    mean = np.zeros(chart.size) if start is None else chart.point(start.theta)
+    deviations = np.ones(chart.size)
+    deviations[: chart.free] = spread
+    return Gaussian(mean, np.diag(deviations**2))
 
 
 def prior_belief(
@@ -147,7 +140,7 @@ def prior_belief(
     Args:
         problem: what is known.
         observation: its first measurements locate x_1.
-        weights: belief about the log-ratios and unknowns.
+        weights: belief about the coordinates of weights and unknowns.
         sigma: noise level.
     """
     first, deviation = initial_state_prior(problem, observation, sigma)
@@ -155,23 +148,29 @@ def prior_belief(
     return Gaussian(np.concatenate([weights.mean, first.ravel()]), covariance)
 
 
-def unscented_weights(
-    log_ratios: np.ndarray, covariance: np.ndarray, num_weights: int, floor: float
-) -> Gaussian:
-    """Moments of the weights (N*K,) of Gaussian log-ratios (N*(K-1),), player by player."""
-    free = num_weights - 1
-    size = np.sqrt(free)
+def moments_of_weights(mean: np.ndarray, covariance: np.ndarray, chart: NormalChart) -> Gaussian:
+    """Moments of the weights (N*K,) of Gaussian coordinates (N*(K-1),), player by player.
+
+    By Gauss-Hermite quadrature.
+    """
+    free = chart.num_weights - 1
+    nodes, factors = hermegauss(_NODES)
+    steps = np.array(list(product(nodes, repeat=free)))
+    shares = np.array([np.prod(one) for one in product(factors, repeat=free)])
+    shares /= shares.sum()
     means, slopes, rests = [], [], []
-    for k in range(0, len(log_ratios), free):
+    for i, k in enumerate(range(0, len(mean), free)):
         own = covariance[k : k + free, k : k + free]
-        root = symmetric_root(own)
-        steps = size * np.vstack([root, -root])
-        rows = from_log_ratios(log_ratios[k : k + free] + steps, num_weights, floor)[:, 0]
-        mean = rows.mean(axis=0)
-        slope = (rows - mean).T @ steps / len(steps) @ np.linalg.pinv(own, hermitian=True)
-        means.append(mean)
+        moves = steps @ symmetric_root(own)
+        points = np.repeat(mean[None], len(moves), axis=0)
+        points[:, k : k + free] += moves
+        rows = chart.weights(points)[:, i]
+        centre = shares @ rows
+        away = rows - centre
+        slope = (away.T * shares) @ moves @ np.linalg.pinv(own, hermitian=True)
+        means.append(centre)
         slopes.append(slope)
-        rests.append((rows - mean).T @ (rows - mean) / len(steps) - slope @ own @ slope.T)
+        rests.append((away.T * shares) @ away - slope @ own @ slope.T)
     slope = block_diag(*slopes)
     return Gaussian(np.concatenate(means), slope @ covariance @ slope.T + block_diag(*rests))
 
@@ -186,7 +185,7 @@ def symmetric_root(matrix: np.ndarray) -> np.ndarray:
 
 
 class FollowedGames:
-    """Expected measurements at points (phi, s, x_1); games are followed from the mean's last one.
+    """Expected measurements at points (z, x_1); games are followed from the mean's last one.
 
     Where the game has hard constraints, complementarity (``games.compiled.complementarity``) is
     relaxed as far as the noise hides it. The game then bends where it would have a kink, so that
@@ -195,81 +194,57 @@ class FollowedGames:
     Attributes:
         problem: what is known.
         start: the game from which the next ones are followed.
-        num_log_ratios: length of phi, N*(K-1).
-        num_theta: length of (phi, s).
+        chart: coordinates z of weights and unknowns.
     """
 
     def __init__(self, problem: Problem, start: SolvedGame, deadline: float) -> None:
         game = problem.game
         self._deadline = deadline
-        self.num_log_ratios = game.num_players * (game.num_weights - 1)
-        self._used = game.parameters.used
-        self.num_theta = self.num_log_ratios + int(self._used.sum())
-        self.problem, self.start = problem, start
+        self.problem, self.start, self.chart = problem, start, NormalChart.of(problem)
         sigma = assumed_sigma(problem)
         self._tolerance = _TOLERANCE * sigma
         solver = elimination(game)
         self._solver = solver.relaxed(max(RELAXATION, _RELAXED * sigma * _cost_of(game, start)))
 
     def point(self, game: SolvedGame) -> np.ndarray:
-        """The point (n,) of a game, at weights that are no nearer to their floor than 1e-6."""
-        num_weights, floor = self.problem.game.num_weights, self.problem.weight_floor
-        shares = np.maximum(game.weights - floor, _LEAST_WEIGHT)
-        shares *= (1 - num_weights * floor) / shares.sum(axis=1, keepdims=True)
-        parts = [log_ratios_of(floor + shares, floor), game.initial_state.ravel()]
-        if game.parameters is not None:
-            parts.insert(1, game.parameters[self._used])
-        return np.concatenate(parts)
+        """The point (n,) of a game."""
+        return np.concatenate([self.chart.point(game.theta), game.initial_state.ravel()])
 
     def weights(self, points: np.ndarray) -> np.ndarray:
         """Weights (..., N, K) of points (..., n)."""
-        ratios = points[..., : self.num_log_ratios]
-        return from_log_ratios(ratios, self.problem.game.num_weights, self.problem.weight_floor)
+        return self.chart.weights(points)
+
+    def tilt(self, points: np.ndarray) -> np.ndarray:
+        """Log (...) of the prior's density over the standard normal one, at points (..., n)."""
+        return self.chart.tilt(points)
 
     def parameters(self, points: np.ndarray) -> np.ndarray | None:
-        """Unknowns (..., N, U) of points (..., n) in their units; None if there are none.
-
-        A Gaussian belief has no bounds: values end at those of their ranges.
-        """
-        if not self._used.size:
-            return None
+        """Unknowns (..., N, U) of points (..., n) in their units; None if there are none."""
         known = self.problem.game.parameters
-        low, high = known.bounds()
-        return known.values(self._standardised(points).clip(low, high))
+        return known.values(self.chart.standardised(points)) if known.count else None
 
-    def parameter_deviations(self, covariance: np.ndarray) -> np.ndarray | None:
-        """Standard deviations (N, U) in their units, of a covariance of (phi, s)."""
-        if not self._used.size:
+    def parameter_deviations(self, belief: Gaussian) -> np.ndarray | None:
+        """Standard deviations (N, U) in their units, of a belief about z."""
+        known = self.problem.game.parameters
+        if not known.count:
             return None
-        found = np.zeros(self._used.shape)
-        found[self._used] = np.sqrt(np.diag(covariance)[self.num_log_ratios : self.num_theta])
-        return np.asarray(found * self.problem.game.parameters.deviations)
+        shape = known.used.shape[0], -1, self.chart.size
+        slopes = self.chart.jacobian(belief.mean).reshape(shape)[:, self.chart.num_weights :]
+        variances = np.einsum("nui,ij,nuj->nu", slopes, belief.covariance, slopes)
+        return np.asarray(np.sqrt(variances) * np.where(known.used, known.deviations, 0.0))
 
     def mean_weights(self, belief: Gaussian) -> np.ndarray:
-        """Mean weights (N, K) of a belief about (phi, s) or (phi, s, x_1)."""
+        """Mean weights (N, K) of a belief about z or (z, x_1)."""
         return self.weight_belief(belief).mean.reshape(-1, self.problem.game.num_weights)
 
-    def weight_belief(self, theta: Gaussian) -> Gaussian:
-        """Mean (N*K,) and covariance (N*K, N*K) of the weights, of a belief about (phi, s).
+    def weight_belief(self, belief: Gaussian) -> Gaussian:
+        """Mean (N*K,) and covariance (N*K, N*K) of the weights, of a belief about z.
 
-        The unscented transform of each player's log-ratios, whose third-order accuracy counts where
-        little is known. Between players, what is linear counts only.
+        Each player's own are exact to a high order, which counts where little is known. Between
+        players, what is linear counts only.
         """
-        own = slice(0, self.num_log_ratios)
-        return unscented_weights(
-            theta.mean[own],
-            theta.covariance[own, own],
-            self.problem.game.num_weights,
-            self.problem.weight_floor,
-        )
-
-    def _standardised(self, points: np.ndarray) -> np.ndarray:
-        found = np.zeros((*points.shape[:-1], *self._used.shape))
-        found[..., self._used] = points[..., self.num_log_ratios : self.num_theta]
-        return found
-
-    def _theta(self, points: np.ndarray) -> np.ndarray:
-        return theta_of(self.weights(points), self._standardised(points))
+        own = slice(0, self.chart.free)
+        return moments_of_weights(belief.mean[own], belief.covariance[own, own], self.chart)
 
     def expected(self, points: np.ndarray) -> np.ndarray:
         """h(x) (B, T, N*d) of points (B, n) whose first is the mean; NaN without equilibrium.
@@ -279,7 +254,7 @@ class FollowedGames:
         """
         if time.monotonic() > self._deadline:
             raise LateError("time limit reached")
-        theta, initial_states = self._theta(points), self._initial_states(points)
+        theta, initial_states = self.chart.theta(points), self._initial_states(points)
         batch = self._play(theta, initial_states, self._tolerance)
         if batch.converged[0]:
             self.start = game_of_batch(self.problem, batch, 0, theta[0])
@@ -303,16 +278,9 @@ class FollowedGames:
         return samples, self._by_point(by_theta, point).reshape(*samples.shape, -1)
 
     def _by_point(self, derivative: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """A derivative in (theta, x_1), by the chain rule one in (phi, s, x_1)."""
-        players, weights = self.start.weights.shape
-        own = self.start.theta.shape[1]
-        by_theta = derivative[:, : players * own].reshape(len(derivative), players, own)
-        by_weights = by_theta[:, :, :weights].reshape(len(derivative), -1)
-        by_phi = by_weights @ by_log_ratios(
-            point[: self.num_log_ratios], weights, self.problem.weight_floor
-        )
-        unknown = by_theta[:, :, weights:][:, self._used] if self._used.size else by_phi[:, :0]
-        return np.hstack([by_phi, unknown, derivative[:, players * own :]])
+        """A derivative in (theta, x_1), by the chain rule one in (z, x_1)."""
+        by_theta, by_start = np.split(derivative, [self.start.theta.size], axis=1)
+        return np.hstack([by_theta @ self.chart.jacobian(point), by_start])
 
     def play(self, point: np.ndarray) -> SolvedGame:
         """The game at a point (n,).
@@ -320,7 +288,7 @@ class FollowedGames:
         Raises:
             LostError: if it has no equilibrium.
         """
-        theta = self._theta(point[None])
+        theta = self.chart.theta(point[None])
         batch = self._play(theta, self._initial_states(point[None]))
         if not batch.converged[0]:
             raise LostError("no equilibrium at the filter's last mean")
@@ -339,7 +307,7 @@ class FollowedGames:
         )
 
     def _initial_states(self, points: np.ndarray) -> np.ndarray:
-        states = points[:, self.num_theta :]
+        states = points[:, self.chart.size :]
         return states.reshape(len(points), *self.problem.game.state_shape[1:])
 
 

@@ -106,7 +106,8 @@ def posterior_covariance(
     """
     if problem.sigma == 0:
         return None
-    game, tangent = problem.game, theta_tangent(problem.game)
+    game = problem.game
+    tangent = theta_tangent(game.num_weights, game.parameters.used)
     whole = np.hstack([precision, np.ones((game.num_players, game.parameters.count))])
     information = tangent.T @ (whole.ravel()[:, None] * tangent)
     try:

@@ -2,10 +2,10 @@
 
 With theta^i = floor + (1 - K floor) s^i the share s^i lies on the plain simplex. Charts of it:
 
-- log-ratios phi_k = log(s_k / s_K), any real numbers: for filters, whose state has no bounds;
 - ratios r_k = s_k / s_ref >= 0 to a reference weight: for optimisers with bounds, as they include
   shares of zero;
-- coordinates in which a prior is a standard normal distribution (``NormalChart``).
+- coordinates in which a prior is a standard normal distribution (``NormalChart``): for filters and
+  samplers, whose states have no bounds.
 """
 
 from dataclasses import dataclass
@@ -14,52 +14,11 @@ from typing import Protocol
 
 import casadi as ca
 import numpy as np
-from scipy.special import betainc, betaincinv, ndtr, ndtri, polygamma
+from scipy.special import betainc, betaincinv, betaln, ndtr, ndtri, xlogy
 
+from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.unknowns import Parameters
-
-
-def from_log_ratios(log_ratios: np.ndarray, num_weights: int, floor: float) -> np.ndarray:
-    """Weights (..., N, K) of log-ratios (..., N*(K-1))."""
-    shares = log_ratios.reshape(*log_ratios.shape[:-1], -1, num_weights - 1)
-    shares = np.concatenate([shares, np.zeros_like(shares[..., :1])], axis=-1)
-    shares = np.exp(shares - shares.max(axis=-1, keepdims=True))
-    shares /= shares.sum(axis=-1, keepdims=True)
-    return np.asarray(floor + (1 - num_weights * floor) * shares)
-
-
-def log_ratios_of(weights: np.ndarray, floor: float) -> np.ndarray:
-    """Log-ratios (N*(K-1),) of weights (N, K) above the floor."""
-    shares = weights - floor
-    return np.log(shares[:, :-1] / shares[:, -1:]).ravel()
-
-
-def flat_covariance(players: int, num_weights: int) -> np.ndarray:
-    """Covariance (N*(K-1), N*(K-1)) of the log-ratios of shares that are uniform on the simplex.
-
-    Such shares are proportional to exponential variables; the variance of their logarithm is the
-    trigamma function at 1. The mean of the log-ratios is zero.
-    """
-    free = num_weights - 1
-    return np.kron(np.eye(players), polygamma(1, 1) * (np.eye(free) + np.ones((free, free))))
-
-
-def by_log_ratios(log_ratios: np.ndarray, num_weights: int, floor: float) -> np.ndarray:
-    """Derivative (N*K, N*(K-1)) of the weights in their log-ratios (N*(K-1),)."""
-    players = len(log_ratios) // (num_weights - 1)
-    return np.array(_log_ratio_jacobian(players, num_weights)(log_ratios, floor))
-
-
-@lru_cache(maxsize=32)
-def _log_ratio_jacobian(players: int, num_weights: int) -> ca.Function:
-    """(phi, floor) -> d weights / d phi (N*K, N*(K-1))."""
-    phi, floor = ca.SX.sym("phi", players * (num_weights - 1)), ca.SX.sym("floor")
-    rows = []
-    for own in ca.vertsplit(phi, num_weights - 1):
-        sizes = ca.exp(ca.vertcat(own, 0))
-        rows.append(floor + (1 - num_weights * floor) * sizes / ca.sum1(sizes))
-    jacobian = ca.jacobian(ca.vertcat(*rows), phi)
-    return ca.Function("weights_phi", [phi, floor], [ca.densify(jacobian)])
+from olne_bench.games.model.weight_prior import WeightPrior
 
 
 class Chart(Protocol):
@@ -132,9 +91,6 @@ def _ratio_chart(own: bytes, num_weights: int) -> tuple[ca.Function, ca.Function
     )
 
 
-#: Step of finite differences.
-_SMALL = 1e-5
-
 #: Coordinates beyond have a prior probability of 1e-15, and their weights are at the floor.
 _FARTHEST = 8.0
 
@@ -143,10 +99,10 @@ _FARTHEST = 8.0
 class NormalChart:
     """The chart in which the prior of weights and unknowns is a standard normal distribution.
 
-    A player's shares have a Dirichlet distribution with all parameters alpha. They are broken off a
+    A player's shares have a Dirichlet distribution with parameters alpha. They are broken off a
     stick one after the other,
 
-        s_k = v_k (1 - v_1) ... (1 - v_{k-1}),    v_k ~ Beta(alpha, (K - k) alpha),  k < K,
+        s_k = v_k (1 - v_1) ... (1 - v_{k-1}),    v_k ~ Beta(alpha_k, sum_{j>k} alpha_j),  k < K,
 
     with independent v_k, so that z_k = Phi^-1(F_k(v_k)) are independent standard normal numbers,
     where F_k is the distribution function of v_k. A standardised unknown has a normal prior within
@@ -154,24 +110,39 @@ class NormalChart:
     same Gaussian; where they say much, any smooth chart makes it one. In log-ratios it has the long
     tail of a weight that may as well be zero.
 
+    A mixture has the chart of the one distribution with its mean and spread; ``tilt`` is what is
+    left.
+
     Attributes:
         players: N.
         num_weights: K.
         floor: smallest weight.
-        alpha: parameter of the Dirichlet distribution.
+        prior: of each player's weights.
         parameters: the game's unknowns.
     """
 
     players: int
     num_weights: int
     floor: float
-    alpha: float
+    prior: WeightPrior
     parameters: Parameters
+
+    @classmethod
+    def of(cls, problem: Problem) -> "NormalChart":
+        """The chart of what a problem says is known."""
+        game = problem.game
+        size = game.num_players, game.num_weights, problem.weight_floor
+        return cls(*size, problem.prior, game.parameters)
+
+    @property
+    def free(self) -> int:
+        """Number of coordinates of weights, N*(K-1)."""
+        return self.players * (self.num_weights - 1)
 
     @property
     def size(self) -> int:
         """Number of coordinates, N*(K-1) and one for each unknown."""
-        return self.players * (self.num_weights - 1) + int(self.parameters.used.sum())
+        return self.free + int(self.parameters.used.sum())
 
     def theta(self, points: np.ndarray) -> np.ndarray:
         """(..., N, K + U): weights and standardised unknowns of points (..., size)."""
@@ -179,29 +150,20 @@ class NormalChart:
 
     def weights(self, points: np.ndarray) -> np.ndarray:
         """Weights (..., N, K) of points (..., size)."""
-        sticks = self._sticks(points)
-        first, second = self._shapes()
-        low = sticks <= 0  # where v, or else 1 - v, keeps its digits
-        part = betaincinv(np.where(low, first, second), np.where(low, second, first), _tail(sticks))
-        broken, left = np.where(low, part, 1 - part), np.where(low, 1 - part, part)
-        ones = np.ones_like(sticks[..., :1])
-        shares = np.concatenate([broken, ones], axis=-1)
-        shares[..., 1:] *= np.cumprod(left, axis=-1)
-        return self.floor + (1 - self.num_weights * self.floor) * shares
+        return np.asarray(self.floor + self._above * self._shares(points)[0])
 
     def standardised(self, points: np.ndarray) -> np.ndarray:
         """Standardised unknowns (..., N, U); zero in columns that stand for nothing."""
         used = self.parameters.used
         found = np.zeros((*points.shape[:-1], *used.shape))
         low, high = (ndtr(bound[used]) for bound in self.parameters.bounds())
-        unknown = points[..., self.players * (self.num_weights - 1) : self.size]
+        unknown = points[..., self.free : self.size]
         found[..., used] = ndtri(low + (high - low) * ndtr(unknown))
         return found
 
     def point(self, theta: np.ndarray) -> np.ndarray:
         """Coordinates (size,) of theta (N, K + U), at most 8 in size."""
-        shares = (theta[:, : self.num_weights] - self.floor) / (1 - self.num_weights * self.floor)
-        shares = np.maximum(shares, 0.0)
+        shares = np.maximum((theta[:, : self.num_weights] - self.floor) / self._above, 0.0)
         rest = np.cumsum(shares[:, ::-1], axis=1)[:, ::-1]
         broken = shares[:, :-1] / np.maximum(rest[:, :-1], np.finfo(float).tiny)
         left = rest[:, 1:] / np.maximum(rest[:, :-1], np.finfo(float).tiny)
@@ -214,22 +176,80 @@ class NormalChart:
         return np.concatenate([sticks.ravel(), unknown]).clip(-_FARTHEST, _FARTHEST)
 
     def jacobian(self, points: np.ndarray) -> np.ndarray:
-        """(..., N*(K+U), size): derivative of theta at points, by central differences."""
-        steps = _SMALL * np.eye(self.size)
-        change = self.theta(points[..., None, :] + steps) - self.theta(points[..., None, :] - steps)
-        flat = change.reshape(*points.shape, -1)
-        return np.asarray(np.swapaxes(flat, -1, -2) / (2 * _SMALL))
+        """(..., N*(K+U), size): derivative of theta at points (..., size).
+
+        CasADi has no incomplete beta function. Its inverse has the slope of one density over the
+        other, and shares are products of what is broken off and left.
+        """
+        shares, broken, left = self._shares(points)
+        first, second = self._shapes()
+        logs = xlogy(first - 1, broken) + xlogy(second - 1, left) - betaln(first, second)
+        slope = np.exp(_log_normal(self._sticks(points)) - logs)
+        own = np.arange(self.num_weights - 1)
+        by_stick = np.zeros((*shares.shape, len(own)))
+        later = own[:, None] < np.arange(self.num_weights)
+        ratio = slope / np.maximum(left, np.finfo(float).tiny)
+        by_stick[:] = -shares[..., None] * ratio[..., None, :] * later.T
+        before = np.cumprod(np.concatenate([np.ones_like(left[..., :1]), left], -1), -1)[..., :-1]
+        by_stick[..., own, own] = before * slope
+        width = self.num_weights + self.parameters.count
+        found = np.zeros((*points.shape[:-1], self.players, width, self.size))
+        for i in range(self.players):
+            place = slice(i * len(own), (i + 1) * len(own))
+            found[..., i, : self.num_weights, place] = self._above * by_stick[..., i, :, :]
+        used = self.parameters.used
+        if used.any():
+            low, high = (ndtr(bound[used]) for bound in self.parameters.bounds())
+            unknown = points[..., self.free : self.size]
+            standardised = ndtri(low + (high - low) * ndtr(unknown))
+            rows, columns = np.nonzero(used)
+            found[..., rows, self.num_weights + columns, self.free + np.arange(len(rows))] = (
+                high - low
+            ) * np.exp(_log_normal(unknown) - _log_normal(standardised))
+        return np.asarray(found.reshape(*points.shape[:-1], -1, self.size))
+
+    def tilt(self, points: np.ndarray) -> np.ndarray:
+        """Log (...) of the prior's density over that of the chart, at points (..., size)."""
+        if len(self.prior.shares) == 1:
+            return np.zeros(points.shape[:-1])
+        shares = self._shares(points)[0]
+        chart = WeightPrior((tuple(self._alpha),))
+        gain = self.prior.log_density(shares) - chart.log_density(shares)
+        return np.asarray(gain.sum(axis=-1))
+
+    @property
+    def _above(self) -> float:
+        """What a weight may have above the floor."""
+        return 1 - self.num_weights * self.floor
+
+    @property
+    def _alpha(self) -> np.ndarray:
+        return self.prior.matched(self.num_weights)
 
     def _sticks(self, points: np.ndarray) -> np.ndarray:
-        free = self.num_weights - 1
-        return points[..., : self.players * free].reshape(*points.shape[:-1], self.players, free)
+        return points[..., : self.free].reshape(
+            *points.shape[:-1], self.players, self.num_weights - 1
+        )
+
+    def _shares(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Shares (..., N, K), and what is broken off each stick and left of it (..., N, K-1)."""
+        sticks = self._sticks(points)
+        first, second = self._shapes()
+        low = sticks <= 0  # where v, or else 1 - v, keeps its digits
+        part = betaincinv(
+            np.where(low, first, second), np.where(low, second, first), ndtr(-np.abs(sticks))
+        )
+        broken, left = np.where(low, part, 1 - part), np.where(low, 1 - part, part)
+        shares = np.concatenate([broken, np.ones_like(sticks[..., :1])], axis=-1)
+        shares[..., 1:] *= np.cumprod(left, axis=-1)
+        return shares, broken, left
 
     def _shapes(self) -> tuple[np.ndarray, np.ndarray]:
         """Both parameters (K-1,) of the Beta distributions of v."""
-        after = np.arange(self.num_weights - 1, 0, -1)
-        return np.full(len(after), self.alpha), self.alpha * after
+        alpha = self._alpha
+        return alpha[:-1], np.cumsum(alpha[::-1])[::-1][1:]
 
 
-def _tail(normal: np.ndarray) -> np.ndarray:
-    """Probability beyond |normal|."""
-    return np.asarray(ndtr(-np.abs(normal)))
+def _log_normal(points: np.ndarray) -> np.ndarray:
+    """Log of the standard normal density."""
+    return np.asarray(-(points**2) / 2 - np.log(2 * np.pi) / 2)

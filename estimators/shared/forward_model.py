@@ -228,7 +228,7 @@ def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
 
     A speed that is read off two noisy positions can be far beyond any real speed.
     """
-    start, hidden = guess[0].copy(), _hidden_components(problem)
+    start, hidden = guess[0].copy(), hidden_components(problem)
     start[:, hidden] = guess[: _quarter(guess)][..., hidden].mean(axis=0)
     return np.asarray(start)
 
@@ -246,7 +246,7 @@ def initial_state_prior(
     """
     guess = guess_states(problem.game, problem.view, observation.y)
     start = _calm_start(problem, guess)
-    names, hidden = problem.game.dynamics.state_names, _hidden_components(problem)
+    names, hidden = problem.game.dynamics.state_names, hidden_components(problem)
     noise = sigma * _read_off_noise(problem, observation.y)
     position_noise = noise[:, :2].max(axis=1)
     first = _first_seen(observation.y)
@@ -290,7 +290,7 @@ def _first_seen(y: np.ndarray) -> np.ndarray:
     return np.asarray(np.isfinite(y).all(axis=2).argmax(axis=0))
 
 
-def _hidden_components(problem: Problem) -> list[int]:
+def hidden_components(problem: Problem) -> list[int]:
     """Columns of a state that the view does not show directly."""
     dynamics = problem.game.dynamics
     nothing = np.zeros((1, 1, len(problem.noise_scale)))

@@ -171,7 +171,7 @@ def _prior(game: Game, settings: JointSettings) -> np.ndarray:
             np.full(weights, settings.tie),
             np.where(game.parameters.used, settings.parameter_tie, 1.0),
         ),
-        (np.full(weights, settings.barrier), np.zeros_like(low)),
+        (np.broadcast_to(settings.barrier, weights), np.zeros_like(low)),
     ]
     return np.ascontiguousarray([np.hstack(part).ravel() for part in parts])
 

@@ -53,17 +53,23 @@ def solve_joint_ipopt(
     settings = settings or JointSettings()
     settings.check_floor(game.num_weights)
     solver = joint_solver(
-        game, view, len(ys), settings.max_iterations, settings.tolerance, settings.barrier > 0
+        game,
+        view,
+        len(ys),
+        settings.max_iterations,
+        settings.tolerance,
+        bool(np.any(settings.barrier)),
     )
     weights = np.mean([start.weights for start in starts], axis=0)
     parts = [_flat(start) for start in starts]
     lower = np.full(sum(part.size for part in parts) + weights.size, -np.inf)
     lower[-weights.size :] = settings.weight_floor
     data = [observation_parameters(y, settings.noise_scale) for y in ys]
+    strengths = np.broadcast_to(settings.barrier, weights.shape).ravel()
     solution = solver(
         x0=np.concatenate([*parts, weights.ravel()]),
         lbx=lower,
-        p=np.concatenate([*data, [settings.tie, settings.barrier, settings.weight_floor]]),
+        p=np.concatenate([*data, [settings.tie, settings.weight_floor], strengths]),
         lbg=0,
         ubg=0,
     )
@@ -90,9 +96,9 @@ def _flat(point: JointPoint) -> np.ndarray:
 def _penalty(settings: JointSettings, weights: np.ndarray) -> float:
     """What tie and barrier add to the squared error at weights (N, K)."""
     penalty = settings.tie * float(np.sum((weights - 1 / weights.shape[1]) ** 2))
-    if settings.barrier:
+    if np.any(settings.barrier):
         gaps = np.maximum(weights - settings.weight_floor, np.finfo(float).tiny)
-        penalty -= settings.barrier * float(np.sum(np.log(gaps)))
+        penalty -= float(np.sum(settings.barrier * np.log(gaps)))
     return penalty
 
 
@@ -129,8 +135,8 @@ def joint_solver(
     """Build (or fetch) the solver for ``count`` trajectories.
 
     Its variables are (x, u, lambda) of each trajectory, then theta; its parameters are samples and
-    precision of each, then tie, barrier and floor of the weights. The term of the barrier is there
-    if ``barrier`` says so.
+    precision of each, then tie and floor of the weights and the strengths of their barrier. Its
+    term is there if ``barrier`` says so.
     """
     system = kkt_system(game)
     z = ca.vertcat(system.states, system.controls, system.costates)
@@ -143,15 +149,16 @@ def joint_solver(
 
     points = ca.MX.sym("z", z.numel(), count)
     weights = ca.MX.sym("theta", system.weights.numel())
-    given, terms = ca.MX.sym("data", data.numel(), count), ca.MX.sym("terms", 3)
-    tie, strength, floor = ca.vertsplit(terms)
+    given, terms = ca.MX.sym("data", data.numel(), count), ca.MX.sym("terms", 2)
+    tie, floor = ca.vertsplit(terms)
+    strengths = ca.MX.sym("strengths", weights.numel())
     added = tie * ca.sumsqr(weights - 1 / game.num_weights)
     if barrier:
-        added -= strength * ca.sum1(ca.log(weights - floor))
+        added -= ca.dot(strengths, ca.log(weights - floor))
     sums = [ca.sum1(row) for row in ca.vertsplit(weights, game.num_weights)]
     problem = {
         "x": ca.vertcat(ca.vec(points), weights),
-        "p": ca.vertcat(ca.vec(given), terms),
+        "p": ca.vertcat(ca.vec(given), terms, strengths),
         "f": ca.sum2(losses(points, given)) + added,
         "g": ca.vertcat(
             ca.vec(residual(points, ca.repmat(weights, 1, count))), ca.vertcat(*sums) - 1

@@ -71,8 +71,8 @@ class JointSettings:
         tie: factor of a further term |theta - 1/K|^2 of what is minimised, which holds the weights
             near uniform.
         parameter_tie: factor of a term |s|^2 of standardised unknowns.
-        barrier: factor of a further term -sum log(theta - floor): with 2 sigma^2 alpha it is the
-            Dirichlet prior of ``map``.
+        barrier: factors, one or (N, K), of further terms -log(theta - floor): with 2 sigma^2 alpha
+            they are the Dirichlet prior of ``map``.
         tolerance: on all optimality conditions.
         max_iterations: largest number of iterations.
         first_barrier: initial barrier parameter (native method only).
@@ -86,7 +86,7 @@ class JointSettings:
     weight_floor: float = 1e-5
     tie: float = 0.0
     parameter_tie: float = 0.0
-    barrier: float = 0.0
+    barrier: float | np.ndarray = 0.0
     tolerance: float = 1e-9
     max_iterations: int = 300
     first_barrier: float = 0.1

@@ -6,9 +6,6 @@ is a solution of the joint problem with a prior (``map``), of the samples up to 
 begins at it (``joint_stream``). So it is not reached by following equilibria, which end at folds:
 the joint problem's iterates need not be equilibria. A few Gauss-Newton steps lead from there to the
 peak of the filter's own posterior.
-
-The filters' prior of the log-ratios of a player's weights is Gaussian. The joint problem has the
-Dirichlet distribution whose log-ratios have the same covariance.
 """
 
 import time
@@ -16,8 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import polygamma
 
 from olne_bench.estimators.kkt_constrained import in_time, solver_tolerance
 from olne_bench.estimators.map import with_prior
@@ -58,6 +53,9 @@ class Games(Protocol):
 
     def expected(self, points: np.ndarray) -> np.ndarray:
         """(B, T, d) at points (B, n), NaN where there is none; the first point is their centre."""
+
+    def tilt(self, points: np.ndarray) -> np.ndarray:
+        """(B,) what the log of the prior has beside that of a Gaussian."""
 
     def tangent(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """(T, d) at a point (n,) and their derivative (T, d, n); None where there is none."""
@@ -145,18 +143,16 @@ class PastPosterior:
 class PastGames:
     """The most probable game given the samples so far, for one t after the other."""
 
-    def __init__(self, problem: Problem, y: np.ndarray, spread: float, deadline: float) -> None:
+    def __init__(self, problem: Problem, y: np.ndarray, deadline: float) -> None:
         """Games of one trajectory.
 
         Args:
             problem: what is known; its noise is white.
             y: (T, N, d) observations, NaN where missing.
-            spread: as of ``Ukf``.
             deadline: searches end by then, in seconds of ``time.monotonic``.
         """
         self._problem = replace(problem, sigma=assumed_sigma(problem))
         self._y, self._deadline = y, deadline
-        self._alpha = dirichlet_parameter(spread)
         self._optimum = FollowedOptimum(self._settings, self._search)
 
     def at(self, t: int) -> SolvedGame | None:
@@ -174,7 +170,7 @@ class PastGames:
             weight_floor=problem.weight_floor,
             tolerance=solver_tolerance(problem.sigma),
         )
-        return with_prior(plain, problem.sigma, self._alpha)
+        return with_prior(plain, problem, problem.prior)
 
     def _search(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
         return in_time(joint_attempts(problem, y, self._settings(problem), deadline), deadline)
@@ -238,8 +234,8 @@ def outset(
     Args:
         problem: what is known; its noise is white.
         observation: what is seen of one trajectory.
-        weights: belief about the log-ratios and unknowns after earlier trajectories; None if there
-            are none.
+        weights: belief about the coordinates of weights and unknowns after earlier trajectories;
+            None if there are none.
         spread: as of ``Ukf``.
         deadline: in seconds of ``time.monotonic``.
         peek: as of ``Ukf``.
@@ -254,7 +250,7 @@ def outset(
         around = weights or first_weights(problem, spread, game)
         prior = prior_belief(problem, observation, around, sigma)
         return Outset(prior, FollowedGames(problem, game, deadline))
-    past, y = PastGames(problem, observation.y, spread, deadline), observation.y
+    past, y = PastGames(problem, observation.y, deadline), observation.y
     for first in range(beginning(y), len(y)):
         seen = Observation(first_samples(y, first + 1))
         found = past.at(first) or fitted_game(problem, seen)
@@ -277,15 +273,6 @@ def unexplained(problem: Problem, error: float, y: np.ndarray) -> str:
         f"noise does not explain the squared error of {error:.3g}; it leaves at most "
         f"{explicable:.3g}"
     )
-
-
-def dirichlet_parameter(spread: float) -> float:
-    """That of the Dirichlet distribution whose log-ratios have ``spread`` times the deviations.
-
-    Those of a flat one have a spread of one.
-    """
-    wanted = spread**2 * polygamma(1, 1)
-    return float(np.exp(brentq(lambda log: polygamma(1, np.exp(log)) - wanted, -15.0, 30.0)))
 
 
 def beginning(y: np.ndarray) -> int:

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from olne_bench.estimators.shared.posterior_density import Density, Places
@@ -150,8 +151,17 @@ class Fits:
     @property
     def shares(self) -> np.ndarray:
         """(M,) weights that sum to one, cut at their mean times sqrt(M) (Ionides 2008)."""
-        log_weights = np.minimum(self.log_weights, -np.log(len(self.log_weights)) / 2)
-        return np.asarray(np.exp(log_weights - logsumexp(log_weights)))
+        return self.tempered(0.0)[0]
+
+    def tempered(self, enough: float) -> tuple[np.ndarray, float]:
+        """As ``shares``, to the largest power up to one that leaves ``enough`` effective; and it.
+
+        Weights of a power below one stand for a density between pi and q, which is wider than pi.
+        """
+        powers, power = tempered(self.log_weights, enough)
+        powers = powers - logsumexp(powers)
+        powers = np.minimum(powers, -np.log(len(powers)) / 2)
+        return np.asarray(np.exp(powers - logsumexp(powers))), power
 
     @property
     def split_r_hat(self) -> float:
@@ -165,11 +175,28 @@ class Fits:
         between = means.var(axis=0, ddof=1) / np.maximum(variance, np.finfo(float).tiny)
         return float(np.sqrt(1 + between.max()))
 
-    def resampled(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Indices (count,) of equal weight, in random order."""
-        places = (rng.random() + np.arange(count)) / count
-        chosen = np.searchsorted(np.cumsum(self.shares), places)
-        return rng.permutation(chosen.clip(max=len(self.log_weights) - 1))
+
+def resampled(shares: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Indices (count,) of equal weight, in random order, from weights (M,) that sum to one."""
+    places = (rng.random() + np.arange(count)) / count
+    chosen = np.searchsorted(np.cumsum(shares), places)
+    return rng.permutation(chosen.clip(max=len(shares) - 1))
+
+
+def tempered(log_weights: np.ndarray, enough: float) -> tuple[np.ndarray, float]:
+    """Log weights times the largest factor up to one that leaves ``enough`` effective; and it."""
+    some = np.isfinite(log_weights)
+
+    def scaled(factor: float) -> np.ndarray:
+        return np.where(some, factor * np.where(some, log_weights, 0.0), -np.inf)
+
+    def excess(factor: float) -> float:
+        return effective_sample_size(scaled(factor)) - enough
+
+    if excess(1.0) >= 0:
+        return log_weights, 1.0
+    factor = float(brentq(excess, 0.0, 1.0, xtol=1e-12)) if excess(0.0) > 0 else 0.0
+    return scaled(factor), factor
 
 
 def effective_sample_size(log_weights: np.ndarray) -> float:

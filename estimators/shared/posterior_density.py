@@ -16,6 +16,10 @@ away from where its samples say that it began (standard deviation); its speed is
 fastest player's, and its heading by half a radian. Of 237 players seen late on HighwayEnv's roads,
 the root mean square of the errors is 0.05 to 1.0 of these, the largest is 3.1 (``python
 scripts/unseen_starts.py``).
+
+Where the view hides headings, a flat prior of the first ones leaves a long, bent valley: a player
+that begins in another direction can steer back at once. It is normal around the direction of the
+lane, where a player keeps one (0.1 rad), or else around that of its first samples.
 """
 
 import time
@@ -28,14 +32,22 @@ import numpy as np
 
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.charts import NormalChart
-from olne_bench.estimators.shared.forward_model import SolvedGame, initial_state_prior
+from olne_bench.estimators.shared.forward_model import (
+    SolvedGame,
+    hidden_components,
+    initial_state_prior,
+)
 from olne_bench.estimators.shared.trajectory_fit import guess_states
 from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.compiled.row_functions import RowFunction
 from olne_bench.games.model.dynamics import Dynamics
+from olne_bench.games.model.lanes import LaneKeeping
 from olne_bench.games.model.observation import View
 from olne_bench.games.solve.newton import pack
 from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE
+
+#: Steps from an optimum of the joint problem to a peak, and with coordinates held.
+STEPS = 12
 
 #: The shortest part of a Gauss-Newton step that is tried, and a gain that is none.
 _SHORTEST, _FLAT = 1e-3, 1e-4
@@ -52,6 +64,7 @@ class Places:
         possible: (B,) whether F has a value.
         roots: (B, ...) what further points are followed from; only the density reads it.
         responses: (B, ...) its derivative, or (B,) objects that hold one each.
+        tilts: (B,) what the log of the density has beside -|F|^2 / 2.
     """
 
     points: np.ndarray
@@ -60,6 +73,7 @@ class Places:
     possible: np.ndarray
     roots: np.ndarray
     responses: np.ndarray
+    tilts: np.ndarray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -67,7 +81,7 @@ class Places:
     @property
     def log_density(self) -> np.ndarray:
         """Log pi (B,)."""
-        return np.where(self.possible, -np.sum(self.errors**2, axis=1) / 2, -np.inf)
+        return np.where(self.possible, self.tilts - np.sum(self.errors**2, axis=1) / 2, -np.inf)
 
     def at(self, chosen: np.ndarray) -> "Places":
         """Those of some indices, or where a mask is true."""
@@ -89,10 +103,14 @@ class Density(Protocol):
         """F at points (B, d), each followed from one of B places that are possible."""
 
 
-def climbed(density: Density, place: Places, most: int) -> Places:
-    """The most probable point near one place, or what as many Gauss-Newton steps reach."""
+def climbed(density: Density, place: Places, most: int, free: slice = slice(None)) -> Places:
+    """The most probable point near one place, or what as many Gauss-Newton steps reach.
+
+    Only the coordinates that are ``free`` change.
+    """
     for _ in range(most):
-        step, share = -np.linalg.lstsq(place.rows[0], place.errors[0])[0], 1.0
+        step, share = np.zeros(place.points.shape[1]), 1.0
+        step[free] = -np.linalg.lstsq(place.rows[0][:, free], place.errors[0])[0]
         before = place.log_density[0]
         while share > _SHORTEST:
             trial = density.reach(place.points + share * step, place)
@@ -211,7 +229,8 @@ class GameDensity:
             points, roots, possible, slopes / problem.sigma, slope
         )
         errors[~possible] = 0.0
-        return Places(points, errors, rows, possible, roots, responses)
+        tilts = self.chart.tilt(points[:, : self.chart.size])
+        return Places(points, errors, rows, possible, roots, responses, tilts)
 
     def _prior(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Errors of the prior (B, P) at points (B, d), and their derivative (P, d)."""
@@ -299,9 +318,12 @@ def _width(problem: Problem) -> int:
 #: Deviations: this share of a way or a speed, and as many radians.
 _SHARE_OF_WAY = 0.5
 
+#: Deviation of a hidden heading from that of the lane [rad].
+_ALONG_LANE = 0.1
 
-def unseen_starts(problem: Problem, observation: Observation) -> StartPrior | None:
-    """The prior, flat for players in the first sample; None if that has all players.
+
+def start_prior(problem: Problem, observation: Observation) -> StartPrior | None:
+    """The prior of x_1, flat for what the first sample shows; None if that is all.
 
     Args:
         problem: what is known; its noise is white.
@@ -309,17 +331,36 @@ def unseen_starts(problem: Problem, observation: Observation) -> StartPrior | No
     """
     complete = np.isfinite(observation.y).all(axis=2)
     late = complete.argmax(axis=0)
-    if not late.any():
+    names = problem.game.dynamics.state_names
+    hidden = "heading" in names and names.index("heading") in hidden_components(problem)
+    if not (hidden or late.any()):
         return None
     mean, deviation = initial_state_prior(problem, observation, problem.sigma)
-    one_step = _one_step(guess_states(problem.game, problem.view, observation.y), complete)
+    guess = guess_states(problem.game, problem.view, observation.y)
+    one_step = _one_step(guess, complete)
     least = np.full(mean.shape, _SHARE_OF_WAY * one_step / problem.game.dt)
     least[:, :2] = _SHARE_OF_WAY * one_step * late[:, None]
-    names = problem.game.dynamics.state_names
     if "heading" in names:
         least[:, names.index("heading")] = _SHARE_OF_WAY
-    deviation = np.maximum(deviation, least)
-    return StartPrior(mean, np.where(late[:, None] > 0, deviation, np.inf))
+    wide = np.where(late[:, None] > 0, np.maximum(deviation, least), np.inf)
+    if hidden:
+        k = names.index("heading")
+        for i in np.flatnonzero(late == 0):
+            mean[i, k], wide[i, k] = _first_heading(problem, int(i), mean[i], k, deviation[i, k])
+    return StartPrior(mean, wide)
+
+
+def _first_heading(
+    problem: Problem, player: int, start: np.ndarray, k: int, deviation: float
+) -> tuple[float, float]:
+    """Mean and deviation [rad] of the heading, component k of a start (n,) read off the samples."""
+    known = problem.game.players[player]
+    for feature in (*known.preferences, *known.task):
+        if isinstance(feature, LaneKeeping):
+            lane = feature.direction_at((float(start[0]), float(start[1])))
+            turns = np.round((start[k] - lane) / (2 * np.pi))
+            return lane + 2 * np.pi * float(turns), _ALONG_LANE
+    return float(start[k]), deviation
 
 
 def _one_step(guess: np.ndarray, complete: np.ndarray) -> float:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.protocol import COVARIANCE, POSTERIOR, Estimate, Observation, Problem
 from olne_bench.estimators.shared.belief import (
     FollowedGames,
     Gaussian,
@@ -20,6 +20,7 @@ from olne_bench.estimators.shared.forward_model import (
     squared_error_of,
     warm_up_games,
 )
+from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.past_posterior import Outset, outset, unexplained
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 
@@ -30,7 +31,7 @@ class FilterRun(ABC):
     Attributes:
         online: mean weights (N, K) after each measurement so far.
         games: those of the last trajectory.
-        belief: about the log-ratios and unknowns; None before the first trajectory.
+        belief: about the coordinates of weights and unknowns; None before the first trajectory.
         message: one line if something is wrong.
     """
 
@@ -43,6 +44,7 @@ class FilterRun(ABC):
         self.online: list[np.ndarray] = []
         self.belief: Gaussian | None = None
         self._first_states: np.ndarray | None = None
+        self._trajectories = 0
         self._objective, self.message = 0.0, ""
 
     @abstractmethod
@@ -50,7 +52,7 @@ class FilterRun(ABC):
         """Filter samples (T, N*d) and append to ``online``.
 
         Returns:
-            The mean (n,) of the last belief, and its covariance in log-ratios and unknowns.
+            The mean (n,) of the last belief, and its covariance in these coordinates.
         """
 
     @abstractmethod
@@ -66,6 +68,7 @@ class FilterRun(ABC):
         problem, given = self._problem, (self.belief, self._spread, self._deadline)
         begin = outset(problem, observation, *given, peek=self._peek)
         self.games = begin.games
+        self._trajectories += 1
         self.online += [begin.games.mean_weights(begin.prior)] * begin.first
         mean, covariance = self.filtered(begin, scaled_samples(problem, observation.y))
         states = begin.games.play(mean).root.states
@@ -74,7 +77,7 @@ class FilterRun(ABC):
             self.message = self.message or unexplained(problem, error, observation.y)
         self._objective += error
         self._first_states = states if self._first_states is None else self._first_states
-        self.belief = Gaussian(mean[: begin.games.num_theta], covariance)
+        self.belief = Gaussian(mean[: begin.games.chart.size], covariance)
 
     def lost(self, message: str) -> Estimate:
         """What was known when the filter could not continue."""
@@ -90,8 +93,9 @@ class FilterRun(ABC):
             weights=self.online[-1],
             states=self._first_states,
             covariance=covariance,
+            region=POSTERIOR if self._trajectories == 1 else COVARIANCE,
             parameters=games.parameters(belief.mean),
-            parameter_deviations=games.parameter_deviations(belief.covariance),
+            parameter_deviations=games.parameter_deviations(belief),
             converged=not self.message,
             message=self.message,
             extras=known | extras,
@@ -116,13 +120,15 @@ class SampleFilter(ABC):
         budget: float,
     ) -> Estimate:
         problem, observations = with_white_noise(problem, observation)
-        run = self.run(problem, time.monotonic() + budget, rng)
+        deadline = time.monotonic() + budget
+        asked, problem = problem, with_found_noise(problem, observations, deadline)
+        run = self.run(problem, deadline, rng)
         try:
             for one in observations:
                 run.take_in(one)
         except LostError as error:
             return run.lost(str(error))
-        return run.estimate()
+        return telling_noise(run.estimate(), asked, problem)
 
     def supports(self, problem: Problem) -> str | None:
         """Why this problem cannot be filtered, or None."""

@@ -34,11 +34,7 @@ class Work(ctypes.Structure):
 
 
 def dense(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The array as C reads it: float64, contiguous, aligned; not copied if it is so already.
-
-    Raises:
-        ValueError: if the shape is not the expected one.
-    """
+    """The array as C reads it, copied only if it must be; ValueError if its shape is another."""
     array = np.require(array, np.float64, ("C_CONTIGUOUS", "ALIGNED"))
     if array.shape != shape:
         raise ValueError(f"{name} has the shape {array.shape}, expected {shape}")
@@ -53,11 +49,7 @@ def vector_pointer(ndim: int, *, output: bool = False) -> type:
 
 
 def check_size(in_c: int, here: int, name: str) -> None:
-    """Refuse to go on where a C struct is not what it is taken for.
-
-    Raises:
-        RuntimeError: if the sizes [bytes] of the struct and of its mirror here differ.
-    """
+    """RuntimeError if the sizes [bytes] of a C struct and of its mirror here differ."""
     if in_c != here:
         raise RuntimeError(f"the C struct {name} has {in_c} bytes, its mirror in Python {here}")
 

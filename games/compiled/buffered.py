@@ -11,11 +11,7 @@ import numpy as np
 
 
 def require_dense(function: ca.Function) -> None:
-    """Check that memory can be bound to the arguments and the first result of a function.
-
-    Raises:
-        ValueError: if one of them has structural zeros, which have no memory.
-    """
+    """ValueError if an argument or the first result has structural zeros, which have no memory."""
     patterns = [function.sparsity_in(i) for i in range(function.n_in())]
     if not all(pattern.is_dense() for pattern in [*patterns, function.sparsity_out(0)]):
         raise ValueError(f"{function} is not dense")
@@ -26,9 +22,6 @@ class BufferedFunction:
 
     CasADi stores arrays by columns and NumPy by rows, so a CasADi argument (n, N) is a NumPy array
     (N, n) here. An instance must not be used by two threads at once.
-
-    Raises:
-        ValueError: if an argument or the result has structural zeros, which have no memory.
     """
 
     def __init__(self, function: ca.Function) -> None:

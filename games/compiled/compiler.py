@@ -66,9 +66,6 @@ def backend() -> str:
 
     Between two compilers results may differ in the last digits, and in outcome on hard problems;
     rows of one backend are comparable. The probe is compiled, kept and loaded like all other code.
-
-    Raises:
-        UserError: as ``load`` does.
     """
     load(_PROBE)
     command = _compiler()
@@ -78,11 +75,7 @@ def backend() -> str:
 
 @lru_cache(maxsize=64)
 def load(source: str) -> ctypes.CDLL:
-    """The library of a source, compiled or kept.
-
-    Raises:
-        UserError: if there is no compiler, or it fails; one line.
-    """
+    """The library of a source, compiled or kept; UserError if there is no compiler, or it fails."""
     command = _compiler()
     try:
         return _load(command, source, _processor_flags(command))
@@ -91,11 +84,7 @@ def load(source: str) -> ctypes.CDLL:
 
 
 def _compiler() -> tuple[str, ...]:
-    """The command of the compiler.
-
-    Raises:
-        UserError: if there is none; one line that says what to install.
-    """
+    """The command of the compiler; UserError, which says what to install, if there is none."""
     chosen = os.environ.get("CC")
     if path := shutil.which(chosen or "cc"):
         return (path,)

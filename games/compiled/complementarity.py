@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from olne_bench.games.compiled.stage_patterns import Pattern, half, nonzeros, stack
+from olne_bench.games.compiled.stage_patterns import Pattern, half, named_functions, nonzeros, stack
 from olne_bench.games.model.constraints import Constraint
 from olne_bench.games.model.costs import Stage
 from olne_bench.games.model.dynamics import Dynamics
@@ -125,20 +125,13 @@ def complementarity_functions(kind: Constraint, dynamics: Dynamics) -> Complemen
     return ComplementarityFunctions(
         after=after,
         num_numbers=numbers.numel(),
-        functions={
-            name: ca.Function(name, arguments, [ca.cse(ca.densify(found[name]))])
-            for name in COMPLEMENTARITY_FUNCTIONS
-        },
+        functions=named_functions(COMPLEMENTARITY_FUNCTIONS, arguments, found),
         patterns={"value": (value[0],), "jacobian": jacobian[0], "hessian": (hessian[0],)},
     )
 
 
 def _margins(
-    kind: Constraint,
-    dynamics: Dynamics,
-    states: list[ca.SX],
-    controls: list[ca.SX],
-    numbers: ca.SX,
+    kind: Constraint, dynamics: Dynamics, states: list[ca.SX], controls: list[ca.SX], numbers: ca.SX
 ) -> tuple[ca.SX, tuple[bool, ...]]:
     """The margins h of (C2), and which of them are taken after the step."""
     dt = numbers[0]

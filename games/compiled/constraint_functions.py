@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from olne_bench.games.compiled.stage_patterns import Pattern, stack
+from olne_bench.games.compiled.stage_patterns import Pattern, named_functions, stack
 from olne_bench.games.model.constraints import Constraint, constraint_stage
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.numbers import numbers_of, with_symbols
@@ -33,17 +33,12 @@ class ConstraintFunctions:
     Functions take (states of the players that it looks at (count*n,), control (m,), numbers (P,),
     multipliers v (c,), weights sigma (c,), direction d (count*n + m,)) and return one column. In
     the last step, m is 0.
-
-    Attributes:
-        needs_control: (c,) whether each margin depends on the control.
-        num_numbers: P.
-        functions: by the names of ``CONSTRAINT_FUNCTIONS``.
-        blocks: where the nonzeros of ``condensed`` sit, rows and columns of the constraint.
     """
 
-    needs_control: tuple[bool, ...]
-    num_numbers: int
-    functions: dict[str, ca.Function]
+    needs_control: tuple[bool, ...]  # (c,) whether each margin depends on the control
+    num_numbers: int  # P
+    functions: dict[str, ca.Function]  # by the names of ``CONSTRAINT_FUNCTIONS``
+    #: Where the nonzeros of ``condensed`` sit, rows and columns of the constraint.
     blocks: tuple[Pattern, ...]
 
     @property
@@ -54,22 +49,15 @@ class ConstraintFunctions:
 
 @dataclass(frozen=True, eq=False)
 class ConstraintPlace:
-    """Where one constraint belongs in the whole game.
+    """Where one constraint belongs in the whole game."""
 
-    Attributes:
-        kind: index of its pair of functions (in every step but the last, in the last).
-        players: those whose states it looks at; the first one's control.
-        first_step: the first step in which it is enforced.
-        offset: place of its first margin among all margins of a step.
-        indices: for each of the pair, the places of the nonzeros of ``condensed`` among the values
-            of the stage blocks.
-    """
-
-    kind: int
-    players: tuple[int, ...]
-    first_step: int
-    offset: int
-    indices: tuple[np.ndarray, np.ndarray]
+    kind: int  # index of its pair of functions (in every step but the last, in the last)
+    players: tuple[int, ...]  # those whose states it looks at; the first one's control
+    first_step: int  # the first step in which it is enforced
+    offset: int  # place of its first margin among all margins of a step
+    #: For each of the pair (``jacobian``, ``final_jacobian``), the places of the nonzeros of
+    #: ``condensed`` among the values of the stage blocks.
+    indices: dict[str, np.ndarray]
 
 
 def kind_of(constraint: Constraint) -> Constraint:
@@ -91,9 +79,8 @@ def constraint_functions(
 def _functions(kind: Constraint, dynamics: Dynamics, *, last: bool) -> ConstraintFunctions:
     numbers = ca.SX.sym("numbers", 1 + len(numbers_of(kind)))
     stage = constraint_stage(kind, dynamics, numbers[0], last=last)
-    states, control = ca.vertcat(*stage.states), ca.SX(0, 1)
-    if stage.control is not None:
-        control = stage.control
+    states = ca.vertcat(*stage.states)
+    control = ca.SX(0, 1) if stage.control is None else stage.control
     margins = ca.densify(ca.SX(with_symbols(kind, numbers[1:]).margins(stage)))
     count = margins.numel()
     motion = ca.vertcat(states, control)
@@ -107,16 +94,9 @@ def _functions(kind: Constraint, dynamics: Dynamics, *, last: bool) -> Constrain
     blocks, values = stack(
         Q=condensed[x, x], P=condensed[x, u], S=condensed[u, x], R=condensed[u, u]
     )
-    results = {
-        "margins": margins,
-        "push": slope.T @ v,
-        "change": slope @ direction,
-        "condensed": values,
-    }
+    results = {"margins": margins, "push": slope.T @ v, "change": slope @ direction}
+    results["condensed"] = values
     arguments = [states, control, numbers, v, sigma, direction]
-    functions = {
-        name: ca.Function(name, arguments, [ca.cse(ca.densify(results[name]))])
-        for name in CONSTRAINT_FUNCTIONS
-    }
+    functions = named_functions(CONSTRAINT_FUNCTIONS, arguments, results)
     needs = tuple(bool(ca.depends_on(margins[k], control)) for k in range(count))
     return ConstraintFunctions(needs, numbers.numel(), functions, blocks)

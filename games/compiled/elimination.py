@@ -36,7 +36,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from olne_bench.games.compiled.bindings import LARGEST_INT, Work, check_size, declared, dense
+from olne_bench.games.compiled.bindings import LARGEST_INT, Work, declared, dense
 from olne_bench.games.compiled.compiler import load
 from olne_bench.games.compiled.complementarity import RELAXATION
 from olne_bench.games.compiled.source import source_of
@@ -50,37 +50,23 @@ from olne_bench.games.model.unknowns import at_means, unknowns_of
 
 @dataclass(frozen=True)
 class Responses:
-    """Locally optimal responses of one player from B first plans.
+    """Locally optimal responses of one player from B first plans."""
 
-    Attributes:
-        controls: (B, T-1, m).
-        costates: (B, T-1, n), of the player's own state, in the sign convention of
-            ``games.solve.kkt``.
-        costs: (B,) J^i.
-        converged: (B,) whether the optimiser reached a stationary point.
-        iterations: (B,) Newton steps.
-    """
-
-    controls: np.ndarray
+    controls: np.ndarray  # (B, T-1, m)
+    #: (B, T-1, n), of the player's own state, in the sign convention of ``games.solve.kkt``.
     costates: np.ndarray
-    costs: np.ndarray
-    converged: np.ndarray
-    iterations: np.ndarray
+    costs: np.ndarray  # (B,) J^i
+    converged: np.ndarray  # (B,) whether the optimiser reached a stationary point
+    iterations: np.ndarray  # (B,) Newton steps
 
 
 class Elimination:
     """Evaluates, factorises and solves one game's first-order conditions.
 
     An object holds the last factorisation and its work space, so threads must not share it. All
-    methods raise ValueError on an array of the wrong shape.
-
-    Attributes:
-        stages: the stage functions of the game's structure.
-        horizon: T.
-        enforced: (T, C) in which steps each margin is enforced; no control changes x_1. Where
-            constraints are equations, of those of (C2) in ``games.compiled.complementarity``.
-        library: the compiled code.
-        work: the work space, which its functions take by reference as their first argument.
+    methods raise ValueError on an array of the wrong shape. The C functions of ``library`` take
+    ``work`` by reference. ``enforced`` (T, C) says in which steps each margin is enforced; where
+    constraints are equations, each of (C2) in ``games.compiled.complementarity``.
     """
 
     def __init__(
@@ -215,15 +201,8 @@ class Elimination:
     ) -> bool:
         """``linearise`` with J' diag(sigma) J - v' g'' and shift I added to the second derivatives.
 
-        Args:
-            z: (T, size).
-            theta: (N*K,).
-            v: (T, C) multipliers.
-            sigma: (T, C) weights.
-            shift: what is added to the diagonals of Q and R.
-
-        Returns:
-            False unless the symmetric part of every stage matrix M is positive definite.
+        Multipliers v and weights sigma are (T, C). False unless the symmetric part of every stage
+        matrix M is positive definite.
         """
         point = self._rows("z", z), self._weights(theta)
         margins = self._margins("v", v), self._margins("sigma", sigma)
@@ -287,19 +266,12 @@ class Elimination:
         limit: float,
         factorised: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Damped Newton on G = 0 for a batch, in place.
+        """Damped Newton on G = 0 for a batch of starts z (B, T, size), in place; theta (B, N*K).
 
-        Args:
-            z: (B, T, size) starts, overwritten by the best points reached; x_1 stays.
-            theta: (B, N*K).
-            tolerance: stop once max |G| falls below.
-            max_iterations: factorisations per game at most.
-            limit: wall-clock seconds for the batch.
-            factorised: whether the last factorisation is of a point near the starts. It then serves
-                first, as each serves until its steps leave too much of the residual (``ENOUGH``).
-
-        Returns:
-            max |G| (B,) and the number of factorisations (B,).
+        Of each game, at most ``max_iterations`` factorisations are made. ``factorised``: the last
+        one is of a point near the starts; it serves first, as each serves until its steps leave too
+        much of the residual (``ENOUGH``). Returns max |G| (B,) and the number of factorisations
+        (B,).
         """
         count = len(z)
         points = dense("z", z, (count, *self._shape))
@@ -325,15 +297,9 @@ class Elimination:
         tolerance: float = 1e-12,
         max_iterations: int = 200,
     ) -> Responses:
-        """Best responses of one player to the others' motion, from several first plans.
+        """Best responses of one player to the others' motion z (T, size), from plans (B, T-1, m).
 
-        Args:
-            player: index i.
-            plans: (B, T-1, m) controls to start from.
-            z: (T, size) trajectory of everybody.
-            theta: (N*K,).
-            tolerance: stop where Newton's step promises less than this share of 1 + |J^i|.
-            max_iterations: Newton steps for each plan at most.
+        Newton's method stops where its step promises less than ``tolerance`` of 1 + |J^i|.
         """
         stages, count, steps = self.stages, len(plans), self.horizon - 1
         sizes = [stages.own_controls, stages.num_states // stages.num_players]
@@ -358,19 +324,10 @@ class Elimination:
         max_rounds: int,
         max_steps: int,
     ) -> np.ndarray:
-        """Iterated best response from a feasible motion; see ``games.solve.best_response``.
+        """Iterated best response from a feasible motion z (T, size), with the responses' costates.
 
-        Args:
-            z: (T, size) trajectory of everybody.
-            theta: (N*K,).
-            first: the player that responds before the others.
-            damping: share of the way to its response that a player goes.
-            settled: stop where no response differs by more from what the player had planned.
-            max_rounds: rounds through all players.
-            max_steps: Newton steps of all responses together, after which no round starts.
-
-        Returns:
-            The last motion (T, size), with costates of the last responses.
+        The arguments are those of ``games.solve.best_response``: ``settled`` is its tolerance,
+        ``max_steps`` its ``max_iterations``.
         """
         z = self._rows("z", z).copy()
         tolerance, max_iterations = 1e-12, 200  # of each response
@@ -380,32 +337,6 @@ class Elimination:
             np.empty(self.library.response_space(self.horizon)),
         )
         return z
-
-    def interior(
-        self,
-        options: np.ndarray,
-        z: np.ndarray,
-        theta: np.ndarray,
-        *,
-        coupled: bool,
-        tau: float,
-        relaxed: float,
-        max_iterations: int,
-    ) -> tuple[np.ndarray, np.ndarray, float, bool, int]:
-        """The iteration of ``games.solve.interior``, whose options are those of ``interior.c``.
-
-        Returns:
-            The last z, multipliers (T, C), residual, whether it is solved, and iterations.
-        """
-        z, v = self._rows("z", z).copy(), np.zeros((self.horizon, self.stages.num_margins))
-        residual, solved = np.zeros(1), np.zeros(1, dtype=np.int32)
-        check_size(self.library.interior_options(), options.nbytes, "InteriorOptions")
-        iterations = self.library.interior(
-            *(self.work, options, self._weights(theta), self.enforced, int(coupled)),
-            *(tau, relaxed, max_iterations, z, v, residual, solved),
-            np.empty(self.library.interior_space(self.horizon)),
-        )
-        return z, v, float(residual[0]), bool(solved[0]), iterations
 
     def _rows(self, name: str, array: np.ndarray) -> np.ndarray:
         return dense(name, array, self._shape)
@@ -437,18 +368,10 @@ def _enforced(stages: StageFunctions, horizon: int) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def elimination(game: Game, view: View = VIEWS["full"], extension: str = "") -> Elimination:
-    """The elimination of a game, built or fetched.
+    """The elimination of a game, built or fetched, whose constraints are equations.
 
-    Constraints of the game are equations (``games.compiled.complementarity``).
-
-    Args:
-        game: the game.
-        view: the observation model, where the inverse problem is meant.
-        extension: C source that is compiled behind ``elimination.c``. The caller declares its
-            functions on ``Elimination.library`` and passes ``Elimination.work``.
-
-    Raises:
-        UserError: if there is no compiler.
+    An ``extension`` is C source that is compiled behind ``elimination.c``. The caller declares its
+    functions on ``Elimination.library`` and passes ``Elimination.work``.
     """
     return _compiled(game, view, extension, condensed=False)
 
@@ -456,13 +379,8 @@ def elimination(game: Game, view: View = VIEWS["full"], extension: str = "") -> 
 def interior_elimination(game: Game, known: Game | None = None) -> Elimination:
     """The elimination of ``games.solve.interior``, with constraints condensed.
 
-    Args:
-        game: the game.
-        known: the game with known constraints (``Game.with_known_constraints``), if the game
-            leaves some unknown. All of them share one work space.
-
-    Raises:
-        ValueError: if constraints have unknowns and nobody says what they are.
+    Where the game leaves some unknown, ``known`` is the game with known constraints; ValueError if
+    it is missing. All of them share one work space.
     """
     if known is not None and known is not game:
         numbers = numbers_table(known.constraints, known.dt)

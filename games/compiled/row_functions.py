@@ -34,15 +34,11 @@ int rows_{name}(int count, const double *const *arguments, double *result) {{
 
 
 class RowFunction:
-    """Evaluates a CasADi function for every row of its arguments.
+    """Evaluates a CasADi function of one result for every row of its arguments.
 
-    Args:
-        function: has one result. A matrix (n, m) among arguments and result is a row of n * m
-            numbers, column by column.
-        library: holds the compiled loop; None evaluates the function with CasADi.
-
-    Raises:
-        ValueError: if an argument or the result has structural zeros.
+    A matrix (n, m) among arguments and result is a row of n * m numbers, column by column. The
+    library holds the compiled loop; None evaluates the function with CasADi. ValueError if an
+    argument or the result has structural zeros.
     """
 
     def __init__(self, function: ca.Function, library: ctypes.CDLL | None) -> None:
@@ -55,11 +51,7 @@ class RowFunction:
         self._mapped = lru_cache(maxsize=64)(self._map)
 
     def __call__(self, *arguments: np.ndarray) -> np.ndarray:
-        """The results (R, size) of arguments (R, ...) with R rows each.
-
-        Raises:
-            ValueError: if an argument has the wrong number of entries.
-        """
+        """The results (R, size) of arguments (R, ...); ValueError on a wrong number of entries."""
         count = len(arguments[0])
         if not count:
             return np.empty((0, self._size))

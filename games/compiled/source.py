@@ -84,8 +84,7 @@ def _functions(stages: StageFunctions) -> str:
 def without_checks(code: str) -> str:
     """CasADi's C code without its checks for absent arguments and results; all are given here.
 
-    Raises:
-        RuntimeError: if CasADi writes its checks in another way.
+    RuntimeError if CasADi writes its checks in another way.
     """
     code = re.sub(r"(arg\[\d+\])\? (\1\[\d+\]) : 0", r"\2", code)
     code = re.sub(r"if \(res\[\d+\]!=0\) ", "", code)
@@ -131,7 +130,7 @@ def _constraints(stages: StageFunctions) -> list[str]:
     for place in stages.constraints:
         both = _braces(f"CONSTRAINT_KINDS + {2 * place.kind + last}" for last in (0, 1))
         players = _integers(place.players), len(place.players)
-        indices = _braces(map(_integers, place.indices))
+        indices = _braces(map(_integers, place.indices.values()))
         constraints.append(_braces([both, indices, *players, place.offset]))
     return [
         _table("ConstraintKind CONSTRAINT_KINDS[]", kinds or ["{{0}}"]),

@@ -25,6 +25,7 @@ The blocks of one stage, all of them taken at (x_t, u_t, lambda_t, theta):
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 
 import casadi as ca
 import numpy as np
@@ -41,7 +42,7 @@ from olne_bench.games.compiled.constraint_functions import (
     kind_of,
 )
 from olne_bench.games.compiled.stage_patterns import Entries, Pattern, half, merged, nonzeros
-from olne_bench.games.compiled.terms import Term, TermFunctions, term_functions, terms_of
+from olne_bench.games.compiled.terms import FUNCTIONS, Term, TermFunctions, term_functions, terms_of
 from olne_bench.games.model.constraints import Constraint
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Game
@@ -60,16 +61,11 @@ class LossFunctions:
     """Squared error of the samples of one player.
 
     Functions take (x (n,), y (d,), precision (d,), numbers of the view (P,)).
-
-    Attributes:
-        value: sum (precision (y - h(x)))^2 and its gradient (n,), in one column.
-        hessian: nonzeros of the upper triangle, the diagonal halved, of its Hessian.
-        pattern: where these sit.
     """
 
-    value: ca.Function
-    hessian: ca.Function
-    pattern: Pattern
+    value: ca.Function  # sum (precision (y - h(x)))^2 and its gradient (n,), in one column
+    hessian: ca.Function  # nonzeros of the upper triangle, the diagonal halved, of its Hessian
+    pattern: Pattern  # where these sit
 
     @property
     def num_numbers(self) -> int:
@@ -79,61 +75,44 @@ class LossFunctions:
 
 @dataclass(frozen=True, eq=False)
 class TermPlace:
-    """Where one term belongs in the whole game.
+    """Where one term belongs in the whole game."""
 
-    Attributes:
-        kind: index of its functions.
-        owner: its player.
-        players: those whose states it looks at.
-        indices: for each function but the costs, the place of each of its nonzeros among the
-            values of the whole stage.
-    """
-
-    kind: int
-    owner: int
-    players: tuple[int, ...]
+    kind: int  # index of its functions
+    owner: int  # its player
+    players: tuple[int, ...]  # those whose states it looks at
+    #: For each function but the costs, the place of each of its nonzeros among the values of the
+    #: whole stage.
     indices: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class StageFunctions:
-    """Everything about games of one structure, and one observation model, for an elimination.
+    """Everything about games of one structure, and one observation model, for an elimination."""
 
-    Attributes:
-        num_players: N. num_states: N*n. num_weights: N*K. num_samples: N*d.
-        num_controls: N*m, plus C where multipliers of constraints are unknowns of a stage.
-        kinds: the functions of the terms.
-        terms: all terms; their sum is the stage.
-        loss: the observation model.
-        blocks: patterns of Q, P, X, S, R, U, A, B.
-        final_blocks: the same of the last stage; all but Q and X are empty.
-        curvature: upper triangle, its diagonal halved, of the Hessian of l_t in the order
-            (x, u, lambda, theta): the Hessian is this plus its transpose.
-        final_curvature: the same for the last stage, in the same order.
-        loss_indices: of each player, where the nonzeros of ``loss.hessian`` belong in the curvature
-            and in that of the last stage.
-        constraint_kinds: the functions of the constraints: of every step but the last, of the last.
-        constraints: all constraints, whose margins come one after another.
-        complementarity_kinds: the functions of constraints whose multipliers are unknowns.
-        complementarities: these constraints, whose multipliers come one after another.
-    """
-
-    num_players: int
-    num_states: int
-    num_controls: int
-    num_weights: int
-    num_samples: int
-    kinds: tuple[TermFunctions, ...]
-    terms: tuple[TermPlace, ...]
-    loss: LossFunctions
-    blocks: tuple[Pattern, ...]
-    final_blocks: tuple[Pattern, ...]
+    num_players: int  # N
+    num_states: int  # N*n
+    num_controls: int  # N*m, plus C where multipliers of constraints are unknowns of a stage
+    num_weights: int  # N*K
+    num_samples: int  # N*d
+    kinds: tuple[TermFunctions, ...]  # the functions of the terms
+    terms: tuple[TermPlace, ...]  # all terms; their sum is the stage
+    loss: LossFunctions  # the observation model
+    blocks: tuple[Pattern, ...]  # patterns of Q, P, X, S, R, U, A, B
+    final_blocks: tuple[Pattern, ...]  # the same of the last stage; all but Q and X are empty
+    #: Upper triangle, its diagonal halved, of the Hessian of l_t in the order (x, u, lambda,
+    #: theta): the Hessian is this plus its transpose.
     curvature: Pattern
-    final_curvature: Pattern
+    final_curvature: Pattern  # the same for the last stage, in the same order
+    #: Of each player, where the nonzeros of ``loss.hessian`` belong in the curvature and in that of
+    #: the last stage.
     loss_indices: tuple[tuple[np.ndarray, np.ndarray], ...]
+    #: The functions of the constraints: of every step but the last, of the last.
     constraint_kinds: tuple[tuple[ConstraintFunctions, ConstraintFunctions], ...]
+    #: All constraints, whose margins come one after another.
     constraints: tuple[ConstraintPlace, ...]
+    #: The functions of constraints whose multipliers are unknowns.
     complementarity_kinds: tuple[ComplementarityFunctions, ...] = ()
+    #: These constraints, whose multipliers come one after another.
     complementarities: tuple[ComplementarityPlace, ...] = ()
 
     @property
@@ -162,12 +141,8 @@ class StageFunctions:
 def stage_functions(game: Game, view: View, *, condensed: bool = False) -> StageFunctions:
     """Derive (or fetch) the stage functions of a game's structure and an observation model.
 
-    Args:
-        game: the game.
-        view: the observation model.
-        condensed: whether constraints are condensed, as the interior point method needs them
-            (``games.compiled.constraint_functions``), or else equations
-            (``games.compiled.complementarity``).
+    Constraints are condensed (``games.compiled.constraint_functions``) or else equations
+    (``games.compiled.complementarity``).
     """
     structure, _ = structure_and_numbers(game)
     own_view = view_and_numbers(view, structure.dynamics)[0]
@@ -176,164 +151,89 @@ def stage_functions(game: Game, view: View, *, condensed: bool = False) -> Stage
 
 @lru_cache(maxsize=64)
 def _stage_functions(structure: Structure, view: View, condensed: bool) -> StageFunctions:
+    dynamics, constraints = structure.dynamics, structure.constraints
     terms = terms_of(structure)
-    kinds = tuple(dict.fromkeys(term.kind for term in terms))
-    functions = tuple(term_functions(kind) for kind in kinds)
-    loss = _loss_functions(view, structure.dynamics)
-    nothing: tuple[Constraint, ...] = ()
-    split = (structure.constraints, nothing) if condensed else (nothing, structure.constraints)
-    equation_kinds, equations = _equations(split[1], structure.dynamics)
-    layout = _Layout(len(structure.players), structure, sum(equations.sizes))
-    constraint_kinds, kind_places, nonzeros_of = _constraints(split[0], structure, layout)
-    sizes = [constraint_kinds[k][0].num_margins for k in kind_places]
-    stage = _merged_stage(
-        [layout.entries(term, functions[kinds.index(term.kind)]) for term in terms],
-        [
-            layout.equation_entries(constraint, equation_kinds[kind], offset)
-            for constraint, kind, offset in zip(
-                split[1], equations.kinds, equations.offsets, strict=True
-            )
-        ],
-        nonzeros_of,
-        layout.loss_entries(loss),
-    )
+    term_kinds = list(dict.fromkeys(term.kind for term in terms))
+    kinds = tuple(term_functions(kind) for kind in term_kinds)
+    loss = _loss_functions(view, dynamics)
+    pairs, equations, placed = _kinds_and_places(constraints, dynamics, condensed)
+    multipliers = sum(equations[kind].num_margins for _, kind, _ in placed if not condensed)
+    layout = _Layout(len(structure.players), structure, multipliers)
+    parts = [layout.entries(term, kinds[term_kinds.index(term.kind)]) for term in terms]
+    if condensed:
+        parts += [layout.constraint_entries(one, pairs[kind]) for one, kind, _ in placed]
+    else:
+        parts += [layout.equation_entries(one, equations[k], offset) for one, k, offset in placed]
+    patterns, indices = _merged_parts(parts + layout.loss_entries(loss))
+    of_constraints = list(zip(placed, indices[len(terms) :], strict=False))
     return StageFunctions(
         num_players=layout.players,
         num_states=layout.players * layout.n,
         num_controls=layout.players * layout.m + layout.multipliers,
         num_weights=layout.players * layout.weights,
-        num_samples=layout.players * observation_size(view, structure.dynamics),
-        kinds=functions,
+        num_samples=layout.players * observation_size(view, dynamics),
+        kinds=kinds,
         terms=tuple(
-            TermPlace(kinds.index(term.kind), term.owner, term.players, indices)
-            for term, indices in zip(terms, stage.terms, strict=True)
+            TermPlace(term_kinds.index(term.kind), term.owner, term.players, found)
+            for term, found in zip(terms, indices, strict=False)
         ),
         loss=loss,
-        blocks=stage.blocks,
-        final_blocks=stage.final_blocks,
-        curvature=stage.curvature,
-        final_curvature=stage.final_curvature,
-        loss_indices=stage.losses,
-        constraint_kinds=constraint_kinds,
-        constraints=_constraint_places(split[0], sizes, kind_places, *stage.condensed),
-        complementarity_kinds=equation_kinds,
-        complementarities=() if condensed else equations.places(structure, stage.equations),
-    )
-
-
-@dataclass(frozen=True)
-class _MergedStage:
-    """Patterns of the whole stage, and where in them the nonzeros of all parts are."""
-
-    blocks: tuple[Pattern, ...]
-    final_blocks: tuple[Pattern, ...]
-    curvature: Pattern
-    final_curvature: Pattern
-    terms: list[dict[str, np.ndarray]]
-    equations: list[dict[str, np.ndarray]]
-    condensed: tuple[list[np.ndarray], list[np.ndarray]]
-    losses: tuple[tuple[np.ndarray, np.ndarray], ...]
-
-
-def _merged_stage(
-    terms: list[dict[str, Entries]],
-    equations: list[dict[str, Entries]],
-    condensed: list[list[Entries]],
-    losses: list[Entries],
-) -> _MergedStage:
-    count, both = len(terms), terms + equations
-    blocks, in_stage = merged([p["jacobian"] for p in both] + [c[0] for c in condensed])
-    final_blocks, at_end = merged([p["final_jacobian"] for p in terms] + [c[1] for c in condensed])
-    (curvature,), in_all = merged([part["hessian"] for part in both] + losses)
-    (final_curvature,), in_last = merged([part["final_hessian"] for part in terms] + losses)
-    found = [
-        {
-            "value": part["value"][0][1],
-            "final_value": part["final_value"][0][1] if k < count else np.zeros(0, int),
-            "jacobian": in_stage[k],
-            "final_jacobian": at_end[k] if k < count else np.zeros(0, int),
-            "hessian": in_all[k],
-            "final_hessian": in_last[k] if k < count else np.zeros(0, int),
-        }
-        for k, part in enumerate(both)
-    ]
-    return _MergedStage(
-        blocks=blocks,
-        final_blocks=final_blocks,
-        curvature=curvature,
-        final_curvature=final_curvature,
-        terms=found[:count],
-        equations=found[count:],
-        condensed=(in_stage[len(both) :], at_end[count:]),
-        losses=tuple(zip(in_all[len(both) :], in_last[count:], strict=True)),
-    )
-
-
-@dataclass(frozen=True)
-class _Equations:
-    """Of each constraint that is an equation: its kind, and the place of its first multiplier."""
-
-    kinds: list[int]
-    sizes: list[int]
-
-    @property
-    def offsets(self) -> list[int]:
-        return [sum(self.sizes[:k]) for k in range(len(self.sizes))]
-
-    def places(
-        self, structure: Structure, indices: list[dict[str, np.ndarray]]
-    ) -> tuple[ComplementarityPlace, ...]:
-        return tuple(
+        blocks=patterns["jacobian"],
+        final_blocks=patterns["final_jacobian"],
+        curvature=patterns["hessian"][0],
+        final_curvature=patterns["final_hessian"][0],
+        loss_indices=tuple(
+            (found["hessian"], found["final_hessian"]) for found in indices[len(parts) :]
+        ),
+        constraint_kinds=pairs,
+        constraints=tuple(
+            ConstraintPlace(kind, one.players, one.first_step, offset, found)
+            for (one, kind, offset), found in of_constraints
+            if condensed
+        ),
+        complementarity_kinds=equations,
+        complementarities=tuple(
             ComplementarityPlace(
                 kind, one.players, one.first_step, offset, structure.theta_places(one), found
             )
-            for one, kind, offset, found in zip(
-                structure.constraints, self.kinds, self.offsets, indices, strict=True
-            )
-        )
-
-
-def _kinds(constraints: tuple[Constraint, ...]) -> tuple[list[Constraint], list[int]]:
-    """The kinds of constraints, and the place of each one's kind among them."""
-    kinds = list(dict.fromkeys(map(kind_of, constraints)))
-    return kinds, [kinds.index(kind_of(constraint)) for constraint in constraints]
-
-
-def _equations(
-    constraints: tuple[Constraint, ...], dynamics: Dynamics
-) -> tuple[tuple[ComplementarityFunctions, ...], _Equations]:
-    """The functions of all kinds of constraints, and the kind of each."""
-    kinds, places = _kinds(constraints)
-    functions = tuple(complementarity_functions(kind, dynamics) for kind in kinds)
-    return functions, _Equations(places, [functions[place].num_margins for place in places])
-
-
-def _constraints(
-    constraints: tuple[Constraint, ...], structure: Structure, layout: "_Layout"
-) -> tuple[
-    tuple[tuple[ConstraintFunctions, ConstraintFunctions], ...], list[int], list[list[Entries]]
-]:
-    """The functions of all kinds; of each constraint, its kind's number and nonzeros."""
-    kinds, places = _kinds(constraints)
-    pairs = tuple(constraint_functions(kind, structure.dynamics) for kind in kinds)
-    nonzeros = [
-        [layout.constraint_entries(constraint, functions) for functions in pairs[place]]
-        for constraint, place in zip(constraints, places, strict=True)
-    ]
-    return pairs, places, nonzeros
-
-
-def _constraint_places(
-    constraints: tuple[Constraint, ...],
-    sizes: list[int],
-    kinds: list[int],
-    in_stage: list[np.ndarray],
-    at_end: list[np.ndarray],
-) -> tuple[ConstraintPlace, ...]:
-    return tuple(
-        ConstraintPlace(kinds[k], c.players, c.first_step, sum(sizes[:k]), (in_stage[k], at_end[k]))
-        for k, c in enumerate(constraints)
+            for (one, kind, offset), found in of_constraints
+            if not condensed
+        ),
     )
+
+
+def _kinds_and_places(
+    constraints: tuple[Constraint, ...], dynamics: Dynamics, condensed: bool
+) -> tuple[
+    tuple[tuple[ConstraintFunctions, ConstraintFunctions], ...],
+    tuple[ComplementarityFunctions, ...],
+    list[tuple[Constraint, int, int]],
+]:
+    """Functions of all kinds of constraints; each constraint with its kind and first margin."""
+    shared = list(dict.fromkeys(map(kind_of, constraints)))
+    kinds = [shared.index(kind_of(constraint)) for constraint in constraints]
+    pairs = tuple(constraint_functions(kind, dynamics) for kind in shared if condensed)
+    equations = tuple(complementarity_functions(kind, dynamics) for kind in shared if not condensed)
+    counts = [one.num_margins for one in ([pair[0] for pair in pairs] if condensed else equations)]
+    offsets = accumulate((counts[kind] for kind in kinds), initial=0)
+    return pairs, equations, list(zip(constraints, kinds, offsets, strict=False))
+
+
+def _merged_parts(
+    parts: list[dict[str, Entries]],
+) -> tuple[dict[str, tuple[Pattern, ...]], list[dict[str, np.ndarray]]]:
+    """Patterns of the whole stage, by function, and where in them the nonzeros of each part are."""
+    patterns: dict[str, tuple[Pattern, ...]] = {}
+    indices: list[dict[str, np.ndarray]] = [{} for _ in parts]
+    for name in FUNCTIONS[:6]:
+        having = [k for k, part in enumerate(parts) if name in part]
+        if name.endswith("value"):
+            found = [parts[k][name][0][1] for k in having]
+        else:
+            patterns[name], found = merged([parts[k][name] for k in having])
+        for k, places in zip(having, found, strict=True):
+            indices[k][name] = places
+    return patterns, indices
 
 
 @lru_cache(maxsize=64)
@@ -377,12 +277,14 @@ class _Layout:
         sides |= {"A": (own, states), "B": (own, control), "G": (rows, _ONE), "H": (order, order)}
         return _placed(functions.patterns, sides)
 
-    def constraint_entries(self, constraint: Constraint, functions: ConstraintFunctions) -> Entries:
-        """The nonzeros that a constraint adds to the stage blocks."""
+    def constraint_entries(
+        self, constraint: Constraint, pair: tuple[ConstraintFunctions, ConstraintFunctions]
+    ) -> dict[str, Entries]:
+        """The nonzeros that a condensed constraint adds to the stage blocks, also at the end."""
         states = _spread(constraint.players, self.n)
         control = _spread(constraint.players[:1], self.m)
         sides = _sides(states, control, states, control, _ONE)
-        return _placed({"condensed": functions.blocks}, sides)["condensed"]
+        return _placed({"jacobian": pair[0].blocks, "final_jacobian": pair[1].blocks}, sides)
 
     def equation_entries(
         self, constraint: Constraint, functions: ComplementarityFunctions, offset: int
@@ -396,12 +298,15 @@ class _Layout:
         sides = _sides(states, inputs, states, inputs, theta)
         return _placed(functions.patterns, sides | {"G": (rows, _ONE), "H": (order, order)})
 
-    def loss_entries(self, loss: LossFunctions) -> list[Entries]:
-        """The nonzeros of the Hessian of each player's loss."""
-        return [
-            [("H", i * self.n + loss.pattern.rows, i * self.n + loss.pattern.columns)]
-            for i in range(self.players)
-        ]
+    def loss_entries(self, loss: LossFunctions) -> list[dict[str, Entries]]:
+        """The nonzeros of the Hessian of each player's loss, the same at the end."""
+        found = []
+        for i in range(self.players):
+            places: Entries = [
+                ("H", i * self.n + loss.pattern.rows, i * self.n + loss.pattern.columns)
+            ]
+            found.append({"hessian": places, "final_hessian": places})
+        return found
 
 
 #: Rows and columns, by the names of blocks.

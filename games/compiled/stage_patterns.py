@@ -1,6 +1,6 @@
 """Where the nonzeros of derivatives sit, and how those of many terms come together in one stage."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -62,3 +62,12 @@ def stack(**blocks: ca.SX) -> tuple[tuple[Pattern, ...], ca.SX]:
     """Patterns of all blocks and their nonzeros in one column."""
     pairs = [nonzeros(name, block) for name, block in blocks.items()]
     return tuple(pattern for pattern, _ in pairs), ca.vertcat(*[values for _, values in pairs])
+
+
+def named_functions(
+    names: Sequence[str], arguments: Sequence[ca.SX], values: Mapping[str, ca.SX]
+) -> dict[str, ca.Function]:
+    """Dense functions of the same arguments, by their names."""
+    return {
+        name: ca.Function(name, arguments, [ca.cse(ca.densify(values[name]))]) for name in names
+    }

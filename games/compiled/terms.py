@@ -15,7 +15,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from olne_bench.games.compiled.stage_patterns import Pattern, half, nonzeros, stack
+from olne_bench.games.compiled.stage_patterns import Pattern, half, named_functions, nonzeros, stack
 from olne_bench.games.model.costs import Feature, Stage
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Player
@@ -34,23 +34,14 @@ _TRIES = 20
 
 @dataclass(frozen=True)
 class TermKind:
-    """What terms have in common that share their functions.
+    """What terms have in common that share their functions."""
 
-    Attributes:
-        player: whose cost it is; features that are no part of the term cost nothing.
-        included: for each of the player's features, whether it is part of the term.
-        count: number of players that the term looks at.
-        owner: place of the player among them.
-        is_pair: whether what the player costs on its own is left out.
-        dynamics: the motion model.
-    """
-
-    player: Player
-    included: tuple[bool, ...]
-    count: int
-    owner: int
-    is_pair: bool
-    dynamics: Dynamics
+    player: Player  # whose cost it is; features that are no part of the term cost nothing
+    included: tuple[bool, ...]  # for each of the player's features, whether it is part of the term
+    count: int  # number of players that the term looks at
+    owner: int  # place of the player among them
+    is_pair: bool  # whether what the player costs on its own is left out
+    dynamics: Dynamics  # the motion model
 
     @property
     def is_own(self) -> bool:
@@ -63,19 +54,12 @@ class TermKind:
         return len(self.player.preferences) + len(unknowns_of(self.player))
 
     def cost(
-        self,
-        states: Sequence[ca.SX],
-        control: ca.SX | None,
-        weights: ca.SX,
-        numbers: ca.SX,
+        self, states: Sequence[ca.SX], control: ca.SX | None, weights: ca.SX, numbers: ca.SX
     ) -> ca.SX:
         """The cost of one stage; of the last state where there is no control.
 
-        Args:
-            states: one (n,) for each of the ``count`` players.
-            control: (m,) of the owner, or None.
-            weights: (K + U,) of the owner, its standardised parameters behind the weights.
-            numbers: (P,) of the owner, dt first.
+        States (n,) of each player, control (m,), weights (K + U,) and numbers (P,), dt first, of
+        the owner.
         """
         count = len(self.player.preferences)
         names = [unknown.name for unknown in unknowns_of(self.player)]
@@ -102,16 +86,12 @@ class TermFunctions:
     Functions take (states of the players it looks at (count*n,), control (m,), costates (n,),
     weights (K,), numbers (P,), multipliers p (n,), q (m,), r (n,)). All but the states are those of
     the term's own player. Functions return one column of nonzeros.
-
-    Attributes:
-        kind: which terms these are.
-        functions: by the names of ``FUNCTIONS``.
-        patterns: for every function but the costs, the blocks of its nonzeros, in rows and columns
-            of the term: rows (g_x, g_u, f), columns (states, control, costates, weights).
     """
 
-    kind: TermKind
-    functions: dict[str, ca.Function]
+    kind: TermKind  # which terms these are
+    functions: dict[str, ca.Function]  # by the names of ``FUNCTIONS``
+    #: For every function but the costs, the blocks of its nonzeros, in rows and columns of the
+    #: term: rows (g_x, g_u, f), columns (states, control, costates, weights).
     patterns: dict[str, tuple[Pattern, ...]]
 
     @property
@@ -122,12 +102,9 @@ class TermFunctions:
     def own_places(self, name: str) -> np.ndarray:
         """Where nonzeros belong in the rows (g_x, g_u, f), columns (x, u) of the own player.
 
-        Args:
-            name: ``value`` or ``final_value``, whose places are rows, or ``jacobian`` or
-                ``final_jacobian``, whose places are those of a dense matrix, row by row.
-
-        Returns:
-            -1 for derivatives in other players' states and in weights.
+        Of ``value`` and ``final_value`` these are rows, of ``jacobian`` and ``final_jacobian``
+        places in a dense matrix, row by row; -1 for derivatives in other players' states and in
+        weights.
         """
         n, m = self.kind.dynamics.state_size, self.kind.dynamics.control_size
         first_rows = {"Q": 0, "P": 0, "S": n, "R": n, "A": n + m, "B": n + m}
@@ -149,17 +126,11 @@ class TermFunctions:
 
 @dataclass(frozen=True)
 class Term:
-    """One term of a game.
+    """One term of a game."""
 
-    Attributes:
-        kind: its functions.
-        owner: the player whose cost it is.
-        players: those that it looks at, ``kind.count`` of them.
-    """
-
-    kind: TermKind
-    owner: int
-    players: tuple[int, ...]
+    kind: TermKind  # its functions
+    owner: int  # the player whose cost it is
+    players: tuple[int, ...]  # those that it looks at, ``kind.count`` of them
 
 
 @lru_cache(maxsize=64)
@@ -207,10 +178,7 @@ def term_functions(kind: TermKind) -> TermFunctions:
     arguments = [states, control, costates, weights, numbers, p, q, r]
     return TermFunctions(
         kind=kind,
-        functions={
-            name: ca.Function(name, arguments, [ca.cse(ca.densify(values[name]))])
-            for name in FUNCTIONS
-        },
+        functions=named_functions(FUNCTIONS, arguments, values),
         patterns={name: (pattern,) for name, (pattern, _) in blocks.items()}
         | {name: patterns for name, (patterns, _) in stacked.items()},
     )

@@ -232,6 +232,16 @@ class LaneKeeping:
                     f"({end[0]:.1f}, {end[1]:.1f}), {away:.1f} m away from the next"
                 )
 
+    def direction_at(self, position: tuple[float, float]) -> float:
+        """Heading [rad] of the lane of the route that is nearest to a position [m]."""
+        found = []
+        for lane in self.route:
+            located = lane.locate(ca.SX(position))
+            along, beside, heading = (float(ca.evalf(ca.SX(value))) for value in located)
+            outside = max(0.0, -along, along - lane.length)
+            found.append((math.hypot(outside, beside), heading))
+        return min(found)[1]
+
     def running_cost(self, stage: Stage) -> ca.SX | float:
         position, heading = stage.position(stage.player), stage.own_state("heading")
         cost: ca.SX | float = 0.0

@@ -5,8 +5,6 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from olne_bench.games.model.game import Game
-
 
 @lru_cache(maxsize=32)
 def sum_free(num_weights: int) -> np.ndarray:
@@ -24,12 +22,20 @@ def simplex_tangent(players: int, num_weights: int) -> np.ndarray:
     return basis
 
 
+def theta_tangent(num_weights: int, used: np.ndarray) -> np.ndarray:
+    """Basis (N*(K+U), F) of changes of weights that keep their sums, and of all unknowns.
+
+    Args:
+        num_weights: K.
+        used: (N, U) which columns stand for an unknown (``Parameters.used``).
+    """
+    return _theta_tangent(num_weights, used.shape, used.tobytes())
+
+
 @lru_cache(maxsize=64)
-def theta_tangent(game: Game) -> np.ndarray:
-    """Basis (N*(K+U), F) of changes of weights that keep their sums, and of all unknowns."""
-    parts = []
-    for used in game.parameters.used:
-        parts.append(block_diag(sum_free(game.num_weights), np.eye(len(used))[:, used]))
+def _theta_tangent(num_weights: int, shape: tuple[int, int], used: bytes) -> np.ndarray:
+    rows = np.frombuffer(used, bool).reshape(shape)
+    parts = [block_diag(sum_free(num_weights), np.eye(shape[1])[:, row]) for row in rows]
     basis = block_diag(*parts)
     basis.setflags(write=False)  # shared by all callers
     return basis

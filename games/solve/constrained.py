@@ -36,15 +36,10 @@ from olne_bench.games.solve.newton import Root, pack, rows, unpack
 
 @dataclass(frozen=True)
 class _Attempt:
-    """How the interior point method starts.
+    """How the interior point method starts."""
 
-    Attributes:
-        barrier: first weight of the barrier, all margins together, relative to the players' cost.
-        relaxed: smallest first slack, relative to the mean size of a margin.
-    """
-
-    barrier: float
-    relaxed: float
+    barrier: float  # its first weight, all margins together, relative to the players' cost
+    relaxed: float  # smallest first slack, relative to the mean size of a margin
 
 
 #: The first one is used wherever it works.
@@ -94,10 +89,7 @@ def solve_constrained(
 
 
 def as_root(
-    game: Game,
-    solution: InteriorSolution,
-    weights: np.ndarray,
-    solver: Elimination | None = None,
+    game: Game, solution: InteriorSolution, weights: np.ndarray, solver: Elimination | None = None
 ) -> tuple[Root, np.ndarray]:
     """A solution of the interior point method as a root of ``games.compiled.complementarity``.
 

@@ -34,19 +34,12 @@ _OPTIONS = QUIET | {
 
 @dataclass(frozen=True)
 class ConstrainedResponse:
-    """A locally optimal response of one player that keeps its constraints.
+    """A locally optimal response of one player that keeps its constraints."""
 
-    Attributes:
-        states: (T, n), the player's own states.
-        controls: (T-1, m).
-        cost: J^i at the response.
-        converged: whether the optimiser reached a stationary point.
-    """
-
-    states: np.ndarray
-    controls: np.ndarray
-    cost: float
-    converged: bool
+    states: np.ndarray  # (T, n), the player's own states
+    controls: np.ndarray  # (T-1, m)
+    cost: float  # J^i at the response
+    converged: bool  # whether the optimiser reached a stationary point
 
 
 def constrained_response(
@@ -57,15 +50,10 @@ def constrained_response(
     plan: np.ndarray,
     weights: np.ndarray,
 ) -> ConstrainedResponse:
-    """Minimise the player's cost over its own motion, from a plan, under its constraints.
+    """Minimise the player's cost over its own motion, from a plan (T-1, m), under its constraints.
 
-    Args:
-        game: the game.
-        player: index i.
-        states: (T, N, n); the other players' parts are held.
-        controls: (T-1, N, m); the other players' parts are held.
-        plan: (T-1, m) controls of the player to start from.
-        weights: (K,) of this player.
+    The other players' parts of states (T, N, n) and controls (T-1, N, m) are held; weights (K,) are
+    those of this player.
     """
     structure, numbers = structure_and_numbers(game)
     solver, equations = _solver(structure, game.horizon, player)

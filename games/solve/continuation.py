@@ -36,21 +36,11 @@ def follow_coupling(
     max_factorisations: int = 150,
     limit: float = 60.0,
 ) -> Root | None:
-    """Find a root of G by continuation in the coupling between players.
+    """Find a root of G by continuation in the coupling between players; None if the path is lost.
 
-    Args:
-        game: the game.
-        weights: (N, K), or (N, K + U) with standardised unknowns.
-        initial_state: (N, n).
-        controls: (T-1, N, m) first plans.
-        max_factorisations: budget of Newton steps.
-        limit: wall-clock seconds for any one strength of the coupling.
-
-    Returns:
-        A root, whose residual the caller judges, or None if the path was lost.
-
-    Raises:
-        ValueError: if the game has constraints (``games.solve.constrained`` starts elsewhere).
+    The caller judges its residual. Weights may be (N, K + U); ``limit`` [s] holds for any one
+    strength of the coupling. ValueError if the game has constraints (``games.solve.constrained``
+    starts elsewhere).
     """
     refuse_constraints(game.constraints, "continuation in the coupling")
     states = rollout(game.dynamics, initial_state, controls, game.dt)
@@ -98,10 +88,7 @@ class _Path:
 
 
 def coupled_features(game: Game) -> np.ndarray:
-    """(N, K + U) booleans: whether this preference of this player depends on other players.
-
-    Unknowns are no preferences.
-    """
+    """(N, K + U) booleans: whether a preference of a player depends on others; no unknown does."""
     coupled = _coupled_features(structure_and_numbers(game)[0])
     return np.pad(coupled, [(0, 0), (0, game.parameters.count)])
 

@@ -44,30 +44,18 @@ _HALVES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
 
 @dataclass(frozen=True)
 class FarResponses:
-    """The best response of each player that was found from far first plans.
+    """The best response of each player that was found from far first plans."""
 
-    Attributes:
-        costs: (N,) J^i; infinity if no first plan led to a finite cost.
-        controls: (T-1, N, m); each player's is a response to the others' plans in the equilibrium.
-        starts: (N,) number of first plans.
-    """
-
-    costs: np.ndarray
+    costs: np.ndarray  # (N,) J^i; infinity if no first plan led to a finite cost
+    #: (T-1, N, m); each player's is a response to the others' plans in the equilibrium.
     controls: np.ndarray
-    starts: np.ndarray
+    starts: np.ndarray  # (N,) number of first plans
 
 
 def far_responses(
     game: Game, states: np.ndarray, controls: np.ndarray, weights: np.ndarray
 ) -> FarResponses:
-    """Each player's best response from far first plans.
-
-    Args:
-        game: the game.
-        states: (T, N, n) of the equilibrium.
-        controls: (T-1, N, m) of the equilibrium.
-        weights: (N, K).
-    """
+    """Each player's best response to an equilibrium, from far first plans."""
     costs, best_plans = np.full(game.num_players, np.inf), controls.copy()
     starts = np.zeros(game.num_players, dtype=int)
     for i in range(game.num_players):
@@ -83,15 +71,7 @@ def far_responses(
 def first_plans(
     game: Game, states: np.ndarray, controls: np.ndarray, weights: np.ndarray, player: int
 ) -> dict[str, np.ndarray]:
-    """The first plans (B, T-1, m) of a player, by what they are.
-
-    Args:
-        game: the game.
-        states: (T, N, n) of the equilibrium.
-        controls: (T-1, N, m) of the equilibrium.
-        weights: (N, K).
-        player: index i.
-    """
+    """The first plans (B, T-1, m) of a player in an equilibrium, by what they are."""
     now = controls[:, player]
     uncoupled = np.where(coupled_features(game), 0.0, weights)
     alone = _respond(game, player, now[None], states, controls, uncoupled).controls

@@ -6,14 +6,9 @@ standard deviation sigma on h(x), the Fisher information of (theta, x_1) is J'J 
 is the sensitivity of all expected observations; other noise is whitened first. Missing samples have
 no rows in J, so the information is that of the actual observation. Weights lie on the simplex (each
 row sums to one), so the bound is taken on its tangent space, with x_1 as a nuisance parameter.
-
-Some weights hardly affect the motion, or not at all. Whether the data identify a weight is judged
-against what is known without data: a uniform distribution on the simplex, whose variance is
-1 / (K (K + 1)) in every direction.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -23,6 +18,7 @@ from olne_bench.games.compiled.elimination import Elimination
 from olne_bench.games.compiled.row_functions import RowFunction
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Game
+from olne_bench.games.model.identifiability import Identifiability, identified_at
 from olne_bench.games.model.observation import View, whitening
 from olne_bench.games.model.simplex import theta_tangent
 from olne_bench.games.solve.newton import linearised
@@ -30,9 +26,7 @@ from olne_bench.games.solve.newton import linearised
 #: Above this condition number of the information matrix some weights are not identifiable.
 _LARGEST_CONDITION = 1e14
 
-_IDENTIFIED_BELOW = 0.5  # of the prior variance of a direction
 UNOBSERVED_ABOVE = 0.99  # of the prior variance of an unknown
-_BLIND = 1e-9  # squared part of a weight in directions without any information
 
 
 def trajectory_sensitivity(
@@ -154,7 +148,7 @@ def joint_weight_covariance(
     Returns:
         (N*K, N*K), or None if not identifiable.
     """
-    tangent = theta_tangent(game)
+    tangent = theta_tangent(game.num_weights, game.parameters.used)
     if unobserved is not None:
         tangent = tangent[:, ~tangent[in_theta(game, unobserved)].any(axis=0)]
     observed = _on_tangent(tangent, sensitivities)
@@ -218,40 +212,6 @@ def of_weights(game: Game, covariance: np.ndarray | None) -> np.ndarray | None:
     return covariance[np.ix_(kept, kept)]
 
 
-@dataclass(frozen=True)
-class Identifiability:
-    """What observations at one noise level say about each player's weights.
-
-    Attributes:
-        bound: (N, K) Cramer-Rao bound, as a standard deviation; infinite where the bound does not
-            exist.
-        left: (N, K) share of a weight's prior variance that the data leave, in [0, 1]; the prior
-            is Gaussian with the mean and covariance of the uniform distribution on the simplex.
-        projections: (N, K, K) orthogonal projections on the identified directions of the simplex:
-            those whose posterior variance is below half of the prior variance.
-        parameter_bound: (N, U) bound of each unknown over its prior's standard deviation; NaN where
-            a column stands for nothing.
-        parameter_left: (N, U) share of an unknown's prior variance that the data leave.
-    """
-
-    bound: np.ndarray
-    left: np.ndarray
-    projections: np.ndarray
-    parameter_bound: np.ndarray
-    parameter_left: np.ndarray
-
-    @property
-    def identified(self) -> np.ndarray:
-        """(N, K) whether the bound is below the standard deviation without any data."""
-        count = self.bound.shape[1]
-        return np.asarray(self.bound**2 < (1 - 1 / count) / (count * (count + 1)))
-
-    @property
-    def parameters_identified(self) -> np.ndarray:
-        """(N, U) whether the bound of an unknown is below its prior's standard deviation."""
-        return self.parameter_bound < 1
-
-
 def identifiability(
     game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
 ) -> Identifiability:
@@ -265,69 +225,23 @@ def identifiability(
         sensitivities: as for ``joint_weight_covariance``.
         sigma: noise level, above 0.
     """
-    tangent = theta_tangent(game)
-    observed = _on_tangent(tangent, sensitivities)
-    free, count = tangent.shape[1], game.num_weights
+    root = information_root(game, sensitivities)
+    return identified_at(root, game.num_weights, game.parameters.used, sigma=sigma)
+
+
+def information_root(game: Game, sensitivities: Sequence[np.ndarray]) -> np.ndarray:
+    """A root (F, F) of the information on the tangent of theta, each start being unknown.
+
+    It is upper triangular, for unit noise: R'R is the information. The arguments are those of
+    ``identifiability``.
+    """
+    tangent = theta_tangent(game.num_weights, game.parameters.used)
+    observed, free = _on_tangent(tangent, sensitivities), tangent.shape[1]
     # With the columns of x_1 in front, the weights' block of the triangular factor is the root of
     # their information with x_1 unknown.
     nuisance_first = np.hstack([observed[:, free:], observed[:, :free]])
     _, triangle = np.linalg.qr(nuisance_first)
-    players, width = game.num_players, count + game.parameters.count
-    weights = np.arange(players * width).reshape(players, width)[:, :count]
-    own = [np.flatnonzero(tangent[rows].any(axis=0)) for rows in weights]
-    prior = np.ones(free)  # precisions: unknowns are standardised
-    prior[np.concatenate(own)] = count * (count + 1.0)
-    posterior, deviations = _posterior_and_bound(triangle[-free:, -free:] / sigma, tangent, prior)
-    deviations = deviations.reshape(players, width)
-    variances = np.einsum("ij,jk,ik->i", tangent, posterior, tangent).reshape(players, width)
-    before = np.ones(width)
-    before[:count] = (1 - 1 / count) / (count * (count + 1.0))
-    left = (variances / before).clip(0.0, 1.0)
-    used = game.parameters.used
-    return Identifiability(
-        bound=deviations[:, :count],
-        left=left[:, :count],
-        projections=np.stack(
-            [
-                _identified(
-                    tangent[np.ix_(rows, columns)],
-                    posterior[np.ix_(columns, columns)],
-                    count * (count + 1.0),
-                )
-                for rows, columns in zip(weights, own, strict=True)
-            ]
-        ),
-        parameter_bound=np.where(used, deviations[:, count:], np.nan),
-        parameter_left=np.where(used, left[:, count:], np.nan),
-    )
-
-
-def _posterior_and_bound(
-    root: np.ndarray, tangent: np.ndarray, prior: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior covariance (F, F) in the tangent's coordinates, and bounds of all theta.
-
-    Args:
-        root: (F, F) root of the information.
-        tangent: (N*(K+U), F).
-        prior: (F,) precisions of the coordinates without data.
-    """
-    scale = prior**-0.5
-    # Eigenvalues through singular values: squaring would lose half of the digits.
-    _, singular, directions = np.linalg.svd(root * scale)
-    posterior = scale[:, None] * (directions.T / (singular**2 + 1)) @ directions * scale
-    known = singular > singular.max() * np.finfo(float).eps * len(prior)
-    lifted = (tangent * scale) @ directions[known].T
-    deviations = np.sqrt(((lifted / singular[known]) ** 2).sum(axis=1))
-    blind = ((tangent @ directions[~known].T) ** 2).sum(axis=1) > _BLIND
-    return posterior, np.where(blind, np.inf, deviations)
-
-
-def _identified(tangent: np.ndarray, posterior: np.ndarray, prior: float) -> np.ndarray:
-    """Projection (K, K) on directions in which the posterior variance is below half the prior's."""
-    values, directions = np.linalg.eigh(posterior)
-    kept = tangent @ directions[:, values * prior < _IDENTIFIED_BELOW]
-    return np.asarray(kept @ kept.T)
+    return np.asarray(triangle[-free:, -free:])
 
 
 def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:

@@ -29,6 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from olne_bench.games.compiled.bindings import check_size, dense
 from olne_bench.games.compiled.complementarity import RELAXATION
 from olne_bench.games.compiled.elimination import Elimination
 
@@ -57,21 +58,13 @@ _OPTIONS = np.array(
 
 @dataclass(frozen=True)
 class InteriorSolution:
-    """Where the iteration ended.
+    """Where the iteration ended."""
 
-    Attributes:
-        z: (T, size) rows (x_t, u_t, lambda_t).
-        multipliers: (T, C) v, zero where a margin is not enforced.
-        residual: largest error of G - J' v and g - s.
-        solved: whether all equations of (I1) hold.
-        iterations: number of steps.
-    """
-
-    z: np.ndarray
-    multipliers: np.ndarray
-    residual: float
-    solved: bool
-    iterations: int
+    z: np.ndarray  # (T, size) rows (x_t, u_t, lambda_t)
+    multipliers: np.ndarray  # (T, C) v, zero where a margin is not enforced
+    residual: float  # largest error of G - J' v and g - s
+    solved: bool  # whether all equations of (I1) hold
+    iterations: int  # number of steps
 
 
 def solve_interior(
@@ -84,24 +77,20 @@ def solve_interior(
     relaxed: float,
     max_iterations: int = MOST_ITERATIONS,
 ) -> InteriorSolution:
-    """Iterate from a trajectory.
+    """Iterate from a trajectory z (T, size), whose x_1 stays.
 
-    Args:
-        solver: the game's elimination.
-        theta: (N*K,) weights.
-        z: (T, size) start; x_1 stays.
-        coupled: whether some player's cost looks at other players.
-        tau: the barrier's first weight, in units of cost.
-        relaxed: smallest first slack, as a share of the mean size of the margin along z.
-        max_iterations: number of steps at most.
+    ``coupled``: some player's cost looks at other players; ``tau``: the barrier's first weight, in
+    units of cost; ``relaxed``: smallest first slack, as a share of the mean size of the margin
+    along z.
     """
-    found = solver.interior(
-        _OPTIONS,
-        z,
-        theta,
-        coupled=coupled,
-        tau=tau,
-        relaxed=relaxed,
-        max_iterations=max_iterations,
+    stages, horizon, library = solver.stages, solver.horizon, solver.library
+    z = dense("z", z, (horizon, stages.size)).copy()
+    theta, v = dense("theta", theta, (stages.num_weights,)), np.zeros((horizon, stages.num_margins))
+    residual, solved = np.zeros(1), np.zeros(1, dtype=np.int32)
+    check_size(library.interior_options(), _OPTIONS.nbytes, "InteriorOptions")
+    iterations = library.interior(
+        *(solver.work, _OPTIONS, theta, solver.enforced, int(coupled)),
+        *(tau, relaxed, max_iterations, z, v, residual, solved),
+        np.empty(library.interior_space(horizon)),
     )
-    return InteriorSolution(*found)
+    return InteriorSolution(z, v, float(residual[0]), bool(solved[0]), iterations)

@@ -29,28 +29,17 @@ class KktSystem:
     """Symbols and expressions of one game's first-order conditions.
 
     All symbols are flat, in the C order of the arrays that they represent.
-
-    Attributes:
-        game: the game.
-        states: symbol of x (T, N, n), the initial state included.
-        controls: symbol of u (T-1, N, m).
-        costates: symbol of lambda (T-1, N, n); entry t belongs to the step from t to t+1.
-        weights: symbol of theta (N, K).
-        costs: (N,) expression of the players' costs J^i.
-        stationarity_states: grad_x rows, in the order (T-1, N, n).
-        stationarity_controls: grad_u rows, in the order (T-1, N, m).
-        dynamics_error: F rows, in the order (T-1, N, n).
     """
 
-    game: Game
-    states: ca.SX
-    controls: ca.SX
-    costates: ca.SX
-    weights: ca.SX
-    costs: ca.SX
-    stationarity_states: ca.SX
-    stationarity_controls: ca.SX
-    dynamics_error: ca.SX
+    game: Game  # the game
+    states: ca.SX  # symbol of x (T, N, n), the initial state included
+    controls: ca.SX  # symbol of u (T-1, N, m)
+    costates: ca.SX  # symbol of lambda (T-1, N, n); entry t belongs to the step from t to t+1
+    weights: ca.SX  # symbol of theta (N, K)
+    costs: ca.SX  # (N,) expression of the players' costs J^i
+    stationarity_states: ca.SX  # grad_x rows, in the order (T-1, N, n)
+    stationarity_controls: ca.SX  # grad_u rows, in the order (T-1, N, m)
+    dynamics_error: ca.SX  # F rows, in the order (T-1, N, n)
 
     @cached_property
     def residual(self) -> ca.SX:
@@ -71,7 +60,8 @@ class KktSystem:
     @cached_property
     def residual_function(self) -> ca.Function:
         """G as a function of (states, controls, costates, weights), flat."""
-        return ca.Function("G", self._arguments, [self.residual])
+        arguments = [self.states, self.controls, self.costates, self.weights]
+        return ca.Function("G", arguments, [self.residual])
 
     @cached_property
     def cost_function(self) -> ca.Function:
@@ -91,18 +81,12 @@ class KktSystem:
             ],
         )
 
-    @property
-    def _arguments(self) -> list[ca.SX]:
-        return [self.states, self.controls, self.costates, self.weights]
-
 
 @lru_cache(maxsize=64)
 def kkt_system(game: Game) -> KktSystem:
     """Build (or fetch) the first-order conditions of a game without constraints.
 
-    Raises:
-        ValueError: if the game has constraints; ``games.compiled.elimination`` has the conditions
-        of those.
+    ValueError if it has some; ``games.compiled.elimination`` has the conditions of those.
     """
     refuse_constraints(game.constraints, "the stacked system G")
     states, state_blocks = trajectory_symbols("x", game.state_shape)
@@ -150,11 +134,7 @@ def kkt_system(game: Game) -> KktSystem:
 
 
 def kkt_residual_norm(
-    game: Game,
-    states: np.ndarray,
-    controls: np.ndarray,
-    costates: np.ndarray,
-    weights: np.ndarray,
+    game: Game, states: np.ndarray, controls: np.ndarray, costates: np.ndarray, weights: np.ndarray
 ) -> float:
     """Largest absolute entry of G at a point given as arrays."""
     function = kkt_system(game).residual_function

@@ -36,18 +36,8 @@ def newton_root(
 ) -> Root:
     """Refine a trajectory to a root of G by Newton steps with backtracking on |G|_2.
 
-    Args:
-        game: the game.
-        states: (T, N, n) start; its first row is x_1 and stays fixed.
-        controls: (T-1, N, m) start.
-        costates: (T-1, N, n) start.
-        weights: (N, K).
-        tolerance: stop once max |G| falls below.
-        max_iterations: largest number of steps.
-        limit: stop at the latest after as many wall-clock seconds.
-
-    Returns:
-        The best point reached; the caller judges its ``residual``.
+    The first row of the states is x_1 and stays fixed. Stops after ``limit`` seconds of wall-clock
+    time. Returns the best point reached; the caller judges its ``residual``.
     """
     points = pack(game, states, controls, costates, weights)[None]
     residuals, _ = elimination(game).newton(
@@ -135,8 +125,7 @@ def linearised(
 ) -> Elimination:
     """The game's elimination, factorised at a point; ``solver`` is used if it is given.
 
-    Raises:
-        ValueError: if the first-order conditions are singular at the point.
+    ValueError if the first-order conditions are singular there.
     """
     solver = solver or elimination(game)
     z = pack(game, states, controls, costates, weights, solver)

@@ -28,21 +28,14 @@ NZ = NX + NU
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Motion and derivatives at one point of the iteration; N cars, S steps, P partners.
+    """Motion and derivatives at one point of the iteration; N cars, S steps, P partners."""
 
-    Attributes:
-        states: (N, S, 4) after each step.
-        sensitivities: (N, S, 4, 2S) of these states to the car's controls.
-        gradients: (N, 2S) of a car's cost in its controls.
-        own_hessians: (N, 2S, 2S) of a car's cost in its controls.
-        cross: (N, S, 4, 2P), second derivatives of a car's cost in its own state and the
-            positions of its partners.
-    """
-
-    states: np.ndarray
-    sensitivities: np.ndarray
-    gradients: np.ndarray
-    own_hessians: np.ndarray
+    states: np.ndarray  # (N, S, 4) after each step
+    sensitivities: np.ndarray  # (N, S, 4, 2S) of these states to the car's controls
+    gradients: np.ndarray  # (N, 2S) of a car's cost in its controls
+    own_hessians: np.ndarray  # (N, 2S, 2S) of a car's cost in its controls
+    #: (N, S, 4, 2P), second derivatives of a car's cost in its own state and the positions of its
+    #: partners.
     cross: np.ndarray
 
     def take(self, cars: np.ndarray) -> "Linearisation":
@@ -58,14 +51,8 @@ class Linearisation:
 class CarDerivatives:
     """Evaluates motion, gradients and Hessians of many cars.
 
-    Args:
-        dynamics: motion model of a car.
-        step_cost: cost of one step.
-        num_weights: K.
-        dt: step [s].
-        steps: S.
-        num_partners: P, cars whose motion is known as a function of their controls.
-        num_others: M, further points to keep away from.
+    P partners are cars whose motion is known as a function of their controls, M others further
+    points to keep away from.
     """
 
     def __init__(
@@ -126,16 +113,9 @@ class CarDerivatives:
         partners: np.ndarray,
         others: np.ndarray,
     ) -> Linearisation:
-        """All derivatives at a point.
+        """All derivatives at controls (N, S, 2) that lead to states (N, S, 4).
 
-        Args:
-            initial: (N, 4).
-            controls: (N, S, 2).
-            states: (N, S, 4), those of ``states(initial, controls)``.
-            weights: (N, K).
-            references: (N, S, 4).
-            partners: (N, P, S, 2) positions of the partners at each step.
-            others: (N, M, S, 2) positions of the further points.
+        Partners (N, P, S, 2) and others (N, M, S, 2) are positions; see ``Situation`` for the rest.
         """
         count, steps = len(initial), self.steps
         before = np.concatenate([initial[:, None], states[:, :-1]], axis=1).reshape(-1, NX)

@@ -24,88 +24,55 @@ WEIGHT_NAMES = ("proximity", "speed", "acceleration", "turning", "lane")
 
 @dataclass(frozen=True)
 class Units:
-    """Units of a driver's cost terms, which make its weights comparable.
+    """Units of a driver's cost terms, which make its weights comparable."""
 
-    Attributes:
-        length: unit of distance ahead and behind [m].
-        width: unit of distance to the sides [m].
-        speed: deviation from the reference speed [m/s] that costs 1.
-        acceleration: acceleration [m/s^2] that costs 1.
-        turning: lateral acceleration [m/s^2] that costs 1.
-        steering: steering angle [rad] that costs 1, in addition; it matters at low speed.
-        lane: lateral deviation [m] that costs 1.
-        heading: heading error [rad] that costs 1.
-    """
-
-    length: float = 6.0
-    width: float = 2.2
-    speed: float = 3.0
-    acceleration: float = 2.0
-    turning: float = 3.0
-    steering: float = 1.0
-    lane: float = 0.8
-    heading: float = 0.15
+    length: float = 6.0  # unit of distance ahead and behind [m]
+    width: float = 2.2  # unit of distance to the sides [m]
+    speed: float = 3.0  # deviation from the reference speed [m/s] that costs 1
+    acceleration: float = 2.0  # acceleration [m/s^2] that costs 1
+    turning: float = 3.0  # lateral acceleration [m/s^2] that costs 1
+    steering: float = 1.0  # steering angle [rad] that costs 1, in addition; it matters at low speed
+    lane: float = 0.8  # lateral deviation [m] that costs 1
+    heading: float = 0.15  # heading error [rad] that costs 1
 
 
 @dataclass(frozen=True)
 class Situation:
-    """The parameters of a game at one moment; T-1 steps, N players.
+    """The parameters of a game at one moment; T-1 steps, N players."""
 
-    Attributes:
-        initial_state: (N, 4) px, py, heading, speed.
-        weights: (N, 5), see ``WEIGHT_NAMES``.
-        references: (N, T-1, 4) point px, py, direction [rad], speed [m/s] to follow at each step.
-        others: (N, M, T-1, 2) predicted positions of what each player has to avoid besides the
-            other players; M is fixed by the game, unused entries are far away.
-    """
-
-    initial_state: np.ndarray
-    weights: np.ndarray
+    initial_state: np.ndarray  # (N, 4) px, py, heading, speed
+    weights: np.ndarray  # (N, 5), see ``WEIGHT_NAMES``
+    #: (N, T-1, 4) point px, py, direction [rad], speed [m/s] to follow at each step.
     references: np.ndarray
+    #: (N, M, T-1, 2) predicted positions of what each player has to avoid besides the other
+    #: players; M is fixed by the game, unused entries are far away.
     others: np.ndarray
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A solution, or the last iterate of a failed attempt.
+    """A solution, or the last iterate of a failed attempt."""
 
-    Attributes:
-        states: (T, N, 4).
-        controls: (T-1, N, 2).
-        residual: largest entry of the players' gradients, where they were last evaluated.
-        iterations: Newton steps taken.
-        converged: whether the residual or the last step is small enough and every player's own
-            Hessian is positive definite, so that its plan is a strict local best response.
-    """
-
-    states: np.ndarray
-    controls: np.ndarray
-    residual: float
-    iterations: int
+    states: np.ndarray  # (T, N, 4)
+    controls: np.ndarray  # (T-1, N, 2)
+    residual: float  # largest entry of the players' gradients, where they were last evaluated
+    iterations: int  # Newton steps taken
+    #: Whether the residual or the last step is small enough and every player's own Hessian is
+    #: positive definite, so that its plan is a strict local best response.
     converged: bool
 
 
 @dataclass(frozen=True)
 class ReferenceGame:
-    """The compiled game.
+    """The compiled game."""
 
-    Attributes:
-        rear_axle: distance from the bicycle's centre to its rear axle [m].
-        sub_steps: Euler steps of the bicycle per step.
-        steps: T-1.
-        dt: step [s].
-        max_players: largest number of players of a game.
-        num_others: M, predicted positions per player.
-        units: units of the cost terms.
-    """
-
-    steps: int
-    dt: float
-    max_players: int
-    num_others: int
-    rear_axle: float = 2.5
-    sub_steps: int = 2
-    units: Units = field(default_factory=Units)
+    steps: int  # T-1
+    dt: float  # step [s]
+    max_players: int  # largest number of players of a game
+    num_others: int  # M, predicted positions per player
+    rear_axle: float = 2.5  # distance from the bicycle's centre to its rear axle [m]
+    sub_steps: int = 2  # Euler steps of the bicycle per step
+    units: Units = field(default_factory=Units)  # units of the cost terms
 
     @property
     def dynamics(self) -> Dynamics:
@@ -124,14 +91,10 @@ class ReferenceGame:
     ) -> list[Plan]:
         """Newton's method on independent games at once, much faster than one after the other.
 
-        Args:
-            situations: the parameters of each game.
-            controls: (T-1, N, 2) start of each, such as the previous plan shifted by one step.
-            tolerance: on the residual.
-            small_change: change of steering [rad] and acceleration [m/s^2]. A Newton step within it
-                is the last: the remaining error is of the order of its square.
-            max_iterations: Newton steps at most.
-            max_change: largest change of steering [rad] and acceleration [m/s^2] in one step.
+        Controls (T-1, N, 2) are starts, such as the previous plan shifted by one step.
+        ``small_change`` and ``max_change`` are of steering [rad] and acceleration [m/s^2]: a Newton
+        step within the first is the last (the remaining error is of the order of its square), none
+        is larger than the second.
         """
         games = _Games.of(situations, self.max_players)
         unknowns = np.concatenate([start.swapaxes(0, 1) for start in controls]).astype(float)
@@ -210,10 +173,8 @@ FAR_AWAY = 1e7
 class _Games:
     """A batch of games: N players in total, those of one game in consecutive rows.
 
-    Attributes:
-        initial_state, weights, references, others: of all players, as in ``Situation``.
-        counts: (G,) players of each game.
-        partners: (N, P) the other players of a player's game; N in unused entries.
+    Of G games, ``counts`` (G,) holds the numbers of players; ``partners`` (N, P) the other players
+    of a player's game, N in unused entries.
     """
 
     initial_state: np.ndarray
@@ -289,11 +250,7 @@ class _Games:
 
 
 class _Search:
-    """Newton's method on a batch of games.
-
-    Attributes:
-        open: mask (G,) of the games that are not finished.
-    """
+    """Newton's method on a batch of games; ``open`` (G,) masks those that are not finished."""
 
     def __init__(
         self,

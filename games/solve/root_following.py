@@ -21,20 +21,11 @@ _COUPLING_STEPS = 60
 def follow_root(
     game: Game, known: Root, known_weights: np.ndarray, weights: np.ndarray
 ) -> Root | None:
-    """The root at other weights, from the same initial state.
+    """The root at other weights, from the same initial state; None if a few dozen steps find none.
 
     It is followed from the known root. If that fails, continuation in the coupling between players
     is tried, first from the known controls, then from coasting as in the forward solver
     (``games.solve.olne``): each of the two starts solves some games that the other does not.
-
-    Args:
-        game: the game.
-        known: a root.
-        known_weights: (N, K) weights of the known root.
-        weights: (N, K) weights of the wanted root.
-
-    Returns:
-        The root, or None if none is found within a few dozen steps.
     """
     return (
         follow_weights(game, known, known_weights, weights)

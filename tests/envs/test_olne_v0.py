@@ -173,11 +173,7 @@ def test_turn_based_form_plays_the_same_equilibrium():
 
 @pytest.mark.parametrize(
     ("name", "options", "seed"),
-    [
-        ("two_player", {}, 0),
-        ("highway_overtaking", {}, 0),
-        ("random", {"num_players": 3}, 1),
-    ],
+    [("two_player", {}, 0), ("highway_overtaking", {}, 0), ("random", {"num_players": 3}, 1)],
 )
 def test_no_small_unilateral_deviation_pays(name, options, seed):
     """1,000 random changes of one player's actions, through the public API alone."""
@@ -270,13 +266,8 @@ def test_what_the_world_hands_out_cannot_change_it():
     step = world.step(plan(clean_infos, world.agents))
     assert data_equivalence(step, clean.step(plan(clean_infos, clean.agents)), exact=True)
     world.reset()
-    assert np.array_equal(world.state(), clean_start())
-
-
-def clean_start():
-    world = olne_v0.parallel_env("two_player")
-    world.reset()
-    return world.state()
+    clean.reset()
+    assert np.array_equal(world.state(), clean.state())
 
 
 @pytest.mark.parametrize("name", ["two_player", "highway_overtaking", "random"])
@@ -458,14 +449,10 @@ def test_calls_out_of_order():
     world.step(idle)
     with pytest.raises(ResetNeeded, match=r"call reset\(\)"):
         world.step(idle)
-    assert world.step({}) == ({}, {}, {}, {}, {})  # no player is left, and nothing happens
-    assert_usable(world)
-
-
-def test_unknown_player_has_no_space():
-    world = olne_v0.parallel_env("two_player")
     with pytest.raises(ValueError, match="unknown player 'player_2'; players are: player_0"):
         world.observation_space("player_2")
+    assert world.step({}) == ({}, {}, {}, {}, {})  # no player is left, and nothing happens
+    assert_usable(world)
 
 
 @pytest.mark.parametrize(

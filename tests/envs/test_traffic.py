@@ -94,16 +94,6 @@ def test_vehicles_do_not_run_into_an_ego_that_stands():
     assert not (ego.crashed or coming.crashed)
 
 
-def test_no_plan_jumps_over_somebody():
-    """At 25 m/s a plan step is twice the length of a car."""
-    states = np.zeros((11, 1, 4))
-    states[:, 0, 0], states[:, 0, 3] = 10.0 * np.arange(11), 25.0
-    for place in np.linspace(20, 90, 29):
-        for beside, expected in ((0.5, True), (2.5, False)):
-            other = np.broadcast_to((place, beside), (1, 1, 10, 2))
-            assert joint_planning._run_into_something(states, other).tolist() == [expected]
-
-
 @pytest.mark.parametrize("may", [True, False])
 def test_only_who_may_change_lanes_does(may):
     road = straight_road()

@@ -182,10 +182,10 @@ def test_the_clock_decides_no_number_of_starts(seen, monkeypatch, descents):
     answers += [ended(3.0), ended(2.0), ended(1.0)]
     late = estimate_of(seen, monkeypatch, starts=3, budget=0.0)
     assert (late.extras["starts"], late.message) == (3, "")
-    answers[:] = [ended(3.0), ended(2.0, bilevel._NO_TIME), ended(1.0)]
+    answers[:] = [ended(3.0), ended(2.0, bilevel.NO_TIME), ended(1.0)]
     late = estimate_of(seen, monkeypatch, starts=3)
     assert (late.extras["objective"], late.extras["starts"], late.converged) == (2.0, 2, False)
-    answers[:] = [ended(2.0), ended(3.0, bilevel._NO_TIME)]
+    answers[:] = [ended(2.0), ended(3.0, bilevel.NO_TIME)]
     late = estimate_of(seen, monkeypatch, starts=3)
     assert late.converged and late.extras["objective"] == 2.0
     assert late.message.startswith("time limit reached in start 2")

@@ -16,6 +16,7 @@ from olne_bench.estimators.shared.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.shared.joint_problem import JointPoint, JointSettings
 from olne_bench.estimators.shared.trajectory_fit import guess_states
 from olne_bench.games.model.game import Game
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 from olne_bench.games.solve.olne import solve_olne
 
 
@@ -53,7 +54,7 @@ def test_players_may_be_counted_in_any_order(estimator, seen) -> None:
 def test_ipopt_agrees_on_the_optimum(sigma, seen) -> None:
     problem, (observation,), _ = seen(sigma=sigma)
     game, view, y = problem.game, problem.view, observation.y
-    settings = with_prior(JointSettings(), sigma, 1.0)
+    settings = with_prior(JointSettings(), problem, FLAT)
     start = JointPoint.from_trajectory(game, guess_states(game, view, y))
     ours = solve_joint(game, view, y, start, settings)
     reference = solve_joint_ipopt(game, view, [y], [start], settings)
@@ -117,7 +118,7 @@ def test_the_covariance_knows_the_prior(seen) -> None:
 
 def test_all_optima_are_sorted_by_their_probability(seen) -> None:
     problem, (observation,), _ = seen(sigma=0.1, view="partial")
-    optima = probable_optima(problem, observation.y, 1.0, np.inf)
+    optima = probable_optima(problem, observation.y, FLAT, np.inf)
     criteria = [one.criterion for one in optima]
     assert criteria == sorted(criteria)
     best = estimated(Map(), problem, observation)
@@ -137,3 +138,37 @@ def test_several_trajectories_share_the_prior(estimator, seen) -> None:
 def test_a_prior_out_of_range_is_refused() -> None:
     with pytest.raises(ValueError, match="alpha must be a number"):
         Map(alpha=0.0)
+
+
+def log_posterior(problem: Problem, observation, found: Estimate) -> float:
+    """Log of the posterior of an estimate's motion and weights, in log-ratios."""
+    free = 1 - problem.game.num_weights * problem.weight_floor
+    shares = (found.weights - problem.weight_floor) / free
+    error = squared_error_of(problem, found.states, observation.y)
+    return float(problem.prior.log_density(shares).sum() - error / (2 * problem.sigma**2))
+
+
+def test_a_stated_prior_is_that_of_its_parameter(seen) -> None:
+    problem, (observation,), _ = seen(sigma=0.1)
+    stated = replace(problem, prior=WeightPrior((3.0,)))
+    told = estimated(Map(), stated, observation)
+    np.testing.assert_array_equal(
+        told.weights, estimated(Map(alpha=3.0), problem, observation).weights
+    )
+    np.testing.assert_array_equal(
+        estimated(Map(alpha=3.0), stated, observation).weights, told.weights
+    )
+    plain = estimated(Map(), problem, observation)
+    assert np.abs(told.weights - plain.weights).max() > 1e-3
+
+
+def test_a_mixture_is_climbed_from_the_distribution_that_matches_it(seen) -> None:
+    problem, (observation,), _ = seen(sigma=0.3)
+    mixture = WeightPrior(((20.0, 4.0, 4.0, 4.0), (4.0, 4.0, 4.0, 20.0)), (0.4, 0.6))
+    problem = replace(problem, prior=mixture)
+    found = estimated(Map(), problem, observation)
+    assert found.converged
+    matched = WeightPrior((tuple(mixture.matched(4)),))
+    start = estimated(Map(), replace(problem, prior=matched), observation)
+    gain = log_posterior(problem, observation, found) - log_posterior(problem, observation, start)
+    assert gain > 0.1

@@ -8,14 +8,13 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.particle import (
     Particle,
     _Proposal,
-    _tempered,
     effective_sample_size,
     filter_particles,
     widening,
 )
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.belief import Gaussian, LostError
-from olne_bench.estimators.shared.charts import from_log_ratios
+from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import (
     SolvedGame,
     expected_samples,
@@ -24,6 +23,8 @@ from olne_bench.estimators.shared.forward_model import (
 )
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.model.unknowns import Parameters
+from olne_bench.games.model.weight_prior import FLAT
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.olne import solve_olne
 
@@ -96,9 +97,11 @@ def one_ratio():
     y = observe(problem.view, game.dynamics, truth.states + noise)
     start = SolvedGame(Root(truth.states, truth.controls, truth.costates, 0.0), weights)
 
+    chart = NormalChart(1, 2, problem.weight_floor, FLAT, Parameters(((),)))
+
     def expected(points):
         rows = np.repeat(weights[None], len(points), axis=0)
-        rows[:, :1] = from_log_ratios(points, 2, problem.weight_floor)
+        rows[:, :1] = chart.weights(points)
         batch = play_batch(problem, start, rows, scenario.initial_state)
         samples = expected_samples(problem, batch.states)
         samples[~batch.converged] = np.nan
@@ -204,16 +207,6 @@ def test_too_few_particles_tell_no_covariance(seen):
     found = few.estimate(problem, observation, rng=np.random.default_rng(0), budget=60)
     assert not found.converged
     assert "do not tell the covariance of 6 free weights" in found.message
-
-
-def test_shares_are_tempered_until_enough_particles_are_effective():
-    log_shares = np.append(-20 * np.random.default_rng(0).uniform(size=100), -np.inf)
-    tempered = _tempered(log_shares, 50.0)
-    assert effective_sample_size(tempered) == pytest.approx(50, rel=1e-4)
-    np.testing.assert_allclose(np.diff(tempered[:2] / log_shares[:2]), 0, atol=1e-12)
-    assert tempered[-1] == -np.inf
-    np.testing.assert_array_equal(_tempered(log_shares, 2.0), log_shares)
-    np.testing.assert_array_equal(_tempered(np.array([0.0, -9.0]), 5.0), [0, 0])
 
 
 def test_no_game_at_all_is_the_end():

@@ -73,7 +73,7 @@ def test_what_motion_does_not_show_keeps_its_prior(seen) -> None:
     y[3:] = np.nan
     found = estimated(replace(QUICK, most=400), problem, Observation(y))
     assert found.samples is not None, found.message
-    np.testing.assert_allclose(found.weights, 0.25, atol=0.08)
+    np.testing.assert_allclose(found.weights, 0.25, atol=0.1)
     variances = np.diag(found.covariance)
     np.testing.assert_allclose(variances, 0.0375, rtol=0.5)
 
@@ -153,11 +153,12 @@ def test_what_cannot_be_sampled_is_said(seen) -> None:
     assert not lost.converged
     assert lost.message == "never seen, hence not identified: player 1"
     late = estimated(QUICK, problem, observation, budget=0.0)
-    assert not late.converged
-    assert late.message
+    assert "time limit reached" in late.message
     few = estimated(Posterior(first=40, most=40), problem, observation)
-    assert not few.converged
-    assert "effective sample size" in few.message
+    assert few.converged
+    assert few.samples is not None
+    assert few.message.startswith("the samples are wider than the posterior: it has ")
+    assert few.extras["power"] < 1
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from olne_bench.envs.recordings.recording import RecordedWorld, record
+from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.worlds.wrappers import Float32, wrap
 from olne_bench.estimators.bilevel import Bilevel
@@ -60,7 +60,7 @@ def seen(layers, sigma, seed=0, single=False):
     """The problem and an observation of the recording through a sensor."""
     scenario = RECORDING.scenario
     model = SensorModel.of(layers, GAME.dynamics, scenario.noise_scale)
-    world = wrap(RecordedWorld(RECORDING), layers, sigma, scenario.noise_scale)
+    world = wrap(RECORDING.world(), layers, sigma, scenario.noise_scale)
     world = Float32(world) if single else world
     shown, _ = world.reset(seed=seed)
     frames = [shown["player_0"]]

@@ -80,7 +80,8 @@ def test_a_comparison_says_that_nothing_isolates_estimators(result):
 
 
 def test_an_estimator_is_shown_nothing_but_problem_and_observation(result):
-    fields = ["game", "goes_on", "noise_covariance", "noise_scale", "sigma", "view", "weight_floor"]
+    fields = ["game", "goes_on", "noise_covariance", "noise_scale", "prior", "sigma"]
+    fields += ["sigma_spread", "view", "weight_floor"]
     assert Searches.found == [fields] * len(result.frame.query("estimator == 'searches'"))
 
 

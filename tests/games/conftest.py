@@ -41,7 +41,7 @@ def crossing(goal_game: GoalGame) -> tuple[Game, np.ndarray, np.ndarray]:
 
 
 @pytest.fixture(scope="session")
-def crossing_equilibrium(crossing: tuple[Game, np.ndarray, np.ndarray]) -> Equilibrium:
+def olne(crossing: tuple[Game, np.ndarray, np.ndarray]) -> Equilibrium:
     return solve_olne(*crossing)
 
 

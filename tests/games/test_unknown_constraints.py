@@ -37,10 +37,7 @@ def _game(*constraints: Constraint) -> Game:
     return Game(players, UNICYCLE, 12, 0.4, constraints)
 
 
-ASKED = _game(
-    Distance((1, 0), APART),
-    ControlBound((0,), "acceleration", -0.2, GENTLE),
-)
+ASKED = _game(Distance((1, 0), APART), ControlBound((0,), "acceleration", -0.2, GENTLE))
 
 
 @pytest.fixture(scope="module")

@@ -109,7 +109,7 @@ def export() -> None:
 @click.option(
     "--noise",
     type=FiniteRange(min=0, min_open=True),
-    help="Standard deviation of position noise [m]. Default: from the roughness of the tracks.",
+    help="Standard deviation of position noise [m]. Default: estimated with the weights.",
 )
 @shown("--budget", type=BUDGET, default=60.0, help="Time limit of the estimate [s].")
 @click.option("--out", type=PATH, help="New CSV file for the weights.")

@@ -108,17 +108,13 @@ def status() -> None:
 )
 @several(
     "--plugin",
-    "loaded",
     type=PLUGIN,
     metavar="FILE.py[:CLASS]",
-    help="A scenario or sensor of the run that may be loaded, to play it again (repeatable).",
+    expose_value=False,
+    help="Has no effect: a report loads no plugin, as truths and motions are stored with a run.",
 )
 def report() -> None:
-    """Write the tables, page and figures of the run in FOLDER again.
-
-    A scenario or sensor that is a plugin is played again only if --plugin names it: a run folder
-    may come from others.
-    """
+    """Write the tables, page and figures of the run in FOLDER again."""
 
 
 @command()

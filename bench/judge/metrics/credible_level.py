@@ -4,7 +4,7 @@ from scipy.special import chdtr
 
 from olne_bench.bench.judge.metrics import formulas
 from olne_bench.bench.judge.metrics.judged import Judged
-from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES
+from olne_bench.estimators.protocol import LIKELIHOOD, POSTERIOR, SAMPLES
 
 
 class CredibleLevel:
@@ -25,8 +25,9 @@ def level_of(case: Judged) -> float | None:
     estimate = case.estimate
     if estimate.region is None or case.sigma == 0:
         return None
-    if estimate.region == LIKELIHOOD:
-        ratio = case.likelihood_ratio()
+    if estimate.region in (LIKELIHOOD, POSTERIOR):
+        likely = estimate.region == LIKELIHOOD
+        ratio = case.likelihood_ratio() if likely else case.posterior_ratio()
         players, count = case.weights.shape
         return None if ratio is None else float(chdtr(players * (count - 1), max(0.0, ratio)))
     if estimate.region == SAMPLES:

@@ -31,7 +31,7 @@ def nothing_sampled(most: int) -> None:
 
 
 def no_ratio() -> None:
-    """The likelihood ratio of a trial that has none: None."""
+    """The ratio of a trial that has none: None."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class Judged:
         sigma: noise level of the observations [m].
         likelihood_ratio: computes twice the log of the largest likelihood, next to the estimate,
             less that of the true weights; None if that fails.
+        posterior_ratio: the same of the posterior in its normal chart, of one trajectory.
         held_out: computes predictions from other initial states; returns None if there are none,
             or if the game has no root at one of them.
         held_out_samples: computes predictions (H, M, T, N, n) from the same states at so many of
@@ -59,6 +60,7 @@ class Judged:
     sigma: float
     held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing_held_out
     likelihood_ratio: Callable[[], float | None] = no_ratio
+    posterior_ratio: Callable[[], float | None] = no_ratio
     held_out_samples: Callable[[int], np.ndarray | None] = nothing_sampled
 
     def __post_init__(self) -> None:

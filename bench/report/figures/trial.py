@@ -31,7 +31,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     The trial follows from the data by a rule (``scenes.choose``), which the title says.
 
     Raises:
-        NotDrawnError: as ``choose`` and ``scene_of``, and if no prediction is found again.
+        NotDrawnError: as ``choose`` and ``scene_of``, and if no prediction is stored.
     """
     choice = choose(trials, study)
     seed, scene, rows, found = shown_trial(trials, choice, study)
@@ -123,7 +123,7 @@ def _prediction(axes: Axes, scene: Scene, row: dict[Any, Any], states: np.ndarra
 
 def _truth(axes: Axes, scene: Scene) -> None:
     """Draw the true paths, numbered where they start, with the cars at their ends."""
-    for i, path in enumerate(scene.recording.states.swapaxes(0, 1)):
+    for i, path in enumerate(scene.truth.states.swapaxes(0, 1)):
         axes.plot(*scene.plane(path), color="black", linewidth=1, linestyle=_TRUTH_STYLE)
         _car(axes, scene, path[0], "black", label=str(i + 1))
         _car(axes, scene, path[-1], "black")
@@ -134,7 +134,7 @@ def _entries(scene: Scene) -> list[tuple[Artist, str]]:
     truth = Line2D([], [], color="black", linewidth=1, linestyle=_TRUTH_STYLE)
     players: list[tuple[Artist, str]] = [
         (Line2D([], [], color=player_colour(i)), f"player {i + 1}")
-        for i in range(scene.recording.states.shape[1])
+        for i in range(scene.truth.states.shape[1])
     ]
     end = Patch(facecolor=to_rgba("black", 0.15), edgecolor="black")
     return [(truth, "truth, numbered where it starts"), *players, (end, "end")]

@@ -5,9 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from olne_bench.bench.judge.scene import NoSceneError, Scenes, TrueScene
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.page.boards import (
@@ -175,6 +177,35 @@ def two_runs_page(
     notes = [f"only the trials that both {name} and {other} have are on this page", *tables.notes]
     extras = Extras(title=f"{name} and {other}", changes=changes)
     return render_page(trials, tables, [*sources, *others], whole, notes, extras).html
+
+
+@dataclass(frozen=True)
+class ScenesOfBoth:
+    """Truths and motions of two runs.
+
+    Attributes:
+        first: of the first run.
+        second: of the second run, if its draws are those of the first one.
+        renamed: names of its estimators on the page, and their labels there.
+    """
+
+    first: Scenes
+    second: Scenes
+    renamed: Mapping[str, str]
+
+    def truth(self, scenario: str, seed: int, sensor: str | None = None) -> TrueScene:
+        """As of ``bench.judge.scene.Scenes``."""
+        try:
+            return self.first.truth(scenario, seed, sensor)
+        except NoSceneError:
+            return self.second.truth(scenario, seed, sensor)
+
+    def motion(self, trial: Mapping[Any, Any], shape: tuple[int, ...]) -> np.ndarray | None:
+        """As of ``bench.judge.scene.Scenes``."""
+        label = self.renamed.get(trial["estimator"])
+        if label is None:
+            return self.first.motion(trial, shape)
+        return self.second.motion({**trial, "estimator": label}, shape)
 
 
 def after_name(label: str, names: Mapping[str, str]) -> str:

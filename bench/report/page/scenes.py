@@ -32,7 +32,7 @@ def scene_data(
         wanted: sequences that must be among them, if the scenario has them.
 
     Raises:
-        NotDrawnError: if the scenario cannot be played here.
+        NotDrawnError: if the scenario's truth is not stored, or cannot be read.
     """
     attempts = attempts_of(trials)
     paths = number * max(1, attempts.groupby(["estimator", "sensor"]).ngroups)
@@ -42,13 +42,12 @@ def scene_data(
     draws = {seed: seed if study.is_family(name) else 0 for _, seed in places}
     scenes = {draw: scene_of(name, seed, study) for seed, draw in draws.items()}
     first = scenes[draws[places[0][1]]]
-    game = first.recording.scenario.game
     metrics = [m.name for m in in_table(study.metrics, attempts) if not m.is_share]
     return {
         "shown": shown,
         "down": first.on_road,
-        "dt": game.dt,
-        "weights": list(game.weight_names),
+        "dt": first.truth.dt,
+        "weights": list(first.truth.weight_names),
         "draws": {str(draw): _draw(scene) for draw, scene in scenes.items()},
         "samples": [
             _sample(scenes[draws[place[1]]], attempts, place, metrics)
@@ -59,12 +58,12 @@ def scene_data(
 
 
 def _draw(scene: Scene) -> dict[str, Any]:
-    weights = scene.recording.scenario.weights
+    weights = scene.truth.weights
     return {
         "axes": scene.axis_names,
         "limits": scene.limits,
         "lanes": [_lane(shape) for shape in scene.lanes],
-        "truth": _paths(scene, scene.recording.states),
+        "truth": _paths(scene, scene.truth.states),
         "weights": decimals(weights / weights.sum(axis=1, keepdims=True), _PLACES),
     }
 
@@ -85,7 +84,7 @@ def _sample(
 
 def _prediction(scene: Scene, trial: dict[Any, Any], metrics: Sequence[str]) -> dict[str, Any]:
     states = scene.predicted(trial)
-    weights = estimated_weights(trial["weights"], scene.recording.scenario.game)
+    weights = estimated_weights(trial["weights"], scene.truth)
     return {
         "estimator": trial["estimator"],
         "sensor": trial["sensor"],

@@ -6,21 +6,17 @@ count.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
 from olne_bench.bench.judge.metrics.formulas import identifiable_cosine_error
-from olne_bench.bench.judge.truth import Draw, sensitivities_of, true_recording
+from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.report.leaderboard import LIMIT_SIGMA
 from olne_bench.bench.report.statistics.attempts import attempts_of
-from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study, why_unknown
-from olne_bench.envs.recordings.recording import Recording
-from olne_bench.games.model.sensor import SensorModel
-from olne_bench.games.solve.information import Identifiability, identifiability
+from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.games.model.identifiability import Identifiability
 
 #: Noise level [m] at which weights are classified as identified or not.
 REFERENCE_SIGMA = LIMIT_SIGMA
@@ -34,8 +30,8 @@ def identifiability_table(trials: pd.DataFrame, study: Study = USUAL) -> pd.Data
         Columns ``scenario, sensor, player`` (from 1), ``weight, truth``, ``bound`` (Cramer-Rao, as
         a standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that is
         left given the data) and ``identified``. A parameter is named with its unit, in which truth
-        and bound are given, and is compared with its own prior. Scenarios that cannot be played
-        here have no rows.
+        and bound are given, and is compared with its own prior. Scenarios whose truth is
+        not stored have no rows.
     """
     return _table(
         ["truth", "bound", "left", "identified"],
@@ -67,7 +63,7 @@ def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
                 | {"player": i + 1, "weight": weight, "estimator": estimator}
                 | {"ratio": ratios[i, k], "identified": known.identified[i, k]}
                 for i in range(len(ratios))
-                for k, weight in enumerate(truth.scenario.game.weight_names)
+                for k, weight in enumerate(truth.weight_names)
             ]
             rows += [
                 labels | cell | {"estimator": estimator}
@@ -87,10 +83,8 @@ def identifiable_errors(trials: pd.DataFrame, study: Study = USUAL) -> np.ndarra
         rows = _rows_of(trials, labels, study)
         errors[places[rows.index]] = np.inf
         rows = rows[_weights_are_there(rows)]
-        shape = truth.scenario.weights.shape
-        found = identifiable_cosine_error(
-            truth.scenario.weights, weights_of(rows, shape), known.projections
-        )
+        shape = truth.weights.shape
+        found = identifiable_cosine_error(truth.weights, weights_of(rows, shape), known.projections)
         errors[places[rows.index]] = found
     return errors
 
@@ -117,62 +111,35 @@ def flat_numbers(column: pd.Series) -> tuple[np.ndarray, np.ndarray]:
     return np.array(numbers, dtype=float), np.array([len(value) for value in column], dtype=int)
 
 
-@dataclass(frozen=True)
-class _Unknown:
-    """Why a scenario's weights cannot be judged here."""
-
-    reason: str
-
-
 def unknown_truths(trials: pd.DataFrame, study: Study = USUAL) -> list[str]:
     """Which scenarios and sensors have no rows in the tables of this module, and why."""
     return [
-        f"what can be known of {scenario}, {sensor}: {found.reason}"
+        f"what can be known of {scenario}, {sensor}: {found}"
         for scenario, sensor, found in _truths(trials, study)
-        if isinstance(found, _Unknown)
+        if isinstance(found, NoSceneError)
     ]
 
 
 def _known_truths(
     trials: pd.DataFrame, study: Study
-) -> Iterator[tuple[dict[str, str], Recording, Identifiability]]:
+) -> Iterator[tuple[dict[str, str], TrueScene, Identifiability]]:
     """Scenario and sensor as columns, the truth, and its identifiability."""
     for scenario, sensor, found in _truths(trials, study):
-        if not isinstance(found, _Unknown):
-            yield {"scenario": scenario, "sensor": sensor}, *found
+        if not isinstance(found, NoSceneError):
+            known = found.identified_at(REFERENCE_SIGMA)
+            yield {"scenario": scenario, "sensor": sensor}, found, known
 
 
 def _truths(
     trials: pd.DataFrame, study: Study
-) -> Iterator[tuple[str, str, tuple[Recording, Identifiability] | _Unknown]]:
+) -> Iterator[tuple[str, str, TrueScene | NoSceneError]]:
     pairs = trials[_GROUP].drop_duplicates().sort_values(_GROUP)
-    judged = set(trials.loc[trials["status"] != "harness_error", _GROUP].itertuples(index=False))
     for scenario, sensor in pairs.itertuples(index=False):
-        if (scenario, sensor) not in judged:  # playing it might crash this process as well
-            yield scenario, sensor, _Unknown("none of its trials could be judged")
-            continue
-        first = _first_seed(trials, scenario)
+        seed = _first_seed(trials, scenario)
         try:
-            draw = study.draw(scenario, first)
-            found = _truth(draw, study.sensor_model(sensor, draw))
-        except UNKNOWN_HERE as error:
-            yield scenario, sensor, _Unknown(why_unknown(error))
-        else:
-            yield scenario, sensor, found
-
-
-@lru_cache(maxsize=64)
-def _truth(draw: Draw, model: SensorModel) -> tuple[Recording, Identifiability]:
-    """The truth, and its identifiability if no sample is missing.
-
-    Raises:
-        One of ``UNKNOWN_HERE``: on a scenario of another version, or a truth that cannot be varied.
-    """
-    recording = true_recording(draw)
-    known = identifiability(
-        recording.scenario.told, sensitivities_of(draw, model), sigma=REFERENCE_SIGMA
-    )
-    return recording, known
+            yield scenario, sensor, study.scenes.truth(scenario, seed, sensor)
+        except NoSceneError as error:
+            yield scenario, sensor, error
 
 
 def _rows_of(trials: pd.DataFrame, labels: dict[str, str], study: Study) -> pd.DataFrame:
@@ -198,11 +165,11 @@ def _weights_are_there(rows: pd.DataFrame) -> np.ndarray:
 
 
 def cells(
-    truth: Recording, known: Identifiability
+    truth: TrueScene, known: Identifiability
 ) -> Iterator[tuple[tuple[int, str], dict[str, float | bool]]]:
     """Player (from 0) and name of each weight and unknown parameter, and what is known of it."""
-    for i, weights in enumerate(truth.scenario.weights):
-        for k, weight in enumerate(truth.scenario.game.weight_names):
+    for i, weights in enumerate(truth.weights):
+        for k, weight in enumerate(truth.weight_names):
             yield (
                 (i, weight),
                 {
@@ -216,16 +183,13 @@ def cells(
 
 
 def _parameter_cells(
-    i: int, truth: Recording, known: Identifiability
+    i: int, truth: TrueScene, known: Identifiability
 ) -> Iterator[tuple[tuple[int, str], dict[str, float | bool]]]:
-    scenario = truth.scenario
-    if scenario.parameters is None:
-        return
-    for k, unknown in enumerate(scenario.told.parameters.unknowns[i]):
+    for k, unknown in enumerate(truth.unknowns[i]):
         yield (
             (i, f"{unknown.name} [{unknown.unit}]"),
             {
-                "truth": float(scenario.parameters[i, k]),
+                "truth": float(truth.parameters[i, k]),
                 "bound": float(known.parameter_bound[i, k] * unknown.deviation),
                 "left": float(known.parameter_left[i, k]),
                 "identified": bool(known.parameters_identified[i, k]),
@@ -233,31 +197,29 @@ def _parameter_cells(
         )
 
 
-def _ratios(group: pd.DataFrame, truth: Recording, known: Identifiability) -> np.ndarray:
-    shape = truth.scenario.weights.shape
+def _ratios(group: pd.DataFrame, truth: TrueScene, known: Identifiability) -> np.ndarray:
+    shape = truth.weights.shape
     if not _weights_are_there(group).all():
         return np.full(shape, np.inf)
-    errors = weights_of(group, shape) - truth.scenario.weights
+    errors = weights_of(group, shape) - truth.weights
     relative = errors / (group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA * known.bound)
     return np.asarray(np.sqrt((relative**2).mean(axis=0)))
 
 
 def _parameter_ratios(
-    group: pd.DataFrame, truth: Recording, known: Identifiability
+    group: pd.DataFrame, truth: TrueScene, known: Identifiability
 ) -> Iterator[dict[str, object]]:
     """Cells of ``bound_ratios`` for the unknown parameters; none if rows do not hold them."""
-    scenario = truth.scenario
-    if scenario.parameters is None or "unknowns" not in group:
+    if not truth.used.any() or "unknowns" not in group:
         return
-    parameters = scenario.told.parameters
     if _weights_are_there(group).all() and group["unknowns"].notna().all():
-        found = nested_numbers(group["unknowns"], scenario.parameters.shape)
-        errors = (found - scenario.parameters) / parameters.deviations
+        found = nested_numbers(group["unknowns"], truth.parameters.shape)
+        errors = (found - truth.parameters) / truth.deviations
         sigma = group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA
         ratios = np.sqrt(((errors / (sigma * known.parameter_bound)) ** 2).mean(axis=0))
     else:
-        ratios = np.full(scenario.parameters.shape, np.inf)
-    for i, own in enumerate(parameters.unknowns):
+        ratios = np.full(truth.parameters.shape, np.inf)
+    for i, own in enumerate(truth.unknowns):
         for k, unknown in enumerate(own):
             yield {
                 "player": i + 1,

@@ -9,11 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.judge.truth import sensitivities_of, true_recording
+from olne_bench.bench.judge.scene import NoSceneError
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.statistics.identifiability import cells
-from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study
-from olne_bench.games.solve.information import identifiability
+from olne_bench.bench.report.study import USUAL, Study
 
 #: Draws of a family that count, from the first on.
 MOST_DRAWS = 10
@@ -33,8 +32,8 @@ def identifiability_by_noise(trials: pd.DataFrame, study: Study = USUAL) -> pd.D
         of truths that count: one, or in a family up to ``MOST_DRAWS``), ``bound`` (median
         Cramer-Rao bound at this noise, as a standard deviation, infinite where it does not exist),
         ``left`` (mean share of the prior variance that the data leave) and ``identified`` (share of
-        the draws in which the bound is below the standard deviation without data). Draws that
-        cannot be played here do not count.
+        the draws in which the bound is below the standard deviation without data). Draws whose
+        truth is not stored do not count.
     """
     attempts = attempts_of(trials)
     rows = [
@@ -65,13 +64,10 @@ def _rows(
     seeds = np.unique(group["seed"].to_numpy(int))
     for seed in seeds[: MOST_DRAWS if study.is_family(scenario) else 1]:
         try:
-            draw = study.draw(scenario, int(seed))
-            truth = true_recording(draw)
-            seen = sensitivities_of(draw, study.sensor_model(sensor, draw))
-        except UNKNOWN_HERE:
+            truth = study.scenes.truth(scenario, int(seed), sensor)
+        except NoSceneError:
             continue
         for sigma in levels[levels > 0]:
-            known = identifiability(truth.scenario.told, seen, sigma=float(sigma))
-            for (i, weight), cell in cells(truth, known):
+            for (i, weight), cell in cells(truth, truth.identified_at(float(sigma))):
                 place = {"scenario": scenario, "sensor": sensor, "sigma": float(sigma)}
                 yield place | {"player": i + 1, "weight": weight} | cell

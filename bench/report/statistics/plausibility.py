@@ -9,12 +9,13 @@ count, in the precision of the posterior and of plain weights, as a known truth 
 the directions that show. Both are judged twice: row by row, and for all rows of one scenario,
 sensor and noise level together, as noise on a known truth makes no single row improbable.
 
-This takes the true game of a draw. So estimators of this package, whose code is known, and
-scenarios and sensors that are plugins are judged by the columns of a row alone. Without noise and
+Estimators of this package, whose code is known, and scenarios and sensors that are plugins, which
+may tell any truth, are judged by the columns of a row alone. Without noise and
 on published weights, an exact estimate is no wonder, and nothing is judged.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,13 +23,11 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from olne_bench.bench.judge.truth import sensitivities_of, true_recording
+from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.report.statistics.identifiability import weights_of
-from olne_bench.bench.report.study import UNKNOWN_HERE, Study
-from olne_bench.games.model.game import Game
+from olne_bench.bench.report.study import Study
 from olne_bench.games.model.simplex import simplex_tangent, theta_tangent
-from olne_bench.games.solve.information import in_theta
 
 #: Chance that a row, or a cell, of an efficient estimator is marked.
 LEVEL = 1e-6
@@ -67,21 +66,6 @@ class Distances:
     whitened: float
     plain: float
     scales: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Truth:
-    """True weights (N, K) of a draw, and what the data of its trials can tell at sigma = 1.
-
-    Attributes:
-        game: the game that estimators are told.
-        weights: true weights.
-        information: (F, F) Fisher information on the tangent of theta, x_1 being unknown.
-    """
-
-    game: Game
-    weights: np.ndarray
-    information: np.ndarray
 
 
 def implausible(trials: pd.DataFrame, study: Study) -> np.ndarray:
@@ -207,34 +191,19 @@ def _chosen_seeds(rows: pd.DataFrame) -> np.ndarray:
     return np.sort(rng.choice(seeds, min(MOST_DRAWS, len(seeds)), replace=False))
 
 
-def _truths(seeds: Iterable[int], scenario: str, sensor: str, study: Study) -> Mapping[int, _Truth]:
-    """The truths of draws by seed, as far as they can be played here without foreign code."""
+def _truths(
+    seeds: Iterable[int], scenario: str, sensor: str, study: Study
+) -> Mapping[int, TrueScene]:
+    """The truths of draws by seed, as far as they are known and no foreign code told them."""
     if sensor not in study.sensors or foreign_worlds(
         study.scenario(scenario), study.sensors[sensor]
     ):
         return {}
     found = {}
     for seed in seeds:
-        try:
-            draw = study.draw(scenario, int(seed))
-            told = true_recording(draw).scenario
-            seen = sensitivities_of(draw, study.sensor_model(sensor, draw))
-        except UNKNOWN_HERE:
-            continue
-        found[int(seed)] = _Truth(told.told, told.weights, _information(told.told, seen))
+        with suppress(NoSceneError):
+            found[int(seed)] = study.scenes.truth(scenario, int(seed), sensor)
     return found
-
-
-def _information(game: Game, sensitivities: Iterable[np.ndarray]) -> np.ndarray:
-    """Information (F, F) of trajectories on the tangent of theta, each start being unknown."""
-    tangent = theta_tangent(game)
-    whole = np.zeros((tangent.shape[1],) * 2)
-    for rows in sensitivities:
-        by_theta, by_start = rows[:, : len(tangent)] @ tangent, rows[:, len(tangent) :]
-        directions, _ = np.linalg.qr(by_start)
-        left = by_theta - directions @ (directions.T @ by_theta)
-        whole += left.T @ left
-    return whole
 
 
 def _prior_precision(weights: Sequence[np.ndarray]) -> float:
@@ -251,12 +220,14 @@ def _prior_precision(weights: Sequence[np.ndarray]) -> float:
 
 
 def _distances(
-    rows: pd.DataFrame, truth: _Truth, sigma: float, prior: float
+    rows: pd.DataFrame, truth: TrueScene, sigma: float, prior: float
 ) -> Iterator[Distances]:
-    game, (players, count) = truth.game, truth.weights.shape
-    of_unknowns = in_theta(game, np.ones((players, game.parameters.count), bool))
-    weights = ~(theta_tangent(game)[of_unknowns] != 0).any(axis=0)
-    precision = truth.information / sigma**2 + np.diag(np.where(weights, prior, 1.0))
+    players, count = truth.weights.shape
+    tangent = theta_tangent(count, truth.used)
+    of_weights = np.arange(len(tangent)) % (len(tangent) // players) < count
+    weights = (tangent[of_weights] != 0).any(axis=0)
+    information = truth.information_root.T @ truth.information_root
+    precision = information / sigma**2 + np.diag(np.where(weights, prior, 1.0))
     covariance = np.linalg.inv(precision)[np.ix_(weights, weights)]
     scales, directions = np.linalg.eigh(covariance)
     errors = (weights_of(rows, truth.weights.shape) - truth.weights).reshape(len(rows), -1)

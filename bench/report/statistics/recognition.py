@@ -1,25 +1,21 @@
 """Who is recognised: results by the temperament of drivers (``envs.roads.temperaments``).
 
-No game is solved for it. An estimate recognises a driver if its weights have the largest density
-under the driver's own temperament.
+Temperaments are stored with the truths. An estimate recognises a driver if its weights have the
+largest density under the driver's own temperament.
 """
 
-import json
 from contextlib import suppress
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.formulas import cosine_errors
-from olne_bench.bench.judge.truth import Draw
+from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.report.statistics.attempts import attempts_of, quantile
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.statistics.intervals import share_interval
-from olne_bench.bench.report.study import UNKNOWN_HERE, USUAL, Study
-from olne_bench.envs.roads.temperaments import TEMPERAMENTS, checked_shares, recognised
-from olne_bench.envs.scenarios import check_options
+from olne_bench.bench.report.study import USUAL, Study
+from olne_bench.envs.roads.temperaments import TEMPERAMENTS, recognised
 from olne_bench.envs.scenarios.true_weights import TEMPERED
 from olne_bench.plugins import SCENARIO, is_built_in
 
@@ -48,8 +44,9 @@ def drivers(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     parts = []
     for label, of_label in attempts.groupby("scenario", sort=True, observed=True):
         for seed, rows in of_label.groupby("seed", sort=True):
-            with suppress(*UNKNOWN_HERE):  # the options are those of another version
-                parts.append(_drivers_of_draw(rows, study.draw(str(label), int(str(seed)))))
+            with suppress(NoSceneError):
+                truth = study.scenes.truth(str(label), int(str(seed)))
+                parts.append(_drivers_of_draw(rows, truth))
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=_DRIVER)
 
 
@@ -101,15 +98,15 @@ def _summary(group: pd.DataFrame) -> dict[str, float | int]:
     return dict(zip(_SUMMARY, values, strict=True))
 
 
-def _drivers_of_draw(rows: pd.DataFrame, draw: Draw) -> pd.DataFrame:
+def _drivers_of_draw(rows: pd.DataFrame, truth: TrueScene) -> pd.DataFrame:
     """The drivers of the attempts on one draw."""
-    names, weights, shares = _truth(draw)
+    names, weights = truth.temperaments, truth.weights
     valid = rows["status"].isin(["ok", "failed_forward"]) & rows["weights"].notna()
     seen = np.full((len(rows), len(names)), NOBODY, dtype=object)
     errors = np.full(seen.shape, np.inf)
     if valid.any():
         estimated = weights_of(rows[valid], weights.shape)
-        seen[valid] = recognised(estimated, shares)
+        seen[valid] = recognised(estimated, truth.shares)
         errors[valid] = cosine_errors(weights, estimated)
     places = np.repeat(np.arange(len(rows)), len(names))
     found = rows[[*_CELL, "seed"]].iloc[places].reset_index(drop=True)
@@ -118,10 +115,3 @@ def _drivers_of_draw(rows: pd.DataFrame, draw: Draw) -> pd.DataFrame:
         recognised=pd.Categorical(seen.ravel(), dtype=_NAMES),
         cosine_error=errors.ravel(),
     )
-
-
-@lru_cache(maxsize=4096)
-def _truth(draw: Draw) -> tuple[tuple[str, ...], np.ndarray, dict[str, float]]:
-    """Temperaments and weights (N, 4) of a draw's players, and the shares of its traffic."""
-    family: Any = check_options(draw.name, **json.loads(draw.options))
-    return family.temperaments(draw.seed), family.tempered(draw.seed), checked_shares(family.shares)

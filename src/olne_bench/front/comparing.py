@@ -1,7 +1,7 @@
 """Compare estimators in this process, judged as a study judges them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -206,11 +206,9 @@ def _judged(
             outcome = case
         else:
             outcome = judge_case(trial, case, Staff(PlayerHere(who.made), NoForeignMetrics()))
-        row = asdict(outcome)
-        scores = row.pop("scores")
-        row.pop("trial_seconds")
         labels = {name: trial.labels[name] for name in LABEL_COLUMNS}
-        yield labels | row | {entry.name: scores.get(entry.name) for entry in trial.metrics}
+        scores = {entry.name: outcome.scores.get(entry.name) for entry in trial.metrics}
+        yield labels | outcome.columns | scores
 
 
 def _chosen(given: Sequence[Any] | Mapping[str, Any]) -> list[ChosenEstimator]:

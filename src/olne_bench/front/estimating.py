@@ -12,6 +12,7 @@ from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.fit import Fit
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.estimators.protocol import Estimate, Observation, Problem, check_observation
+from olne_bench.estimators.shared.fit_test import FitTest
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.front.games import solve_olne
 from olne_bench.front.in_process import chosen_estimator, estimated_here
@@ -46,6 +47,11 @@ class Estimated:
     def converged(self) -> bool:
         """Whether the estimator considers the result valid."""
         return self.result.converged
+
+    @property
+    def fit(self) -> FitTest:
+        """Whether noise explains what the estimate leaves: its p-value, verdict and reason."""
+        return self._fit.test
 
     def __repr__(self) -> str:
         """One line: who has found which weights."""

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from olne_bench.bench.judge.observe import problem_of, sensor_model
+from olne_bench.bench.judge.seeds import noise_seed
 from olne_bench.bench.judge.trials import shown
-from olne_bench.bench.judge.truth import noise_seed
 from olne_bench.envs.scenarios import checked_seed
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.front.drawing import DrawnScenario, chosen_sensor, place_of
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.sensor import SensorModel
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,6 +74,7 @@ def problem(
     sigma: float = 0.0,
     *,
     noise_scale: Sequence[float] | None = None,
+    prior: WeightPrior | None = None,
 ) -> Problem:
     """What an estimator is told, for observations of your own.
 
@@ -82,6 +84,7 @@ def problem(
         sigma: noise level.
         noise_scale: (n,) standard deviation of the noise on each component of the state, relative
             to sigma. A game needs it; ones mean the same number in metres, radians and m/s.
+        prior: what is known of each player's weights; that of a scenario, or flat, if None.
 
     Raises:
         TypeError: on another game or sensor.
@@ -93,7 +96,7 @@ def problem(
     if isinstance(game, Scenario):
         told = game.told
         if noise_scale is None:
-            return problem_of(told, sensor_model(game, layers), sigma)
+            return problem_of(told, sensor_model(game, layers), sigma, prior or game.prior)
     elif isinstance(game, Game):
         told = game
     else:
@@ -105,7 +108,10 @@ def problem(
             f"noise_scale must say how large the noise on {', '.join(names)} is, relative to "
             f"sigma, got {got}; a scenario has it: problem(scenario, ...), or scenario.noise_scale"
         )
-    return problem_of(told, SensorModel.of(layers, told.dynamics, noise_scale), sigma)
+    model = SensorModel.of(layers, told.dynamics, noise_scale)
+    return problem_of(
+        told, model, sigma, prior or (game.prior if isinstance(game, Scenario) else FLAT)
+    )
 
 
 def _check_sigma(sigma: object) -> None:

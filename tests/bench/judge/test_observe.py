@@ -8,7 +8,6 @@ import pytest
 
 from olne_bench.bench.judge.observe import observe, observed, sensor_model
 from olne_bench.envs.olne_v0 import make_world
-from olne_bench.envs.recordings.recording import RecordedWorld
 from olne_bench.envs.sensors.correlated import Correlated
 from olne_bench.envs.sensors.drop import Drop
 from olne_bench.envs.sensors.full import Full
@@ -63,7 +62,7 @@ def test_so_does_one_of_a_road(recorded, sensor):
 
 
 def test_recorded_worlds_show_one_agent_and_one_step_more(recording):
-    world = RecordedWorld(recording)
+    world = recording.world()
     world.reset()
     assert world.possible_agents == ["player_0"]
     assert world.observation_layout.num_players == 2

@@ -23,7 +23,9 @@ def test_only_a_prior_excludes(name, parameters, excluded):
     found = exclusion(EstimatorEntry(name=name, parameters=parameters), scenario)
     assert bool(found) == excluded
     if excluded:
-        assert found.startswith("its prior (alpha = 1000) gives the truth no mass: weight '")
+        assert found.startswith(
+            "its prior WeightPrior((1000.0,)) gives the truth no mass: weight '"
+        )
         assert "\n" not in found
 
 

@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from olne_bench.bench.judge.metrics.formulas import position_error
+from olne_bench.bench.judge.scene import unpack_motion, unpack_truth
 from olne_bench.bench.judge.trials import case_of
 from olne_bench.bench.judge.truth import Draw, true_recording
 from olne_bench.bench.plan.load import load_suite
@@ -26,7 +28,8 @@ def test_draws_without_an_equilibrium_are_rows_of_their_own(monkeypatch, judged)
         assert outcome.message.startswith("no playable draw of 'merge'")
 
 
-def test_a_draw_of_the_roads_suite_is_scored(judged):
+def test_a_draw_of_the_roads_suite_is_scored_and_its_truth_is_sent_once(judged, monkeypatch):
+    monkeypatch.setattr("olne_bench.bench.judge.trials._sent", set())
     two_way = Selection(scenarios=("two_way",), sensors=("full",), sigmas=(0.05,))
     part = select(load_suite("roads"), two_way)
     trials = {trial.estimator.label: trial for trial in expand(part, seeds=1)}
@@ -38,9 +41,17 @@ def test_a_draw_of_the_roads_suite_is_scored(judged):
     assert joint.objective is not None and joint.truth_objective is not None
     assert joint.objective <= joint.truth_objective * (1 + 1e-6)
     assert joint.scores["position_error"] < 0.3 * floor.scores["position_error"]
+    assert floor.scene is None
+    truth = unpack_truth(joint.scene)
+    np.testing.assert_array_equal(truth.states, true_recording(draw).states)
+    assert truth.road == "two_way" and len(truth.temperaments) == len(truth.weights)
+    for outcome in (joint, floor):
+        error = position_error(truth.states, unpack_motion(outcome.motion, truth.states.shape))
+        assert error == pytest.approx(outcome.scores["position_error"], abs=1e-5)
 
 
-def test_estimated_parameters_are_kept_and_covered(judged, tmp_path):
+def test_estimated_parameters_are_kept_and_covered(judged, tmp_path, monkeypatch):
+    monkeypatch.setattr("olne_bench.bench.judge.trials._sent", set())
     goals = Selection(scenarios=("unknown_goals",), sensors=("full",), sigmas=(0.01,))
     part = select(load_suite("parameters"), goals)
     (trial,) = (
@@ -50,6 +61,11 @@ def test_estimated_parameters_are_kept_and_covered(judged, tmp_path):
     assert np.shape(outcome.unknowns) == (2, 2)
     assert outcome.scores["covers_parameters"] in (0, 0.25, 0.5, 0.75, 1)
     assert outcome.scores["parameter_error"] < 0.2
+    truth = unpack_truth(outcome.scene)
+    assert [[one.name for one in own] for own in truth.unknowns] == [["goal x", "goal y"]] * 2
+    errors = (np.array(outcome.unknowns) - truth.parameters) / truth.deviations
+    assert np.sqrt((errors**2).mean()) < 1 and truth.used.all()
+    assert truth.identified_at(0.01).parameters_identified.all()
     with open_store(tmp_path) as store:
         store.add(trial, outcome)
         (row,) = store.table().to_pylist()
@@ -68,7 +84,9 @@ def test_a_prior_that_excludes_a_draw_is_invalid_before_anything_is_estimated(ju
     wide, narrow = (judged(trial) for trial in expand(load_suite(str(path))))
     assert wide.status == "ok"
     assert narrow.status == "invalid"
-    assert narrow.message.startswith("its prior (alpha = 1000) gives the truth no mass: weight '")
+    assert narrow.message.startswith(
+        "its prior WeightPrior((1000.0,)) gives the truth no mass: weight '"
+    )
     assert narrow.weights is None and narrow.solve_seconds is None
     assert narrow.truth_objective == wide.truth_objective
 

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.truth import Draw, noise_seed
+from olne_bench.bench.judge.seeds import noise_seed
+from olne_bench.bench.judge.truth import Draw
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import expand

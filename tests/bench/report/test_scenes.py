@@ -6,90 +6,46 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.metrics.formulas import position_error
-from olne_bench.bench.judge.truth import Draw, predict_from_start, true_recording
-from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.scenes import (
-    Choice,
     choose,
     estimated_weights,
     scene_of,
     sequences,
     shown_trial,
 )
-from olne_bench.bench.report.study import Study
+from olne_bench.bench.submission.played import PlayedScenes
 
-ENTRY = ScenarioEntry(name="two_player", label="two_player")
-DRAW = Draw.of(ENTRY, 0, "test")
-SCENE = scene_of("two_player", 0, Study(scenarios={"two_player": ENTRY}, salt="test"))
 DRAWS = 9
 
 
-def scored(weights: np.ndarray) -> dict:
-    """The row of a trial, as the benchmark scores one."""
-    prediction = predict_from_start(DRAW, weights, 300)
-    assert prediction.root is not None
-    error = position_error(true_recording(DRAW).states, prediction.root.states)
-    return {
-        "seed": 0,
-        "status": "ok",
-        "weights": weights.tolist(),
-        "published_forward": float(prediction.published),
-        "position_error": error,
-    }
-
-
-@pytest.mark.parametrize("spread", [0.1, 1.0, 2.0])
-def test_a_replay_is_the_motion_that_was_scored(spread):
-    rng = np.random.default_rng(3)
-    weights = rng.dirichlet(np.full(4, 1 / spread), 2)
-    row = scored(weights)
-    states = SCENE.predicted(row)
-    assert states is not None
-    assert position_error(true_recording(DRAW).states, states) == pytest.approx(
-        row["position_error"], rel=1e-3, abs=1e-5
-    )
-
-
-def test_another_motion_than_that_scored_is_not_shown():
-    row = scored(np.full((2, 4), 0.25))
-    assert SCENE.predicted(row | {"position_error": row["position_error"] + 0.3}) is None
-
-
-def test_failures_have_no_replay():
-    row = scored(np.full((2, 4), 0.25))
-    assert SCENE.predicted(row | {"status": "failed_forward"}) is None
-    assert SCENE.predicted(row | {"weights": None}) is None
-
-
-def test_a_motion_is_known_by_its_error_to_a_micrometre_and_a_ten_thousandth():
-    """The error of a motion that is found again may differ by rounding only."""
-    row = scored(np.array([[0.1, 0.2, 0.3, 0.4], [0.4, 0.3, 0.2, 0.1]]))
-    error = row["position_error"]
-    assert error > 1e-3
-    for off, known in ((0.5, True), (-0.5, True), (1.5, False), (-1.5, False)):
-        told = error + off * (1e-6 + 1e-4 * error)
-        assert (SCENE.predicted(row | {"position_error": told}) is not None) == known
+def test_failures_and_what_the_published_step_does_not_find_have_no_replay(usual):
+    scene = scene_of("two_player", 0, usual)
+    row = {"scenario": "two_player", "seed": 0, "status": "ok", "published_forward": 1}
+    row |= {"weights": [[0.25] * 4] * 2}
+    states = scene.predicted(row)
+    assert states is not None and states.shape == scene.truth.states.shape
+    for change in ({"status": "failed_forward"}, {"published_forward": 0}):
+        assert scene.predicted(row | change) is None
 
 
 @pytest.mark.parametrize("value", [None, float("nan"), pd.NA])
-def test_no_weights_are_none(value):
-    assert estimated_weights(value, true_recording(DRAW).scenario.game) is None
+def test_no_weights_are_none(usual, value):
+    assert estimated_weights(value, usual.scenes.truth("two_player", 0)) is None
 
 
-def test_weights_of_another_game_are_refused():
-    game = true_recording(DRAW).scenario.game
+def test_weights_of_another_game_are_refused(usual):
+    truth = usual.scenes.truth("two_player", 0)
     rows = np.array([[0.1, 0.2, 0.3, 0.4], [0.5, 0.1, 0.2, 0.2]])
-    np.testing.assert_array_equal(estimated_weights(rows.tolist(), game), rows)
-    for wrong in (rows[:1].tolist(), 3.0, [["a"] * 4] * 2):
+    np.testing.assert_array_equal(estimated_weights(rows.tolist(), truth), rows)
+    for wrong in (rows[:1].tolist(), 3.0, [["a"] * 4] * 2, (-rows).tolist(), [[np.nan] * 4] * 2):
         with pytest.raises(NotDrawnError, match="stored weights do not fit the scenario"):
-            estimated_weights(wrong, game)
+            estimated_weights(wrong, truth)
 
 
-def test_a_scene_that_cannot_be_played_says_why():
-    with pytest.raises(NotDrawnError, match="no scenario 'gone' in the suite"):
-        scene_of("gone", 0)
+def test_a_scene_that_is_not_stored_says_so():
+    with pytest.raises(NotDrawnError, match="its truth is not stored here"):
+        scene_of("two_player", 0)
 
 
 @pytest.mark.parametrize("name", ["two_player", "highway_overtaking"])
@@ -97,7 +53,7 @@ def test_everything_lies_within_its_limits_with_a_margin(usual, name):
     scene = scene_of(name, 0, usual)
     assert scene.is_wide == (name != "two_player")
     assert scene.axis_names == (("py", "px") if scene.is_wide else ("px", "py"))
-    for along, (low, high) in zip(scene.plane(scene.recording.states), scene.limits, strict=True):
+    for along, (low, high) in zip(scene.plane(scene.truth.states), scene.limits, strict=True):
         margins = along.min() - low, high - along.max()
         assert margins[0] == pytest.approx(margins[1])
         assert margins[0] >= 0.12 * np.ptp(along) - 1e-9
@@ -106,7 +62,7 @@ def test_everything_lies_within_its_limits_with_a_margin(usual, name):
 
 def test_what_was_observed_has_the_noise_of_its_level_and_seed(usual):
     scene = scene_of("two_player", 0, usual)
-    truth = scene.recording.states
+    truth = scene.truth.states
     assert (scene.observed(0.1, 0) - truth).std() == pytest.approx(0.1, rel=0.2)
     assert np.abs(scene.observed(0.1, 1) - scene.observed(0.1, 0)).max() > 0.1
     np.testing.assert_array_equal(scene.observed(0.0, 0), truth)
@@ -115,13 +71,13 @@ def test_what_was_observed_has_the_noise_of_its_level_and_seed(usual):
 @pytest.mark.parametrize(
     ("height", "stretch"), [(20.0, 1.0), (10.0, 1.0), (6.0, 1.5), (5.0, 2.0), (1.0, 3.0)]
 )
-def test_a_long_road_is_stretched_across(road_study, height, stretch):
+def test_a_long_road_is_stretched_across(usual, road_study, height, stretch):
     limits = ((-30.0, 30.0), (-height / 2, height / 2))
     road = replace(scene_of("roundabout", 0, road_study), limits=limits)
     assert road.on_road and len(road.lanes) > 8
     assert road.stretch == stretch
     assert road.is_wide == (2 * height < 60)
-    assert replace(SCENE, limits=limits).stretch == 1
+    assert replace(scene_of("two_player", 0, usual), limits=limits).stretch == 1
 
 
 def attempts(failed: tuple[int, ...] = (), **errors: float) -> pd.DataFrame:
@@ -193,7 +149,7 @@ def test_a_trial_is_shown_with_both_predictions_or_not_at_all(road_trials, road_
     choice = choose(road_trials, road_study)
     seed, scene, rows, found = shown_trial(road_trials, choice, road_study)
     assert seed == 0 and [row["estimator"] for row in rows] == [*choice.estimators]
-    np.testing.assert_allclose(found[0], scene.recording.states, atol=1e-4)
-    lost = road_trials.assign(position_error=7.0)
-    with pytest.raises(NotDrawnError, match="not found again"):
-        shown_trial(lost, Choice(choice.estimators, "full", 0.1, (0,)), road_study)
+    np.testing.assert_allclose(found[0], scene.truth.states, atol=1e-4)
+    lost = replace(road_study, scenes=PlayedScenes(road_study))
+    with pytest.raises(NotDrawnError, match="predictions of the chosen trials are not stored"):
+        shown_trial(road_trials, choice, lost)

@@ -11,7 +11,7 @@ from pettingzoo.test import parallel_api_test
 from olne_bench.envs import highway_v0, olne_v0
 from olne_bench.envs.olne_v0 import make_world
 from olne_bench.envs.recordings import recording as recordings
-from olne_bench.envs.recordings.recording import NoEquilibriumError, RecordedWorld, film, record
+from olne_bench.envs.recordings.recording import NoEquilibriumError, film, record
 from olne_bench.envs.recordings.recording_file import (
     CertificateEntry,
     RecordingFileError,
@@ -129,22 +129,16 @@ def file(tmp_path, recorded):
     return path
 
 
-def test_a_missing_file(tmp_path):
+def test_what_is_no_recording_is_refused(tmp_path):
+    path = tmp_path / "other.parquet"
     with pytest.raises(RecordingFileError, match="no recording"):
-        read_recording(tmp_path / "no.parquet")
-
-
-def test_a_file_of_another_format(tmp_path):
-    path = tmp_path / "text.parquet"
+        read_recording(path)
     path.write_text("time,player\n")
     with pytest.raises(RecordingFileError, match="not a Parquet file"):
         read_recording(path)
-
-
-def test_a_table_that_is_no_recording(file):
-    pq.write_table(pa.table({"a": [1]}), file)
+    pq.write_table(pa.table({"a": [1]}), path)
     with pytest.raises(RecordingFileError, match="is not a recording"):
-        read_recording(file)
+        read_recording(path)
 
 
 @pytest.mark.parametrize("damage", ["rows", "column", "metadata"])
@@ -167,11 +161,11 @@ def recording(recorded):
 
 
 def test_it_is_a_world_like_any_other(recording) -> None:
-    parallel_api_test(RecordedWorld(recording), num_cycles=60)
+    parallel_api_test(recording.world(), num_cycles=60)
 
 
 def test_the_recording_is_shown_with_its_extra_state_and_the_time(recording) -> None:
-    world = RecordedWorld(recording)
+    world = recording.world()
     game = recording.scenario.game
     expected = [*recording.states, recording.extra_state]
     for _ in range(2):  # repeatedly
@@ -193,7 +187,7 @@ def test_the_recording_is_shown_with_its_extra_state_and_the_time(recording) -> 
 
 
 def test_blocks_are_players_in_the_order_of_their_indices(recording) -> None:
-    world = RecordedWorld(recording)
+    world = recording.world()
     shown, _ = world.reset()
     layout = world.observation_layout
     assert layout.num_players == 2
@@ -203,7 +197,7 @@ def test_blocks_are_players_in_the_order_of_their_indices(recording) -> None:
 
 
 def test_a_world_that_was_never_reset_stands_at_the_first_step(recording) -> None:
-    world = RecordedWorld(recording)
+    world = recording.world()
     np.testing.assert_array_equal(world.state(), [*recording.states[0].ravel(), 0.0])
     assert world.agents == []
     idle = world.action_space("player_0")

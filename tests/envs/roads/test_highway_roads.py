@@ -142,18 +142,13 @@ def test_a_road_has_its_players_and_nobody_else(name):
     np.testing.assert_array_equal(road.states(), states[:1])
 
 
-def test_cars_that_touch_have_crashed():
-    road = make_road("highway")
-    for gap, crashed in ((4.9, True), (5.1, False)):
-        road.place(np.array([[100, 4, 0, 10.0], [100 + gap, 4, 0, 10.0]]))
-        road.apply(np.zeros((2, 2)))
-        assert road.crashed().tolist() == [crashed] * 2
-
-
 @pytest.mark.parametrize("heading", [0.0, 0.8])
 @pytest.mark.parametrize(
     ("gap", "margin", "crashed"),
-    [(0.3, 0.0, False), (0.3, 0.1, False), (0.3, 0.2, True), (1.9, 0.9, False), (1.9, 1.0, True)],
+    [
+        *((-0.1, 0.0, True), (0.1, 0.0, False), (0.3, 0.1, False), (0.3, 0.2, True)),
+        *((1.9, 0.9, False), (1.9, 1.0, True)),
+    ],
 )
 def test_a_margin_widens_a_car_on_every_side(heading, gap, margin, crashed):
     """Two cars in line, at a given distance and the same speed."""

@@ -31,6 +31,7 @@ DRIVERS = [Driver((50.0 * k, 4.0, 0.0, 20.0), (LANE,), 25.0) for k in range(2)]
 def test_a_unit_of_each_preference_costs_one(manner) -> None:
     scenario = driving_scenario("highway", DRIVERS, manner, np.full((2, 4), 0.25))
     game = scenario.game
+    assert scenario.noise_scale == (1.0, 1.0, 0.1, 1.0)
     assert game.weight_names == ("proximity", "speed", "acceleration", "steering")
     np.testing.assert_array_equal(scenario.initial_state, [d.state for d in DRIVERS])
     proximity, speed, acceleration, steering = game.players[0].preferences

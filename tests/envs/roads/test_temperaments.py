@@ -13,9 +13,11 @@ from olne_bench.envs.roads.temperaments import (
     checked_shares,
     drawn_temperaments,
     recognised,
+    tempered_prior,
     tempered_weights,
 )
 from olne_bench.envs.scenarios import check_options, get_scenario
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 from olne_bench.plugins import PluginError
 
 SHARES = {"aggressive": 0.6, "cautious": 0.4}
@@ -103,3 +105,19 @@ def test_the_guide_has_the_parameters() -> None:
     guide = (Path(__file__).parents[3] / "docs" / "highway.md").read_text()
     for name, parameters in TEMPERAMENTS.items():
         assert f"| {name} | {' | '.join(f'{value:g}' for value in parameters)} |" in guide
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, WeightPrior((6.0,))),
+        ({"weights": "dirichlet"}, FLAT),
+        ({"weights": "temperaments"}, tempered_prior(checked_shares(None))),
+        (
+            {"weights": "temperaments", "shares": {"normal": 0.25, "cautious": 0.75}},
+            WeightPrior((TEMPERAMENTS["normal"], TEMPERAMENTS["cautious"]), (0.25, 0.75)),
+        ),
+    ],
+)
+def test_a_scenario_says_how_its_weights_are_drawn(options, expected) -> None:
+    assert get_scenario("intersection", 0, num_players=2, **options).prior == expected

@@ -232,10 +232,6 @@ def test_a_part_is_chosen_where_there_are_several() -> None:
     assert choose_part(path, frame, "case", "2")["x"].tolist() == [3]
     assert choose_part(path, frame[:2], "case", None)["x"].tolist() == [1, 2]
     assert choose_part(path, frame, "other", None) is frame
-    with pytest.raises(UserError, match="holds 1, 2 in case; choose one with --part"):
-        choose_part(path, frame, "case", None)
-    with pytest.raises(UserError, match=r"--part .3.: case of tracks\.csv holds 1, 2"):
-        choose_part(path, frame, "case", "3")
     with pytest.raises(UserError, match=r"--part .1.: tracks\.csv has no column other"):
         choose_part(path, frame, "other", "1")
 

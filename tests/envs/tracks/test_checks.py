@@ -96,8 +96,7 @@ def test_headings_are_judged_by_all_times_at_which_a_car_drives() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "refused"),
-    [(1.9, False), (2.1, True), (0.55, False), (0.45, True)],
+    ("factor", "refused"), [(1.9, False), (2.1, True), (0.55, False), (0.45, True)]
 )
 def test_speeds_and_displacements_agree_to_a_factor_of_two(factor: float, refused: bool) -> None:
     told = states()

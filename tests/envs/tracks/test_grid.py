@@ -64,14 +64,15 @@ def test_who_is_seen_less_than_three_times_is_left_out(samples: int) -> None:
     brief.loc[samples:, "y"] = np.nan
     found = grid(track("a", EVERY), brief)
     assert ("b" in found.players) == (samples == 3)
-    begins = "player 'b' is seen at 3 of 41" if samples == 3 else "left out, seen less than 3 times"
+    left_out = "left out, seen less than 3 times: b"
+    begins = "player 'b' is seen at 3 of 41" if samples == 3 else left_out
     assert len(found.notes) == 1 and found.notes[0].startswith(begins)
 
 
 def test_as_many_players_as_a_game_holds_are_taken() -> None:
     tracks = [track(str(k), EVERY[:3]) for k in range(MOST_PLAYERS)]
     assert len(grid(*tracks).players) == MOST_PLAYERS
-    with pytest.raises(UserError, match=f"{MOST_PLAYERS + 1} players"):
+    with pytest.raises(UserError, match=f"{MOST_PLAYERS + 1} players, a game has at most 20"):
         grid(*tracks, track("more", EVERY[:3]))
 
 

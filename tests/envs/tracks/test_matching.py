@@ -10,7 +10,7 @@ from olne_bench.envs.tracks.grid import Motion
 from olne_bench.envs.tracks.matching import driven, route
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import highway_road
-from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
+from olne_bench.games.model.lanes import ArcLane, Lane, StraightLane
 
 EAST, NORTH = (1.0, 0.0), (0.0, 1.0)
 
@@ -66,12 +66,6 @@ def test_who_comes_back_keeps_the_other_lane_until_then() -> None:
     curves, lanes = route(ROAD, driven(ROAD, motion(along(X, y))))
     assert lanes == ["left", "right"]
     assert 55 < curves[0].length < 75 and curves[1].length == 100
-
-
-def test_a_turn_follows_the_road() -> None:
-    up = np.linspace(3, 40, 9)
-    points = np.vstack([along(X, 0.0), np.column_stack([np.full(9, 100.0), up])])
-    assert names(points) == ["right", "off"]
 
 
 def test_lanes_between_two_samples_are_on_the_route() -> None:
@@ -154,22 +148,6 @@ def test_a_lane_is_kept_up_to_a_distance_with_a_metre_at_least() -> None:
     assert lengths(10.0) == [10.0]
     assert lengths(14.0) == [10.0, 4.0]
     assert lengths(99.0) == [10.0, 20.0]
-
-
-def test_curves_are_shortened_from_their_ends() -> None:
-    arc = ArcLane((1.0, 2.0), 10.0, 0.5, -1.5)
-    part = matching.shortened(arc, 5.0)
-    assert isinstance(part, ArcLane)
-    assert part.length == pytest.approx(5.0)
-    assert (part.centre, part.radius, part.start_phase) == (arc.centre, arc.radius, 0.5)
-    assert part.end_phase == pytest.approx(0.0)
-    sine = SineLane(StraightLane((0, 0), EAST, 30.0), 2.0, 0.3, 0.7)
-    part = matching.shortened(sine, 12.0)
-    assert isinstance(part, SineLane)
-    assert part.axis == StraightLane((0, 0), EAST, 12.0)
-    assert (part.amplitude, part.pulsation, part.phase) == (2.0, 0.3, 0.7)
-    with pytest.raises(TypeError, match="no part of a str"):
-        matching.shortened("curve", 1.0)  # type: ignore[arg-type]
 
 
 def joined(*curves: Lane) -> list[Lane]:

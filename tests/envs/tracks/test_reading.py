@@ -58,14 +58,6 @@ def test_a_car_that_comes_and_goes_has_missing_samples(tmp_path: Path) -> None:
     )
 
 
-def test_a_car_that_is_hardly_seen_is_left_out_and_named(tmp_path: Path) -> None:
-    path = tmp_path / "tracks.csv"
-    two().drop(index=range(11, 18)).to_csv(path, index=False)
-    imported = read_tracks(path)
-    assert imported.recording.metadata.episodes[0].players == ["red"]
-    assert imported.notes == ("left out, seen less than 3 times: blue",)
-
-
 def test_window_players_and_step_are_chosen(tmp_path: Path) -> None:
     path = tmp_path / "tracks.csv"
     two().to_csv(path, index=False)
@@ -73,31 +65,6 @@ def test_window_players_and_step_are_chosen(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.times[0], 1.0 + 0.4 * np.arange(6))
     assert recording.metadata.dt == pytest.approx(0.4)
     np.testing.assert_allclose(recording.states[0][:, 0, 0], 4 * recording.times[0])
-
-
-EXCERPTS = {
-    "window": (Excerpt((50.0, 60.0)), "--window 50,60: ", "has times from 0 to 4 s"),
-    "player": (Excerpt(players=("green",)), "--players 'green': ", "red, blue"),
-    "absent": (Excerpt((0.0, 1.0), ("red",), 0.9), "--resample 0.9: ", "has 2 such steps"),
-}
-
-
-@pytest.mark.parametrize("case", EXCERPTS)
-def test_excerpts_that_are_not_there_are_refused(case: str, tmp_path: Path) -> None:
-    path = tmp_path / "tracks.csv"
-    two().to_csv(path, index=False)
-    excerpt, *words = EXCERPTS[case]
-    with pytest.raises(UserError) as caught:
-        read_tracks(path, excerpt=excerpt)
-    assert all(word in str(caught.value) for word in words)
-
-
-def test_more_players_than_a_game_holds_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "tracks.csv"
-    cars = [drive(f"car{k}", 10.0, 0.0, 4.0 * k) for k in range(21)]
-    pd.concat(cars).to_csv(path, index=False)
-    with pytest.raises(UserError, match=r"21 players, a game has at most 20; choose a shorter"):
-        read_tracks(path)
 
 
 def test_frames_turn_positions_and_headings(tmp_path: Path) -> None:

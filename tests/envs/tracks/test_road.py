@@ -38,6 +38,8 @@ def test_a_shortened_curve_is_the_first_part(kind: str) -> None:
     np.testing.assert_allclose(curve_points(part)[0], curve_points(CURVES[kind])[0])
     along, across = beside(CURVES[kind], curve_points(part)[-1:]).T
     np.testing.assert_allclose([*along, *across], [4.0, 0.0], atol=1e-9)
+    with pytest.raises(TypeError, match="no part of a str"):
+        shortened("curve", 1.0)  # type: ignore[arg-type]
 
 
 def test_positions_are_located_on_a_line() -> None:

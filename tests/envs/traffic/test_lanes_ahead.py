@@ -82,9 +82,7 @@ def test_a_curve_turns_and_may_have_no_limit(network) -> None:
     quarter = 20 * np.pi / 4
     points, limits = ahead(network, [quarter, 2 * quarter], position=(100, 0), route=route)
     np.testing.assert_allclose(
-        points,
-        [[100 + 20 / 2**0.5, 20 - 20 / 2**0.5, np.pi / 4], [120, 20, np.pi / 2]],
-        atol=1e-9,
+        points, [[100 + 20 / 2**0.5, 20 - 20 / 2**0.5, np.pi / 4], [120, 20, np.pi / 2]], atol=1e-9
     )
     assert list(limits) == [np.inf, np.inf]
 

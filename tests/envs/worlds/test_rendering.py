@@ -3,7 +3,6 @@
 import itertools
 
 import numpy as np
-import pygame
 import pytest
 
 from olne_bench.envs import olne_v0
@@ -17,7 +16,6 @@ from olne_bench.envs.worlds.rendering import (
     SHARPNESS,
     Camera,
 )
-from olne_bench.envs.worlds.scene import heading_of
 from olne_bench.games.model.costs import ControlEffort, FinalGoal, StateDeviation
 from olne_bench.games.model.dynamics import DOUBLE_INTEGRATOR
 from olne_bench.games.model.game import Game, Player
@@ -118,31 +116,6 @@ def test_trails_fade_and_lead_to_the_car():
     assert (np.diff(red) <= 0).all()
     assert red[-1] < red[0] - 60
     assert red[0] < rendering.BACKGROUND[0] - 30  # the oldest part is still visible
-
-
-def test_models_without_a_heading_point_along_their_velocity():
-    world = olne_v0.parallel_env(drift(), render_mode="rgb_array", reveal_truth=False)
-    world.reset()
-    world.step({"player_0": np.zeros(2)})
-    assert shows(world.render(), 0) > 30
-    assert heading_of(np.array([0, 0, 0, 1.0]), DOUBLE_INTEGRATOR.state_names) == np.pi / 2
-
-
-def test_window_shows_the_frame(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setitem(olne_v0.OlneWorld.metadata, "render_fps", 1000)
-    world = olne_v0.parallel_env("two_player", render_mode="human", max_cycles=2)
-    world.reset()
-    idle = {player: np.zeros(2) for player in world.agents}
-    world.step(idle)
-    window = pygame.surfarray.array3d(pygame.display.get_surface())
-    assert window.std() > 5
-    assert world.render() is None
-    world.reset()  # the same window is used again
-    assert pygame.display.get_surface() is not None
-    world.close()
-    assert pygame.display.get_surface() is None
-    world.close()
 
 
 def test_without_a_render_mode_render_says_so():

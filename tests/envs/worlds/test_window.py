@@ -72,6 +72,7 @@ def test_the_window_shows_what_the_array_holds(name):
         for each in (world, pictures):
             each.step({player: np.array([0.01, 0.5]) for player in each.agents})
         assert np.array_equal(shown().swapaxes(0, 1), pictures.render())
+        assert world.render() is None
         assert not np.array_equal(shown(), before)
     world.close()
     assert pygame.display.get_surface() is None

@@ -1,4 +1,4 @@
-"""Beliefs over log-ratios of weights and an initial state."""
+"""Beliefs over coordinates of weights and an initial state."""
 
 import time
 from dataclasses import replace
@@ -15,7 +15,7 @@ from olne_bench.estimators.shared.belief import (
     hidden_positions,
     prior_belief,
 )
-from olne_bench.estimators.shared.charts import flat_covariance, log_ratios_of
+from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import initial_state_prior, uniform_weights
 from olne_bench.games.compiled.complementarity import RELAXATION
 from olne_bench.games.compiled.elimination import elimination
@@ -32,22 +32,22 @@ def games(problem, start, seconds=100.0):
 
 
 def point_of(problem, start):
-    ratios = log_ratios_of(start.weights, problem.weight_floor)
-    return np.concatenate([ratios, start.initial_state.ravel()])
+    place = NormalChart.of(problem).point(start.theta)
+    return np.concatenate([place, start.initial_state.ravel()])
 
 
 def test_the_belief_about_weights_comes_from_the_prior_alone(followed) -> None:
     problem, _, _ = followed
     weights = first_weights(problem, 0.5)
     np.testing.assert_allclose(weights.mean, 0, atol=1e-12)
-    np.testing.assert_allclose(weights.covariance, 0.25 * flat_covariance(2, 4))
+    np.testing.assert_allclose(weights.covariance, 0.25 * np.eye(6))
 
 
 def test_a_filter_that_peeks_believes_in_the_first_game(followed) -> None:
     problem, _, start = followed
     weights = first_weights(problem, 0.5, start)
-    np.testing.assert_allclose(weights.mean, log_ratios_of(start.weights, problem.weight_floor))
-    np.testing.assert_allclose(weights.covariance, 0.25 * flat_covariance(2, 4))
+    np.testing.assert_allclose(weights.mean, point_of(problem, start)[:6])
+    np.testing.assert_allclose(weights.covariance, 0.25 * np.eye(6))
 
 
 def test_a_prior_knows_weights_and_where_players_are_first_seen(followed) -> None:
@@ -66,7 +66,7 @@ def test_moments_of_weights_are_those_of_samples(followed, size) -> None:
     problem, _, start = followed
     rng = np.random.default_rng(0)
     factor = size * rng.standard_normal((6, 6))
-    mean = log_ratios_of(start.weights, problem.weight_floor)
+    mean = point_of(problem, start)[:6]
     samples = mean + rng.standard_normal((200_000, 6)) @ factor.T
     here = games(problem, start)
     weights = here.weights(samples).reshape(-1, 8)
@@ -100,7 +100,7 @@ def test_points_are_games(followed) -> None:
     problem, _, start = followed
     point = point_of(problem, start)
     here = games(problem, start)
-    assert here.num_log_ratios == 6
+    assert here.chart.free == 6
     np.testing.assert_allclose(here.weights(point[None])[0], start.weights)
     game = here.play(point)
     np.testing.assert_allclose(game.root.states, start.root.states, atol=1e-6)

@@ -8,31 +8,11 @@ from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.shared.charts import (
     NormalChart,
     RatioChart,
-    flat_covariance,
-    from_log_ratios,
-    log_ratios_of,
 )
 from olne_bench.games.model.unknowns import Parameters
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 WEIGHTS = np.array([[0.4, 0.2, 0.1, 0.3], [0.1, 0.6, 0.25, 0.05]])
-
-
-def test_log_ratios_go_there_and_back():
-    phi = log_ratios_of(WEIGHTS, 1e-3)
-    np.testing.assert_allclose(from_log_ratios(phi, 4, 1e-3), WEIGHTS, atol=1e-14)
-
-
-def test_any_log_ratios_give_weights_above_the_floor():
-    phi = np.random.default_rng(0).uniform(-800, 800, (50, 6))
-    weights = from_log_ratios(phi, 4, 1e-3)
-    np.testing.assert_allclose(weights.sum(axis=2), 1)
-    assert weights.min() >= 1e-3
-
-
-def test_the_flat_covariance_is_that_of_uniform_samples():
-    shares = np.random.default_rng(0).dirichlet(np.ones(4), (200_000, 2))
-    phi = np.log(shares[..., :-1] / shares[..., -1:]).reshape(-1, 6)
-    np.testing.assert_allclose(flat_covariance(2, 4), np.cov(phi, rowvar=False), atol=0.05)
 
 
 def test_ratios_go_there_and_back_and_reach_the_floor():
@@ -50,12 +30,13 @@ def test_a_chart_ends_where_its_reference_does():
     assert not chart.holds(np.array([[0.01, 0.5, 0.29, 0.2], [0.1, 0.6, 0.25, 0.05]]))
 
 
+MIXED = WeightPrior(((1.5, 7.0, 1.5, 2.0), (3.0, 3.0, 3.0, 3.0)), (0.3, 0.7))
 NO_UNKNOWNS = Parameters(((), ()))
 
 
 @pytest.mark.parametrize("alpha", [0.5, 1.0, 3.0])
 def test_standard_normal_points_are_draws_of_the_dirichlet_distribution(alpha) -> None:
-    chart = NormalChart(2, 4, 0.0, alpha, NO_UNKNOWNS)
+    chart = NormalChart(2, 4, 0.0, WeightPrior((alpha,)), NO_UNKNOWNS)
     weights = chart.weights(np.random.default_rng(0).standard_normal((4000, chart.size)))
     np.testing.assert_allclose(weights.sum(axis=2), 1.0, rtol=1e-12)
     marginal = beta(alpha, 3 * alpha)
@@ -68,7 +49,7 @@ def test_standard_normal_points_are_draws_of_the_dirichlet_distribution(alpha) -
 
 
 def test_points_and_weights_belong_to_each_other() -> None:
-    chart = NormalChart(2, 3, 1e-5, 1.0, NO_UNKNOWNS)
+    chart = NormalChart(2, 3, 1e-5, FLAT, NO_UNKNOWNS)
     points = np.random.default_rng(0).uniform(-6, 6, (200, chart.size))
     for point in points:
         theta = chart.theta(point)
@@ -78,7 +59,7 @@ def test_points_and_weights_belong_to_each_other() -> None:
 
 
 def test_weights_at_their_floor_have_coordinates() -> None:
-    chart = NormalChart(1, 3, 1e-5, 1.0, Parameters(((),)))
+    chart = NormalChart(1, 3, 1e-5, FLAT, Parameters(((),)))
     for weights in ([[1 - 2e-5, 1e-5, 1e-5]], [[1e-5, 1e-5, 1 - 2e-5]], [[1e-5, 0.5, 0.49999]]):
         point = chart.point(np.array(weights))
         assert np.isfinite(point).all()
@@ -87,7 +68,7 @@ def test_weights_at_their_floor_have_coordinates() -> None:
 
 def test_unknowns_have_a_normal_prior_within_their_range() -> None:
     parameters = get_scenario("unknown_goals", 0).told.parameters
-    chart = NormalChart(2, 4, 1e-5, 1.0, parameters)
+    chart = NormalChart(2, 4, 1e-5, FLAT, parameters)
     assert chart.size == 6 + 4
     points = np.random.default_rng(0).standard_normal((500, chart.size))
     theta = chart.theta(points)
@@ -97,9 +78,21 @@ def test_unknowns_have_a_normal_prior_within_their_range() -> None:
         np.testing.assert_allclose(chart.point(one), point, atol=1e-7)
 
 
-def test_the_jacobian_is_that_of_theta() -> None:
-    chart = NormalChart(2, 4, 1e-5, 1.0, get_scenario("unknown_goals", 0).told.parameters)
+@pytest.mark.parametrize("prior", [FLAT, WeightPrior((0.4,)), MIXED])
+def test_the_jacobian_is_that_of_theta(prior) -> None:
+    chart = NormalChart(2, 4, 1e-5, prior, get_scenario("unknown_goals", 0).told.parameters)
     point = np.random.default_rng(1).standard_normal(chart.size)
     change = 1e-3 * np.random.default_rng(2).standard_normal(chart.size)
     actual = chart.theta(point + change) - chart.theta(point - change)
     np.testing.assert_allclose(2 * chart.jacobian(point) @ change, actual.ravel(), atol=1e-8)
+
+
+def test_a_tilt_makes_a_mixture_of_a_chart() -> None:
+    chart = NormalChart(1, 4, 0.0, MIXED, Parameters(((),)))
+    points = np.random.default_rng(3).standard_normal((40_000, chart.size))
+    shares = np.exp(chart.tilt(points))
+    assert shares.mean() == pytest.approx(1, abs=0.05)
+    mean = shares @ chart.weights(points)[:, 0] / shares.sum()
+    drawn = MIXED.sample(np.random.default_rng(4), 40_000, 4)
+    np.testing.assert_allclose(mean, drawn.mean(axis=0), atol=0.01)
+    assert not NormalChart(1, 4, 0.0, FLAT, Parameters(((),))).tilt(points).any()

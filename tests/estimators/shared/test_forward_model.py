@@ -148,10 +148,10 @@ def test_the_first_sample_that_is_whole_counts() -> None:
 
 def test_hidden_is_what_the_view_does_not_lead_back_to(seen) -> None:
     problem, _, _ = seen()
-    assert forward_model._hidden_components(problem) == []
+    assert forward_model.hidden_components(problem) == []
     for names, hidden in ((("px", "py"), [2, 3]), (("py", "speed", "px"), [2])):
         view = ComponentView("some", names)
-        assert forward_model._hidden_components(replace(problem, view=view, noise_scale=())) == (
+        assert forward_model.hidden_components(replace(problem, view=view, noise_scale=())) == (
             hidden
         )
 

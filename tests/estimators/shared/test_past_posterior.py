@@ -13,7 +13,6 @@ from olne_bench.estimators.shared.past_posterior import (
     PastGames,
     PastPosterior,
     beginning,
-    dirichlet_parameter,
     outset,
     unexplained,
 )
@@ -66,23 +65,13 @@ def test_a_filter_begins_when_everybody_was_seen_often_enough():
     assert beginning(np.zeros((4, 2, 4))) == 1
 
 
-@pytest.mark.parametrize("spread", [0.3, 0.5, 1.0, 2.0])
-def test_dirichlet_log_ratios_are_as_wide_as_the_spread_says(spread):
-    def deviation(alpha):
-        logs = np.log(np.random.default_rng(0).gamma(alpha, size=(100_000, 2)))
-        return (logs[:, 0] - logs[:, 1]).std()
-
-    ratio = deviation(dirichlet_parameter(spread)) / deviation(1.0)
-    assert ratio == pytest.approx(spread, rel=0.02)
-
-
 @pytest.mark.parametrize("view", ["full", "partial"])
 def test_the_most_probable_games_explain_the_samples_so_far(seen, view):
     problem, (observation,), _ = seen(1, sigma=0.01, view=view)
     y = observation.y
     changed = y.copy()
     changed[7:] += 1.0
-    here, other = (PastGames(problem, some, 0.5, time.monotonic() + 60) for some in (y, changed))
+    here, other = (PastGames(problem, some, time.monotonic() + 60) for some in (y, changed))
     for t in range(2, 7):
         game, same = here.at(t), other.at(t)
         so_far = first_samples(y, t + 1)

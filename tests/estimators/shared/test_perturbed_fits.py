@@ -11,6 +11,8 @@ from olne_bench.estimators.shared.perturbed_fits import (
     counts_of,
     effective_sample_size,
     perturbed_fits,
+    resampled,
+    tempered,
 )
 from olne_bench.estimators.shared.posterior_density import climbed
 
@@ -133,11 +135,11 @@ def test_one_point_cannot_have_all_the_weight(densities) -> None:
     logs = np.append(np.zeros(99), 50.0)
     places = densities.gaussian().place(np.zeros(3)).at(np.zeros(100, dtype=int))
     fits = Fits([places], logs - logsumexp(logs), 100, 100)
-    counts = np.bincount(fits.resampled(1000, np.random.default_rng(0)), minlength=100)
+    counts = np.bincount(resampled(fits.shares, 1000, np.random.default_rng(0)), minlength=100)
     assert counts.sum() == 1000
     assert counts[99] >= 990  # the others have no weight to speak of
     even = Fits([places], np.full(100, -np.log(100)), 100, 100)
-    counts = np.bincount(even.resampled(1000, np.random.default_rng(0)), minlength=100)
+    counts = np.bincount(resampled(even.shares, 1000, np.random.default_rng(0)), minlength=100)
     assert counts.max() <= 11
 
 
@@ -149,3 +151,14 @@ def test_parts_that_disagree_have_a_large_r_hat(densities) -> None:
     assert Fits([places], np.full(400, -np.log(400)), 400, 400).split_r_hat < 1.05
     heavy = np.append(np.zeros(399), 12.0)
     assert Fits([places], heavy - logsumexp(heavy), 400, 400).split_r_hat > 1.2
+
+
+def test_shares_are_tempered_until_enough_particles_are_effective():
+    log_shares = np.append(-20 * np.random.default_rng(0).uniform(size=100), -np.inf)
+    found, power = tempered(log_shares, 50.0)
+    assert 0 < power < 1
+    assert effective_sample_size(found) == pytest.approx(50, rel=1e-4)
+    np.testing.assert_allclose(np.diff(found[:2] / log_shares[:2]), 0, atol=1e-12)
+    assert found[-1] == -np.inf
+    np.testing.assert_array_equal(tempered(log_shares, 2.0)[0], log_shares)
+    np.testing.assert_array_equal(tempered(np.array([0.0, -9.0]), 5.0)[0], [0, 0])

@@ -16,7 +16,7 @@ from olne_bench.estimators.shared.posterior_density import (
     GameDensity,
     StartPrior,
     climbed,
-    unseen_starts,
+    start_prior,
 )
 from olne_bench.games.model.observation import VIEWS, observe
 from olne_bench.games.solve.olne import solve_olne
@@ -34,10 +34,7 @@ def noisy(view: str, scenario, game) -> tuple[Problem, Observation, SolvedGame]:
 
 
 def followed(problem: Problem, seen: Observation, seconds: float = 60.0) -> GameDensity:
-    game = problem.game
-    shape = game.num_players, game.num_weights, problem.weight_floor
-    chart = NormalChart(*shape, 1.0, game.parameters)
-    return GameDensity(problem, seen, chart, time.monotonic() + seconds)
+    return GameDensity(problem, seen, NormalChart.of(problem), time.monotonic() + seconds)
 
 
 @pytest.fixture(scope="module")
@@ -134,17 +131,17 @@ def missing(observation: Observation, *places: tuple[int, int]) -> Observation:
 
 def test_nothing_is_believed_of_players_in_the_first_sample(seen) -> None:
     problem, (observation,), _ = seen(sigma=0.05)
-    assert unseen_starts(problem, observation) is None
-    assert unseen_starts(problem, missing(observation, (3, 0), (-1, 1))) is None
-    start = unseen_starts(problem, missing(observation, (0, 1)))
+    assert start_prior(problem, observation) is None
+    assert start_prior(problem, missing(observation, (3, 0), (-1, 1))) is None
+    start = start_prior(problem, missing(observation, (0, 1)))
     assert np.isinf(start.deviation[0]).all()
     assert np.isfinite(start.deviation[1]).all()
 
 
 def test_the_later_a_player_is_seen_the_wider_is_the_prior_of_its_start(seen) -> None:
     problem, (observation,), _ = seen(sigma=0.01)
-    late = unseen_starts(problem, missing(observation, (0, 0)))
-    later = unseen_starts(problem, missing(observation, (0, 0), (1, 0), (2, 0)))
+    late = start_prior(problem, missing(observation, (0, 0)))
+    later = start_prior(problem, missing(observation, (0, 0), (1, 0), (2, 0)))
     assert (later.deviation[0, :2] > 2 * late.deviation[0, :2]).all()
     truth = seen()[1][0].y[0, 0]
     for one in (late, later):
@@ -157,7 +154,7 @@ def test_the_fastest_player_says_how_wide(seen) -> None:
     y = observation.y.copy()
     y[:, 0, :2] = y[-1, 0, :2]
     y[:, 0, 3] = 0.0
-    start = unseen_starts(problem, missing(Observation(y), (0, 0)))
+    start = start_prior(problem, missing(Observation(y), (0, 0)))
     steps = len(y) - 1
     speed = np.linalg.norm(y[-1, 1, :2] - y[0, 1, :2]) / steps / problem.game.dt
     assert start.deviation[0, 3] == pytest.approx(speed / 2)
@@ -169,14 +166,14 @@ def test_players_of_which_no_sample_is_complete_do_not_count(seen) -> None:
     problem, (observation,), _ = seen(sigma=0.05)
     y = observation.y.copy()
     y[:, 1, 2] = np.nan
-    start = unseen_starts(problem, missing(Observation(y), (0, 0)))
+    start = start_prior(problem, missing(Observation(y), (0, 0)))
     assert np.isfinite(start.deviation[0]).all()
 
 
 def test_it_is_a_factor_of_the_posterior(seen) -> None:
     problem, (observation,), _ = seen(sigma=0.05)
     gappy, rng = missing(observation, (0, 1)), np.random.default_rng(0)
-    start = unseen_starts(problem, gappy)
+    start = start_prior(problem, gappy)
     density, peaks = Posterior().peaks(problem, gappy, np.inf)
     place = peaks[0].place
     flat = replace(density, start=None)

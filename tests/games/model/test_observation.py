@@ -192,6 +192,8 @@ def test_what_a_stack_hides_is_not_read_off():
     assert set(read) == {"px", "py"}
     np.testing.assert_allclose(read["px"], states[..., 0])
     np.testing.assert_allclose(read["py"], states[..., 1])
+    distance = StackedView((LIDAR, ComponentView("distance", ("range",))))
+    assert distance.read_off(np.ones((3, 1)), UNICYCLE) == {}
     names = StackedView((VIEWS["partial"], ComponentView("x", ("heading", "px"))))
     y = observe(names, UNICYCLE, states)
     y[0, 0] = np.nan  # a gap is one, and the component is known all the same

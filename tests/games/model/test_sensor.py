@@ -6,15 +6,7 @@ import pytest
 from olne_bench.envs.recordings.recording import Recording
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.model.dynamics import DOUBLE_INTEGRATOR, UNICYCLE
-from olne_bench.games.model.observation import (
-    ComponentView,
-    FullView,
-    RangeBearingView,
-    StackedView,
-    observe,
-    stacked,
-    whitening,
-)
+from olne_bench.games.model.observation import ComponentView, RangeBearingView, observe
 from olne_bench.games.model.sensor import (
     CorrelatedNoise,
     CovarianceNoise,
@@ -67,28 +59,6 @@ def test_only_views_depend_on_their_order():
     assert not model(PARTIAL).may_miss
 
 
-def test_a_stack_of_views_is_the_views_one_after_the_other():
-    both = stacked((PARTIAL, FullView(), LIDAR))
-    assert both == StackedView((PARTIAL, LIDAR))
-    assert both.name == "partial+range_bearing"
-    assert stacked((FullView(), LIDAR)) == LIDAR
-    assert stacked(()) == FullView()
-    states = np.random.default_rng(0).normal(size=(5, 2, 4))
-    np.testing.assert_array_equal(observe(both, UNICYCLE, states), observe(LIDAR, UNICYCLE, states))
-    assert both.component_names(UNICYCLE) == ("range", "bearing")
-    back = both.read_off(observe(both, UNICYCLE, states), UNICYCLE)
-    np.testing.assert_allclose(back["px"], states[..., 0], atol=1e-12)
-    bounds = both.bounds(-np.ones(4), np.ones(4), UNICYCLE)
-    np.testing.assert_array_equal(bounds, LIDAR.bounds(-np.ones(4), np.ones(4), UNICYCLE))
-
-
-def test_what_a_stack_hides_cannot_be_read_off():
-    distance = StackedView((LIDAR, ComponentView("distance", ("range",))))
-    assert distance.read_off(np.ones((3, 1)), UNICYCLE) == {}
-    some = StackedView((PARTIAL, ComponentView("px", ("px",))))
-    assert list(some.read_off(np.full((3, 1), np.nan), UNICYCLE)) == ["px"]
-
-
 @pytest.mark.parametrize(
     ("layers", "message"),
     [
@@ -106,10 +76,7 @@ def test_what_a_stack_hides_cannot_be_read_off():
         ((CorrelatedNoise(float("nan")),), "got nan"),
         ((LIDAR, CovarianceNoise(((1.0, 1.0), (1.0, 1.0)))), "positive definite"),
         ((LIDAR, CovarianceNoise(((1.0, 0.0), (0.0, -1.0)))), "has the eigenvalue -1"),
-        (
-            (LIDAR, CovarianceNoise(((1.0,),))),
-            r"rows of \[1\] numbers, expected 2 rows of 2",
-        ),
+        ((LIDAR, CovarianceNoise(((1.0,),))), r"rows of \[1\] numbers, expected 2 rows of 2"),
         ((CorrelatedNoise(0.1), CorrelatedNoise(0.2)), "one noise layer at most, got 2"),
         (("full",), "'full' is not a layer of a sensor"),
     ],
@@ -131,32 +98,12 @@ def test_gaps_with_no_probability(p):
         Drops(p)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"bearing_scale": 0.0}, "bearing_scale must be above 0"),
-        ({"bearing_scale": float("nan")}, "bearing_scale must be above 0"),
-        ({"position": (1.0,)}, "position must be px and py"),
-        ({"facing": float("inf")}, "and facing a number"),
-    ],
-)
-def test_range_and_bearing_out_of_range(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        RangeBearingView(**arguments)
-
-
 def test_drops_are_as_frequent_as_said():
     layer, rng = Drops(0.3), np.random.default_rng(0)
     assert isinstance(layer, GapsLayer)
     masks = np.array([layer.missed(rng, np.zeros((3, 2))) for _ in range(4000)])
     np.testing.assert_allclose(masks.mean(axis=0), 0.3, atol=0.03)
     assert abs(np.corrcoef(masks.T)[0, 1]) < 0.05
-
-
-def test_whitening_makes_noise_white():
-    covariance = np.array([[4.0, 1.0], [1.0, 1.0]])
-    W = whitening(covariance)
-    np.testing.assert_allclose(W @ covariance @ W.T, np.eye(2), atol=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -133,7 +133,7 @@ def rng_like(theta: np.ndarray) -> np.ndarray:
 
 def test_the_tangent_leaves_out_what_stands_for_nothing() -> None:
     game = asked(ragged=True)
-    tangent = theta_tangent(game)
+    tangent = theta_tangent(game.num_weights, game.parameters.used)
     assert tangent.shape == (2 * 7, 2 * 3 + 5)
     weights = tangent.reshape(2, 7, -1)[:, :4]
     np.testing.assert_allclose(weights.sum(axis=1), 0, atol=1e-12)

@@ -21,15 +21,10 @@ from olne_bench.games.solve.olne import Equilibrium, solve_olne
 Crossing = tuple[Game, np.ndarray, np.ndarray]
 
 
-def test_sensitivity_against_finite_differences(
-    crossing: Crossing, crossing_equilibrium: Equilibrium
-) -> None:
+def test_sensitivity_against_finite_differences(crossing: Crossing, olne: Equilibrium) -> None:
     game, weights, initial_state = crossing
-    found = crossing_equilibrium
-    sensitivity = trajectory_sensitivity(
-        game, found.states, found.controls, found.costates, weights
-    )
-    assert sensitivity.shape == (found.states.size, weights.size + initial_state.size)
+    sensitivity = trajectory_sensitivity(game, olne.states, olne.controls, olne.costates, weights)
+    assert sensitivity.shape == (olne.states.size, weights.size + initial_state.size)
     rng, h = np.random.default_rng(0), 1e-4
     for _ in range(4):
         # solve_olne scales rows to sum one, so weights move within the simplex.
@@ -63,23 +58,15 @@ def test_published_limits(
 ) -> None:
     scenario, found = get_scenario(name), scenario_equilibrium(name)
     covariance = weight_covariance(
-        scenario.game,
-        VIEWS[view],
-        found.states,
-        found.controls,
-        found.costates,
-        scenario.weights,
+        scenario.game, VIEWS[view], found.states, found.controls, found.costates, scenario.weights
     )
     assert covariance is not None
     assert cosine_error_limit(covariance, scenario.weights) == pytest.approx(limit, abs=tolerance)
 
 
-def test_covariance_is_one_and_lives_on_the_simplex(
-    crossing: Crossing, crossing_equilibrium: Equilibrium
-) -> None:
+def test_covariance_is_one_and_lives_on_the_simplex(crossing: Crossing, olne: Equilibrium) -> None:
     game, weights, _ = crossing
-    found = crossing_equilibrium
-    arguments = (found.states, found.controls, found.costates, weights)
+    arguments = (olne.states, olne.controls, olne.costates, weights)
     full, partial = (weight_covariance(game, VIEWS[v], *arguments) for v in ("full", "partial"))
     assert full is not None and partial is not None
     np.testing.assert_allclose(full, full.T, rtol=1e-6, atol=1e-9 * np.abs(full).max())
@@ -90,12 +77,11 @@ def test_covariance_is_one_and_lives_on_the_simplex(
     assert np.linalg.eigvalsh(partial - full).min() > -1e-9 * np.abs(partial).max()
 
 
-def test_noise_scales_count(crossing: Crossing, crossing_equilibrium: Equilibrium) -> None:
+def test_noise_scales_count(crossing: Crossing, olne: Equilibrium) -> None:
     game, weights, _ = crossing
-    found = crossing_equilibrium
 
     def covariance(view: str, scale: np.ndarray | None = None) -> np.ndarray:
-        arguments = (found.states, found.controls, found.costates, weights)
+        arguments = (olne.states, olne.controls, olne.costates, weights)
         result = weight_covariance(game, VIEWS[view], *arguments, noise_scale=scale)
         assert result is not None
         return result
@@ -106,16 +92,18 @@ def test_noise_scales_count(crossing: Crossing, crossing_equilibrium: Equilibriu
     np.testing.assert_allclose(unseen, covariance("partial"), rtol=1e-4)
 
 
-def test_what_cannot_be_known_is_said_so() -> None:
-    """For a single player, the weight on proximity has no visible effect."""
+@pytest.fixture(scope="module")
+def alone() -> tuple:
+    """A single player, whose weight on proximity has no visible effect: game, view and point."""
     preferences = (Proximity(), StateDeviation("speed"), ControlEffort("acceleration"))
     game = Game((Player((*preferences, ControlEffort("yaw_rate"))),), UNICYCLE, 8, 0.25)
     weights = np.full((1, 4), 0.25)
     found = solve_olne(game, weights, np.array([[0.0, 0.0, 0.3, 1.0]]))
-    covariance = weight_covariance(
-        game, FullView(), found.states, found.controls, found.costates, weights
-    )
-    assert covariance is None
+    return game, FullView(), found.states, found.controls, found.costates, weights
+
+
+def test_what_cannot_be_known_is_said_so(alone: tuple) -> None:
+    assert weight_covariance(*alone) is None
 
 
 def test_cosine_limit_is_the_mean_error_of_a_gaussian_estimate() -> None:
@@ -130,12 +118,9 @@ def test_cosine_limit_is_the_mean_error_of_a_gaussian_estimate() -> None:
     assert cosine_error_limit(covariance, weights) == pytest.approx(errors.mean(), rel=0.02)
 
 
-def test_identifiability_agrees_with_the_bound(
-    crossing: Crossing, crossing_equilibrium: Equilibrium
-) -> None:
+def test_identifiability_agrees_with_the_bound(crossing: Crossing, olne: Equilibrium) -> None:
     game, weights, _ = crossing
-    found = crossing_equilibrium
-    arguments = (game, FullView(), found.states, found.controls, found.costates, weights)
+    arguments = (game, FullView(), olne.states, olne.controls, olne.costates, weights)
     covariance = weight_covariance(*arguments)
     assert covariance is not None
     deviations = np.sqrt(np.diag(covariance)).reshape(weights.shape)
@@ -149,13 +134,8 @@ def test_identifiability_agrees_with_the_bound(
     np.testing.assert_allclose(coarse.projections, 0, atol=1e-12)
 
 
-def test_the_rest_is_identified_where_one_weight_is_not() -> None:
-    preferences = (Proximity(), StateDeviation("speed"), ControlEffort("acceleration"))
-    game = Game((Player((*preferences, ControlEffort("yaw_rate"))),), UNICYCLE, 8, 0.25)
-    weights = np.full((1, 4), 0.25)
-    found = solve_olne(game, weights, np.array([[0.0, 0.0, 0.3, 1.0]]))
-    arguments = (game, FullView(), found.states, found.controls, found.costates, weights)
-    known = identifiability(game, [observation_sensitivity(*arguments)], sigma=1e-6)
+def test_the_rest_is_identified_where_one_weight_is_not(alone: tuple) -> None:
+    known = identifiability(alone[0], [observation_sensitivity(*alone)], sigma=1e-6)
     assert np.isinf(known.bound[0, 0])
     assert not known.identified[0, 0]
     projection = known.projections[0]
@@ -166,12 +146,11 @@ def test_the_rest_is_identified_where_one_weight_is_not() -> None:
 
 @pytest.mark.parametrize("sigma", [0.01, 0.1, 1.0])
 def test_what_is_left_is_the_posterior_of_a_gaussian_prior(
-    sigma: float, crossing: Crossing, crossing_equilibrium: Equilibrium
+    sigma: float, crossing: Crossing, olne: Equilibrium
 ) -> None:
     """The prior has the covariance of weights that are uniform on the simplex."""
     game, weights, _ = crossing
-    found = crossing_equilibrium
-    arguments = (game, FullView(), found.states, found.controls, found.costates, weights)
+    arguments = (game, FullView(), olne.states, olne.controls, olne.costates, weights)
     covariance = weight_covariance(*arguments)
     assert covariance is not None
     prior = (np.diag(np.full(4, 0.25)) - 1 / 16) / 5  # Dirichlet(1, 1, 1, 1)

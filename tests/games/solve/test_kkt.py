@@ -98,43 +98,34 @@ def _step_of(game: Game) -> tuple[list[ca.SX], list[ca.SX]]:
 
 @given(st.lists(st.floats(0.01, 100), min_size=3, max_size=3))
 def test_weights_matter_up_to_each_players_scale(
-    crossing: Crossing, crossing_equilibrium: Equilibrium, scales: list[float]
+    crossing: Crossing, olne: Equilibrium, scales: list[float]
 ) -> None:
     """Scaled weights and costates leave G at zero: behaviour depends on ratios only."""
     game, weights, _ = crossing
-    found = crossing_equilibrium
     scale = np.array(scales)
     residual = kkt_residual_norm(
-        game,
-        found.states,
-        found.controls,
-        scale[:, None] * found.costates,
-        scale[:, None] * weights,
+        game, olne.states, olne.controls, scale[:, None] * olne.costates, scale[:, None] * weights
     )
     assert residual < 1e-10 * scale.max() + 1e-12
 
 
 def test_residual_is_zero_at_an_equilibrium_and_not_beside_it(
-    crossing: Crossing, crossing_equilibrium: Equilibrium
+    crossing: Crossing, olne: Equilibrium
 ) -> None:
     game, weights, _ = crossing
-    found = crossing_equilibrium
-    assert kkt_residual_norm(game, found.states, found.controls, found.costates, weights) < 1e-9
-    elsewhere = found.controls + 1e-3
-    assert kkt_residual_norm(game, found.states, elsewhere, found.costates, weights) > 1e-6
+    assert kkt_residual_norm(game, olne.states, olne.controls, olne.costates, weights) < 1e-9
+    elsewhere = olne.controls + 1e-3
+    assert kkt_residual_norm(game, olne.states, elsewhere, olne.costates, weights) > 1e-6
     other_weights = weights[:, ::-1]
-    assert (
-        kkt_residual_norm(game, found.states, found.controls, found.costates, other_weights) > 1e-3
-    )
+    assert kkt_residual_norm(game, olne.states, olne.controls, olne.costates, other_weights) > 1e-3
 
 
 def test_consistent_costates_are_those_of_the_equilibrium(
-    crossing: Crossing, crossing_equilibrium: Equilibrium
+    crossing: Crossing, olne: Equilibrium
 ) -> None:
     game, weights, _ = crossing
-    found = crossing_equilibrium
-    costates = consistent_costates(game, found.states, found.controls, weights)
-    np.testing.assert_allclose(costates, found.costates, atol=1e-10)
+    costates = consistent_costates(game, olne.states, olne.controls, weights)
+    np.testing.assert_allclose(costates, olne.costates, atol=1e-10)
 
 
 def test_consistent_costates_make_any_trajectory_stationary_in_its_states(

@@ -16,28 +16,32 @@ def _root(found: Equilibrium) -> Root:
     return Root(found.states, found.controls, found.costates, found.residual)
 
 
-def test_true_weights_give_the_truth(crossing: Crossing, crossing_equilibrium: Equilibrium) -> None:
+@pytest.fixture
+def other(crossing: Crossing) -> np.ndarray:
+    """Weights near the true ones."""
+    return crossing[0].check_weights(crossing[1] + 0.05 * np.eye(3, 4))
+
+
+def test_true_weights_give_the_truth(crossing: Crossing, olne: Equilibrium) -> None:
     game, weights, _ = crossing
-    found = crossing_equilibrium
-    prediction = predict(game, weights, _root(found), weights)
+    prediction = predict(game, weights, _root(olne), weights)
     assert prediction.published
     root = prediction.root
     assert root is not None
-    np.testing.assert_allclose(root.states, found.states, atol=1e-7)
+    np.testing.assert_allclose(root.states, olne.states, atol=1e-7)
 
 
 def test_other_weights_give_their_own_root(
-    crossing: Crossing, crossing_equilibrium: Equilibrium
+    crossing: Crossing, olne: Equilibrium, other: np.ndarray
 ) -> None:
     game, weights, initial_state = crossing
-    other = game.check_weights(weights + 0.05 * np.eye(3, 4))
-    root = predict(game, other, _root(crossing_equilibrium), weights).root
+    root = predict(game, other, _root(olne), weights).root
     assert root is not None
     assert kkt_residual_norm(game, root.states, root.controls, root.costates, other) < 1e-6
     np.testing.assert_array_equal(root.states[0], initial_state)
     expected = solve_olne(game, other, initial_state)
     np.testing.assert_allclose(root.states, expected.states, atol=1e-5)
-    assert np.abs(root.states - crossing_equilibrium.states).max() > 1e-4
+    assert np.abs(root.states - olne.states).max() > 1e-4
 
 
 def test_an_equilibrium_far_away_predicts_nothing() -> None:
@@ -58,41 +62,32 @@ def test_an_equilibrium_far_away_predicts_nothing() -> None:
 
 
 def test_without_any_root_there_is_no_prediction(
-    crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
+    crossing: Crossing, olne: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     game, weights, _ = crossing
     for name in ("nearest_root", "follow_root"):
         monkeypatch.setattr(module, name, lambda *_, **__: None)
-    truth = _root(crossing_equilibrium)
+    truth = _root(olne)
     assert predict(game, weights, truth, weights) == Prediction(None, False)
 
 
 def test_where_the_published_step_fails_a_path_of_roots_is_followed(
-    crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
+    crossing: Crossing, olne: Equilibrium, other: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     game, weights, _ = crossing
-    other, truth = game.check_weights(weights + 0.05 * np.eye(3, 4)), _root(crossing_equilibrium)
+    truth = _root(olne)
     expected = predict(game, other, truth, weights)
-    assert expected.published
-    assert expected.root is not None
+    assert expected.published and expected.root is not None
+
+    def assert_same_root(published: bool, **options: int) -> None:
+        prediction = predict(game, other, truth, weights, **options)
+        assert prediction.published == published and prediction.root is not None
+        np.testing.assert_allclose(prediction.root.states, expected.root.states, atol=1e-6)
+
     monkeypatch.setattr(module, "nearest_root", lambda *_, **__: None)
-    prediction = predict(game, other, truth, weights)
-    assert not prediction.published
-    assert prediction.root is not None
-    np.testing.assert_allclose(prediction.root.states, expected.root.states, atol=1e-6)
-
-
-def test_without_iterations_the_path_from_the_true_weights_is_the_verdict(
-    crossing: Crossing, crossing_equilibrium: Equilibrium, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    game, weights, _ = crossing
-    other, truth = game.check_weights(weights + 0.05 * np.eye(3, 4)), _root(crossing_equilibrium)
-    expected = predict(game, other, truth, weights).root
-    assert expected is not None
-    monkeypatch.delattr(module, "nearest_root")  # IPOPT has no say
-    prediction = predict(game, other, truth, weights, max_iterations=0)
-    assert prediction.published
-    assert prediction.root is not None
-    np.testing.assert_allclose(prediction.root.states, expected.states, atol=1e-6)
+    assert_same_root(published=False)
+    # Without iterations IPOPT has no say: the path from the true weights is the verdict.
+    monkeypatch.delattr(module, "nearest_root")
+    assert_same_root(published=True, max_iterations=0)
     monkeypatch.setattr(module, "follow_weights", lambda *_: None)
     assert not predict(game, other, truth, weights, max_iterations=0).published

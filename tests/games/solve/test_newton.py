@@ -47,10 +47,12 @@ def test_newton_returns_to_a_root_and_stops_at_its_limits(
     game = scenario.game
     start = equilibrium.states.copy()
     start[1:] += 0.01
-    arguments = (game, start, equilibrium.controls, equilibrium.costates, scenario.weights)
+    others = equilibrium.controls + 0.01, equilibrium.costates + 0.01
+    arguments = (game, start, *others, scenario.weights)
     root = newton_root(*arguments)
     assert root.residual < 1e-12
-    np.testing.assert_allclose(root.states, equilibrium.states, atol=1e-9)
+    for part in ("states", "controls", "costates"):
+        np.testing.assert_allclose(getattr(root, part), getattr(equilibrium, part), atol=1e-9)
     for limits in ({"max_iterations": 0}, {"limit": 0.0}):
         stopped = newton_root(*arguments, **limits)
         assert stopped.residual > 1e-4

@@ -16,7 +16,7 @@ from olne_bench.games.model.dynamics import DOUBLE_INTEGRATOR, rollout
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.solve.best_response import Responses, best_responses
 from olne_bench.games.solve.constrained_response import constrained_response
-from olne_bench.games.solve.kkt import consistent_costates, kkt_residual_norm
+from olne_bench.games.solve.kkt import consistent_costates, kkt_residual_norm, kkt_system
 from olne_bench.games.solve.newton import newton_root
 from olne_bench.games.solve.olne import Equilibrium, certify, solve_olne
 
@@ -182,21 +182,21 @@ class TestProperties:
     @given(st.lists(st.floats(0.01, 100), min_size=3, max_size=3))
     @settings(max_examples=4)
     def test_scale_of_a_players_weights_does_not_matter(
-        self, crossing: Crossing, crossing_equilibrium: Equilibrium, scales: list[float]
+        self, crossing: Crossing, olne: Equilibrium, scales: list[float]
     ) -> None:
         game, weights, initial_state = crossing
         found = solve_olne(game, np.array(scales)[:, None] * weights, initial_state)
-        np.testing.assert_allclose(found.states, crossing_equilibrium.states, atol=1e-8)
+        np.testing.assert_allclose(found.states, olne.states, atol=1e-8)
 
     @pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1)])
     def test_renaming_players_renames_the_equilibrium(
-        self, crossing: Crossing, crossing_equilibrium: Equilibrium, order: tuple[int, ...]
+        self, crossing: Crossing, olne: Equilibrium, order: tuple[int, ...]
     ) -> None:
         game, weights, initial_state = crossing
         renamed = replace(game, players=tuple(game.players[i] for i in order))
         found = solve_olne(renamed, weights[list(order)], initial_state[list(order)])
         assert found.certificate.passed
-        expected = crossing_equilibrium.states[:, list(order)]
+        expected = olne.states[:, list(order)]
         np.testing.assert_allclose(found.states, expected, atol=1e-8)
 
     @given(st.floats(-3, 3), st.floats(-5, 5), st.floats(-5, 5))
@@ -204,7 +204,7 @@ class TestProperties:
     def test_turning_and_moving_the_world_does_not_matter(
         self,
         crossing: Crossing,
-        crossing_equilibrium: Equilibrium,
+        olne: Equilibrium,
         goal_game: GoalGame,
         angle: float,
         dx: float,
@@ -220,25 +220,22 @@ class TestProperties:
         goals = np.array([[1.0, 0.2], [0.1, 1.0], [-0.9, -0.5]]) @ turn.T + [dx, dy]
         found = solve_olne(goal_game(goals), weights, moved(initial_state))
         assert found.certificate.passed
-        np.testing.assert_allclose(found.states, moved(crossing_equilibrium.states), atol=1e-7)
+        np.testing.assert_allclose(found.states, moved(olne.states), atol=1e-7)
 
     def test_equilibrium_obeys_the_dynamics_and_the_start(
-        self, crossing: Crossing, crossing_equilibrium: Equilibrium
+        self, crossing: Crossing, olne: Equilibrium
     ) -> None:
         game, _, initial_state = crossing
-        found = crossing_equilibrium
-        np.testing.assert_array_equal(found.states[0], initial_state)
-        expected = rollout(game.dynamics, initial_state, found.controls, game.dt)
-        np.testing.assert_allclose(found.states, expected, atol=1e-10)
+        np.testing.assert_array_equal(olne.states[0], initial_state)
+        expected = rollout(game.dynamics, initial_state, olne.controls, game.dt)
+        np.testing.assert_allclose(olne.states, expected, atol=1e-10)
 
     def test_nobody_gains_from_random_deviations(
-        self, crossing: Crossing, crossing_equilibrium: Equilibrium
+        self, crossing: Crossing, olne: Equilibrium
     ) -> None:
         """The definition (eqn. nash) itself, without any optimiser."""
-        from olne_bench.games.solve.kkt import kkt_system
-
         game, weights, initial_state = crossing
-        found, rng = crossing_equilibrium, np.random.default_rng(0)
+        found, rng = olne, np.random.default_rng(0)
         function = kkt_system(game).cost_function
         for size in (1e-3, 1e-2, 0.1):
             for i in range(game.num_players):
@@ -250,41 +247,36 @@ class TestProperties:
 
 
 class TestCertificate:
-    def test_perturbed_trajectory_fails(
-        self, crossing: Crossing, crossing_equilibrium: Equilibrium
-    ) -> None:
+    def test_perturbed_trajectory_fails(self, crossing: Crossing, olne: Equilibrium) -> None:
         game, weights, initial_state = crossing
-        controls = crossing_equilibrium.controls + 1e-2
+        controls = olne.controls + 1e-2
         states = rollout(game.dynamics, initial_state, controls, game.dt)
         # A residual of zero is claimed so that the best responses have to find it out.
-        claimed = replace(crossing_equilibrium, states=states, controls=controls, residual=0.0)
+        claimed = replace(olne, states=states, controls=controls, residual=0.0)
         certificate = certify(game, claimed, weights)
         assert not certificate.passed
         assert (certificate.gains > 1e-7).all()
 
     def test_a_response_that_is_lost_certifies_nothing(
-        self,
-        crossing: Crossing,
-        crossing_equilibrium: Equilibrium,
-        monkeypatch: pytest.MonkeyPatch,
+        self, crossing: Crossing, olne: Equilibrium, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         game, weights, _ = crossing
-        assert certify(game, crossing_equilibrium, weights).passed
+        assert certify(game, olne, weights).passed
 
         def lost(game: Game, player: int, *arguments: np.ndarray) -> Responses:
             found = best_responses(game, player, *arguments)
             return replace(found, converged=found.converged & (player != 0))
 
         monkeypatch.setattr("olne_bench.games.solve.olne.best_responses", lost)
-        assert not certify(game, crossing_equilibrium, weights).passed
+        assert not certify(game, olne, weights).passed
 
     def test_gains_are_allowed_relative_to_costs(
-        self, crossing: Crossing, crossing_equilibrium: Equilibrium
+        self, crossing: Crossing, olne: Equilibrium
     ) -> None:
         game, weights, initial_state = crossing
-        controls = crossing_equilibrium.controls + 1e-2
+        controls = olne.controls + 1e-2
         states = rollout(game.dynamics, initial_state, controls, game.dt)
-        claimed = replace(crossing_equilibrium, states=states, controls=controls, residual=0.0)
+        claimed = replace(olne, states=states, controls=controls, residual=0.0)
         first = certify(game, claimed, weights)
         largest = (first.gains / (1 + np.abs(first.costs))).max()
         for factor, passed in ((1.01, True), (0.99, False)):
@@ -309,12 +301,10 @@ class TestCertificate:
         assert swerving.certificate.passed
         assert np.abs(swerving.states[..., 1]).max() > 0.1
 
-    def test_large_residual_fails(
-        self, crossing: Crossing, crossing_equilibrium: Equilibrium
-    ) -> None:
+    def test_large_residual_fails(self, crossing: Crossing, olne: Equilibrium) -> None:
         game, weights, _ = crossing
         for residual in (1e-6, np.nan, np.inf):
-            claimed = replace(crossing_equilibrium, residual=residual)
+            claimed = replace(olne, residual=residual)
             assert not certify(game, claimed, weights).passed
 
     def test_impossible_tolerance_fails(self, crossing: Crossing) -> None:
@@ -359,8 +349,6 @@ def test_initial_controls_of_a_wrong_shape_are_refused(crossing: Crossing) -> No
         solve_olne(*crossing, initial_controls=np.zeros((2, 2)))
 
 
-def test_start_at_the_equilibrium_stays_there(
-    crossing: Crossing, crossing_equilibrium: Equilibrium
-) -> None:
-    found = solve_olne(*crossing, initial_controls=crossing_equilibrium.controls)
-    np.testing.assert_allclose(found.states, crossing_equilibrium.states, atol=1e-9)
+def test_start_at_the_equilibrium_stays_there(crossing: Crossing, olne: Equilibrium) -> None:
+    found = solve_olne(*crossing, initial_controls=olne.controls)
+    np.testing.assert_allclose(found.states, olne.states, atol=1e-9)

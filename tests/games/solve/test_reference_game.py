@@ -197,10 +197,6 @@ def test_games_at_once_are_those_one_by_one(game):
 
 def test_gradients_and_own_hessians_are_derivatives_of_the_cost(game):
     """Against CasADi's own derivatives of the cost, written down as one expression."""
-    import casadi as ca
-
-    from olne_bench.games.solve.reference_game import _step_cost
-
     here = situation(2)
     rng = np.random.default_rng(3)
     start = 0.05 * rng.standard_normal((2, STEPS, 2))
@@ -213,7 +209,7 @@ def test_gradients_and_own_hessians_are_derivatives_of_the_cost(game):
         state = game.dynamics.step(state, control, game.dt)
         near = [ca.SX(at.states[1, t, :2]), far, far]
         reference, weights = ca.SX(here.references[0, t]), ca.SX(here.weights[0])
-        cost += _step_cost(game, state, control, near, reference, weights)
+        cost += module._step_cost(game, state, control, near, reference, weights)
     hessian, gradient = ca.hessian(cost, u)
     values = ca.Function("f", [u], [gradient, hessian])(start[0].ravel())
     np.testing.assert_allclose(at.gradients[0], values[0].full()[:, 0], rtol=1e-9, atol=1e-9)

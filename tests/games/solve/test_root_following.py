@@ -32,9 +32,7 @@ def test_the_path_leads_to_the_equilibrium_at_other_weights(known: Known) -> Non
 
 
 @pytest.mark.parametrize(
-    "switched_off",
-    [(), ("follow_weights",)],
-    ids=["path", "independent players"],
+    "switched_off", [(), ("follow_weights",)], ids=["path", "independent players"]
 )
 def test_where_one_way_is_lost_the_next_is_tried(
     known: Known, switched_off: tuple[str, ...], monkeypatch: pytest.MonkeyPatch

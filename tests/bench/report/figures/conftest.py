@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.truth import true_recording
 from tests.bench.report.conftest import trial_row
 
 Trials = Callable[..., pd.DataFrame]
@@ -28,7 +27,7 @@ def make_trials(prediction_error, usual) -> Trials:
             for sensor in sensors:
                 for sigma in sigmas:
                     for seed in range(seeds if sigma else 1):
-                        truth = true_recording(usual.draw(scenario, seed)).scenario.weights
+                        truth = usual.scenes.truth(scenario, seed).weights
                         weights = truth * np.exp(sigma * rng.standard_normal(truth.shape))
                         weights /= weights.sum(1, keepdims=True)
                         error = sigma * rng.uniform(0.5, 2)

@@ -8,21 +8,21 @@ from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.bench.report.figures import confusion, style
 from olne_bench.bench.report.statistics.recognition import confusion_table, drivers
 from olne_bench.bench.report.study import Study
-from olne_bench.envs.scenarios import check_options
 
-OPTIONS = {"weights": "temperaments", "num_players": 3}
-ROAD = ScenarioEntry(name="intersection", label="road", options=OPTIONS, family=True)
-STUDY = Study(scenarios={"road": ROAD}, salt="s")
 ESTIMATORS = ("kkt_constrained", "kkt_residual", "uniform")
 
 
 @pytest.fixture(scope="module")
-def trials() -> pd.DataFrame:
+def study(tempered) -> Study:
+    return tempered(3)
+
+
+@pytest.fixture(scope="module")
+def trials(study) -> pd.DataFrame:
     """Estimates of three estimators: nearly exact, rough with some failures, and equal weights."""
     rng, rows = np.random.default_rng(0), []
-    family = check_options("intersection", **OPTIONS)
     for seed in range(20):
-        truth = family.tempered(STUDY.draw("road", seed).seed)
+        truth = study.scenes.truth("road", seed).weights
         for sigma in (0.0, 0.1, 0.2, 0.3, 0.5, 1.0):
             for name, noise in zip(ESTIMATORS, (sigma, 0.3 + 3 * sigma, None), strict=True):
                 rough = (
@@ -45,9 +45,9 @@ def trials() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_a_panel_per_estimator_whose_rows_are_shares(trials) -> None:
+def test_a_panel_per_estimator_whose_rows_are_shares(trials, study) -> None:
     with style.applied():
-        figure = confusion.draw(confusion_table(drivers(trials, STUDY)))
+        figure = confusion.draw(confusion_table(drivers(trials, study)))
     assert [axes.get_title() for axes in figure.axes] == list(ESTIMATORS)
     for axes in figure.axes:
         (image,) = axes.get_images()
@@ -57,13 +57,12 @@ def test_a_panel_per_estimator_whose_rows_are_shares(trials) -> None:
 
 
 def test_there_is_none_where_drivers_have_no_temperaments(trials) -> None:
-    options = {"options": {"num_players": 3}}
-    plain = Study(scenarios={"road": ROAD.model_copy(update=options)}, salt="s")
+    plain = Study(scenarios={"road": ScenarioEntry(name="intersection", label="road")})
     assert confusion_table(drivers(trials, plain)).empty
 
 
-def test_of_many_estimators_the_floor_is_left_out(trials) -> None:
-    table = confusion_table(drivers(trials, STUDY))
+def test_of_many_estimators_the_floor_is_left_out(trials, study) -> None:
+    table = confusion_table(drivers(trials, study))
     more = [table, *(table.assign(estimator=f"e{k}") for k in range(4))]
     titles = [axes.get_title() for axes in confusion.draw(pd.concat(more)).axes]
     assert len(titles) == 6 and "uniform" not in titles

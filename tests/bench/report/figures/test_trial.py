@@ -17,7 +17,7 @@ def test_truth_observations_and_two_predictions_on_a_road(road_trials, road_stud
     scene = scene_of("roundabout", 0, road_study)
     points = [line.get_xydata() for line in first.lines if line.get_marker() == "."]
     np.testing.assert_allclose(points, scene.observed(0.1, 0)[..., :2].swapaxes(0, 1))
-    truth = scene.recording.states[..., :2].swapaxes(0, 1)
+    truth = scene.truth.states[..., :2].swapaxes(0, 1)
     for axes in others:  # the estimates are true
         assert "predicts, 0 m off" in axes.get_title()
         motion = [line.get_xydata() for line in axes.lines if line.get_linewidth() == 2]
@@ -31,7 +31,7 @@ def test_cars_are_on_lanes_with_their_size_and_direction(road_trials, road_study
     assert len(asphalt.get_paths()) == len(scene.lanes) > 8
     assert len(marks) == 2  # solid and dashed lines
     cars = [patch for patch in axes.patches if isinstance(patch, Polygon)]
-    for state, car in zip(scene.recording.states[0], cars[::2], strict=True):
+    for state, car in zip(scene.truth.states[0], cars[::2], strict=True):
         assert any(lane.contains_point(state[:2]) for lane in asphalt.get_paths())
         corners = car.get_xy()[:4]
         np.testing.assert_allclose(corners.mean(axis=0), state[:2], atol=1e-9)

@@ -4,13 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.truth import true_recording
 from olne_bench.bench.report.page.scenes import scene_data
 
 
 @pytest.fixture(scope="module")
 def trials(usual, prediction_error) -> pd.DataFrame:
-    truth = true_recording(usual.draw("two_player", 0)).scenario.weights
+    truth = usual.scenes.truth("two_player", 0).weights
     other = np.full(truth.shape, 0.25)
     row = {"scenario": "two_player", "sensor": "full", "status": "ok", "published_forward": 1.0}
     row |= {"count": 1, "cosine_error": 0.0, "position_error": 0.0, "weights": truth.tolist()}
@@ -28,10 +27,10 @@ def trials(usual, prediction_error) -> pd.DataFrame:
 
 def test_truth_and_predictions_are_paths_in_millimetres(usual, trials) -> None:
     data = scene_data(trials, study=usual)
-    truth = true_recording(usual.draw("two_player", 0))
+    truth = usual.scenes.truth("two_player", 0)
     (draw,) = data["draws"].values()
     assert draw["axes"] == ("px", "py") and data["shown"] == ["exact", "off"]
-    assert data["dt"] == truth.scenario.game.dt
+    assert data["dt"] == truth.dt
     expected = truth.states[..., :2].swapaxes(0, 1)
     np.testing.assert_allclose(draw["truth"], expected, atol=5e-4 + 1e-9)
     samples = {(sample["sigma"], sample["seed"]): sample for sample in data["samples"]}

@@ -8,11 +8,11 @@ import pytest
 from scipy.stats import chi2
 
 from olne_bench.bench.judge.metrics.formulas import cosine_error
-from olne_bench.bench.judge.truth import sensitivities_of, true_recording
 from olne_bench.bench.plan.entries import EstimatorEntry, PluginEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.report.statistics.plausibility import MOST_DRAWS, chance, implausible
 from olne_bench.bench.report.study import Study
-from olne_bench.games.solve.information import joint_weight_covariance
+from olne_bench.bench.submission.played import PlayedScenes
+from olne_bench.games.model.simplex import theta_tangent
 
 SEEDS, LEVELS = 12, (0.0, 0.003, 0.01)
 STUDY = Study(
@@ -29,6 +29,7 @@ STUDY = Study(
         "ours": EstimatorEntry(name="map", label="ours"),
     },
 )
+STUDY = replace(STUDY, scenes=PlayedScenes(STUDY))
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +37,9 @@ def truths() -> list[tuple[np.ndarray, np.ndarray]]:
     """True weights of each draw, and the Cramer-Rao bound at unit noise."""
     found = []
     for seed in range(SEEDS):
-        draw = STUDY.draw("wide", seed)
-        told = true_recording(draw).scenario
-        seen = sensitivities_of(draw, STUDY.sensor_model("full", draw))
-        bound = joint_weight_covariance(told.told, seen)
-        assert bound is not None
-        found.append((told.weights, bound))
+        truth = STUDY.scenes.truth("wide", seed, "full")
+        root, tangent = truth.information_root, theta_tangent(4, truth.used)
+        found.append((truth.weights, tangent @ np.linalg.inv(root.T @ root) @ tangent.T))
     return found
 
 

@@ -1,10 +1,13 @@
 """Results by temperament, against counts made by hand."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.plan.entries import ScenarioEntry
+from olne_bench.bench.judge.scene import NoScenes
 from olne_bench.bench.report.statistics.recognition import (
     NOBODY,
     confusion_table,
@@ -14,22 +17,22 @@ from olne_bench.bench.report.statistics.recognition import (
 )
 from olne_bench.bench.report.study import Study
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS, checked_shares, recognised
-from olne_bench.envs.scenarios import check_options
 from tests.bench.report.conftest import trial_row
 
-OPTIONS = {"weights": "temperaments", "num_players": [2, 4]}
-ROAD = ScenarioEntry(name="intersection", label="road", options=OPTIONS, family=True)
-STUDY = Study(
-    scenarios={"road": ROAD, "two": ScenarioEntry(name="two_player", label="two")}, salt="s"
-)
 SEEDS = 12
 MEANS = {name: np.array(a) / sum(a) for name, a in TEMPERAMENTS.items()}
 
 
-def truth(seed: int) -> tuple[tuple[str, ...], np.ndarray]:
-    own = STUDY.draw("road", seed).seed
-    family = check_options("intersection", **OPTIONS)
-    return family.temperaments(own), family.tempered(own)
+@pytest.fixture(scope="module")
+def study(tempered) -> Study:
+    return tempered([2, 4])
+
+
+@pytest.fixture(scope="module")
+def truth(study) -> Callable[[int], tuple[tuple[str, ...], np.ndarray]]:
+    """Temperaments and weights of a draw."""
+    scenes = [study.scenes.truth("road", seed) for seed in range(SEEDS)]
+    return lambda seed: (scenes[seed].temperaments, scenes[seed].weights)
 
 
 def row(estimator: str, seed: int, weights: object, status: str = "ok", **more: object) -> dict:
@@ -38,7 +41,7 @@ def row(estimator: str, seed: int, weights: object, status: str = "ok", **more: 
 
 
 @pytest.fixture(scope="module")
-def trials() -> pd.DataFrame:
+def trials(truth) -> pd.DataFrame:
     """Estimates: the true weights, those of a normal driver for all, and half of them failed."""
     rows = []
     for seed in range(SEEDS):
@@ -54,8 +57,8 @@ def trials() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_every_driver_of_every_attempt_counts_once(trials) -> None:
-    found = drivers(trials, STUDY)
+def test_every_driver_of_every_attempt_counts_once(trials, study, truth) -> None:
+    found = drivers(trials, study)
     number = sum(len(truth(seed)[0]) for seed in range(SEEDS))
     assert len({len(truth(seed)[0]) for seed in range(SEEDS)}) == 3
     counts = found.groupby(["estimator", "sigma"]).size().to_dict()
@@ -75,8 +78,8 @@ def test_every_driver_of_every_attempt_counts_once(trials) -> None:
     assert failed["recognised"].eq(NOBODY).all() and np.isinf(failed["cosine_error"]).all()
 
 
-def test_the_table_counts_by_temperament(trials) -> None:
-    found = drivers(trials, STUDY)
+def test_the_table_counts_by_temperament(trials, study, truth) -> None:
+    found = drivers(trials, study)
     table = temperament_table(found).set_index(["estimator", "sigma", "temperament"])
     names = np.array([name for seed in range(SEEDS) for name in truth(seed)[0]])
     for name in TEMPERAMENTS:
@@ -95,8 +98,8 @@ def test_the_table_counts_by_temperament(trials) -> None:
     assert (within | table["recognised_low"].isna()).all()
 
 
-def test_confusions_are_shares_of_the_true_temperament(trials) -> None:
-    table = confusion_table(drivers(trials, STUDY))
+def test_confusions_are_shares_of_the_true_temperament(trials, study) -> None:
+    table = confusion_table(drivers(trials, study))
     sums = table.groupby(["estimator", "sigma", "temperament"])["share"].sum()
     np.testing.assert_allclose(sums, 1)
     always = table[table["estimator"] == "always normal"]
@@ -104,11 +107,10 @@ def test_confusions_are_shares_of_the_true_temperament(trials) -> None:
     assert (table[table["estimator"] == "half"]["recognised"] == NOBODY).sum() == 3
 
 
-def test_other_scenarios_have_no_temperaments(trials) -> None:
-    assert is_tempered("road", STUDY) and not is_tempered("two", STUDY)
-    assert not is_tempered("unheard of", STUDY)
-    nothing = drivers(trials[trials["scenario"] == "two"], STUDY)
+def test_other_scenarios_have_no_temperaments(trials, study) -> None:
+    assert is_tempered("road", study) and not is_tempered("two", study)
+    assert not is_tempered("unheard of", study)
+    nothing = drivers(trials[trials["scenario"] == "two"], study)
     assert nothing.empty
     assert temperament_table(nothing).empty and confusion_table(nothing).empty
-    changed = ROAD.model_copy(update={"options": {"weights": "temperaments", "shares": {"odd": 1}}})
-    assert drivers(trials, Study(scenarios={"road": changed}, salt="s")).empty
+    assert drivers(trials, replace(study, scenes=NoScenes())).empty

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.judge.truth import true_recording
 from olne_bench.bench.plan.entries import (
     EstimatorEntry,
     GateLimits,
@@ -36,6 +35,7 @@ from olne_bench.bench.report.statistics.standing import (
 )
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
+from olne_bench.bench.submission.played import PlayedScenes
 from tests.bench.report.conftest import trial_row
 
 SEEDS, LEVELS = 10, (0.01, 0.1)
@@ -48,7 +48,7 @@ ERRORS = {"map": 0.5, "kkt_constrained": 1.0, "constants": 1e-12, "remembers": 1
 @pytest.fixture(scope="module")
 def study() -> Study:
     wide = {"weights": "dirichlet"}
-    return Study(
+    study = Study(
         scenarios={
             "wide": ScenarioEntry(name="two_player", label="wide", options=wide, family=True),
             "two_player": ScenarioEntry(name="two_player", label="two_player"),
@@ -58,14 +58,13 @@ def study() -> Study:
         estimators={name: EstimatorEntry(name=name, label=name) for name in BUILT_IN}
         | {name: EstimatorEntry(name=f"/gone/{name}.py", label=name) for name in FOREIGN},
     )
+    return replace(study, scenes=PlayedScenes(study))
 
 
 def weights(study: Study, scenario: str, seed: int, name: str) -> list[list[float]]:
     """Equal weights, or those that one plugin remembers."""
     if name == "remembers" and scenario == "wide":
-        found: list[list[float]] = true_recording(
-            study.draw(scenario, seed)
-        ).scenario.weights.tolist()
+        found: list[list[float]] = study.scenes.truth(scenario, seed).weights.tolist()
         return found
     return [[0.25] * 4] * 2
 

@@ -1,0 +1,281 @@
+"""Whether noise explains what an estimate leaves of the observations: one test for all methods.
+
+Residuals over their noise scale and sigma have, if model and noise are as told, the covariance
+I - A with A = J (J'J + P)^-1 J'. J is the derivative of the expected samples in weights, unknowns
+and initial states over their noise, P the precision of what is known before. So fitted parameters
+are subtracted, as far as the data tell them. Three statistics, of each player and over all:
+
+- the sum of squares: a model that does not fit, or a noise level that is too small or too large;
+- the sum of products of consecutive samples over that of squares: errors that follow each other;
+- the logarithm of the sum of fourth powers over the square of that of squares: outliers.
+
+Their distributions are those of ``_DRAWS`` residuals with this covariance, continued by a Pearson
+III distribution with the same first three moments. The smallest p-value of all is corrected for
+their number, as far as they are independent (Sidak's formula with the number that fits the draws).
+"""
+
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from scipy.stats import pearson3, skew
+
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.shared.forward_model import SolvedGame, game_at, sample_sensitivity
+from olne_bench.estimators.shared.trajectory_fit import guess_controls
+from olne_bench.estimators.shared.white_noise import with_white_noise
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import observe
+from olne_bench.games.model.simplex import theta_tangent
+from olne_bench.games.solve.kkt import consistent_costates
+from olne_bench.games.solve.newton import newton_root
+
+#: A p-value below this says that the model does not fit.
+LEVEL = 0.01
+
+_DRAWS = 2000
+#: Level at which the number of independent statistics is found.
+_TAIL = 0.03
+#: Samples, less what was fitted, below which nothing can be tested.
+_FEWEST = 10.0
+
+_FLAT = 1e-12  # precision of initial states
+_KINDS = ("size", "order", "outliers")
+
+
+@dataclass(frozen=True)
+class FitTest:
+    """The result of the test.
+
+    Attributes:
+        p: p-value over all statistics; None where nothing can be tested.
+        players: (N,) p-values of each player's own; empty where nothing can be tested.
+        reason: what fits least, on one line, or why nothing can be tested.
+    """
+
+    p: float | None
+    players: np.ndarray
+    reason: str
+
+    @property
+    def verdict(self) -> str:
+        """``fits``, ``does not fit`` or ``not testable``."""
+        if self.p is None:
+            return "not testable"
+        return "does not fit" if self.p < LEVEL else "fits"
+
+    def __str__(self) -> str:
+        """One line."""
+        if self.p is None:
+            return f"{self.verdict}: {self.reason}"
+        shown = f"p < {LEVEL / 100:g}" if self.p < LEVEL / 100 else f"p = {self.p:.2g}"
+        why = f": {self.reason}" if self.p < LEVEL else ""
+        return f"the model {self.verdict} ({shown}){why}"
+
+
+def not_testable(reason: str) -> FitTest:
+    """No result."""
+    return FitTest(None, np.empty(0), reason)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which residuals of a recording belong together.
+
+    Attributes:
+        seen: (T, N, d) which samples there are.
+    """
+
+    seen: np.ndarray
+
+    def statistics(self, residuals: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+        """(B, 3, 1 + N) statistics over all and of each player, of residuals (B, n).
+
+        ``deviations`` (n,) are standard deviations of the residuals.
+        """
+        full = np.zeros((len(residuals), *self.seen.shape))
+        full[:, self.seen] = residuals
+        scaled = np.zeros_like(full)
+        scaled[:, self.seen] = residuals / deviations
+        parts = (
+            np.einsum("btnd,btnd->bn", full, full),
+            np.einsum("btnd,btnd->bn", scaled, scaled),
+            np.einsum("btnd,btnd->bn", scaled[:, 1:], scaled[:, :-1]),
+            np.einsum("btnd->bn", scaled**4),
+        )
+        own = np.stack(parts, axis=1)
+        whole = np.concatenate([own.sum(axis=2, keepdims=True), own], axis=2)
+        size, squares, products, fourth = np.moveaxis(whole, 1, 0)
+        squares = np.maximum(squares, np.finfo(float).tiny)
+        tails = np.log(np.maximum(fourth / squares**2, np.finfo(float).tiny))  # less skewed
+        return np.stack([size, products / squares, tails], axis=1)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Distributions of the statistics where model and noise are as told.
+
+    Attributes:
+        layout: of the residuals.
+        deviations: (n,) standard deviations of the residuals.
+        mean, deviation, skew: (3, 1 + N) moments of the statistics.
+        free: n less what was fitted, over all and of each player (1 + N,).
+        independent: how many of all statistics, and of each player's, are as good as independent
+            (1 + N,).
+    """
+
+    layout: Layout
+    deviations: np.ndarray
+    mean: np.ndarray
+    deviation: np.ndarray
+    skew: np.ndarray
+    free: np.ndarray
+    independent: np.ndarray
+
+    @classmethod
+    def of(cls, seen: np.ndarray, sensitivity: np.ndarray, precision: np.ndarray) -> "Expected":
+        """For samples (T, N, d) that are there, J (n, F) over sigma, and P (F,)."""
+        layout, n = Layout(seen), len(sensitivity)
+        left, sizes, _ = np.linalg.svd(sensitivity / np.sqrt(precision), full_matrices=False)
+        cut = 1 - 1 / np.sqrt(sizes**2 + 1)
+        draws = np.random.default_rng(0).standard_normal((_DRAWS, n))
+        draws -= (draws @ left * cut) @ left.T
+        variances = 1 - (left**2) @ (sizes**2 / (sizes**2 + 1))
+        deviations = np.sqrt(np.maximum(variances, 1e-6))
+        found = layout.statistics(draws, deviations)
+        moments = found.mean(axis=0), found.std(axis=0), skew(found, axis=0)
+        by_player = np.zeros(seen.shape)
+        by_player[seen] = variances
+        own = by_player.sum(axis=(0, 2))
+        free = np.concatenate([[own.sum()], own])
+        usual = cls(layout, deviations, *moments, free, np.ones(1 + seen.shape[1]))
+        least = usual.smallest(usual.p_values(found))
+        independent = np.log1p(-_TAIL) / np.log1p(
+            -np.maximum(np.quantile(least, _TAIL, axis=0), 1e-12)
+        )
+        return cls(layout, deviations, *moments, free, np.maximum(independent, 1.0))
+
+    def p_values(self, statistics: np.ndarray) -> np.ndarray:
+        """Two-sided (B, 3, 1 + N), of statistics (B, 3, 1 + N)."""
+        usable = self.deviation > 0
+        z = (statistics - self.mean) / np.where(usable, self.deviation, 1.0)
+        below = pearson3.cdf(z, self.skew)
+        above = pearson3.sf(z, self.skew)
+        return np.where(usable, np.minimum(1.0, 2 * np.minimum(below, above)), 1.0)
+
+    @staticmethod
+    def smallest(values: np.ndarray) -> np.ndarray:
+        """(B, 1 + N): over all statistics, and over those of each player, of (B, 3, 1 + N)."""
+        own = values.min(axis=1)
+        return np.concatenate([own.min(axis=1, keepdims=True), own[:, 1:]], axis=1)
+
+    def test(self, residuals: np.ndarray, *, level_known: bool = True) -> FitTest:
+        """The test of residuals (T, N, d) over their noise; missing ones do not count.
+
+        Where the noise level is not known, it is that of the residuals.
+        """
+        if self.free[0] < _FEWEST:
+            return not_testable(
+                f"{len(self.deviations)} samples are {self.free[0]:.0f} more than was fitted"
+            )
+        found = self.layout.statistics(residuals[self.layout.seen][None], self.deviations)
+        if not level_known:
+            found[:, 0] *= self.free[0] / max(float(found[0, 0, 0]), np.finfo(float).tiny)
+        values = self.p_values(found)
+        corrected = -np.expm1(self.independent * np.log1p(-self.smallest(values)[0]))
+        kind, place = np.unravel_index(values[0].argmin(), values[0].shape)
+        reason = self._said(_KINDS[int(kind)], int(place), found[0])
+        return FitTest(float(corrected[0]), corrected[1:], reason)
+
+    def _said(self, kind: str, place: int, found: np.ndarray) -> str:
+        whose = "residuals" if place == 0 else f"residuals of player {place - 1}"
+        if kind == "size":
+            ratio = float(np.sqrt(found[0, place] / self.free[place]))
+            return f"{whose} are {ratio:.2g} times the noise that is told"
+        if kind == "order":
+            return f"{whose} follow each other: their correlation is {found[1, place]:.2g}"
+        return (
+            f"{whose} have {'more' if found[2, place] > self.mean[2, place] else 'fewer'} outliers"
+        )
+
+
+def fit_test(
+    problem: Problem, observation: Observation, states: np.ndarray | None, theta: np.ndarray
+) -> FitTest:
+    """Test an estimate.
+
+    Args:
+        problem: what is known.
+        observation: what was seen.
+        states: (T, N, n) motion of the estimate; None if it has none.
+        theta: (N, K + U) estimated weights and standardised unknowns.
+    """
+    if states is None:
+        return not_testable("the estimate has no motion")
+    if problem.sigma <= 0:
+        return not_testable("no noise is told")
+    problem, (seen,) = with_white_noise(problem, observation)
+    known = _game_of(problem.game, states, theta)
+    if known is None:
+        return not_testable("the motion is no equilibrium at the weights")
+    try:
+        sensitivity = sample_sensitivity(problem, known)
+    except ValueError:
+        return not_testable("the equilibrium is not a function of the weights")
+    expected = expected_of(problem, np.isfinite(seen.y), sensitivity)
+    residuals = residuals_of(problem, seen.y, known.root.states)
+    return expected.test(residuals, level_known=not problem.sigma_spread)
+
+
+def residuals_of(problem: Problem, y: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """(T, N, d) errors of expected samples over their noise; the noise is white."""
+    expected = observe(problem.view, problem.game.dynamics, states)
+    return np.asarray((y - expected) / np.array(problem.noise_scale) / problem.sigma)
+
+
+def expected_of(problem: Problem, seen: np.ndarray, sensitivity: np.ndarray) -> Expected:
+    """What the test expects of one trajectory.
+
+    Args:
+        problem: what is known; its noise is white.
+        seen: (T, N, d) which samples there are.
+        sensitivity: (T*N*d, N*(K+U) + N*n) of ``sample_sensitivity``.
+    """
+    return Expected.of(seen, *_fitted(problem, seen, sensitivity))
+
+
+def samples_left(problem: Problem, seen: np.ndarray, sensitivity: np.ndarray) -> float:
+    """Number of samples less what is fitted; arguments as of ``expected_of``."""
+    free, precision = _fitted(problem, seen, sensitivity)
+    sizes = np.linalg.svd(free / np.sqrt(precision), compute_uv=False)
+    return float(len(free) - (sizes**2 / (sizes**2 + 1)).sum())
+
+
+def _fitted(
+    problem: Problem, seen: np.ndarray, sensitivity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """J (n, F) over sigma, in what may change of theta and the start, and P (F,)."""
+    tangent = theta_tangent(problem.game)
+    by_theta, by_start = np.split(sensitivity[seen.ravel()], [len(tangent)], axis=1)
+    free = np.hstack([by_theta @ tangent, by_start]) / problem.sigma
+    flat = np.full(by_start.shape[1], _FLAT)
+    return free, np.concatenate([_precision(problem.game), flat])
+
+
+def _precision(game: Game) -> np.ndarray:
+    """(F,) of the tangent of theta: a uniform distribution of weights, standardised unknowns."""
+    count = game.num_weights
+    weights = [count * (count + 1.0)] * (count - 1)
+    own = (weights + [1.0] * int(used.sum()) for used in game.parameters.used)
+    return np.array(list(chain(*own)))
+
+
+def _game_of(game: Game, states: np.ndarray, theta: np.ndarray) -> SolvedGame | None:
+    """The game whose motion (T, N, n) an estimate has; None if it is none."""
+    controls = guess_controls(game, states)
+    costates = consistent_costates(game, states, controls, theta)
+    try:
+        root = newton_root(game, states, controls, costates, theta)
+    except ValueError:
+        return None
+    return game_at(game, root, theta)

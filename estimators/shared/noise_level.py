@@ -1,0 +1,103 @@
+"""The noise level, where nobody tells it: the most probable one given what the best fit leaves.
+
+A priori log sigma is normal around that of ``Problem.sigma`` with the deviation tau
+(``Problem.sigma_spread``). With the squared error S that the joint method leaves, and n samples
+more than it fits, the posterior of L = log sigma has its peak where
+
+    (S1)  n - S exp(-2 L) + (L - log sigma_0) / tau^2 = 0,
+
+as the profile likelihood has sigma^2 = S / n. How much is fitted, and when a search for the best
+fit may end, depend on sigma, so both are repeated until it stays. All methods that have a
+likelihood then take the found level for the true one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.fit_test import samples_left
+from olne_bench.estimators.shared.forward_model import SolvedGame, sample_sensitivity
+from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
+from olne_bench.estimators.shared.joint_starts import joint_attempts
+from olne_bench.games.solve.newton import Root
+
+#: Rounds at most, and the change of log sigma that ends them.
+_ROUNDS, _STILL = 5, 0.02
+#: The level is within this many deviations of its prior.
+_FARTHEST = 8.0
+
+
+def with_found_noise(
+    problem: Problem, observations: Sequence[Observation], deadline: float
+) -> Problem:
+    """The problem with the most probable noise level, which then is known; unchanged if it was.
+
+    Args:
+        problem: what is known; its noise is white.
+        observations: one for each trajectory.
+        deadline: searches end by then, in seconds of ``time.monotonic``.
+    """
+    if not problem.sigma_spread:
+        return problem
+    found = replace(problem, sigma_spread=0.0)
+    for _ in range(_ROUNDS):
+        squared, left = 0.0, 0.0
+        for one in observations:
+            fit = _best_fit(found, one.y, deadline)
+            squared += fit.objective
+            left += _left(found, one.y, fit)
+        level = most_probable_level(problem.sigma, problem.sigma_spread, squared, left)
+        moved = abs(np.log(level / found.sigma))
+        found = replace(found, sigma=level)
+        if moved < _STILL:
+            break
+    return found
+
+
+def telling_noise(estimate: Estimate, asked: Problem, found: Problem) -> Estimate:
+    """The estimate with the level that was found among its extras, where nobody told it."""
+    if not asked.sigma_spread:
+        return estimate
+    return replace(estimate, extras={**estimate.extras, "sigma": found.sigma})
+
+
+def most_probable_level(median: float, spread: float, squared: float, left: float) -> float:
+    """The peak (S1) of the posterior of sigma.
+
+    Args:
+        median: of sigma a priori.
+        spread: standard deviation of log sigma a priori.
+        squared: sum of squared errors.
+        left: number of samples less what was fitted.
+    """
+
+    def slope(away: float) -> float:
+        level = median * np.exp(away)
+        return float(max(left, 0.0) - squared / level**2 + away / spread**2)
+
+    reach = _FARTHEST * spread
+    if slope(-reach) >= 0:
+        return float(median * np.exp(-reach))
+    if slope(reach) <= 0:
+        return float(median * np.exp(reach))
+    return float(median * np.exp(brentq(slope, -reach, reach, xtol=1e-6)))
+
+
+def _best_fit(problem: Problem, y: np.ndarray, deadline: float) -> JointSolution:
+    settings = JointSettings(noise_scale=problem.noise_scale, weight_floor=problem.weight_floor)
+    attempts = list(joint_attempts(problem, y, settings, deadline))
+    return min(attempts, key=lambda one: (not one.converged, one.criterion))
+
+
+def _left(problem: Problem, y: np.ndarray, fit: JointSolution) -> float:
+    """Number of samples less what was fitted."""
+    point, seen = fit.point, np.isfinite(y)
+    root = Root(point.states, point.controls, point.costates, residual=0.0)
+    try:
+        sensitivity = sample_sensitivity(problem, SolvedGame(root, point.weights, point.parameters))
+    except ValueError:  # a fold of equilibria: all unknowns count
+        return float(seen.sum() - point.theta.size - point.states[0].size)
+    return samples_left(problem, seen, sensitivity)
