@@ -23,8 +23,12 @@ from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
 PAPER = ["two_player", "highway_overtaking"]
-_NAMES = "estimators study highway unknowns constraints calibration learned online driving"
-PAGES = ("README.md", *(f"docs/{name}.md" for name in _NAMES.split()))
+_NAMES = "estimators highway unknowns constraints calibration learned online driving"
+PAGES = (
+    "README.md",
+    "docs/study.md",
+    *(f"docs/evidence/{name}.md" for name in _NAMES.split()),
+)
 #: Ends the labels of roads whose target speeds nobody tells.
 _UNKNOWN = ", unknown speeds"
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
