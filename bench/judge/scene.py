@@ -33,35 +33,20 @@ class Quantity(msgspec.Struct, frozen=True):
 
 
 class TrueScene(msgspec.Struct, frozen=True, eq=False):
-    """What a report needs of a draw that is seen through a sensor.
+    """What a report needs of a draw that is seen through a sensor."""
 
-    Attributes:
-        road: name of its road of HighwayEnv; empty if it is not on one.
-        dt: duration of a step [s].
-        state_names: names of the n components of a state.
-        weight_names: names of the K weights of a player.
-        noise_scale: (n,) standard deviations of noise on a state, relative to sigma.
-        states: (T, N, n) true motion.
-        weights: (N, K) true weights.
-        parameters: (N, U) true values of the unknowns besides weights, in their units.
-        unknowns: these unknowns of each player.
-        information_root: (F, F) as in ``games.solve.information``, if no sample is missing.
-        temperaments: of each driver, where drivers have one.
-        shares: share of each temperament among drivers.
-    """
-
-    road: str
-    dt: float
-    state_names: tuple[str, ...]
-    weight_names: tuple[str, ...]
-    noise_scale: tuple[float, ...]
-    states: np.ndarray
-    weights: np.ndarray
-    parameters: np.ndarray
-    unknowns: tuple[tuple[Quantity, ...], ...]
-    information_root: np.ndarray
-    temperaments: tuple[str, ...] = ()
-    shares: dict[str, float] = {}
+    road: str  # name of its road of HighwayEnv; empty if it is not on one
+    dt: float  # duration of a step [s]
+    state_names: tuple[str, ...]  # n
+    weight_names: tuple[str, ...]  # K
+    noise_scale: tuple[float, ...]  # (n,) standard deviations of noise on a state, over sigma
+    states: np.ndarray  # (T, N, n) true motion
+    weights: np.ndarray  # (N, K)
+    parameters: np.ndarray  # (N, U) true values of the unknowns besides weights, in their units
+    unknowns: tuple[tuple[Quantity, ...], ...]  # these unknowns of each player
+    information_root: np.ndarray  # (F, F) of ``games.solve.information``, if no sample is missing
+    temperaments: tuple[str, ...] = ()  # of each driver, where drivers have one
+    shares: dict[str, float] = {}  # of each temperament among drivers
 
     @property
     def used(self) -> np.ndarray:
@@ -83,35 +68,25 @@ class TrueScene(msgspec.Struct, frozen=True, eq=False):
 
 
 class Scenes(Protocol):
-    """Where a report finds truths and motions.
+    """Where a report finds truths and motions, by labels and seeds of trials.
 
-    Seeds are those of trials; a scenario that is no family has one truth, whatever the seed.
+    Both methods raise ``NoSceneError`` where something cannot be read.
     """
 
     def truth(self, scenario: str, seed: int, sensor: str | None = None) -> TrueScene:
-        """The truth of a draw, seen through a sensor, or through any.
-
-        Raises:
-            NoSceneError: if there is none, or it cannot be read.
-        """
+        """The truth of a draw, seen through a sensor, or any; ``NoSceneError`` without one."""
 
     def motion(self, trial: Mapping[Any, Any], shape: tuple[int, ...]) -> np.ndarray | None:
-        """The predicted states of a trial's row, of this shape; None if it has no prediction.
-
-        Raises:
-            NoSceneError: if it cannot be read.
-        """
+        """The predicted states of a trial's row, of this shape; None if it has no prediction."""
 
 
 class NoScenes:
     """No truth and no motion is known, as of rows without a store."""
 
     def truth(self, scenario: str, seed: int, sensor: str | None = None) -> TrueScene:
-        """There is none."""
         raise NoSceneError("its truth is not stored here")
 
     def motion(self, trial: Mapping[Any, Any], shape: tuple[int, ...]) -> np.ndarray | None:
-        """There is none."""
         return None
 
 
@@ -121,11 +96,7 @@ def pack_truth(scene: TrueScene) -> bytes:
 
 
 def unpack_truth(content: bytes) -> TrueScene:
-    """Read a stored truth.
-
-    Raises:
-        NoSceneError: if it is damaged.
-    """
+    """Read a stored truth; ``NoSceneError`` if it is damaged."""
     try:
         scene = msgspec.msgpack.decode(_whole(content), type=TrueScene, dec_hook=_array)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
@@ -140,11 +111,7 @@ def pack_motion(states: np.ndarray) -> bytes:
 
 
 def unpack_motion(content: bytes, shape: tuple[int, ...]) -> np.ndarray:
-    """Read stored states.
-
-    Raises:
-        NoSceneError: if they are damaged, or have another shape.
-    """
+    """Read stored states; ``NoSceneError`` if they are damaged, or of another shape."""
     try:
         return np.frombuffer(_whole(content), _MOTION).reshape(shape).astype(float)
     except ValueError as error:

@@ -108,12 +108,7 @@ USUAL = Study()
 def study_in(folder: Path, store: Store) -> Study:
     """The study of a run folder, with its stored truths and its confirmations.
 
-    Args:
-        folder: the run folder.
-        store: its store.
-
-    Raises:
-        UserError: as ``study_of``, and on confirmations that cannot be read.
+    UserError as of ``study_of``, and on confirmations that cannot be read.
     """
     study = study_of(read_suite_json(run.suite) for run in store.runs())
     return replace(

@@ -59,25 +59,18 @@ def add_scenes(connection: sqlite3.Connection, trial: Trial, outcome: Outcome) -
 
 @dataclass(frozen=True)
 class StoredScenes:
-    """Truths and motions of the current rows of a run folder; each is read when it is asked for.
-
-    Attributes:
-        folder: the run folder.
-        salt_id: identifies the salt of its draws.
-    """
+    """Truths and motions of the current rows of a run folder; each is read when it is asked for."""
 
     folder: Path
-    salt_id: str
+    salt_id: str  # of the salt of its draws
 
     def truth(self, scenario: str, seed: int, sensor: str | None = None) -> TrueScene:
-        """As of ``bench.judge.scene.Scenes``."""
         content = _read(self.folder, _TRUTH, (scenario, int(seed), self.salt_id, sensor))
         if content is None:
             raise NoSceneError("its truth is not stored")
         return _unpacked(content)
 
     def motion(self, trial: Mapping[Any, Any], shape: tuple[int, ...]) -> np.ndarray | None:
-        """As of ``bench.judge.scene.Scenes``."""
         place = (trial["scenario"], int(trial["seed"]), self.salt_id, trial["sensor"])
         key = (*place, float(trial["sigma"]), trial["estimator"])
         content = _read(self.folder, _MOTION, key)

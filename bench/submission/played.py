@@ -3,14 +3,11 @@
 What is not a scenario or a sensor of this version, or cannot be played, is not known.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
-
-import numpy as np
 
 from olne_bench.bench.judge.observe import sensor_model
-from olne_bench.bench.judge.scene import NoSceneError, TrueScene
+from olne_bench.bench.judge.scene import NoSceneError, NoScenes, TrueScene
 from olne_bench.bench.judge.trials import layers_of
 from olne_bench.bench.judge.truth import Draw, true_recording, true_scene
 from olne_bench.bench.plan.suite import Suite
@@ -23,27 +20,18 @@ _UNKNOWN_HERE = (KeyError, TypeError, ValueError, UserError, NoEquilibriumError)
 
 
 def played_study(suites: Iterable[Suite]) -> Study:
-    """The study of suites, whose truths are played when they are asked for.
-
-    Raises:
-        UserError: as ``study_of``.
-    """
+    """The study of suites, as of ``study_of``, whose truths are played when they are asked for."""
     study = study_of(suites)
     return replace(study, scenes=PlayedScenes(study))
 
 
 @dataclass(frozen=True)
-class PlayedScenes:
-    """The truths of a study, played again; there are no motions.
+class PlayedScenes(NoScenes):
+    """The truths of a study, played again; there are no motions."""
 
-    Attributes:
-        study: knows scenarios and sensors by their labels.
-    """
-
-    study: Study
+    study: Study  # knows scenarios and sensors by their labels
 
     def truth(self, scenario: str, seed: int, sensor: str | None = None) -> TrueScene:
-        """As of ``bench.judge.scene.Scenes``."""
         try:
             draw = Draw.of(self.study.scenario(scenario), seed, self.study.salt)
             entry = self.study.sensors[sensor or next(iter(self.study.sensors), "")]
@@ -51,7 +39,3 @@ class PlayedScenes:
             return true_scene(draw, model)
         except _UNKNOWN_HERE as error:
             raise NoSceneError(f"it cannot be played here: {error}") from error
-
-    def motion(self, trial: Mapping[Any, Any], shape: tuple[int, ...]) -> np.ndarray | None:
-        """There is none."""
-        return None

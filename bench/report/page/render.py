@@ -181,27 +181,19 @@ def two_runs_page(
 
 @dataclass(frozen=True)
 class ScenesOfBoth:
-    """Truths and motions of two runs.
-
-    Attributes:
-        first: of the first run.
-        second: of the second run, if its draws are those of the first one.
-        renamed: names of its estimators on the page, and their labels there.
-    """
+    """Truths and motions of two runs."""
 
     first: Scenes
-    second: Scenes
-    renamed: Mapping[str, str]
+    second: Scenes  # none, if its draws are not those of the first run
+    renamed: Mapping[str, str]  # names of its estimators on the page, and their labels there
 
     def truth(self, scenario: str, seed: int, sensor: str | None = None) -> TrueScene:
-        """As of ``bench.judge.scene.Scenes``."""
         try:
             return self.first.truth(scenario, seed, sensor)
         except NoSceneError:
             return self.second.truth(scenario, seed, sensor)
 
     def motion(self, trial: Mapping[Any, Any], shape: tuple[int, ...]) -> np.ndarray | None:
-        """As of ``bench.judge.scene.Scenes``."""
         label = self.renamed.get(trial["estimator"])
         if label is None:
             return self.first.motion(trial, shape)
