@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-from functools import cache
 
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
@@ -12,16 +11,8 @@ from gymnasium.utils.env_checker import data_equivalence
 
 from olne_bench.envs import highway_v0, olne_v0
 from olne_bench.envs.roads.highway_roads import ROAD_NAMES
-from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.worlds.wrappers import AWGN, DropSamples, Float32, PartialObservation
-
-SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
-
-
-@cache
-def drawn(name):
-    return get_scenario(name, 0, num_players=SMALLEST[name])
-
+from tests.envs.conftest import drawn
 
 WORLDS = {
     **{name: lambda name=name: highway_v0.parallel_env(drawn(name)) for name in ROAD_NAMES},

@@ -1,7 +1,7 @@
 """The world on HighwayEnv's simulator: exact replay, equilibrium, termination, pictures, errors."""
 
 import itertools
-from functools import cache, partial
+from functools import partial
 
 import gymnasium
 import highway_env  # noqa: F401  registers HighwayEnv's environments
@@ -17,17 +17,12 @@ from olne_bench.envs.roads.highway_roads import (
     ROAD_NAMES,
     SIMULATION_FREQUENCY,
 )
-from olne_bench.envs.scenarios import Scenario, get_scenario
+from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.solved.equilibrium import certified_equilibrium
+from tests.envs.conftest import drawn
 
-SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
 SEEDS = (0, 1, 2)
 EXACT = 1e-9  # [m], [rad], [m/s]
-
-
-@cache
-def drawn(name: str, seed: int = 0) -> Scenario:
-    return get_scenario(name, seed, num_players=SMALLEST[name])
 
 
 def play(world, deviation=None):

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, StateDeviation
 from olne_bench.games.model.dynamics import UNICYCLE
 from olne_bench.games.model.game import Game, Player
+from olne_bench.games.solve.kkt import kkt_system
+from olne_bench.games.solve.newton import unpack
 from olne_bench.games.solve.olne import Equilibrium, solve_olne
 
 GoalGame = Callable[..., Game]
@@ -43,6 +46,20 @@ def crossing(goal_game: GoalGame) -> tuple[Game, np.ndarray, np.ndarray]:
 @pytest.fixture(scope="session")
 def olne(crossing: tuple[Game, np.ndarray, np.ndarray]) -> Equilibrium:
     return solve_olne(*crossing)
+
+
+def rows_agree(game: Game) -> None:
+    """Check that the elimination's residual is that of the costs as they are written down."""
+    rng, solver = np.random.default_rng(1), elimination(game)
+    states, inner = solver.stages.num_states, solver.stages.num_states + solver.stages.num_controls
+    z = rng.uniform(0.5, 1.5, (game.horizon, solver.stages.size))
+    z[-1, states:] = 0
+    theta = rng.uniform(0.1, 1, solver.stages.num_weights)
+    point = [part.ravel() for part in unpack(game, z)]
+    wanted = np.array(kkt_system(game).residual_function(*point, theta)).ravel()
+    rows = solver.evaluate(z, theta)
+    found = [rows[1:, :states], rows[:-1, states:inner], rows[:-1, inner:]]
+    np.testing.assert_allclose(np.concatenate([f.ravel() for f in found]), wanted, atol=1e-12)
 
 
 @pytest.fixture(scope="session")

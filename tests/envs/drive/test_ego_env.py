@@ -37,7 +37,7 @@ def test_it_has_an_id() -> None:
 
 
 def test_the_same_seed_and_actions_make_the_same_drive() -> None:
-    first, again, other = (driven(EgoEnv(), seed, np.array([0.1, -0.3]), 15) for seed in (3, 3, 4))
+    first, again, other = (driven(EgoEnv(), seed, np.array([0.1, -0.3]), 6) for seed in (3, 3, 4))
     np.testing.assert_equal(first, again)
     assert not np.array_equal(first[0], other[0])
 

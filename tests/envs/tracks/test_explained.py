@@ -26,6 +26,7 @@ from olne_bench.games.model.costs import ControlEffort, FinalGoal, Proximity, St
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.lanes import LaneKeeping, StraightLane
 from olne_bench.games.model.observation import FullView
+from tests.envs.conftest import SMALLEST
 
 EAST = StraightLane((0.0, 0.0), (1.0, 0.0), 100.0)
 NORTH = StraightLane((100.0, 0.0), (0.0, 1.0), 100.0)
@@ -167,8 +168,6 @@ def test_what_the_costs_make_no_use_of_is_told() -> None:
         told({"targets": {"speed": 2.0}}, Player((Proximity(),), ()))
 
 
-#: Every road, with few players.
-ROADS = {"highway": 3, "merge": 2, "roundabout": 2, "intersection": 2, "two_way": 3}
 AWAY = np.array([5.0, 0.0, 0.0, 0.0])
 Recorder = Callable[..., Recording]
 
@@ -198,11 +197,11 @@ def estimate(game: Game, y: np.ndarray) -> Estimate:
     return KktConstrained().estimate(problem, Observation(y), rng=rng, budget=60.0)
 
 
-@pytest.mark.parametrize("name", ROADS)
+@pytest.mark.parametrize("name", SMALLEST)
 def test_every_weight_comes_back_through_a_table(
     name: str, recorded: Recorder, tmp_path: Path
 ) -> None:
-    recording = recorded(name, 0, num_players=ROADS[name])
+    recording = recorded(name, 0, num_players=SMALLEST[name])
     known = read_tracks(exported(tmp_path, recording)).recording
     explained = explain(name, None, known, 0)
     assert {one.source for one in explained.assumptions} == {"file"}
@@ -213,24 +212,24 @@ def test_every_weight_comes_back_through_a_table(
         np.testing.assert_allclose(found[renamed(f"player_{index}")], truth, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ROADS)
+@pytest.mark.parametrize("name", SMALLEST)
 @pytest.mark.parametrize("frame", [Frame(shift=(1000.0, 50.0)), Frame(flip_y=True)])
 @pytest.mark.parametrize("targets", [True, False])
 def test_tracks_in_another_frame_are_refused(
     name: str, frame: Frame, targets: bool, recorded: Recorder, tmp_path: Path
 ) -> None:
-    recording = recorded(name, 0, num_players=ROADS[name])
+    recording = recorded(name, 0, num_players=SMALLEST[name])
     path = exported(tmp_path, recording, targets=targets)
     known = read_tracks(path, frame=frame).recording
     with pytest.raises(UserError, match=r"is off the road: at \(|drives against the lanes: at \("):
         explain(name, None, known, 0)
 
 
-@pytest.mark.parametrize("name", ROADS)
+@pytest.mark.parametrize("name", SMALLEST)
 def test_without_targets_every_assumption_names_the_data(
     name: str, recorded: Recorder, tmp_path: Path
 ) -> None:
-    recording = recorded(name, 0, num_players=ROADS[name])
+    recording = recorded(name, 0, num_players=SMALLEST[name])
     known = read_tracks(exported(tmp_path, recording, targets=False)).recording
     explained = explain(name, None, known, 0)
     assert {(one.what, one.source) for one in explained.assumptions} == {

@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 import pygame
@@ -14,10 +14,10 @@ from pettingzoo.test import parallel_api_test, render_test
 
 from olne_bench.envs import highway_v0, olne_v0
 from olne_bench.envs.roads.highway_roads import ROAD_NAMES, make_road
-from olne_bench.envs.scenarios import get_scenario, scenario_names
+from olne_bench.envs.scenarios import scenario_names
 from olne_bench.envs.worlds.window import Window
+from tests.envs.conftest import drawn
 
-SMALLEST = {"highway": 3, "intersection": 2, "merge": 2, "roundabout": 2, "two_way": 3}
 NAMES = tuple(scenario_names())
 
 
@@ -25,11 +25,6 @@ NAMES = tuple(scenario_names())
 def no_screen(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setitem(olne_v0.OlneWorld.metadata, "render_fps", 1000)
-
-
-@cache
-def drawn(name):
-    return get_scenario(name, 0, num_players=SMALLEST[name])
 
 
 def arguments(name):
@@ -119,7 +114,6 @@ print(signal.getsignal(signal.SIGTERM) is {expected}, signal.getsignal(signal.SI
 interrupted, flush=True)
 time.sleep(60)
 """
-
 
 MERGE = {"module": "highway_v0", "name": "merge", "options": {"num_players": 2}}
 TWO_PLAYER = {"module": "olne_v0", "name": "two_player", "options": {}}

@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 import pytest
 
-from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.compiled.stage_functions import stage_functions
 from olne_bench.games.compiled.terms import terms_of
 from olne_bench.games.model.costs import CarProximity, ControlEffort, Feature, Proximity, Stage
@@ -14,8 +12,7 @@ from olne_bench.games.model.dynamics import UNICYCLE
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.numbers import structure_and_numbers
 from olne_bench.games.model.observation import VIEWS
-from olne_bench.games.solve.kkt import kkt_system
-from olne_bench.games.solve.newton import unpack
+from tests.games.conftest import rows_agree
 
 
 @dataclass(frozen=True)
@@ -85,15 +82,4 @@ class SpeedOnly:
 
 @pytest.mark.parametrize("feature", [KeepToTheMiddle(), FollowFirst(), SpeedOnly(), Proximity()])
 def test_rows_are_those_of_the_stacked_system(feature: Feature) -> None:
-    game = three(feature)
-    stages = stage_functions(game, VIEWS["full"])
-    rng = np.random.default_rng(2)
-    z = rng.standard_normal((game.horizon, stages.size))
-    inner = stages.num_states + stages.num_controls
-    z[-1, stages.num_states :] = 0
-    theta = rng.uniform(0.1, 1, stages.num_weights)
-    rows = elimination(game).evaluate(z, theta)
-    found = [rows[1:, : stages.num_states], rows[:-1, stages.num_states : inner], rows[:-1, inner:]]
-    point = [part.ravel() for part in unpack(game, z)]
-    wanted = np.array(kkt_system(game).residual_function(*point, theta)).ravel()
-    np.testing.assert_allclose(np.concatenate([f.ravel() for f in found]), wanted, atol=1e-12)
+    rows_agree(three(feature))

@@ -34,8 +34,8 @@ from olne_bench.games.model.observation import (
     WhitenedView,
     observe,
 )
-from olne_bench.games.solve.kkt import kkt_system
 from olne_bench.games.solve.newton import unpack
+from tests.games.conftest import rows_agree
 
 ROADS = {
     "highway": (highway.propose, 5),
@@ -144,21 +144,6 @@ class Meeting(Named):
 def of_own(feature: Feature, dt: float = 0.25) -> Game:
     effort = ControlEffort("acceleration"), ControlEffort("yaw_rate")
     return game(Player((feature, *effort), (FinalGoal((1.0, 2.0)),)), dt)
-
-
-def rows_agree(own: Game) -> None:
-    """Whether the elimination's residual is that of the costs as they are written down."""
-    rng = np.random.default_rng(1)
-    size = own.num_players * (2 * own.dynamics.state_size + own.dynamics.control_size)
-    z = rng.uniform(0.5, 1.5, (own.horizon, size))
-    states, inner = 8, 12
-    z[-1, states:] = 0
-    theta = rng.uniform(0.1, 1, own.num_players * own.num_weights)
-    point = [part.ravel() for part in unpack(own, z)]
-    wanted = np.array(kkt_system(own).residual_function(*point, theta)).ravel()
-    rows = elimination(own).evaluate(z, theta)
-    found = [rows[1:, :states], rows[:-1, states:inner], rows[:-1, inner:]]
-    np.testing.assert_allclose(np.concatenate([f.ravel() for f in found]), wanted, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", [OneSided, Directed, Typed])
