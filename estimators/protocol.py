@@ -17,6 +17,9 @@ from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import View, observation_size, whitening
 from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
+#: A p-value of the fit test below this says that the model does not fit.
+FIT_LEVEL = 0.01
+
 
 @dataclass(frozen=True)
 class Problem:

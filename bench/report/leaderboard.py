@@ -23,6 +23,7 @@ from olne_bench.bench.report.study import (
     primary,
     scored,
 )
+from olne_bench.estimators.protocol import FIT_LEVEL
 
 #: Largest noise level [m] at which errors are compared with the statistical limit, which is a
 #: small-noise expansion. If a study has no level as small, its smallest one is used.
@@ -46,8 +47,9 @@ def leaderboard(
     ``EXACT``; for each metric with values the median, quartiles and mean with its 95 % interval
     over seeds, or ``_share`` and ``_trials`` (number of trials with a value), and ``_score`` with
     ``_score_low`` and ``_score_high``, which those who do not rank lack, floors apart;
-    ``limit_ratio`` (mean cosine error over its statistical limit for small noise); the median time,
-    in which attempts that did not end are infinite. In means, a failure counts as the largest
+    ``refuted`` (share of the tested trials at which noise does not explain the residuals, at
+    ``FIT_LEVEL``); ``limit_ratio`` (mean cosine error over its limit for small noise); the median
+    time, in which attempts that did not end are infinite. In means, a failure counts as the largest
     possible error, such as 1 for angles and infinity for positions. Rows of a scenario and sensor
     are sorted by their score by the primary metric, the position error, then by its median; floors
     come last.
@@ -106,7 +108,7 @@ def _filled(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.Dat
     known = {metric.name: ("share", "trials") if metric.is_share else _KINDS for metric in metrics}
     shown = [f"{name}_{kind}" for name, kinds in known.items() for kind in kinds]
     shown = [name for name in shown if name in table]
-    measured_last = ["limit_ratio", "solve_seconds_median"]
+    measured_last = ["refuted", "limit_ratio", "solve_seconds_median"]
     others = [name for name in table if name not in {*shown, *measured_last}]
     shares = dict.fromkeys((name for name in shown if name.endswith("_trials")), int)
     return table[[*others, *shown, *measured_last]].fillna(dict.fromkeys(shares, 0)).astype(shares)
@@ -134,6 +136,14 @@ def _exact(attempts: pd.DataFrame) -> float:
     return float(np.average(exact.to_numpy(bool), weights=attempts["count"]))
 
 
+def _refuted(attempts: pd.DataFrame) -> float:
+    """Share of tested attempts whose model does not fit; NaN if none was tested."""
+    if "fit_p" not in attempts:
+        return float("nan")
+    tested = attempts[attempts["fit_p"].notna()]
+    return float((tested["fit_p"] < FIT_LEVEL).mean()) if len(tested) else float("nan")
+
+
 def _measures(
     attempts: pd.DataFrame, metrics: list[MetricDeclaration], about: dict[str, pd.Series]
 ) -> dict[str, float | int]:
@@ -141,6 +151,7 @@ def _measures(
     for metric in metrics:
         rows = attempts[about[metric.name].reindex(attempts.index)]
         summary |= _share(rows, metric) if metric.is_share else _error(rows, metric)
+    summary["refuted"] = _refuted(attempts)
     summary["limit_ratio"] = _limit_ratio(attempts)
     times = attempts["solve_seconds"].fillna(np.inf)  # of attempts that were stopped or crashed
     count = attempts["count"].to_numpy()

@@ -25,6 +25,7 @@ _LEGEND_OF_SCORES = """
 Score: geometric mean of the {metric} over that of the paper's method in the same trials with noise;
 0.79 is 21 % smaller. A failure counts as the error of uniform. Without a score: see 'Not ranked'.
 Exact: share of trials without noise that predict within 1 mm.
+No fit: share of noisy trials whose residuals noise does not explain; 1 % if the model is true.
 / bound: mean cosine error over its statistical limit (the Cramer-Rao bound) at little noise.
 Time: median of one estimate; those that were stopped or broke off count as infinitely slow."""
 _FLOOR_LEGEND = """
@@ -101,6 +102,9 @@ def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
     if "exact" in table and table["exact"].notna().any():
         exact = [number(v) if math.isnan(v) else text(f"{v:.0%}") for v in table["exact"]]
         columns["Exact"] = exact
+    if "refuted" in table and table["refuted"].notna().any():
+        refuted = [number(v) if math.isnan(v) else text(f"{v:.0%}") for v in table["refuted"]]
+        columns["No fit"] = refuted
     columns[text("Error / bound")] = table["limit_ratio"].map(number)
     counts = table[["failures", "published_failures", "trials"]].itertuples(index=False)
     columns["Failures (published)"] = [f"{a} ({b}) of {n}" for a, b, n in counts]

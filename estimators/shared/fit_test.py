@@ -20,7 +20,7 @@ from itertools import chain
 import numpy as np
 from scipy.stats import pearson3, skew
 
-from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.protocol import FIT_LEVEL, Observation, Problem
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at, sample_sensitivity
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.estimators.shared.white_noise import with_white_noise
@@ -29,9 +29,6 @@ from olne_bench.games.model.observation import observe
 from olne_bench.games.model.simplex import theta_tangent
 from olne_bench.games.solve.kkt import consistent_costates
 from olne_bench.games.solve.newton import newton_root
-
-#: A p-value below this says that the model does not fit.
-LEVEL = 0.01
 
 _DRAWS = 2000
 #: Level at which the number of independent statistics is found.
@@ -62,14 +59,14 @@ class FitTest:
         """``fits``, ``does not fit`` or ``not testable``."""
         if self.p is None:
             return "not testable"
-        return "does not fit" if self.p < LEVEL else "fits"
+        return "does not fit" if self.p < FIT_LEVEL else "fits"
 
     def __str__(self) -> str:
         """One line."""
         if self.p is None:
             return f"{self.verdict}: {self.reason}"
-        shown = f"p < {LEVEL / 100:g}" if self.p < LEVEL / 100 else f"p = {self.p:.2g}"
-        why = f": {self.reason}" if self.p < LEVEL else ""
+        shown = f"p < {FIT_LEVEL / 100:g}" if self.p < FIT_LEVEL / 100 else f"p = {self.p:.2g}"
+        why = f": {self.reason}" if self.p < FIT_LEVEL else ""
         return f"the model {self.verdict} ({shown}){why}"
 
 

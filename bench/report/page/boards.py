@@ -177,6 +177,8 @@ def _board_columns(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) ->
         elif metric.compared:
             median, quartiles = f"{metric.name}_median", ("q25", "q75")
             columns[metric.title] = t.ends(median, of=metric.name, names=quartiles)
+    if "refuted" in table and table["refuted"].notna().any():
+        columns["No fit"] = t.share("refuted")
     columns |= {"Exact": t.share("exact"), "× bound": "limit_ratio"}
     columns["Failures"] = lambda row: t.number(
         row["failures"], f"{row['failures']} ({row['published_failures']}) / {row['trials']}"

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import olne_bench as ob
-from olne_bench.estimators.shared.fit_test import LEVEL, Expected, FitTest, fit_test
+from olne_bench.estimators.protocol import FIT_LEVEL
+from olne_bench.estimators.shared.fit_test import Expected, FitTest, fit_test
 from olne_bench.estimators.shared.forward_model import uniform_weights
 
 RNG = np.random.default_rng(0)
@@ -34,7 +35,7 @@ def drawn(expected: Expected, rng: np.random.Generator) -> np.ndarray:
 def test_a_true_model_is_refused_as_often_as_the_level_says(expected) -> None:
     rng = np.random.default_rng(2)
     values = np.array([expected.test(drawn(expected, rng)).p for _ in range(600)], dtype=float)
-    assert 0.001 <= (values < LEVEL).mean() <= 0.025
+    assert 0.001 <= (values < FIT_LEVEL).mean() <= 0.025
     assert 0.4 < values.mean() < 0.6
 
 
@@ -60,7 +61,7 @@ def test_it_says_which_player_does_not_fit(expected) -> None:
     residuals = drawn(expected, np.random.default_rng(4))
     residuals[:, 1] *= 1.6
     found = expected.test(residuals)
-    assert found.players[1] < LEVEL < found.players[0]
+    assert found.players[1] < FIT_LEVEL < found.players[0]
 
 
 def test_few_samples_are_not_testable() -> None:
