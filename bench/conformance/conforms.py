@@ -20,7 +20,7 @@ from olne_bench.bench.process.child import (
     RaisedError,
     TimedOutError,
 )
-from olne_bench.bench.process.fork_server import StartError
+from olne_bench.bench.process.messages import StartError
 from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError

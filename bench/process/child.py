@@ -18,12 +18,13 @@ from typing import Any
 
 from olne_bench.bench.process.channel import Channel, ClosedError, GarbageError
 from olne_bench.bench.process.family import has_descendants, held_memory
-from olne_bench.bench.process.fork_server import Forked, ForkServer, ServerGoneError, StartError
+from olne_bench.bench.process.fork_server import Forked, ForkServer, ServerGoneError
 from olne_bench.bench.process.messages import (
     Message,
     Raised,
     Ready,
     Stage,
+    StartError,
     decode_message,
     decode_value,
 )

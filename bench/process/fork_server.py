@@ -19,8 +19,8 @@ from olne_bench.bench.process.arithmetic import same_arithmetic
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.family import has_ended, kill_family
 from olne_bench.bench.process.fork_loop import Order, as_request
+from olne_bench.bench.process.messages import StartError
 from olne_bench.bench.process.reachable import Reach
-from olne_bench.errors import UserError
 from olne_bench.games.compiled.compiler import reader_environment
 from olne_bench.visible import visible
 
@@ -36,10 +36,6 @@ _FAMILIES = (
     *("LC_", "PYTHON", "OLNE_BENCH_", "OMP_", "OPENBLAS_", "MKL_", "VECLIB_", "NPY_", "NUMEXPR_"),
     *("NUMBA_", "JAX_", "XLA_", "TORCH_", "CUDA_", "MPL"),
 )
-
-
-class StartError(UserError):
-    """Processes do not start on this machine, so no work can be done."""
 
 
 class ServerGoneError(Exception):

@@ -9,6 +9,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from olne_bench.errors import UserError
+
+
+class StartError(UserError):
+    """Processes do not start on this machine, so no work can be done."""
+
 
 class Ready(msgspec.Struct, tag="ready", forbid_unknown_fields=True):
     """The child has imported everything."""

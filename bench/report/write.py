@@ -7,7 +7,6 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from olne_bench.bench.judge.streams import ERROR_COLUMNS
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report import drive_tables, stream_tables
 from olne_bench.bench.report.escapes import write_csv
@@ -28,7 +27,6 @@ from olne_bench.files import whole_file
 #: Columns of summaries that a terminal shows, in their order, and what they hold.
 _OF_STREAMS = ["scenario", "sigma", "estimator", "motions", "failed", "late", "latency_50"]
 _OF_STREAMS += ["latency_99", "cosine_error", "half_time"]
-_OF_STREAMS += [name for name in ERROR_COLUMNS if name.startswith("fde_")]
 _STREAMS = "medians; latency in ms, half_time in s, errors of positions (fde) in m"
 _OF_DRIVES = ["traffic", "road", "planner", "drives", "collisions", "regret", "progress", "jerk"]
 _OF_DRIVES += ["fde_3s", "cycle_50", "cycle_99", "fallback", "late"]
@@ -83,7 +81,9 @@ def report_streams(folder: Path, formats: Sequence[str]) -> str:
         raise UserError(f"no motion was followed in {folder} yet{f': {why}' if why else ''}")
     summary = write_streams(rows, runs, suite, folder, formats)
     failed = rows[(rows["status"] != "ok") & ~rows["estimator"].isin(suite.references)]
-    said = format_summary(_STREAMS, summary[_OF_STREAMS], failed, "rows")
+    said = format_summary(
+        _STREAMS, summary[[*_OF_STREAMS, *summary.filter(regex=r"^fde_\d+s$")]], failed, "rows"
+    )
     return f"{said}\n{folder}: index.html is the page, updates.csv has a row for each sample"
 
 

@@ -15,7 +15,7 @@ from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorE
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
-from olne_bench.bench.process.fork_server import StartError
+from olne_bench.bench.process.messages import StartError
 from olne_bench.bench.run.describe_plugins import LOAD_LIMIT, LOAD_MEMORY
 from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario

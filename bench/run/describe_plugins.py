@@ -16,7 +16,7 @@ from olne_bench.bench.process.child import (
     RaisedError,
     TimedOutError,
 )
-from olne_bench.bench.process.fork_server import StartError
+from olne_bench.bench.process.messages import StartError
 from olne_bench.errors import UserError
 from olne_bench.plugins import Description, Kind
 

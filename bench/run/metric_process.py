@@ -14,7 +14,7 @@ from olne_bench.bench.judge.metrics.judged import HeldOut, Judged
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.plan.entries import MetricEntry
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
-from olne_bench.bench.process.fork_server import StartError
+from olne_bench.bench.process.messages import StartError
 from olne_bench.errors import UserError
 
 

@@ -19,7 +19,7 @@ from olne_bench.bench.process.child import (
     RaisedError,
     TimedOutError,
 )
-from olne_bench.bench.process.fork_server import StartError
+from olne_bench.bench.process.messages import StartError
 from olne_bench.bench.run import player
 from olne_bench.bench.run.describe_plugins import LOAD_LIMIT
 from olne_bench.bench.run.player import BUDGET, Libraries, Said, told

@@ -20,8 +20,8 @@ from olne_bench.bench.process.child import (
     DiedError,
     RaisedError,
 )
-from olne_bench.bench.process.fork_server import StartError
 from olne_bench.bench.process.inside import announce
+from olne_bench.bench.process.messages import StartError
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.text import describe_error

@@ -106,13 +106,6 @@ def status() -> None:
     metavar="SIGMA:SEED",
     help="Noise level and seed of further trials that the page can play (repeatable).",
 )
-@several(
-    "--plugin",
-    type=PLUGIN,
-    metavar="FILE.py[:CLASS]",
-    expose_value=False,
-    help="Has no effect: a report loads no plugin, as truths and motions are stored with a run.",
-)
 def report() -> None:
     """Write the tables, page and figures of the run in FOLDER again."""
 

@@ -179,9 +179,12 @@ def test_trials_are_run_here_or_on_a_cluster(monkeypatch, tmp_path, cluster):
     module = import_module("olne_bench.bench.run.study")
     calls = {}
     for name in ("run_trials", "run_on_dask"):
-        monkeypatch.setattr(module, name, lambda _, _name=name, **words: calls | {_name: words})
-    options = SimpleNamespace(memory=1.5, out=tmp_path / "x" / "..", dask=cluster, jobs=3)
-    ((name, words),) = module.start([], options, None).items()
+        monkeypatch.setattr(
+            module, name, lambda _, _name=name, **words: calls.update({_name: words}) or ()
+        )
+    machine = module.Machine(tmp_path / "x" / "..", jobs=3, dask=cluster, memory=1.5)
+    assert list(module.run_stored([], machine, None, None)) == []
+    ((name, words),) = calls.items()
     assert name == ("run_on_dask" if cluster else "run_trials")
     assert words.get("cluster", words.get("jobs")) == (cluster or 3)
     assert (words["memory"], words["hidden"]) == (3 * 2**29, tmp_path.resolve())

@@ -13,7 +13,7 @@ import pytest
 from olne_bench.bench.process import fork_loop, fork_server
 from olne_bench.bench.process.child import Child, DiedError
 from olne_bench.bench.process.family import has_ended
-from olne_bench.bench.process.fork_server import StartError
+from olne_bench.bench.process.messages import StartError
 
 
 def loaded(name: str) -> bool:

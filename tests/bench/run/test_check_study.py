@@ -111,7 +111,7 @@ def test_a_run_is_refused_in_one_line(suite_file, tmp_path, name, capsys):
     for part in (
         f"'{name}'",
         "'Skewed'",
-        "alpha = 1000",
+        "WeightPrior((1000.0,))",
         "'proximity' of player 0 is 0.7",
         "nearer to 1",
     ):
