@@ -8,7 +8,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from olne_bench.bench.plan.suite import Suite
-from olne_bench.bench.report import drive_tables, stream_tables
 from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.figures import draw_figures, online, style
 from olne_bench.bench.report.leaderboard_text import format_summary, latex, markdown
@@ -75,6 +74,8 @@ def write_report(
 
 def report_streams(folder: Path, formats: Sequence[str]) -> str:
     """Write the report of a study of streams; what a terminal shows of it, or UserError."""
+    from olne_bench.bench.report import stream_tables  # trials need no judge of streams
+
     runs, suite, rows = _rows(folder, stream_tables.update_table)
     if attempts_of(rows).empty:
         why = next(iter(rows["message"]), "")
@@ -95,6 +96,8 @@ def write_streams(
     formats: Sequence[str],
 ) -> pd.DataFrame:
     """Write tables of rows of ``update_table``, page and ``figures/online_*``; the summary."""
+    from olne_bench.bench.report import stream_tables
+
     tables = {
         "summary": stream_tables.summary_table(rows),
         "over_time": stream_tables.over_time_table(rows),
@@ -109,6 +112,8 @@ def write_streams(
 
 def report_drives(folder: Path, formats: Sequence[str]) -> str:
     """Write the report of a study of drives; what a terminal shows of it, or UserError."""
+    from olne_bench.bench.report import drive_tables  # it imports HighwayEnv, which takes long
+
     runs, suite, rows = _rows(folder, drive_tables.episode_table)
     if rows.empty:
         raise UserError(f"the run in {folder} has no finished trial yet")
