@@ -25,7 +25,7 @@ Row = Mapping[str, Any]
 Key = tuple[str, ...]
 
 #: Columns that may differ between machines and runs, and enter no table but that of times.
-_FREE = {"solve_seconds", "trial_seconds", "message", "extras"}
+_FREE = {"solve_seconds", "trial_seconds", "message", "extras", "scene", "motion"}
 #: With other versions of code or libraries, numbers may differ by so much: relatively, or by less
 #: than is worth a comparison.
 OTHER_RELATIVE, OTHER_ABSOLUTE = 1e-3, 1e-7

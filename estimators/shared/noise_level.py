@@ -27,7 +27,7 @@ from olne_bench.games.solve.newton import Root
 #: Rounds at most, and the change of log sigma that ends them.
 _ROUNDS, _STILL = 5, 0.02
 #: The level is within this many deviations of its prior.
-_FARTHEST = 8.0
+_FARTHEST = 3.0
 
 
 def with_found_noise(

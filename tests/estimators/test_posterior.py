@@ -75,7 +75,7 @@ def test_what_motion_does_not_show_keeps_its_prior(seen) -> None:
     assert found.samples is not None, found.message
     np.testing.assert_allclose(found.weights, 0.25, atol=0.1)
     variances = np.diag(found.covariance)
-    np.testing.assert_allclose(variances, 0.0375, rtol=0.8)
+    assert (variances > 0.0375 / 2).all() and (variances < 0.0375 * 2).all()
 
 
 @cache
