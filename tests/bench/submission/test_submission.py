@@ -19,7 +19,6 @@ from olne_bench.bench.plan import fingerprint, versions
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.versions import Versions, environment_version
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.study import study_of
 from olne_bench.bench.submission.again import Repeated
 from olne_bench.bench.submission.boards import board_files
 from olne_bench.bench.submission.drawn import DrawnErrors
@@ -27,6 +26,7 @@ from olne_bench.bench.submission.files import digest
 from olne_bench.bench.submission.fresh import FreshErrors
 from olne_bench.bench.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
 from olne_bench.bench.submission.pack import _plugin_places
+from olne_bench.bench.submission.played import played_study
 from olne_bench.bench.submission.rows import read_rows
 from olne_bench.bench.submission.verify import Verdict, plugins_alone
 from olne_bench.errors import UserError
@@ -126,7 +126,7 @@ def other_libraries(folder: Path) -> None:
 def make_boards(folder: Path) -> None:
     """Tables that follow from the rows, as a forger would make them."""
     found = read_submission(folder)
-    study = study_of(found.suites(folder / PLUGINS))
+    study = played_study(found.suites(folder / PLUGINS))
     for name, text in board_files(read_rows(found).table, study).items():
         (folder / name).write_text(text, newline="")
     sign(folder)
