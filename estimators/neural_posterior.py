@@ -32,6 +32,7 @@ from olne_bench.estimators.protocol import Estimate, Observation, Problem, check
 from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import uniform_weights
 from olne_bench.estimators.shared.mixture_network import MixtureNetwork
+from olne_bench.estimators.shared.perturbed_fits import resampled
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.weight_prior import FLAT
 
@@ -120,7 +121,7 @@ def _resampled(
     shares = (samples - floor) / free
     logs = (problem.prior.log_density(shares) - FLAT.log_density(shares)).sum(axis=1)
     chances = np.exp(logs - logs.max())
-    return rng.choice(len(samples), count, p=chances / chances.sum())
+    return resampled(chances / chances.sum(), count, rng)
 
 
 @lru_cache(maxsize=16)

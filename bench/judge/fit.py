@@ -8,13 +8,11 @@ from scipy.special import ndtri
 
 from olne_bench.estimators.protocol import LIKELIHOOD, SAMPLES, Estimate, Observation, Problem
 from olne_bench.estimators.shared.fit_test import FitTest, fit_test, not_testable
-from olne_bench.estimators.shared.forward_model import game_at
+from olne_bench.estimators.shared.forward_model import game_of_motion
+from olne_bench.estimators.shared.noise_level import with_told_noise
 from olne_bench.estimators.shared.profile_intervals import profile_intervals
-from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.observation import observe
-from olne_bench.games.solve.kkt import consistent_costates
-from olne_bench.games.solve.newton import newton_root
 
 #: Residuals above this multiple of the noise level are not noise.
 FAR_ABOVE_NOISE = 2.0
@@ -42,10 +40,7 @@ class Fit:
     @cached_property
     def problem(self) -> Problem:
         """What is known now: the noise level is that of the estimate where nobody told it."""
-        if not self.asked.sigma_spread:
-            return self.asked
-        level = float(self.result.extras.get("sigma", self.asked.sigma))
-        return replace(self.asked, sigma=level, sigma_spread=0.0)
+        return with_told_noise(self.asked, self.result)
 
     @cached_property
     def test(self) -> FitTest:
@@ -112,16 +107,13 @@ class Fit:
     def _profiled(self, errors: np.ndarray) -> np.ndarray | None:
         states = self.result.states
         assert states is not None, "the caller has checked"
-        game, theta = self.problem.game, self.result.theta(self.problem.game)
-        controls = guess_controls(game, states)
-        costates = consistent_costates(game, states, controls, theta)
-        try:
-            root = newton_root(game, states, controls, costates, theta)
-        except ValueError:  # the states are no motion of this game
+        game = self.problem.game
+        known = game_of_motion(game, states, self.result.theta(game))
+        if known is None:
             return None
         level = max(self.problem.sigma, self.residual or 0.0)
         problem, seen = with_white_noise(replace(self.problem, sigma=level), Observation(self.y))
-        return profile_intervals(problem, seen, [game_at(game, root, theta)], errors)
+        return profile_intervals(problem, seen, [known], errors)
 
     @property
     def unexplained(self) -> list[int]:

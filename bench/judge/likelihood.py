@@ -1,13 +1,12 @@
 """Ratios of an estimate against the truth, which the referee computes: how far out the truth is."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from olne_bench.envs.recordings.recording import Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
+from olne_bench.estimators.shared.noise_level import with_told_noise
 from olne_bench.estimators.shared.outer_fit import HeldWeights, least_error, least_error_in
 from olne_bench.estimators.shared.posterior_density import (
     STEPS,
@@ -93,8 +92,7 @@ def posterior_ratio(
         None at a fold of equilibria.
     """
     white, (seen,) = with_white_noise(problem, (observation,))
-    level = float(estimate.extras.get("sigma", white.sigma)) if white.sigma_spread else white.sigma
-    white = replace(white, sigma=level, sigma_spread=0.0)
+    white = with_told_noise(white, estimate)
     chart = NormalChart.of(white)
     density = GameDensity(white, seen, chart, np.inf, start_prior(white, seen))
     theta = estimate.theta(problem.game)

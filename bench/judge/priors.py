@@ -1,6 +1,5 @@
 """Whether the prior of an estimator gives the truth of a scenario any mass."""
 
-from olne_bench import plugins
 from olne_bench.bench.plan.entries import EstimatorEntry
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.estimators.protocol import Problem
@@ -14,8 +13,7 @@ def prior_told(estimator: EstimatorEntry, scenario: Scenario) -> WeightPrior | N
     """The prior that an estimator uses: the scenario's, or one that its parameters name instead."""
     if estimator.name not in WITH_PRIOR:
         return None
-    made = plugins.make(plugins.ESTIMATOR, estimator.name, estimator.parameters)
-    alpha = getattr(made, "alpha", None) if estimator.name in ("map", "posterior") else None
+    alpha = estimator.parameters.get("alpha") if estimator.name in ("map", "posterior") else None
     return scenario.prior if alpha is None else WeightPrior((float(alpha),))
 
 

@@ -34,6 +34,7 @@ from olne_bench.bench.judge.truth import (
     held_out,
     held_out_samples,
     predict_from_start,
+    sensitivities_of,
     true_recordings,
     true_scene,
     unit_cosine_limit,
@@ -46,10 +47,10 @@ from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.fit_test import Expected, expected_of, residuals_of
-from olne_bench.estimators.shared.forward_model import game_at, sample_sensitivity
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.observation import FullView, View, whitening
 from olne_bench.games.model.sensor import Layer, SensorModel
+from olne_bench.games.solve.newton import Root
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class Case:
 
     Attributes:
         draw: draw of the scenario.
+        model: what may be known of the sensor.
         recordings: the true motions, one for each trajectory.
         problem: what an estimator is told.
         observations: what it is shown.
@@ -65,6 +67,7 @@ class Case:
     """
 
     draw: Draw
+    model: SensorModel
     recordings: tuple[Recording, ...]
     problem: Problem
     observations: tuple[Observation, ...]
@@ -87,20 +90,20 @@ def judge(trial: Trial, staff: Staff) -> Outcome:
         return Outcome("skipped", clip(str(error)))
     except BaseException as error:  # a scenario or a sensor may be foreign code
         return Outcome("harness_error", f"set-up: {describe_error(error)}")
-    outcome, scene = judge_case(trial, case, staff), _scene_once(trial, case.draw)
+    outcome, scene = judge_case(trial, case, staff), _scene_once(trial, case)
     return outcome if scene is None else replace(outcome, scene=scene)
 
 
 _sent: set[tuple[str, str, int]] = set()
 
 
-def _scene_once(trial: Trial, draw: Draw) -> bytes | None:
+def _scene_once(trial: Trial, case: Case) -> bytes | None:
     """What a store keeps of a draw and a sensor; None if this process has sent it already."""
-    place = (trial.scenario.label, trial.sensor.label, draw.seed)
+    place = (trial.scenario.label, trial.sensor.label, case.draw.seed)
     if place in _sent:
         return None
     _sent.add(place)
-    return pack_truth(true_scene(draw, _model(draw, layers_of(trial.sensor))))
+    return pack_truth(true_scene(case.draw, case.model))
 
 
 def judge_case(trial: Trial, case: Case, staff: Staff) -> Outcome:
@@ -178,7 +181,7 @@ def case_at(draw: Draw, layers: tuple[Layer, ...], trial: Trial) -> Case:
         ),
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
-    return Case(draw, recordings, problem, observations, outcome)
+    return Case(draw, model, recordings, problem, observations, outcome)
 
 
 def shown(
@@ -234,27 +237,25 @@ def _scored(
         outcome = replace(outcome, status="failed_forward", message=message)
         return _with_scores(outcome, judged, trial, foreign)
     outcome = replace(outcome, motion=pack_motion(prediction.root.states))
-    judged = replace(
+    judged = _with_prediction(judged, trial, case, prediction.root)
+    return _with_scores(outcome, judged, trial, foreign)
+
+
+def _with_prediction(judged: Judged, trial: Trial, case: Case, root: Root) -> Judged:
+    """What metrics see of a trial whose forward game is known."""
+    estimate, problem, found = judged.estimate, case.problem, (judged.estimate, root)
+    return replace(
         judged,
-        prediction=prediction.root.states,
-        held_out=partial(_held_out, case.draw, theta, trial.root_iterations),
+        prediction=root.states,
+        held_out=partial(_held_out, case.draw, estimate.theta(problem.game), trial.root_iterations),
         held_out_samples=partial(_held_out_samples, case, trial, estimate),
         likelihood_ratio=Once(
-            partial(
-                likelihood_ratio,
-                *(case.problem, case.observations, case.recordings),
-                *(estimate, prediction.root),
-            )
+            partial(likelihood_ratio, problem, case.observations, case.recordings, *found)
         ),
         posterior_ratio=Once(
-            partial(
-                posterior_ratio,
-                *(case.problem, case.observations[0], case.recordings[0]),
-                *(estimate, prediction.root),
-            )
+            partial(posterior_ratio, problem, case.observations[0], case.recordings[0], *found)
         ),
     )
-    return _with_scores(outcome, judged, trial, foreign)
 
 
 def _fit(estimate: Estimate, trial: Trial, case: Case) -> float | None:
@@ -262,28 +263,18 @@ def _fit(estimate: Estimate, trial: Trial, case: Case) -> float | None:
     if estimate.states is None or not trial.sigma:
         return None
     problem, (seen, *_) = with_white_noise(case.problem, case.observations)
-    there = np.isfinite(seen.y)
-    expected = _expected_fit(case.draw, problem, there.tobytes())
-    if expected is None:
-        return None
+    expected = _expected_fit(case.draw, case.model, problem, np.isfinite(seen.y).tobytes())
     residuals = residuals_of(problem, seen.y, estimate.states)
     return expected.test(residuals, level_known=not problem.sigma_spread).p
 
 
 @lru_cache(maxsize=32)
-def _expected_fit(draw: Draw, problem: Problem, there: bytes) -> Expected | None:
-    """What the fit test expects of one trajectory; None at a fold of equilibria."""
-    recording = true_recordings(draw)[0]
-    try:
-        sensitivity = sample_sensitivity(
-            problem, game_at(problem.game, recording.root, recording.scenario.theta)
-        )
-    except ValueError:
-        return None
+def _expected_fit(draw: Draw, model: SensorModel, problem: Problem, there: bytes) -> Expected:
+    """What the fit test expects of the first trajectory."""
     seen = np.frombuffer(there, dtype=bool).reshape(
         *problem.game.state_shape[:2], len(problem.noise_scale)
     )
-    return expected_of(problem, seen, sensitivity)
+    return expected_of(problem, seen, sensitivities_of(draw, model)[0])
 
 
 def _stored_extras(estimate: Estimate) -> str | None:

@@ -21,14 +21,11 @@ import numpy as np
 from scipy.stats import pearson3, skew
 
 from olne_bench.estimators.protocol import FIT_LEVEL, Observation, Problem
-from olne_bench.estimators.shared.forward_model import SolvedGame, game_at, sample_sensitivity
-from olne_bench.estimators.shared.trajectory_fit import guess_controls
+from olne_bench.estimators.shared.forward_model import game_of_motion, sample_sensitivity
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import observe
 from olne_bench.games.model.simplex import theta_tangent
-from olne_bench.games.solve.kkt import consistent_costates
-from olne_bench.games.solve.newton import newton_root
 
 _DRAWS = 2000
 #: Level at which the number of independent statistics is found.
@@ -212,7 +209,7 @@ def fit_test(
     if problem.sigma <= 0:
         return not_testable("no noise is told")
     problem, (seen,) = with_white_noise(problem, observation)
-    known = _game_of(problem.game, states, theta)
+    known = game_of_motion(problem.game, states, theta)
     if known is None:
         return not_testable("the motion is no equilibrium at the weights")
     try:
@@ -265,14 +262,3 @@ def _precision(game: Game) -> np.ndarray:
     weights = [count * (count + 1.0)] * (count - 1)
     own = (weights + [1.0] * int(used.sum()) for used in game.parameters.used)
     return np.array(list(chain(*own)))
-
-
-def _game_of(game: Game, states: np.ndarray, theta: np.ndarray) -> SolvedGame | None:
-    """The game whose motion (T, N, n) an estimate has; None if it is none."""
-    controls = guess_controls(game, states)
-    costates = consistent_costates(game, states, controls, theta)
-    try:
-        root = newton_root(game, states, controls, costates, theta)
-    except ValueError:
-        return None
-    return game_at(game, root, theta)

@@ -21,6 +21,7 @@ from olne_bench.estimators.shared.joint_starts import largest_explicable
 from olne_bench.estimators.shared.trajectory_fit import (
     TrajectoryFit,
     fit_trajectory,
+    guess_controls,
     guess_states,
     warm_up_fit,
 )
@@ -336,6 +337,16 @@ def game_at(game: Game, root: Root, theta: np.ndarray) -> SolvedGame:
     """A root with its theta (N, K + U)."""
     weights, parameters = np.split(theta, [game.num_weights], axis=1)
     return SolvedGame(root, weights, parameters if parameters.size else None)
+
+
+def game_of_motion(game: Game, states: np.ndarray, theta: np.ndarray) -> SolvedGame | None:
+    """The game at theta whose motion states (T, N, n) are; None if they are none of it."""
+    controls = guess_controls(game, states)
+    costates = consistent_costates(game, states, controls, theta)
+    try:
+        return game_at(game, newton_root(game, states, controls, costates, theta), theta)
+    except ValueError:
+        return None
 
 
 def game_of_batch(problem: Problem, batch: Batch, index: int, theta: np.ndarray) -> SolvedGame:

@@ -64,6 +64,14 @@ def telling_noise(estimate: Estimate, asked: Problem, found: Problem) -> Estimat
     return replace(estimate, extras={**estimate.extras, "sigma": found.sigma})
 
 
+def with_told_noise(problem: Problem, estimate: Estimate) -> Problem:
+    """The problem with the level that an estimate tells; unchanged if it was known."""
+    if not problem.sigma_spread:
+        return problem
+    level = float(estimate.extras.get("sigma", problem.sigma))
+    return replace(problem, sigma=level, sigma_spread=0.0)
+
+
 def most_probable_level(median: float, spread: float, squared: float, left: float) -> float:
     """The peak (S1) of the posterior of sigma.
 
