@@ -22,7 +22,6 @@ from olne_bench.bench.judge.players import (
     Staff,
     StreamPlayer,
     longest_seconds,
-    own_seconds,
     silent,
 )
 from olne_bench.bench.judge.predictions import (
@@ -123,7 +122,6 @@ def follow(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> 
     Raises:
         NoEquilibriumError: if the scenario has no certified equilibrium.
     """
-    announce("set-up", own_seconds(motion))
     case = case_of(motion)
     if motion.reference:
         yield from _reference_updates(motion, case, announce)

@@ -81,9 +81,9 @@ def judge(trial: Trial, staff: Staff) -> Outcome:
 
     Args:
         trial: what to judge.
-        staff: who runs the estimator and foreign metrics; stages are set-up, estimate and scoring.
+        staff: who runs the estimator and foreign metrics; stages after the set-up are estimate and
+            scoring.
     """
-    staff.announce("set-up", own_seconds(trial))
     try:
         case = case_of(trial)
     except NoEquilibriumError as error:

@@ -1,9 +1,12 @@
 """Trials: the unit of work of a study."""
 
 import json
+import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import product
+from operator import is_
 from typing import Any
 
 from olne_bench.bench.plan.draws import DrawsSource
@@ -57,6 +60,10 @@ class Trial:
     draws: DrawsSource | None = None  # file that holds its truth
     kind: StudyKind = "trials"
     rules: Rules = field(default_factory=Rules)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Trials in a row differ by their seeds alone: the rest is pickled once."""
+        return _unpickled, (_pickled(self), self.seed)
 
     @property
     def reference(self) -> str:
@@ -130,6 +137,28 @@ class Trial:
         scenario, sensor, sigma, salt, estimator = self.cell
         values = (self.suite, scenario, sensor, sigma, self.seed, salt, estimator)
         return dict(zip(LABEL_COLUMNS, (*values, self._parameters, self.count), strict=True))
+
+
+_last: tuple[tuple[Any, ...], bytes] = ((), b"")
+
+
+def _pickled(trial: Trial) -> bytes:
+    """All but the seed."""
+    global _last
+    rest = {name: value for name, value in vars(trial).items() if name != "seed"}
+    same = len(_last[0]) == len(rest) and all(map(is_, rest.values(), _last[0]))
+    if not same:
+        _last = tuple(rest.values()), pickle.dumps(rest)
+    return _last[1]
+
+
+@lru_cache(maxsize=64)
+def _rest(pickled: bytes) -> dict[str, Any]:
+    return dict(pickle.loads(pickled))
+
+
+def _unpickled(pickled: bytes, seed: int) -> Trial:
+    return Trial(**_rest(pickled), seed=seed)
 
 
 def number_of_trials(suite: Suite, seeds: int | None = None) -> int:

@@ -149,6 +149,7 @@ class Child:
         *arguments: Any,
         seconds: float,
         longest: float = math.inf,
+        stage: str = "",
     ) -> None:
         """Give an idle process its next work.
 
@@ -157,6 +158,7 @@ class Child:
             arguments: its arguments, which can be pickled.
             seconds: time that it may take once the process has started [s].
             longest: time that all stages may take together [s], whatever is announced.
+            stage: name of its first stage.
         """
         assert not self.busy
         if self._process is not None and not self.channel.is_quiet():
@@ -165,7 +167,7 @@ class Child:
             self._process = self._started()
         self.busy = True
         self._token = secrets.randbits(62)
-        self._limit, self.stage = seconds, ""
+        self._limit, self.stage = seconds, stage
         self._end = time.monotonic() + START_LIMIT + longest
         now = time.monotonic()
         self._deadline = now + (seconds if self._ready else START_LIMIT)

@@ -30,6 +30,7 @@ from olne_bench.errors import UserError
 
 #: Time [s] for reading the files of the code, with the first trial. No foreign code runs meanwhile.
 _CODE_SECONDS = 300.0
+_FIRST_STAGE = "set-up"
 
 
 class OtherCodeError(UserError):
@@ -114,7 +115,8 @@ class RefereeProcess:
         self.trial, self._home = trial, home
         arguments = (trial, self._memory, self._hidden, bool(home))
         longest = all_seconds(trial) if home else math.inf
-        self._child.submit(run_trial, *arguments, seconds=own_seconds(trial), longest=longest)
+        limits = {"seconds": own_seconds(trial), "longest": longest}
+        self._child.submit(run_trial, *arguments, **limits, stage=_FIRST_STAGE)
 
     def _home_of(self, trial: Trial) -> tuple[str, ...]:
         """References of all plugins that run in a trial's sandbox; empty if it needs none."""
@@ -184,6 +186,7 @@ def run_trial(
             announce("check of the code", _CODE_SECONDS)
         check_code(trial)
     if _staff is None:
+        announce(_FIRST_STAGE, own_seconds(trial))
         given: dict[str, Any] = {"memory": memory, "hidden": hidden}
         _staff = Staff(PlayerProcess(**given), MetricProcess(**given), announce)
     began = time.monotonic()

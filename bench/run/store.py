@@ -70,6 +70,10 @@ class Store:
     def _learn_metrics(self) -> None:
         self._metrics = metric_columns(self._connection)
         self._sums = Checksums(self._metrics)
+        self._columns = COLUMNS | dict.fromkeys(self._metrics, "REAL")
+        names = quoted((*self._columns, "run", "checksum"))
+        places = ", ".join("?" * (len(self._columns) + 2))
+        self._insert = f"INSERT OR REPLACE INTO trials ({names}) VALUES ({places})"
 
     def begin_run(self, source: Provenance, trials: Iterable[Trial]) -> None:
         """Note the provenance of the rows that follow, and the current versions."""
@@ -99,15 +103,9 @@ class Store:
         row |= trial.labels | {"message": _shortened(outcome.message)}
         row |= zip(VERSION_COLUMNS, _flat(trial.versions), strict=True)
         row |= {name: dumps(row[name]) for name in NESTED if row[name] is not None}
-        columns = self._columns
-        values = tuple(as_stored(row[name], kind) for name, kind in columns.items())
-        names = quoted((*columns, "run", "checksum"))
-        places = ", ".join("?" * (len(columns) + 2))
+        values = tuple(as_stored(row[name], kind) for name, kind in self._columns.items())
         with self._connection:
-            self._connection.execute(
-                f"INSERT OR REPLACE INTO trials ({names}) VALUES ({places})",
-                (*values, self._run, self._sums.of(values)),
-            )
+            self._connection.execute(self._insert, (*values, self._run, self._sums.of(values)))
             add_scenes(self._connection, trial, outcome)
             if (seconds := outcome.trial_seconds) is not None:
                 add_cost(self._connection, row["scenario"], row["estimator"], seconds)
@@ -199,10 +197,6 @@ class Store:
         from olne_bench.bench.run.store_table import schema_of
 
         return pa.Table.from_batches(self.batches(), schema=schema_of(self._columns))
-
-    @property
-    def _columns(self) -> dict[str, str]:
-        return COLUMNS | dict.fromkeys(self._metrics, "REAL")
 
     def batches(self) -> "Iterator[pa.RecordBatch]":
         """``table()`` some rows at a time, so that a large store need not fit in memory.

@@ -13,6 +13,7 @@ to worlds (``envs.worlds.wrappers.wrap``).
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -208,12 +209,12 @@ class SensorModel:
         rows = tuple(tuple(float(value) for value in row) for row in covariance)
         return cls(stack.view, rows, bool(stack.gaps))
 
-    @property
+    @cached_property
     def noise_scale(self) -> tuple[float, ...]:
         """(d,) standard deviations relative to sigma."""
         return tuple(float(value) for value in np.sqrt(np.diag(self.covariance)))
 
-    @property
+    @cached_property
     def noise_covariance(self) -> tuple[tuple[float, ...], ...] | None:
         """The covariance if components are correlated, else None."""
         diagonal = np.diag(np.diag(self.covariance))

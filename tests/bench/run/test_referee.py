@@ -43,8 +43,8 @@ class FakeChild:
     def waited(self, seconds: float) -> None:
         self.waits.append(seconds)
 
-    def submit(self, function, *arguments, seconds, longest):
-        assert longest > seconds
+    def submit(self, function, *arguments, seconds, longest, stage):
+        assert longest > seconds and stage == "set-up"
         self.sent.append((function, arguments, seconds))
 
     def poll(self, kind):
