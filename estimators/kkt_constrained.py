@@ -11,7 +11,7 @@ weights. So it is solved from several starts (``joint_starts``) and the lowest o
 Hard constraints of the game are equations of G: multipliers are estimated along with the states,
 and complementarity is relaxed to 1e-9 (``games.compiled.complementarity``).
 
-Several trajectories share one theta (``joint_ipopt``). The covariance of the weights is the
+Several trajectories share one theta. The covariance of the weights is the
 inverse of the Fisher information at the estimate (``games.solve.information``).
 
 IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which is
@@ -44,9 +44,16 @@ from olne_bench.estimators.shared.joint_problem import (
     JointPoint,
     JointSettings,
     JointSolution,
+    SeenMotion,
     inside,
 )
-from olne_bench.estimators.shared.joint_starts import joint_attempts, largest_explicable
+from olne_bench.estimators.shared.joint_starts import (
+    Search,
+    joint_attempts,
+    largest_explicable,
+    lowest,
+    shared_attempts,
+)
 from olne_bench.estimators.shared.joint_stream import JointStream
 from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
@@ -104,12 +111,11 @@ class KktConstrained:
         deadline = time.monotonic() + budget
         asked, problem = problem, with_found_noise(problem, observations, deadline)
         if len(observations) > 1:
-            best, starts = self._several(problem, observations, deadline), 2
+            attempts = self._several(problem, observations, deadline)
         else:
             attempts = self._attempts(problem, observations[0].y, deadline)
-            best, starts = _lowest(attempts), len(attempts)
         late = time.monotonic() > deadline
-        found = self._described(problem, observations, best, starts, late)
+        found = self._described(problem, observations, lowest(attempts), len(attempts), late)
         return telling_noise(found, asked, problem)
 
     def start(
@@ -178,21 +184,37 @@ class KktConstrained:
 
     def _several(
         self, problem: Problem, observations: Sequence[Observation], deadline: float
-    ) -> JointSolution:
-        """One theta for all, started at each trajectory's own optimum and at the observations."""
-        refuse_constraints(problem.game.constraints, "the joint method of several trajectories")
-        refuse_unknowns(problem.game.parameters, "the joint method of several trajectories")
+    ) -> list[JointSolution]:
+        """One theta for all trajectories."""
+        if not self._uses_ipopt:
+            motions = [
+                SeenMotion(problem.game, problem.view, one.y, problem.noise_scale, situation=0)
+                for one in observations
+            ]
+            return self._together([problem] * len(motions), motions, deadline)
+        refuse_constraints(problem.game.constraints, "IPOPT of several trajectories")
+        refuse_unknowns(problem.game.parameters, "IPOPT of several trajectories")
         ys = [one.y for one in observations]
-        own = [_lowest(self._attempts(problem, y, deadline)).point for y in ys]
+        own = [lowest(self._attempts(problem, y, deadline)).point for y in ys]
         guesses = [
             JointPoint.from_trajectory(problem.game, guess_states(problem.game, problem.view, y))
             for y in ys
         ]
-        solutions = [
+        return [
             solve_joint_ipopt(problem.game, problem.view, ys, starts, self._settings(problem))
             for starts in (own, guesses)
         ]
-        return _lowest(solutions)
+
+    def _together(
+        self, problems: Sequence[Problem], motions: Sequence[SeenMotion], deadline: float
+    ) -> list[JointSolution]:
+        """Attempts on several motions with common weights; each has a problem of its own."""
+        search = Search(problems[0], motions, self._structured_settings(problems[0]), deadline)
+
+        def own(problem: Problem, y: np.ndarray) -> list[JointSolution]:
+            return self._attempts(problem, y, deadline)
+
+        return in_time(shared_attempts(problems, search, own), deadline)
 
     def supports(self, problem: Problem) -> str | None:
         """Why this problem cannot be solved, or None."""
@@ -206,7 +228,7 @@ class KktConstrained:
             (problem.game.constraints, "constraints"),
             (problem.game.parameters.count, "unknowns besides weights"),
         ):
-            if there:
+            if there and self._uses_ipopt:
                 return f"takes one trajectory at a time where a game has {what}"
         return None
 
@@ -294,8 +316,3 @@ def in_time(solutions: Iterator[JointSolution], deadline: float) -> list[JointSo
         if time.monotonic() > deadline:
             break
     return attempts
-
-
-def _lowest(attempts: list[JointSolution]) -> JointSolution:
-    """The lowest criterion; a start that did not converge never beats one that did."""
-    return min(attempts, key=lambda attempt: (not attempt.converged, attempt.criterion))

@@ -170,7 +170,7 @@ def probable_optima(
         deadline: solves end by then, in seconds of ``time.monotonic``.
     """
     plain = JointSettings(noise_scale=problem.noise_scale, weight_floor=problem.weight_floor)
-    search = Search(problem, y, with_prior(plain, problem, prior), deadline)
+    search = Search.of(problem, y, with_prior(plain, problem, prior), deadline)
     for start, barrier in all_starts(problem, y, search):
         search.attempt(start, barrier)
     for start in islice(spread_starts(problem, y), None if not search.explained else _SPREAD):

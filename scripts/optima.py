@@ -194,7 +194,7 @@ def _searched(trial: Trial) -> dict[str, Any]:
         weight_floor=problem.weight_floor,
         tolerance=solver_tolerance(problem.sigma),
     )
-    search = Search(problem, seen.y, settings, time.monotonic() + LIMIT)
+    search = Search.of(problem, seen.y, settings, time.monotonic() + LIMIT)
     some = all_starts(problem, seen.y, search)
     first, second = (search.attempt(*start) for start in islice(some, 2))
     for start in some:

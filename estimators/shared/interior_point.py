@@ -20,6 +20,9 @@ full system has the inertia of a minimum. The sums of weights hold at the start 
 weights move on the tangent. If the line search fails, restoration is Newton's method on G = 0 at
 fixed w.
 
+Several motions, which may be of games of different structure and length, share weights: G and f are
+sums over motions, w holds the initial state of each, and their sweeps stay apart.
+
 ``interior_point.c`` implements all of it; this module checks the arguments.
 """
 
@@ -27,42 +30,62 @@ import ctypes
 from collections.abc import Sequence
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
+from itertools import count
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from olne_bench.estimators.shared.joint_problem import (
     JointPoint,
     JointSettings,
     JointSolution,
+    SeenMotion,
     Status,
 )
-from olne_bench.games.compiled.bindings import Work, check_size, dense, vector_pointer
+from olne_bench.games.compiled.bindings import check_size, dense, vector_pointer
+from olne_bench.games.compiled.compiler import load
 from olne_bench.games.compiled.elimination import Elimination, elimination
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import View
 from olne_bench.games.model.simplex import sum_free
 from olne_bench.games.solve.newton import pack, unpack
 
-_NATIVE_SOURCE = files("olne_bench.estimators.shared").joinpath("interior_point.c").read_text()
+_SOURCE = files("olne_bench.estimators.shared").joinpath("interior_point.c")
+_FUNCTIONS = (
+    *("evaluate", "observation_loss", "linearise", "feedback", "solve", "reduce", "expand"),
+    *("reduced_hessian", "trajectory_metric", "hessian_product", "newton"),
+)
+
+
+class _Structure(ctypes.Structure):
+    """Sizes and functions of a structure of games; mirrors ``Structure`` of the C file."""
+
+    _fields_ = (
+        *((name, ctypes.c_int) for name in ("states", "thetas", "row", "primal")),
+        *((name, ctypes.c_void_p) for name in _FUNCTIONS),
+    )
+
+
+class _Motion(ctypes.Structure):
+    """Mirrors ``Motion`` of the C file."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("work", "structure", "theta")),
+        ("horizon", ctypes.c_int),
+    )
 
 
 class _Options(ctypes.Structure):
-    """Options of a run, as in ``JointSettings``; mirrors ``Options`` of ``interior_point.c``."""
+    """Sizes and options of a run, as in ``JointSettings``; mirrors ``Options`` of the C file."""
 
     _fields_ = (
-        ("players", ctypes.c_int),
-        ("max_iterations", ctypes.c_int),
-        ("known", ctypes.c_int),
-        ("first_barrier", ctypes.c_double),
-        ("tolerance", ctypes.c_double),
-        ("limit", ctypes.c_double),
+        *((name, ctypes.c_int) for name in ("motions", "drivers", "weights", "unknowns")),
+        *((name, ctypes.c_int) for name in ("max_iterations", "known")),
+        *((name, ctypes.c_double) for name in ("first_barrier", "tolerance", "limit")),
     )
 
 
 class _Prior(ctypes.Structure):
-    """Bounds of theta, pulls and barriers; mirrors ``Prior`` of ``interior_point.c``."""
+    """Bounds of theta, pulls and barriers; mirrors ``Prior`` of the C file."""
 
     _fields_ = tuple(
         (name, ctypes.c_void_p) for name in ("lower", "upper", "centre", "pull", "barrier")
@@ -78,7 +101,7 @@ def solve_joint(
     *,
     known: Sequence[JointSolution] = (),
 ) -> JointSolution:
-    """Solve the joint problem from one start.
+    """Solve the joint problem of one motion from one start.
 
     Args:
         game: the game.
@@ -94,19 +117,53 @@ def solve_joint(
         ValueError: if no weights satisfy the floor, or an array has the wrong shape.
     """
     settings = settings or JointSettings()
-    settings.check_floor(game.num_weights)
-    solver = joint_elimination(game, view)
-    scale = np.ones(1)
-    if len(settings.noise_scale):
-        scale = np.tile(settings.noise_scale, game.num_players)
-    solver.set_observations(np.asarray(y).reshape(game.horizon, -1), scale)
-    theta = np.array(start.theta, dtype=float).ravel()
-    z = pack(game, start.states, start.controls, start.costates, start.theta, solver)
-    status, criterion, objective, iterations = _run(game, solver, settings, known, z, theta)
-    weights, parameters = np.split(theta.reshape(game.num_players, -1), [game.num_weights], axis=1)
-    found = parameters if parameters.size else None
+    motion = SeenMotion(game, view, y, settings.noise_scale)
+    return solve_joint_motions([motion], [start], settings, known=known)
+
+
+def solve_joint_motions(
+    motions: Sequence[SeenMotion],
+    starts: Sequence[JointPoint],
+    settings: JointSettings | None = None,
+    *,
+    known: Sequence[JointSolution] = (),
+) -> JointSolution:
+    """Solve the joint problem of several motions that share weights.
+
+    Args:
+        motions: what was seen of each.
+        starts: a starting point of each, as of ``solve_joint``; a driver has the weights of the
+            first one in which it is.
+        settings: as of ``solve_joint``; each motion has a noise scale of its own.
+        known: as of ``solve_joint``, of the same motions.
+
+    Raises:
+        ValueError: as ``solve_joint``, or if the games have different weights.
+    """
+    settings = settings or JointSettings()
+    layout = _layout(*((one.game, tuple(one.rows), one.situation) for one in motions))
+    settings.check_floor(layout.num_weights)
+    solvers = _solvers(motions)
+    for one, solver in zip(motions, solvers, strict=True):
+        scale = np.ones(1)
+        if len(one.noise_scale):
+            scale = np.tile(one.noise_scale, one.game.num_players)
+        solver.set_observations(np.asarray(one.y).reshape(one.game.horizon, -1), scale)
+    parts = [
+        pack(one.game, start.states, start.controls, start.costates, start.theta, solver)
+        for one, start, solver in zip(motions, starts, solvers, strict=True)
+    ]
+    z, theta = np.concatenate([part.ravel() for part in parts]), layout.theta(starts)
+    status, criterion, objective, iterations = _run(
+        layout, motions, solvers, settings, known, z, theta
+    )
+    ends = np.cumsum([part.size for part in parts])[:-1]
+    found = [part.reshape(old.shape) for part, old in zip(np.split(z, ends), parts, strict=True)]
     return JointSolution(
-        points=(JointPoint(*unpack(game, z), weights, found),),
+        points=tuple(
+            JointPoint(*unpack(one.game, rows), *own)
+            for one, rows, own in zip(motions, found, layout.split(theta), strict=True)
+        ),
         objective=objective,
         iterations=iterations,
         status=status,
@@ -116,12 +173,97 @@ def solve_joint(
 
 def joint_elimination(game: Game, view: View) -> Elimination:
     """Build (or fetch) the elimination of ``solve_joint``."""
-    return elimination(game, view, _NATIVE_SOURCE)
+    _library()
+    return elimination(game, view)
+
+
+class _Layout:
+    """Where the weights of drivers and the unknowns of all motions are in theta.
+
+    Attributes:
+        num_weights: K.
+        drivers: how many there are.
+        unknowns: how many all motions have.
+        places: (N*(K+U),) of each motion, where its own theta is.
+    """
+
+    def __init__(self, parts: Sequence[tuple[Game, tuple[int, ...], int | None]]) -> None:
+        """From the game of each motion, who its players are, and its situation."""
+        self._games = [game for game, *_ in parts]
+        if len({game.weight_names for game in self._games}) > 1:
+            raise ValueError("motions can share weights only where their games have the same ones")
+        self.num_weights = self._games[0].num_weights
+        self.drivers = 1 + max(max(rows) for _, rows, _ in parts)
+        self.unknowns, self.places = 0, []
+        bounds = [np.zeros((3, self.drivers * self.num_weights))]
+        known: dict[int, np.ndarray] = {}
+        for game, rows, situation in parts:
+            shape = game.num_players, game.parameters.count
+            first = np.array(rows)[:, None] * self.num_weights
+            if situation in known:
+                own = known[situation]
+            else:
+                own = self.size + np.arange(np.prod(shape, dtype=int))
+                self.unknowns += own.size
+                of_unknowns = *game.parameters.bounds(), game.parameters.used
+                bounds.append(np.array([np.ravel(row) for row in of_unknowns]).reshape(3, -1))
+            if situation is not None:
+                known[situation] = own
+            place = np.hstack([first + np.arange(self.num_weights), own.reshape(shape)])
+            self.places.append(place.ravel().astype(np.int32))
+        self._bounds = np.hstack(bounds)
+
+    @property
+    def size(self) -> int:
+        """Length of theta."""
+        return self.drivers * self.num_weights + self.unknowns
+
+    def theta(self, points: Sequence[JointPoint]) -> np.ndarray:
+        """(size,) of a point of each motion."""
+        found = np.zeros(self.size)
+        for place, point in zip(reversed(self.places), reversed(points), strict=True):
+            found[place] = dense("theta", point.theta.ravel(), place.shape)
+        return found
+
+    def split(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray | None]]:
+        """Weights (N, K) and parameters (N, U), None without, of each motion."""
+        found: list[tuple[np.ndarray, np.ndarray | None]] = []
+        for game, place in zip(self._games, self.places, strict=True):
+            own = theta[place].reshape(game.num_players, -1)
+            weights, parameters = np.split(own, [self.num_weights], axis=1)
+            found.append((weights, parameters if parameters.size else None))
+        return found
+
+    def prior(self, settings: JointSettings) -> np.ndarray:
+        """(5, size): lower and upper bounds, centre, pull and barrier of theta."""
+        low, high, used = self._bounds
+        nothing = np.zeros(self.size)
+        # What stands for nothing is held where it is.
+        found = np.array([low, high, nothing, np.where(used, settings.parameter_tie, 1.0), nothing])
+        weights = slice(0, self.drivers * self.num_weights)
+        found[0, weights], found[1, weights] = settings.weight_floor, np.inf
+        found[2, weights], found[3, weights] = 1 / self.num_weights, settings.tie
+        strengths = np.broadcast_to(settings.barrier, (self.drivers, self.num_weights))
+        found[4, weights] = strengths.ravel()
+        return found
+
+
+@lru_cache(maxsize=64)
+def _layout(*parts: tuple[Game, tuple[int, ...], int | None]) -> _Layout:
+    return _Layout(parts)
+
+
+def _solvers(motions: Sequence[SeenMotion]) -> list[Elimination]:
+    """An elimination of each motion; each has a work space of its own."""
+    used: dict[tuple[Game, View], count[int]] = {}
+    places = [(one.game, one.view) for one in motions]
+    return [elimination(*place, next(used.setdefault(place, count()))) for place in places]
 
 
 def _run(
-    game: Game,
-    solver: Elimination,
+    layout: _Layout,
+    motions: Sequence[SeenMotion],
+    solvers: Sequence[Elimination],
     settings: JointSettings,
     known: Sequence[JointSolution],
     z: np.ndarray,
@@ -129,73 +271,66 @@ def _run(
 ) -> tuple[Status, float, float, int]:
     """Improve z and theta in place; returns status, criterion, squared error and iterations."""
     options = _Options(
-        players=game.num_players,
-        max_iterations=settings.max_iterations,
-        known=len(known),
-        first_barrier=settings.first_barrier,
-        tolerance=settings.tolerance,
-        limit=settings.limit,
+        *(len(motions), layout.drivers, layout.num_weights, layout.unknowns),
+        *(settings.max_iterations, len(known)),
+        *(settings.first_barrier, settings.tolerance, settings.limit),
+    )
+    structures = [_structure(solver) for solver in solvers]
+    parts = zip(solvers, structures, layout.places, strict=True)
+    given = (_Motion * len(motions))(
+        *(
+            _Motion(
+                *(ctypes.addressof(solver.work), ctypes.addressof(structure)),
+                *(place.ctypes.data, solver.horizon),
+            )
+            for solver, structure, place in parts
+        )
     )
     objectives = np.array([solution.criterion for solution in known])
-    optima = np.array([solution.point.theta.ravel() for solution in known], dtype=float)
-    prior = _prior(game, settings)
-    basis = _basis(game.num_weights, game.parameters.count)
+    optima = np.array([layout.theta(solution.points) for solution in known], dtype=float)
+    prior, basis = layout.prior(settings), _basis(layout.num_weights)
     objective, iterations = np.zeros(2), ctypes.c_int()
-    run, space_needed = _declare(solver.library)
-    status = run(
-        solver.work,
-        options,
-        _Prior(*(row.ctypes.data for row in prior)),
-        dense("basis", basis, basis.shape),
+    columns = layout.size + sum(structure.states for structure in structures)
+    library = _library()
+    space = library.interior_point_space(z.size, layout.size, columns, settings.max_iterations)
+    status = library.interior_point(
+        *(given, options, _Prior(*(row.ctypes.data for row in prior)), basis),
         dense("known objectives", objectives, (len(known),)),
-        dense("known optima", optima.reshape(-1, theta.size), (len(known), theta.size)),
-        np.empty(space_needed(game.horizon, settings.max_iterations)),
-        dense("z", z, (game.horizon, solver.stages.size)),
-        dense("theta", theta, (solver.stages.num_weights,)),
-        objective,
-        iterations,
+        dense("known optima", optima.reshape(-1, layout.size), (len(known), layout.size)),
+        *(np.empty(space), z, theta, objective, iterations),
     )
     return Status(status), float(objective[0]), float(objective[1]), iterations.value
 
 
-def _prior(game: Game, settings: JointSettings) -> np.ndarray:
-    """(5, N*(K+U)): lower and upper bounds, centre, pull and barrier of theta."""
-    weights, count = (game.num_players, game.num_weights), game.num_weights
-    low, high = game.parameters.bounds()
-    parts = [
-        (np.full(weights, settings.weight_floor), low),
-        (np.full(weights, np.inf), high),
-        (np.full(weights, 1 / count), np.zeros_like(low)),
-        # What stands for nothing is held where it is.
-        (
-            np.full(weights, settings.tie),
-            np.where(game.parameters.used, settings.parameter_tie, 1.0),
-        ),
-        (np.broadcast_to(settings.barrier, weights), np.zeros_like(low)),
-    ]
-    return np.ascontiguousarray([np.hstack(part).ravel() for part in parts])
-
-
 @lru_cache(maxsize=32)
-def _basis(num_weights: int, num_parameters: int) -> np.ndarray:
-    """(K+U, K-1+U): changes of weights that keep their sum, and of parameters."""
-    return np.ascontiguousarray(block_diag(sum_free(num_weights), np.eye(num_parameters)))
+def _basis(num_weights: int) -> np.ndarray:
+    """(K, K-1): changes of weights that keep their sum."""
+    return np.ascontiguousarray(sum_free(num_weights))
 
 
-def _declare(library: ctypes.CDLL) -> tuple[Any, Any]:
-    """The functions of ``interior_point.c``, with the types of their arguments."""
-    run, space_needed = library.interior_point, library.interior_point_space
-    if not run.argtypes:
-        sizes = {"Options": _Options, "Prior": _Prior}
-        for k, (name, mirror) in enumerate(sizes.items()):
-            check_size(library.interior_point_sizes(k), ctypes.sizeof(mirror), name)
-        run.argtypes = [
-            *(ctypes.POINTER(Work), ctypes.POINTER(_Options), ctypes.POINTER(_Prior)),
-            *(vector_pointer(2), vector_pointer(1), vector_pointer(2)),
-            *(vector_pointer(1, output=True), vector_pointer(2, output=True)),
-            *(vector_pointer(1, output=True), vector_pointer(1, output=True)),
-            ctypes.POINTER(ctypes.c_int),
-        ]
-        space_needed.argtypes = [ctypes.c_int, ctypes.c_int]
-        space_needed.restype = ctypes.c_size_t
-    return run, space_needed
+@lru_cache(maxsize=128)
+def _structure(solver: Elimination) -> _Structure:
+    stages = solver.stages
+    functions = (getattr(solver.library, name) for name in _FUNCTIONS)
+    primal = stages.num_states + stages.num_controls
+    return _Structure(
+        *(stages.num_states, stages.num_weights, stages.size, primal),
+        *(ctypes.cast(function, ctypes.c_void_p).value for function in functions),
+    )
+
+
+@lru_cache(maxsize=1)
+def _library() -> ctypes.CDLL:
+    """``interior_point.c``, with the types of its functions' arguments."""
+    library = load(_SOURCE.read_text())
+    for k, mirror in enumerate((_Options, _Prior, _Structure, _Motion)):
+        check_size(library.interior_point_sizes(k), ctypes.sizeof(mirror), mirror.__name__)
+    library.interior_point.argtypes = [
+        *(ctypes.POINTER(_Motion), ctypes.POINTER(_Options), ctypes.POINTER(_Prior)),
+        *(vector_pointer(2), vector_pointer(1), vector_pointer(2)),
+        *(vector_pointer(1, output=True) for _ in range(4)),
+        ctypes.POINTER(ctypes.c_int),
+    ]
+    library.interior_point_space.argtypes = [ctypes.c_int] * 4
+    library.interior_point_space.restype = ctypes.c_size_t
+    return library

@@ -10,6 +10,7 @@ from enum import IntEnum
 import numpy as np
 
 from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import View
 
 _MOST_ITERATIONS = 10**6
 
@@ -53,6 +54,33 @@ class JointPoint:
         count = game.parameters.count
         parameters = np.zeros((game.num_players, count)) if count else None
         return cls(states, controls, np.zeros_like(states[1:]), uniform, parameters)
+
+
+@dataclass(frozen=True)
+class SeenMotion:
+    """One of several motions that share weights.
+
+    Attributes:
+        game: its game.
+        view: the observation model.
+        y: (T, N, d) observations, NaN where missing.
+        noise_scale: (d,) relative standard deviations of the observations; ones if empty.
+        drivers: (N,) who each player is, from 0 on; players in their order if empty.
+        situation: motions of one situation share the values of their unknowns; None for values of
+            its own.
+    """
+
+    game: Game
+    view: View
+    y: np.ndarray
+    noise_scale: Sequence[float] = ()
+    drivers: Sequence[int] = ()
+    situation: int | None = None
+
+    @property
+    def rows(self) -> Sequence[int]:
+        """(N,) who each player is."""
+        return self.drivers or range(self.game.num_players)
 
 
 def inside(point: JointPoint, floor: float) -> JointPoint:

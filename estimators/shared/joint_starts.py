@@ -17,22 +17,27 @@ steps. While nothing explains the observations, starts at weights spread over th
 
 Where most of a motion is still to come, starts begin with motions of ``window_starts`` instead
 of the observations, and the first one is the game that is followed from sample to sample.
+
+Several motions that share weights start together: with the first two starts of each, and then with
+the optimum of each by itself.
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
 from olne_bench.estimators.protocol import Problem
-from olne_bench.estimators.shared.interior_point import solve_joint
+from olne_bench.estimators.shared.interior_point import solve_joint_motions
 from olne_bench.estimators.shared.joint_problem import (
     JointPoint,
     JointSettings,
     JointSolution,
+    SeenMotion,
     Status,
     inside,
 )
@@ -74,7 +79,7 @@ def joint_attempts(
         settings: the solver's numbers.
         deadline: solves end by then, in seconds of ``time.monotonic``.
     """
-    search = Search(problem, y, settings, deadline)
+    search = Search.of(problem, y, settings, deadline)
     for start, barrier in starts(problem, y, search):
         yield search.attempt(start, barrier)
         if search.settled:
@@ -83,6 +88,38 @@ def joint_attempts(
         if search.explained:
             return
         yield search.attempt(start, _LOW_BARRIER)
+
+
+def shared_attempts(
+    problems: Sequence[Problem],
+    search: "Search",
+    own: Callable[[Problem, np.ndarray], Sequence[JointSolution]],
+) -> Iterator[JointSolution]:
+    """Solve the joint problem of several motions from one start after the other.
+
+    Args:
+        problems: what is known of each motion; its noise is white.
+        search: of all motions.
+        own: attempts on one motion, given its problem and observations (T, N, d).
+    """
+    pairs = [(problem, motion.y) for problem, motion in zip(problems, search.motions, strict=True)]
+    first = [list(islice(starts(*pair, Search.of(*pair, *search.limits)), 2)) for pair in pairs]
+    for row in zip(*first, strict=True):
+        yield search.attempt([start for start, _ in row], row[0][1])
+    if search.settled:
+        return
+    best = [lowest(own(*pair)).point for pair in pairs]
+    inner = [inside(one, problem.weight_floor) for one, problem in zip(best, problems, strict=True)]
+    yield search.attempt(inner, _LOW_BARRIER)
+    for row in zip(*(spread_starts(*pair) for pair in pairs), strict=True):
+        if search.explained:
+            return
+        yield search.attempt(row, _LOW_BARRIER)
+
+
+def lowest(attempts: Sequence[JointSolution]) -> JointSolution:
+    """The lowest criterion; a start that did not converge never beats one that did."""
+    return min(attempts, key=lambda attempt: (not attempt.converged, attempt.criterion))
 
 
 def starts(problem: Problem, y: np.ndarray, search: "Search") -> Iterator[tuple[JointPoint, float]]:
@@ -180,26 +217,47 @@ class End(NamedTuple):
 
 
 class Search:
-    """Starts of the structured solver on one observation, and the optima found so far.
+    """Starts of the structured solver on some motions, and the optima found so far.
 
     Attributes:
+        motions: what was seen of each.
         deadline: solves end by then, in seconds of ``time.monotonic``.
         known: the optima.
         ends: where each start ended.
     """
 
     def __init__(
-        self, problem: Problem, y: np.ndarray, settings: JointSettings, deadline: float
+        self,
+        problem: Problem,
+        motions: Sequence[SeenMotion],
+        settings: JointSettings,
+        deadline: float,
     ) -> None:
-        self._problem, self._y = problem, y
+        """The noise level is that of a problem; noise scales of motions are relative to it."""
+        self.motions, self._floor = motions, problem.weight_floor
         self._settings, self.deadline = settings, deadline
-        self._explicable = largest_explicable(problem, [y])
+        self._explicable = largest_explicable(problem, [one.y for one in motions])
         self.known: list[JointSolution] = []
         self.ends: list[End] = []
         self._last = np.inf
 
-    def attempt(self, start: JointPoint, barrier: float = _MIDDLE_BARRIER) -> JointSolution:
-        """Solve from a start; stop close to a known optimum."""
+    @classmethod
+    def of(
+        cls, problem: Problem, y: np.ndarray, settings: JointSettings, deadline: float
+    ) -> "Search":
+        """A search on one observation (T, N, d)."""
+        motion = SeenMotion(problem.game, problem.view, y, problem.noise_scale)
+        return cls(problem, [motion], settings, deadline)
+
+    @property
+    def limits(self) -> tuple[JointSettings, float]:
+        """Settings and deadline."""
+        return self._settings, self.deadline
+
+    def attempt(
+        self, start: JointPoint | Sequence[JointPoint], barrier: float = _MIDDLE_BARRIER
+    ) -> JointSolution:
+        """Solve from a start, with a point of each motion; stop close to a known optimum."""
         solution = self._solve(start, replace(self._settings, first_barrier=barrier), self.known)
         if solution.converged:
             self.known.append(solution)
@@ -239,14 +297,17 @@ class Search:
         settings = replace(self._settings, tie=tie, parameter_tie=tie)
         settings = replace(settings, first_barrier=barrier, tolerance=_LOOSE)
         solution = self._solve(start, settings, ())
-        return inside(solution.point, self._problem.weight_floor)
+        return inside(solution.point, self._floor)
 
     def _solve(
-        self, start: JointPoint, settings: JointSettings, known: Sequence[JointSolution]
+        self,
+        start: JointPoint | Sequence[JointPoint],
+        settings: JointSettings,
+        known: Sequence[JointSolution],
     ) -> JointSolution:
         settings = replace(settings, limit=max(0.0, self.deadline - time.monotonic()))
-        problem = self._problem
-        return solve_joint(problem.game, problem.view, self._y, start, settings, known=known)
+        points = [start] if isinstance(start, JointPoint) else start
+        return solve_joint_motions(self.motions, points, settings, known=known)
 
 
 def _corner(players: int, weights: int) -> np.ndarray:

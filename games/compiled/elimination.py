@@ -366,14 +366,17 @@ def _enforced(stages: StageFunctions, horizon: int) -> np.ndarray:
     return enforced
 
 
-@lru_cache(maxsize=64)
-def elimination(game: Game, view: View = VIEWS["full"], extension: str = "") -> Elimination:
+def elimination(game: Game, view: View = VIEWS["full"], number: int = 0) -> Elimination:
     """The elimination of a game, built or fetched, whose constraints are equations.
 
-    An ``extension`` is C source that is compiled behind ``elimination.c``. The caller declares its
-    functions on ``Elimination.library`` and passes ``Elimination.work``.
+    Each ``number`` has a work space of its own.
     """
-    return _compiled(game, view, extension, condensed=False)
+    return _numbered(game, view, number)
+
+
+@lru_cache(maxsize=64)
+def _numbered(game: Game, view: View, _: int) -> Elimination:
+    return _compiled(game, view, condensed=False)
 
 
 def interior_elimination(game: Game, known: Game | None = None) -> Elimination:
@@ -395,12 +398,12 @@ def interior_elimination(game: Game, known: Game | None = None) -> Elimination:
 @lru_cache(maxsize=64)
 def _interior_elimination(game: Game) -> Elimination:
     game = replace(game, constraints=at_means(game.constraints))
-    return _compiled(game, VIEWS["full"], "", condensed=True)
+    return _compiled(game, VIEWS["full"], condensed=True)
 
 
-def _compiled(game: Game, view: View, extension: str, *, condensed: bool) -> Elimination:
+def _compiled(game: Game, view: View, *, condensed: bool) -> Elimination:
     stages = stage_functions(game, view, condensed=condensed)
-    library = declared(load(source_of(stages) + extension))
+    library = declared(load(source_of(stages)))
     structure, numbers = structure_and_numbers(game)
     view_numbers = view_and_numbers(view, structure.dynamics)[1]
     own = numbers_table(game.constraints, game.dt)

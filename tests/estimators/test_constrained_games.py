@@ -80,13 +80,21 @@ def test_ipopt_and_several_trajectories_decline(crossing) -> None:
     assert "need the structured solver" in (KktConstrained("ipopt").supports(problem) or "")
     assert KktConstrained().supports(problem) is None
     reason = "takes one trajectory at a time where a game has constraints"
-    assert KktConstrained().supports_several(problem) == reason
+    assert KktConstrained("ipopt").supports_several(problem) == reason
     free = replace(problem, game=replace(problem.game, constraints=()))
-    assert KktConstrained().supports_several(free) is None
-    with pytest.raises(ValueError, match="several trajectories knows no constraints"):
-        KktConstrained().estimate(
-            problem, [Observation(states)] * 2, rng=np.random.default_rng(0), budget=10.0
-        )
+    assert KktConstrained("ipopt").supports_several(free) is None
+    twice = [Observation(states)] * 2
+    with pytest.raises(ValueError, match="knows no constraints"):
+        KktConstrained("ipopt").estimate(problem, twice, rng=np.random.default_rng(0), budget=10.0)
+
+
+def test_a_motion_seen_twice_says_the_same_as_one(crossing) -> None:
+    problem, states = crossing
+    given = {"rng": np.random.default_rng(0), "budget": 10.0}
+    assert KktConstrained().supports_several(problem) is None
+    one = KktConstrained().estimate(problem, Observation(states), **given)
+    two = KktConstrained().estimate(problem, [Observation(states)] * 2, **given)
+    np.testing.assert_allclose(two.weights, one.weights, atol=1e-5)
 
 
 def test_an_unknown_estimator_is_refused() -> None:

@@ -82,12 +82,12 @@ def test_ipopt_serves_where_no_start_of_the_structured_solver_converges(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem, y = observed("full", 0.01)
-    own = module.solve_joint
+    own = module.solve_joint_motions
 
     def lost(*arguments: Any, **options: Any) -> JointSolution:
         return replace(own(*arguments, **options), status=Status.NO_STEP)
 
-    monkeypatch.setattr(module, "solve_joint", lost)
+    monkeypatch.setattr(module, "solve_joint_motions", lost)
     rescued = KktConstrained().estimate(problem, Observation(y), rng=RNG, budget=60)
     expected = KktConstrained(solver="ipopt").estimate(problem, Observation(y), rng=RNG, budget=60)
     assert rescued.converged

@@ -90,9 +90,23 @@ def test_the_floor_knows_the_prior_only(states) -> None:
     np.testing.assert_array_equal(estimate.parameters, SCENARIO.told.parameters.means)
 
 
-def test_the_joint_method_declines_several_trajectories() -> None:
+def test_ipopt_declines_several_trajectories() -> None:
     reason = "takes one trajectory at a time where a game has unknowns besides weights"
-    assert KktConstrained().supports_several(Problem(SCENARIO.told, VIEWS["full"])) == reason
+    problem = Problem(SCENARIO.told, VIEWS["full"])
+    assert KktConstrained("ipopt").supports_several(problem) == reason
+    assert KktConstrained().supports_several(problem) is None
+
+
+def test_several_trajectories_share_their_unknowns(states) -> None:
+    problem, rng = Problem(SCENARIO.told, VIEWS["full"], 0.003), np.random.default_rng(0)
+    seen = [Observation(states + 0.003 * rng.standard_normal(states.shape)) for _ in range(4)]
+    together = KktConstrained().estimate(problem, seen, rng=rng, budget=30.0)
+    alone = [KktConstrained().estimate(problem, one, rng=rng, budget=30.0) for one in seen]
+    assert together.converged and together.parameter_deviations is not None
+    errors = [np.square(errors_of(one)).sum() for one in alone]
+    assert np.square(errors_of(together)).sum() < np.mean(errors)
+    shares = together.parameter_deviations / alone[0].parameter_deviations
+    np.testing.assert_allclose(shares, 0.5, atol=0.1)
 
 
 @pytest.mark.parametrize("estimator", [KktResidual(), MaxentResidual()])

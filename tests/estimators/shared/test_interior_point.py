@@ -271,7 +271,7 @@ def test_arrays_of_a_wrong_size_never_reach_the_native_code() -> None:
     with pytest.raises(ValueError, match=r"theta has the shape \(4,\), expected \(8,\)"):
         solve_joint(game, view, y, replace(start, weights=start.weights[:1]))
     other = replace(known.point, weights=known.point.weights[:, :3])
-    with pytest.raises(ValueError, match="cannot reshape"):
+    with pytest.raises(ValueError, match="theta has the shape"):
         solve_joint(game, view, y, start, known=[replace(known, points=(other,))])
     with pytest.raises(ValueError, match="max_iterations must be 0 to"):
         JointSettings(max_iterations=2**31)

@@ -123,7 +123,7 @@ def test_what_noise_leaves_grows_with_its_level_and_with_the_samples(passing) ->
 def test_two_starts_that_agree_settle_it(passing, monkeypatch, ends, explained, settled) -> None:
     game, _, states = passing
     problem, y, _ = observed(game, states, 0, 0.02)
-    search = Search(problem, y, JointSettings(), deadline=0.0)
+    search = Search.of(problem, y, JointSettings(), deadline=0.0)
     monkeypatch.setattr(search, "_explicable", 2.0)
     search.ends = [End(end, end) for end in ends]
     assert search.explained == explained
@@ -135,7 +135,7 @@ def test_a_start_close_to_a_known_optimum_ends_at_that_one(passing) -> None:
     for seed in range(4):
         problem, y, _ = observed(game, states, seed, 0.03)
         settings = JointSettings(noise_scale=problem.noise_scale)
-        search = Search(problem, y, settings, deadline=np.inf)
+        search = Search.of(problem, y, settings, deadline=np.inf)
         found: list[JointSolution] = list(joint_attempts(problem, y, settings, np.inf))
         search.known = [one for one in found if one.converged]
         for one in found:

@@ -129,7 +129,7 @@ def test_starts_of_whole_motions_are_the_observations(bend) -> None:
     problem, y = a_window(bend)
     y = bend.states.copy()
     settings = replace(KktConstrained()._settings(problem), max_iterations=0)
-    start, _ = next(starts(problem, y, Search(problem, y, settings, np.inf)))
+    start, _ = next(starts(problem, y, Search.of(problem, y, settings, np.inf)))
     calm = smoothed(guess_states(problem.game, problem.view, y), 4)
     expected = JointPoint.from_trajectory(problem.game, calm, guess_controls(problem.game, calm))
     np.testing.assert_array_equal(start.states, expected.states)
