@@ -46,6 +46,7 @@ from olne_bench.estimators.shared.joint_problem import (
     JointSolution,
     SeenMotion,
     inside,
+    weights_of,
 )
 from olne_bench.estimators.shared.joint_starts import (
     Search,
@@ -56,6 +57,14 @@ from olne_bench.estimators.shared.joint_starts import (
 )
 from olne_bench.estimators.shared.joint_stream import JointStream
 from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
+from olne_bench.estimators.shared.pooled import (
+    Recorded,
+    Together,
+    checked,
+    games_of,
+    seen_motions,
+    shared_covariance,
+)
 from olne_bench.estimators.shared.trajectory_fit import fit_trajectory, guess_states, warm_up_fit
 from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
 from olne_bench.games.compiled.elimination import Elimination
@@ -143,7 +152,7 @@ class KktConstrained:
     ) -> Estimate:
         """The estimate of a solution; ``late`` says that the search ended with its time."""
         points = best.points
-        converged, message = _verdict(problem, [one.y for one in observations], best)
+        converged, message = _verdict(problem, _motions(problem, observations), best)
         if late and converged and not message:
             message = f"time limit reached in start {starts}; the optimum is that of starts so far"
         games = [
@@ -187,10 +196,7 @@ class KktConstrained:
     ) -> list[JointSolution]:
         """One theta for all trajectories."""
         if not self._uses_ipopt:
-            motions = [
-                SeenMotion(problem.game, problem.view, one.y, problem.noise_scale, situation=0)
-                for one in observations
-            ]
+            motions = _motions(problem, observations)
             return self._together([problem] * len(motions), motions, deadline)
         refuse_constraints(problem.game.constraints, "IPOPT of several trajectories")
         refuse_unknowns(problem.game.parameters, "IPOPT of several trajectories")
@@ -204,6 +210,55 @@ class KktConstrained:
             solve_joint_ipopt(problem.game, problem.view, ys, starts, self._settings(problem))
             for starts in (own, guesses)
         ]
+
+    def together(
+        self, motions: Sequence[Recorded], *, rng: np.random.Generator, budget: float
+    ) -> Together:
+        """Explain several motions of unlike cars by common weights of their drivers.
+
+        Args:
+            motions: what is known and was seen of each.
+            rng: not used.
+            budget: wall-clock seconds for the search.
+
+        Raises:
+            ValueError: on motions that do not fit each other.
+        """
+        motions = checked(motions)
+        attempts = self.attempts_together(motions, time.monotonic() + budget)
+        return self.described_together(motions, lowest(attempts))
+
+    def attempts_together(
+        self, motions: Sequence[Recorded], deadline: float
+    ) -> list[JointSolution]:
+        """Attempts on checked motions; ``deadline`` in seconds of ``time.monotonic``."""
+        problems = [one.problem for one in motions]
+        return self._together(problems, seen_motions(motions), deadline)
+
+    def described_together(self, motions: Sequence[Recorded], best: JointSolution) -> Together:
+        """What a solution of checked motions says."""
+        seen, problems = seen_motions(motions), [one.problem for one in motions]
+        games, weights = games_of(best), weights_of(seen, best.points)
+        converged, message = _verdict(problems[0], seen, best)
+        pairs = zip(seen, best.points, strict=True)
+        known = [(one.game.parameters, point.parameters) for one, point in pairs]
+        covariance = None
+        if converged:
+            precision = self._precision(problems[0], weights)
+            covariance = shared_covariance(motions, games, precision)
+        return Together(
+            weights=weights,
+            states=tuple(point.states for point in best.points),
+            parameters=tuple(None if own is None else all_.values(own) for all_, own in known),
+            covariance=covariance,
+            converged=converged,
+            message=message,
+            objective=best.objective,
+        )
+
+    def _precision(self, problem: Problem, weights: np.ndarray) -> np.ndarray | None:
+        """(D, K) of the prior of the weights; None without."""
+        return None
 
     def _together(
         self, problems: Sequence[Problem], motions: Sequence[SeenMotion], deadline: float
@@ -292,14 +347,28 @@ def solver_tolerance(sigma: float) -> float:
     return float(np.clip(_TOLERANCE * (sigma / _USUAL_SIGMA) ** 2, _TIGHT, _TOLERANCE))
 
 
-def _verdict(problem: Problem, ys: Sequence[np.ndarray], best: JointSolution) -> tuple[bool, str]:
+def _motions(problem: Problem, observations: Sequence[Observation]) -> list[SeenMotion]:
+    """Several observations of the same players and unknowns."""
+    return [
+        SeenMotion(problem.game, problem.view, one.y, problem.noise_scale, situation=0)
+        for one in observations
+    ]
+
+
+def _verdict(
+    problem: Problem, motions: Sequence[SeenMotion], best: JointSolution
+) -> tuple[bool, str]:
     """Whether a solution is valid, and a message about it."""
-    seen = [np.isfinite(y).any(axis=(0, 2)) for y in ys]
-    unseen = np.flatnonzero(~np.any(seen, axis=0))
-    if unseen.size:  # the optimum exists, but says nothing about these players
-        players = ", ".join(map(str, unseen))
+    drivers = {driver for one in motions for driver in one.rows}
+    seen = {
+        one.rows[int(player)]
+        for one in motions
+        for player in np.flatnonzero(np.isfinite(one.y).any(axis=(0, 2)))
+    }
+    if unseen := drivers - seen:  # the optimum exists, but says nothing about these players
+        players = ", ".join(map(str, sorted(unseen)))
         return False, f"never seen, hence not identified: player {players}"
-    explicable = largest_explicable(problem, ys)
+    explicable = largest_explicable(problem, [one.y for one in motions])
     if best.converged and best.objective > explicable:
         return True, (
             f"noise does not explain the squared error of {best.objective:.3g}; it leaves at "

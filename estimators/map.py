@@ -26,7 +26,7 @@ Trust: more than the maximum-likelihood estimate where the noise is high, and no
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import ClassVar
@@ -38,8 +38,13 @@ from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import POSTERIOR, Observation, Problem
 from olne_bench.estimators.shared.certainty import Certainty, posterior_covariance
 from olne_bench.estimators.shared.forward_model import SolvedGame
-from olne_bench.estimators.shared.interior_point import solve_joint
-from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
+from olne_bench.estimators.shared.interior_point import solve_joint_motions
+from olne_bench.estimators.shared.joint_problem import (
+    JointSettings,
+    JointSolution,
+    SeenMotion,
+    weights_of,
+)
 from olne_bench.estimators.shared.joint_starts import Search, all_starts, spread_starts
 from olne_bench.games.compiled.elimination import Elimination
 from olne_bench.games.model.weight_prior import WeightPrior
@@ -77,11 +82,27 @@ class Map(KktConstrained):
 
     def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
         attempts = super()._attempts(problem, y, deadline)
+        motion = SeenMotion(problem.game, problem.view, y, problem.noise_scale)
+        return self._refined(problem, [motion], attempts, deadline)
+
+    def _together(
+        self, problems: Sequence[Problem], motions: Sequence[SeenMotion], deadline: float
+    ) -> list[JointSolution]:
+        attempts = super()._together(problems, motions, deadline)
+        return self._refined(problems[0], motions, attempts, deadline)
+
+    def _refined(
+        self,
+        problem: Problem,
+        motions: Sequence[SeenMotion],
+        attempts: list[JointSolution],
+        deadline: float,
+    ) -> list[JointSolution]:
         prior = prior_of(problem, self.alpha)
         if len(prior.shares) == 1 or self._uses_ipopt:
             return attempts
         settings = self._structured_settings(problem)
-        return [refined(problem, y, one, settings, prior, deadline) for one in attempts]
+        return [refined(problem, motions, one, settings, prior, deadline) for one in attempts]
 
     def _certainty(
         self,
@@ -90,12 +111,14 @@ class Map(KktConstrained):
         games: Sequence[SolvedGame],
         solver: Elimination | None,
     ) -> Certainty:
-        weights, floor = games[0].weights, problem.weight_floor
-        free = 1 - problem.game.num_weights * floor
+        precision = self._precision(problem, games[0].weights)
+        return Certainty(posterior_covariance(problem, observations, games, solver, precision))
+
+    def _precision(self, problem: Problem, weights: np.ndarray) -> np.ndarray:
+        floor, free = problem.weight_floor, 1 - problem.game.num_weights * problem.weight_floor
         shares = (weights - floor) / free
         total = prior_of(problem, self.alpha).effective(shares).sum(axis=1, keepdims=True)
-        precision = total / (shares * free**2)
-        return Certainty(posterior_covariance(problem, observations, games, solver, precision))
+        return np.asarray(total / (shares * free**2))
 
 
 def check_alpha(alpha: float | None) -> None:
@@ -124,7 +147,7 @@ def _touching(settings: JointSettings, sigma: float, alpha: np.ndarray) -> Joint
 
 def refined(
     problem: Problem,
-    y: np.ndarray,
+    motions: Sequence[SeenMotion],
     solution: JointSolution,
     settings: JointSettings,
     prior: WeightPrior,
@@ -136,24 +159,34 @@ def refined(
     """
     floor, free = problem.weight_floor, 1 - problem.game.num_weights * problem.weight_floor
     for _ in range(_ROUNDS if solution.converged else 0):
-        shares = (solution.point.weights - floor) / free
+        weights = weights_of(motions, solution.points)
+        shares = (weights - floor) / free
         own = replace(
             _touching(settings, problem.sigma, prior.effective(shares)),
             first_barrier=_NEAR,
             limit=max(0.0, deadline - time.monotonic()),
         )
-        found = solve_joint(problem.game, problem.view, y, solution.point, own)
+        found = solve_joint_motions(motions, solution.points, own)
         if not found.converged:
             break
-        moved = np.abs(found.point.weights - solution.point.weights).max()
+        moved = np.abs(weights_of(motions, found.points) - weights).max()
         solution = found
         if moved < _STILL:
             break
-    shares = (solution.point.weights - floor) / free
-    standardised = solution.point.parameters
-    unknown = 0.0 if standardised is None else float((standardised**2).sum())
+    shares = (weights_of(motions, solution.points) - floor) / free
+    unknown = sum(float((values**2).sum()) for values in _own_unknowns(motions, solution))
     likely = 2 * float(prior.log_density(shares).sum())
     return replace(solution, penalty=problem.sigma**2 * (unknown - likely))
+
+
+def _own_unknowns(motions: Sequence[SeenMotion], solution: JointSolution) -> Iterator[np.ndarray]:
+    """Standardised unknowns, once for motions of one situation."""
+    known = set()
+    for one, point in zip(motions, solution.points, strict=True):
+        if point.parameters is not None and one.situation not in known:
+            yield point.parameters
+        if one.situation is not None:
+            known.add(one.situation)
 
 
 def probable_optima(
@@ -177,5 +210,5 @@ def probable_optima(
         search.attempt(start)
     known = search.known
     if len(prior.shares) > 1:
-        known = [refined(problem, y, one, plain, prior, deadline) for one in known]
+        known = [refined(problem, search.motions, one, plain, prior, deadline) for one in known]
     return sorted(known, key=lambda one: one.criterion)

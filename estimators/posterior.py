@@ -29,28 +29,41 @@ Trust: for what else the observations allow: near the simplex's boundary, at fol
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from olne_bench.checks import check_count, check_number
-from olne_bench.estimators.map import check_alpha, prior_of, probable_optima
+from olne_bench.estimators.map import Map, check_alpha, prior_of, probable_optima
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import (
-    SolvedGame,
     squared_error_of,
     uniform_weights,
     warm_up_games,
 )
 from olne_bench.estimators.shared.joint_problem import JointSolution
+from olne_bench.estimators.shared.joint_starts import lowest
 from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits, resampled
-from olne_bench.estimators.shared.posterior_density import STEPS, GameDensity, climbed, start_prior
+from olne_bench.estimators.shared.pooled import (
+    Recorded,
+    SharedDensity,
+    Together,
+    checked,
+    games_of,
+)
+from olne_bench.estimators.shared.posterior_density import (
+    STEPS,
+    Density,
+    GameDensity,
+    Places,
+    climbed,
+    start_prior,
+)
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
-from olne_bench.games.solve.newton import Root
 
 #: Effective samples of an answer, if need be of a wider density.
 LEAST_EFFECTIVE = 400.0
@@ -120,16 +133,45 @@ class Posterior:
         density, peaks = self.peaks(problem, seen, deadline)
         if not peaks:
             return _nothing(problem, "no equilibrium found that explains the observations")
-        fits = perturbed_fits(
-            density,
-            peaks,
-            rng,
-            first=self.first,
-            more=self.more,
-            most=self.most,
-            enough=self.enough,
-        )
+        fits = self._fits(density, peaks, rng)
         return telling_noise(_estimate(density, peaks, fits, self.count, rng), asked, problem)
+
+    def _fits(self, density: Density, peaks: Sequence[Peak], rng: np.random.Generator) -> Fits:
+        counts = {"first": self.first, "more": self.more, "most": self.most}
+        return perturbed_fits(density, peaks, rng, **counts, enough=self.enough)
+
+    def together(
+        self, motions: Sequence[Recorded], *, rng: np.random.Generator, budget: float
+    ) -> Together:
+        """Samples of what several motions of unlike cars say about their drivers' weights.
+
+        Args:
+            motions: what is known and was seen of each.
+            rng: the only source of randomness.
+            budget: wall-clock seconds for the search.
+
+        Raises:
+            ValueError: on motions that do not fit each other.
+        """
+        motions, deadline = _with_prior(checked(motions), self.alpha), time.monotonic() + budget
+        attempts = Map().attempts_together(motions, deadline)
+        best = Map().described_together(motions, lowest(attempts))
+        parts = [self.density(one.problem, one.observation, deadline) for one in motions]
+        density = SharedDensity(parts, [one.drivers for one in motions])
+        optima = _meant(motions[0].problem, [one for one in attempts if one.converged])
+        peaks = _different(density, (density.place(games_of(one)) for one in optima))
+        if not best.converged or not peaks:
+            return best
+        fits = self._fits(density, peaks, rng)
+        points, shares, power = _weighed(peaks[0], fits, self.count, rng)
+        weights = density.chart.weights(points[:, : density.chart.size])
+        return replace(
+            best,
+            weights=np.tensordot(shares, weights, 1),
+            covariance=_covariance(weights, shares),
+            samples=weights[resampled(shares, self.count, rng)],
+            message=_remark(fits, power, late=density.late),
+        )
 
     def peaks(
         self, problem: Problem, observation: Observation, deadline: float
@@ -143,7 +185,8 @@ class Posterior:
         """
         optima = probable_optima(problem, observation.y, problem.prior, deadline)
         density = self.density(problem, observation, deadline)
-        return density, _peaks(density, _meant(problem, optima))
+        games = (games_of(one)[0] for one in _meant(problem, optima))
+        return density, _different(density, map(density.place, games))
 
     def density(self, problem: Problem, observation: Observation, deadline: float) -> GameDensity:
         """The density (B1), as of ``peaks``; (B1) with a prior of x_1 overrides it."""
@@ -171,13 +214,31 @@ def _meant(problem: Problem, optima: Sequence[JointSolution]) -> list[JointSolut
     return [one for one in optima if one.criterion - optima[0].criterion < limit]
 
 
-def _peaks(density: GameDensity, optima: Sequence[JointSolution]) -> list[Peak]:
-    """Different peaks near optima, the most probable first."""
+def _with_prior(motions: Sequence[Recorded], alpha: float | None) -> list[Recorded]:
+    """Motions whose problems have the prior that is asked for, and noise."""
+    return [
+        replace(
+            one,
+            problem=replace(
+                one.problem,
+                sigma=assumed_sigma(one.problem),
+                prior=prior_of(motions[0].problem, alpha),
+            ),
+        )
+        for one in motions
+    ]
+
+
+def _covariance(weights: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """(D*K, D*K) of weights (M, D, K) with shares (M,)."""
+    flat = weights.reshape(len(weights), -1)
+    return np.asarray(np.cov(flat, rowvar=False, aweights=shares))
+
+
+def _different(density: Density, places: Iterable[Places]) -> list[Peak]:
+    """Different peaks near places, the most probable first."""
     found: list[Peak] = []
-    for one in optima:
-        point = one.point
-        root = Root(point.states, point.controls, point.costates, residual=0.0)
-        place = density.place(SolvedGame(root, point.weights, point.parameters))
+    for place in places:
         if not place.possible[0]:  # a game at a fold
             continue
         try:
@@ -209,12 +270,12 @@ def _estimate(
     return Estimate(
         weights=mean[:, : problem.game.num_weights],
         states=states,
-        covariance=np.cov(weights.reshape(len(weights), -1), rowvar=False, aweights=shares),
+        covariance=_covariance(weights, shares),
         parameters=None if unknown is None else np.tensordot(shares, unknown, 1),
         parameter_deviations=None if unknown is None else unknown[chosen].std(axis=0),
         samples=weights[chosen],
         parameter_samples=None if unknown is None else unknown[chosen],
-        message=_remark(density, fits, power),
+        message=_remark(fits, power, late=density.late),
         extras={
             "objective": squared_error_of(problem, states, density.observation.y),
             "effective_sample_size": fits.effective,
@@ -239,7 +300,7 @@ def _weighed(
     return peak.place.points + away, np.full(count, 1 / count), 0.0
 
 
-def _remark(density: GameDensity, fits: Fits, power: float) -> str:
+def _remark(fits: Fits, power: float, *, late: bool) -> str:
     """What there is to say about the samples, on one line."""
     said = []
     if power < 1:
@@ -247,7 +308,7 @@ def _remark(density: GameDensity, fits: Fits, power: float) -> str:
             f"the samples are wider than the posterior: it has {fits.effective:.0f} effective "
             f"samples of {LEAST_EFFECTIVE:g}"
         )
-    if density.late:
+    if late:
         said.append("time limit reached")
     if fits.split_r_hat > LARGEST_R_HAT:
         said.append(f"parts of the samples disagree: split R-hat is {fits.split_r_hat:.2f}")

@@ -54,6 +54,7 @@ def main(out: Path = Path("results/perf"), sequences: int = 2, quick: bool = Fal
         results["inverse"][name] = measure_inverse(scenario, truth, sequences)
         results["forward"][name] = measure_forward(scenario, truth)
         print(f"{name} measured", flush=True)
+    results["several"] = measure_several(sequences)
     horizon = {
         str(count): [measure_iteration(road(count, steps)) for steps in HORIZONS[:few]]
         for count in (2, 5)
@@ -65,6 +66,33 @@ def main(out: Path = Path("results/perf"), sequences: int = 2, quick: bool = Fal
     out.mkdir(parents=True, exist_ok=True)
     (out / "perf.json").write_text(json.dumps(results, indent=1) + "\n")
     print_tables(results)
+
+
+def measure_several(sequences: int) -> list[dict[str, Any]]:
+    """Time estimates of several trajectories against IPOPT: median ratios by their number."""
+    scenario, rng = get_scenario("two_player"), np.random.default_rng(0)
+    states = solve_olne(scenario.game, scenario.weights, scenario.initial_state).states
+    rows = []
+    for count in (2, 4, 8):
+        ratios, times = [], []
+        for view in VIEWS.values():
+            problem = Problem(scenario.game, view, SIGMAS[0])
+            clean = observe(view, scenario.game.dynamics, states)
+            for _ in range(1 + sequences):
+                noise = problem.sigma * rng.standard_normal((count, *clean.shape))
+                seen = [Observation(clean + one) for one in noise]
+                given = problem, seen
+                own, ipopt = (
+                    milliseconds(partial(one.estimate, *given, rng=rng, budget=60.0))[0]
+                    for one in (KktConstrained(), KktConstrained("ipopt"))
+                )
+                ratios.append(ipopt / own)
+                times.append(own)
+            del ratios[-1 - sequences], times[-1 - sequences]  # it builds solvers
+        rows.append(
+            {"trajectories": count, "ms": np.median(times), "median ratio": np.median(ratios)}
+        )
+    return rows
 
 
 def milliseconds(solve: Callable[[], Any]) -> tuple[float, Any]:
@@ -256,6 +284,8 @@ def print_tables(results: dict[str, Any]) -> None:
         print(f"\nforward, {name}")
         for key, value in table.items():
             print(f"  {key:34s} {value:10.4g}")
+    print("\nseveral trajectories of two players against IPOPT")
+    shared.show(results["several"])
     print("\ntime per iteration of an inverse solve")
     for row in [*results["horizon"]["2"], *results["horizon"]["5"], *results["players"]]:
         theirs = row["ipopt_ms_per_iteration"] or np.nan

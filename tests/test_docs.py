@@ -33,6 +33,7 @@ RUN_HERE = (
     "docs/online.md",
     "docs/choose_scenario.md",
     "docs/recipes.md",
+    "docs/estimators.md",
 )
 #: Those of them that only ``.ci/run`` runs.
 TAKES_LONG = ("docs/study_commands.md",)

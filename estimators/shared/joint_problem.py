@@ -83,6 +83,15 @@ class SeenMotion:
         return self.drivers or range(self.game.num_players)
 
 
+def weights_of(motions: Sequence[SeenMotion], points: Sequence[JointPoint]) -> np.ndarray:
+    """(D, K) weights of all drivers, from a point of each motion."""
+    count = 1 + max(max(one.rows) for one in motions)
+    weights = np.empty((count, points[0].weights.shape[1]))
+    for one, point in zip(motions, points, strict=True):
+        weights[list(one.rows)] = point.weights
+    return weights
+
+
 def inside(point: JointPoint, floor: float) -> JointPoint:
     """The point with its weights moved off their bound, as interior-point methods need it."""
     weights = np.maximum(point.weights, 2 * floor)

@@ -15,6 +15,8 @@ from olne_bench.front.games import fisher_information as fisher_information
 from olne_bench.front.games import solve_olne as solve_olne
 from olne_bench.front.observing import observe as observe
 from olne_bench.front.observing import problem as problem
+from olne_bench.front.pooling import estimate_together as estimate_together
+from olne_bench.front.pooling import population as population
 from olne_bench.front.studies import read as read
 from olne_bench.front.studies import run as run
 from olne_bench.front.worlds import parallel_env as parallel_env
@@ -43,11 +45,13 @@ __all__ = [
     "costs",
     "dynamics",
     "estimate",
+    "estimate_together",
     "estimators",
     "fisher_information",
     "metrics",
     "observe",
     "parallel_env",
+    "population",
     "problem",
     "read",
     "run",
