@@ -51,9 +51,9 @@ from olne_bench.estimators.shared.joint_problem import (
 from olne_bench.estimators.shared.joint_starts import (
     Search,
     joint_attempts,
-    largest_explicable,
     lowest,
     shared_attempts,
+    unexplained,
 )
 from olne_bench.estimators.shared.joint_stream import JointStream
 from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
@@ -168,17 +168,22 @@ class KktConstrained:
                 solver = joint_elimination(problem.game, problem.view)
             known = self._certainty(problem, observations, games, solver)
         game, standardised = problem.game, points[0].parameters
+        region = self._region_of(problem)
         return Estimate(
             weights=points[0].weights,
             states=points[0].states,
             covariance=of_weights(game, known.covariance),
-            region=None if self._region == POSTERIOR and len(points) > 1 else self._region,
+            region=None if len(points) > 1 and region == POSTERIOR else region,
             parameters=None if standardised is None else game.parameters.values(standardised),
             parameter_deviations=deviations_of(game, known.covariance),
             converged=converged,
             message=known.message(message),
             extras={"objective": best.objective, "starts": starts},
         )
+
+    def _region_of(self, problem: Problem) -> str | None:
+        """The region that an estimate claims."""
+        return self._region
 
     def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
         if self._uses_ipopt:
@@ -368,13 +373,9 @@ def _verdict(
     if unseen := drivers - seen:  # the optimum exists, but says nothing about these players
         players = ", ".join(map(str, sorted(unseen)))
         return False, f"never seen, hence not identified: player {players}"
-    explicable = largest_explicable(problem, [one.y for one in motions])
-    if best.converged and best.objective > explicable:
-        return True, (
-            f"noise does not explain the squared error of {best.objective:.3g}; it leaves at "
-            f"most {explicable:.3g}"
-        )
-    return best.converged, best.message
+    if not best.converged:
+        return False, best.message
+    return True, unexplained(problem, best.objective, [one.y for one in motions])
 
 
 def in_time(solutions: Iterator[JointSolution], deadline: float) -> list[JointSolution]:

@@ -77,6 +77,10 @@ class Map(KktConstrained):
         super().__post_init__()
         check_alpha(self.alpha)
 
+    def _region_of(self, problem: Problem) -> str | None:
+        own = prior_of(problem, self.alpha) != problem.prior
+        return None if own else super()._region_of(problem)
+
     def _settings(self, problem: Problem) -> JointSettings:
         return with_prior(super()._settings(problem), problem, prior_of(problem, self.alpha))
 

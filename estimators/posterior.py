@@ -15,9 +15,9 @@ with the equilibrium x(theta, x_1) that is followed from one that explains the o
 2. Fits of perturbed observations from all peaks are independent points of a known density, which
    follows the bends of (B1); further fits start where they miss it (``perturbed_fits``).
 3. The points are resampled by their importance weights. Where these leave fewer than 400 effective
-   points, their powers are used that leave so many: the samples are then wider than the posterior,
-   and the message says so. Where hardly a fit ends, they are Laplace's approximation of the most
-   probable peak.
+   points (0.8 ``enough``), their powers are used that leave so many: the samples are then wider
+   than the posterior, and the message says so. Where hardly a fit ends, they are Laplace's
+   approximation of the most probable peak.
 
 Equilibria end at folds, where the posterior ends as well.
 
@@ -65,8 +65,8 @@ from olne_bench.estimators.shared.posterior_density import (
 )
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 
-#: Effective samples of an answer, if need be of a wider density.
-LEAST_EFFECTIVE = 400.0
+#: Effective samples of an answer, if need be of a wider density: a share of those that suffice.
+_LEAST_SHARE = 0.8
 
 #: Fits that have to end for an answer from them.
 _FEWEST = 40
@@ -134,7 +134,7 @@ class Posterior:
         if not peaks:
             return _nothing(problem, "no equilibrium found that explains the observations")
         fits = self._fits(density, peaks, rng)
-        return telling_noise(_estimate(density, peaks, fits, self.count, rng), asked, problem)
+        return telling_noise(self._estimate(density, peaks, fits, rng), asked, problem)
 
     def _fits(self, density: Density, peaks: Sequence[Peak], rng: np.random.Generator) -> Fits:
         counts = {"first": self.first, "more": self.more, "most": self.most}
@@ -163,14 +163,14 @@ class Posterior:
         if not best.converged or not peaks:
             return best
         fits = self._fits(density, peaks, rng)
-        points, shares, power = _weighed(peaks[0], fits, self.count, rng)
+        points, shares, power = self._weighed(peaks[0], fits, rng)
         weights = density.chart.weights(points[:, : density.chart.size])
         return replace(
             best,
             weights=np.tensordot(shares, weights, 1),
             covariance=_covariance(weights, shares),
             samples=weights[resampled(shares, self.count, rng)],
-            message=_remark(fits, power, late=density.late),
+            message=self._remark(fits, power, late=density.late),
         )
 
     def peaks(
@@ -193,6 +193,63 @@ class Posterior:
         start = start_prior(problem, observation)
         return GameDensity(problem, observation, NormalChart.of(problem), deadline, start)
 
+    def _estimate(
+        self, density: GameDensity, peaks: Sequence[Peak], fits: Fits, rng: np.random.Generator
+    ) -> Estimate:
+        """Mean, covariance and samples."""
+        problem, known = density.problem, density.problem.game.parameters
+        points, shares, power = self._weighed(peaks[0], fits, rng)
+        theta, starts = density.split(points)
+        weights, parameters = np.split(theta, [problem.game.num_weights], axis=2)
+        unknown = known.values(parameters) if known.count else None
+        mean = np.tensordot(shares, theta, 1)
+        states = density.states(mean, np.tensordot(shares, starts, 1), peaks[0].place)
+        chosen = resampled(shares, self.count, rng)
+        return Estimate(
+            weights=mean[:, : problem.game.num_weights],
+            states=states,
+            covariance=_covariance(weights, shares),
+            parameters=None if unknown is None else np.tensordot(shares, unknown, 1),
+            parameter_deviations=None if unknown is None else unknown[chosen].std(axis=0),
+            samples=weights[chosen],
+            parameter_samples=None if unknown is None else unknown[chosen],
+            message=self._remark(fits, power, late=density.late),
+            extras={
+                "objective": squared_error_of(problem, states, density.observation.y),
+                "effective_sample_size": fits.effective,
+                "power": power,
+                "split_r_hat": fits.split_r_hat,
+                "lost": fits.lost,
+                "fits": fits.asked,
+                "games": fits.tried,
+                "optima": len(peaks),
+            },
+        )
+
+    def _weighed(
+        self, peak: Peak, fits: Fits, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Points (M, d), their weights (M,), and the power of the density that they stand for."""
+        if np.isfinite(fits.log_weights).sum() >= _FEWEST:
+            shares, power = fits.tempered(_LEAST_SHARE * self.enough)
+            return fits.points, shares, power
+        away = np.linalg.solve(peak.triangle, rng.standard_normal((peak.size, self.count))).T
+        return peak.place.points + away, np.full(self.count, 1 / self.count), 0.0
+
+    def _remark(self, fits: Fits, power: float, *, late: bool) -> str:
+        """What there is to say about the samples, on one line."""
+        said = []
+        if power < 1:
+            said.append(
+                f"the samples are wider than the posterior: it has {fits.effective:.0f} effective "
+                f"samples of {_LEAST_SHARE * self.enough:g}"
+            )
+        if late:
+            said.append("time limit reached")
+        if fits.split_r_hat > LARGEST_R_HAT:
+            said.append(f"parts of the samples disagree: split R-hat is {fits.split_r_hat:.2f}")
+        return "; ".join(said)
+
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
         warm_up_games(white_problem(problem))
@@ -210,8 +267,8 @@ def _nothing(problem: Problem, message: str) -> Estimate:
 
 def _meant(problem: Problem, optima: Sequence[JointSolution]) -> list[JointSolution]:
     """Optima that are probable enough."""
-    limit = 2 * problem.sigma**2 * _MEANT
-    return [one for one in optima if one.criterion - optima[0].criterion < limit]
+    limit = 2 * problem.sigma**2 * _MEANT + min((one.criterion for one in optima), default=0.0)
+    return [one for one in optima if one.criterion < limit]
 
 
 def _with_prior(motions: Sequence[Recorded], alpha: float | None) -> list[Recorded]:
@@ -253,63 +310,3 @@ def _different(density: Density, places: Iterable[Places]) -> list[Peak]:
 def _apart(one: Peak, other: Peak) -> float:
     """Distance in standard deviations."""
     return float(np.linalg.norm(other.triangle @ (one.place.points - other.place.points)[0]))
-
-
-def _estimate(
-    density: GameDensity, peaks: Sequence[Peak], fits: Fits, count: int, rng: np.random.Generator
-) -> Estimate:
-    """Mean, covariance and samples."""
-    problem, known = density.problem, density.problem.game.parameters
-    points, shares, power = _weighed(peaks[0], fits, count, rng)
-    theta, starts = density.split(points)
-    weights, parameters = np.split(theta, [problem.game.num_weights], axis=2)
-    unknown = known.values(parameters) if known.count else None
-    mean = np.tensordot(shares, theta, 1)
-    states = density.states(mean, np.tensordot(shares, starts, 1), peaks[0].place)
-    chosen = resampled(shares, count, rng)
-    return Estimate(
-        weights=mean[:, : problem.game.num_weights],
-        states=states,
-        covariance=_covariance(weights, shares),
-        parameters=None if unknown is None else np.tensordot(shares, unknown, 1),
-        parameter_deviations=None if unknown is None else unknown[chosen].std(axis=0),
-        samples=weights[chosen],
-        parameter_samples=None if unknown is None else unknown[chosen],
-        message=_remark(fits, power, late=density.late),
-        extras={
-            "objective": squared_error_of(problem, states, density.observation.y),
-            "effective_sample_size": fits.effective,
-            "power": power,
-            "split_r_hat": fits.split_r_hat,
-            "lost": fits.lost,
-            "fits": fits.asked,
-            "games": fits.tried,
-            "optima": len(peaks),
-        },
-    )
-
-
-def _weighed(
-    peak: Peak, fits: Fits, count: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Points (M, d), their weights (M,), and the power of the density that they stand for."""
-    if np.isfinite(fits.log_weights).sum() >= _FEWEST:
-        shares, power = fits.tempered(LEAST_EFFECTIVE)
-        return fits.points, shares, power
-    away = np.linalg.solve(peak.triangle, rng.standard_normal((peak.size, count))).T
-    return peak.place.points + away, np.full(count, 1 / count), 0.0
-
-
-def _remark(fits: Fits, power: float, *, late: bool) -> str:
-    """What there is to say about the samples, on one line."""
-    said = []
-    if power < 1:
-        said.append(
-            f"the samples are wider than the posterior: it has {fits.effective:.0f} effective "
-            f"samples of {LEAST_EFFECTIVE:g}"
-        )
-    if late:
-        said.append("time limit reached")
-    if fits.split_r_hat > LARGEST_R_HAT:
-        said.append(f"parts of the samples disagree: split R-hat is {fits.split_r_hat:.2f}")
-    return "; ".join(said)

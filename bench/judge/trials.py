@@ -34,7 +34,6 @@ from olne_bench.bench.judge.truth import (
     held_out,
     held_out_samples,
     predict_from_start,
-    sensitivities_of,
     true_recordings,
     true_scene,
     unit_cosine_limit,
@@ -46,7 +45,15 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.fit_test import Expected, expected_of, residuals_of
+from olne_bench.estimators.shared.fit_test import (
+    Expected,
+    density_of,
+    expected_at,
+    peak_near,
+    residuals_at,
+)
+from olne_bench.estimators.shared.forward_model import game_at, game_of_motion
+from olne_bench.estimators.shared.noise_level import with_told_noise
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.observation import FullView, View, whitening
 from olne_bench.games.model.sensor import Layer, SensorModel
@@ -263,18 +270,30 @@ def _fit(estimate: Estimate, trial: Trial, case: Case) -> float | None:
     if estimate.states is None or not trial.sigma:
         return None
     problem, (seen, *_) = with_white_noise(case.problem, case.observations)
-    expected = _expected_fit(case.draw, case.model, problem, np.isfinite(seen.y).tobytes())
-    residuals = residuals_of(problem, seen.y, estimate.states)
-    return expected.test(residuals, level_known=not problem.sigma_spread).p
+    problem = with_told_noise(problem, estimate)
+    theta = estimate.theta(problem.game)
+    known = game_of_motion(problem.game, estimate.states, theta)
+    peak = None if known is None else peak_near(problem, seen, known)
+    expected = _expected_fit(case.draw, problem, np.isfinite(seen.y).tobytes())
+    if peak is None or expected is None:
+        return None
+    level_known = not case.problem.sigma_spread
+    return expected.test(residuals_at(peak, seen.y), level_known=level_known).p
 
 
 @lru_cache(maxsize=32)
-def _expected_fit(draw: Draw, model: SensorModel, problem: Problem, there: bytes) -> Expected:
-    """What the fit test expects of the first trajectory."""
+def _expected_fit(draw: Draw, problem: Problem, there: bytes) -> Expected | None:
+    """What the fit test expects of the first trajectory; None at a fold of equilibria."""
     seen = np.frombuffer(there, dtype=bool).reshape(
         *problem.game.state_shape[:2], len(problem.noise_scale)
     )
-    return expected_of(problem, seen, sensitivities_of(draw, model)[0])
+    recording = true_recordings(draw)[0]
+    (expected,) = _expected(draw, problem.view)[:1]
+    y = np.where(seen, expected, np.nan)
+    place = density_of(problem, Observation(y)).place(
+        game_at(problem.game, recording.root, recording.scenario.theta)
+    )
+    return expected_at(place, seen) if place.possible[0] else None
 
 
 def _stored_extras(estimate: Estimate) -> str | None:

@@ -1,9 +1,12 @@
 """Whether noise explains what an estimate leaves of the observations: one test for all methods.
 
-Residuals over their noise scale and sigma have, if model and noise are as told, the covariance
-I - A with A = J (J'J + P)^-1 J'. J is the derivative of the expected samples in weights, unknowns
-and initial states over their noise, P the precision of what is known before. So fitted parameters
-are subtracted, as far as the data tell them. Three statistics, of each player and over all:
+Residuals are those of the posterior's peak (B1) near the estimate (``posterior_density``), so that
+the test is of the model and the noise, not of how well a method searches. Over their noise scale
+and sigma they have, if model and noise are as told, the covariance I - A with
+A = J (J'J + P)^-1 J'. J is the derivative of the expected samples over their noise, in coordinates
+of weights and unknowns whose prior is standard normal and in initial states; P is the precision of
+what is known before. So fitted parameters are subtracted, as far as the data tell them. Three
+statistics, of each player and over all:
 
 - the sum of squares: a model that does not fit, or a noise level that is too small or too large;
 - the sum of products of consecutive samples over that of squares: errors that follow each other;
@@ -21,13 +24,20 @@ import numpy as np
 from scipy.stats import pearson3, skew
 
 from olne_bench.estimators.protocol import FIT_LEVEL, Observation, Problem
-from olne_bench.estimators.shared.forward_model import game_of_motion, sample_sensitivity
+from olne_bench.estimators.shared.charts import NormalChart
+from olne_bench.estimators.shared.forward_model import SolvedGame, game_of_motion
+from olne_bench.estimators.shared.posterior_density import (
+    STEPS,
+    GameDensity,
+    Places,
+    climbed,
+    start_prior,
+)
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.game import Game
-from olne_bench.games.model.observation import observe
 from olne_bench.games.model.simplex import theta_tangent
 
-_DRAWS = 2000
+_DRAWS = 1000
 #: Level at which the number of independent statistics is found.
 _TAIL = 0.03
 #: Samples, less what was fitted, below which nothing can be tested.
@@ -212,34 +222,58 @@ def fit_test(
     known = game_of_motion(problem.game, states, theta)
     if known is None:
         return not_testable("the motion is no equilibrium at the weights")
-    try:
-        sensitivity = sample_sensitivity(problem, known)
-    except ValueError:
+    place = peak_near(problem, seen, known)
+    if place is None:
         return not_testable("the equilibrium is not a function of the weights")
-    expected = expected_of(problem, np.isfinite(seen.y), sensitivity)
-    residuals = residuals_of(problem, seen.y, known.root.states)
-    return expected.test(residuals, level_known=not problem.sigma_spread)
+    expected = expected_at(place, np.isfinite(seen.y))
+    return expected.test(residuals_at(place, seen.y), level_known=not problem.sigma_spread)
 
 
-def residuals_of(problem: Problem, y: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """(T, N, d) errors of expected samples over their noise; the noise is white."""
-    expected = observe(problem.view, problem.game.dynamics, states)
-    return np.asarray((y - expected) / np.array(problem.noise_scale) / problem.sigma)
+def density_of(problem: Problem, seen: Observation) -> GameDensity:
+    """The posterior (B1) of a problem with white noise."""
+    return GameDensity(problem, seen, NormalChart.of(problem), np.inf, start_prior(problem, seen))
 
 
-def expected_of(problem: Problem, seen: np.ndarray, sensitivity: np.ndarray) -> Expected:
-    """What the test expects of one trajectory.
+def peak_near(problem: Problem, seen: Observation, game: SolvedGame) -> Places | None:
+    """The peak of the posterior near a game; None at a fold of equilibria.
+
+    Args:
+        problem: what is known; its noise is white.
+        seen: what was seen.
+        game: where the search starts.
+    """
+    density = density_of(problem, seen)
+    place = density.place(game)
+    if not place.possible[0]:
+        return None
+    try:
+        return climbed(density, place, STEPS)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def residuals_at(place: Places, y: np.ndarray) -> np.ndarray:
+    """(T, N, d) errors over their noise at a place; NaN where a sample is missing."""
+    there, residuals = np.isfinite(y), np.full(y.shape, np.nan)
+    residuals[there] = -place.errors[0, : int(there.sum())]
+    return residuals
+
+
+def expected_at(place: Places, seen: np.ndarray) -> Expected:
+    """What the test expects of samples (T, N, d) that are there, near a place."""
+    count = int(seen.sum())
+    samples, prior = place.rows[0][:count], place.rows[0][count:]
+    return Expected.of(seen, samples, np.maximum((prior**2).sum(axis=0), _FLAT))
+
+
+def samples_left(problem: Problem, seen: np.ndarray, sensitivity: np.ndarray) -> float:
+    """Number of samples less what is fitted.
 
     Args:
         problem: what is known; its noise is white.
         seen: (T, N, d) which samples there are.
         sensitivity: (T*N*d, N*(K+U) + N*n) of ``sample_sensitivity``.
     """
-    return Expected.of(seen, *_fitted(problem, seen, sensitivity))
-
-
-def samples_left(problem: Problem, seen: np.ndarray, sensitivity: np.ndarray) -> float:
-    """Number of samples less what is fitted; arguments as of ``expected_of``."""
     free, precision = _fitted(problem, seen, sensitivity)
     sizes = np.linalg.svd(free / np.sqrt(precision), compute_uv=False)
     return float(len(free) - (sizes**2 / (sizes**2 + 1)).sum())

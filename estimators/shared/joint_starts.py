@@ -206,6 +206,17 @@ def largest_explicable(
     return float(assumed_sigma(problem) ** 2 * chdtri(max(1, seen), surprise))
 
 
+def unexplained(problem: Problem, error: float, ys: Sequence[np.ndarray]) -> str:
+    """One line if noise does not explain a squared error of samples (T, N, d); empty if it does."""
+    explicable = largest_explicable(problem, ys)
+    if error <= explicable:
+        return ""
+    return (
+        f"noise does not explain the squared error of {error:.3g}; it leaves at most "
+        f"{explicable:.3g}"
+    )
+
+
 class End(NamedTuple):
     """Of the optimum at which a start ended: what was minimised, and the squared error.
 

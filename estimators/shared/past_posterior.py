@@ -28,7 +28,7 @@ from olne_bench.estimators.shared.belief import (
 )
 from olne_bench.estimators.shared.forward_model import SolvedGame, expected_samples, fitted_game
 from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
-from olne_bench.estimators.shared.joint_starts import joint_attempts, largest_explicable
+from olne_bench.estimators.shared.joint_starts import joint_attempts
 from olne_bench.estimators.shared.joint_stream import FollowedOptimum
 from olne_bench.estimators.shared.white_noise import assumed_sigma
 from olne_bench.estimators.shared.window_starts import first_samples
@@ -262,17 +262,6 @@ def outset(
             games = FollowedGames(problem, found, deadline)
             return Outset(prior, games, first, PastPeaks(games, past))
     raise LostError("no equilibrium found near the samples")
-
-
-def unexplained(problem: Problem, error: float, y: np.ndarray) -> str:
-    """One line if noise does not explain a squared error of samples (T, N, d); empty if it does."""
-    explicable = largest_explicable(problem, [y])
-    if error <= explicable:
-        return ""
-    return (
-        f"noise does not explain the squared error of {error:.3g}; it leaves at most "
-        f"{explicable:.3g}"
-    )
 
 
 def beginning(y: np.ndarray) -> int:

@@ -110,7 +110,10 @@ def climbed(density: Density, place: Places, most: int, free: slice = slice(None
     """
     for _ in range(most):
         step, share = np.zeros(place.points.shape[1]), 1.0
-        step[free] = -np.linalg.lstsq(place.rows[0][:, free], place.errors[0])[0]
+        errors, rows = place.errors[0], place.rows[0][:, free]
+        step[free] = own = -np.linalg.lstsq(rows, errors)[0]
+        if np.sum(errors**2) - np.sum((errors + rows @ own) ** 2) < 2 * _FLAT:
+            return place
         before = place.log_density[0]
         while share > _SHORTEST:
             trial = density.reach(place.points + share * step, place)
@@ -127,6 +130,9 @@ def climbed(density: Density, place: Places, most: int, free: slice = slice(None
 
 #: Residuals of games, relative to the noise.
 _TOLERANCE = 1e-5
+
+#: Coordinates beyond have hardly any prior probability, and their weights are at the floor.
+_FARTHEST = 10.0
 
 #: Factorisations per game. Predictions are good where there is a game: 97 % take four at most (in
 #: the roundabout at 1 m). Two in five are beyond a fold there, and took four fifths of the time.
@@ -172,7 +178,9 @@ class GameDensity:
         return self._places(np.concatenate(start)[None], packed[None], np.ones(1, dtype=bool))
 
     def reach(self, points: np.ndarray, near: Places) -> Places:
-        """As of ``Density``; nothing is possible after the deadline."""
+        """As of ``Density``; nothing is possible after the deadline, or off the chart."""
+        on_chart = (np.abs(points[:, : self.chart.size]) <= _FARTHEST).all(axis=1)
+        points = np.where(on_chart[:, None], points, near.points)
         theta, start = self.split(points)
         old_theta, old_start = self.split(near.points)
         flat = len(points), -1
@@ -189,7 +197,8 @@ class GameDensity:
             max_iterations=_FACTORISATIONS,
             limit=max(0.0, self.deadline - time.monotonic()),
         )
-        return self._places(points, roots, residuals < max(self._tolerance, RESIDUAL_TOLERANCE))
+        solved = residuals < max(self._tolerance, RESIDUAL_TOLERANCE)
+        return self._places(points, roots, solved & on_chart)
 
     def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Theta (B, N, K + U) and x_1 (B, N, n) of points (B, d)."""

@@ -20,8 +20,9 @@ from olne_bench.estimators.shared.forward_model import (
     squared_error_of,
     warm_up_games,
 )
+from olne_bench.estimators.shared.joint_starts import unexplained
 from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
-from olne_bench.estimators.shared.past_posterior import Outset, outset, unexplained
+from olne_bench.estimators.shared.past_posterior import Outset, outset
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 
 
@@ -32,7 +33,7 @@ class FilterRun(ABC):
         online: mean weights (N, K) after each measurement so far.
         games: those of the last trajectory.
         belief: about the coordinates of weights and unknowns; None before the first trajectory.
-        message: one line if something is wrong.
+        message: one line if it failed.
     """
 
     games: FollowedGames
@@ -45,7 +46,7 @@ class FilterRun(ABC):
         self.belief: Gaussian | None = None
         self._first_states: np.ndarray | None = None
         self._trajectories = 0
-        self._objective, self.message = 0.0, ""
+        self._objective, self.message, self._remark = 0.0, "", ""
 
     @abstractmethod
     def filtered(self, begin: Outset, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -74,7 +75,7 @@ class FilterRun(ABC):
         states = begin.games.play(mean).root.states
         error = squared_error_of(problem, states, observation.y)
         if not self._peek:
-            self.message = self.message or unexplained(problem, error, observation.y)
+            self._remark = self._remark or unexplained(problem, error, [observation.y])
         self._objective += error
         self._first_states = states if self._first_states is None else self._first_states
         self.belief = Gaussian(mean[: begin.games.chart.size], covariance)
@@ -97,7 +98,7 @@ class FilterRun(ABC):
             parameters=games.parameters(belief.mean),
             parameter_deviations=games.parameter_deviations(belief),
             converged=not self.message,
-            message=self.message,
+            message="; ".join(filter(None, [self.message, self._remark])),
             extras=known | extras,
         )
 

@@ -16,12 +16,12 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import spsolve
 
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.constraints import refuse_constraints
 from olne_bench.games.model.dynamics import dynamics_errors
 from olne_bench.games.model.game import Game, player_cost, trajectory_symbols
+from olne_bench.games.solve.newton import pack
 
 
 @dataclass(frozen=True)
@@ -67,19 +67,6 @@ class KktSystem:
     def cost_function(self) -> ca.Function:
         """The players' costs as a function of (states, controls, weights), flat."""
         return ca.Function("J", [self.states, self.controls, self.weights], [self.costs])
-
-    @cached_property
-    def costate_function(self) -> ca.Function:
-        """(B, b) of the grad_x rows B lambda + b as a function of (states, controls, weights)."""
-        zero = ca.SX.zeros(self.costates.numel())
-        return ca.Function(
-            "grad_x",
-            [self.states, self.controls, self.weights],
-            [
-                ca.jacobian(self.stationarity_states, self.costates),
-                ca.substitute(self.stationarity_states, self.costates, zero),
-            ],
-        )
 
 
 @lru_cache(maxsize=64)
@@ -149,9 +136,11 @@ def consistent_costates(
 
     The grad_x rows of G are linear in the costates and triangular in time (the adjoint
     recursion), so every trajectory has exactly one such set. The grad_u rows then decide whether it
-    is an equilibrium.
+    is an equilibrium. Rows of constraints have the multipliers of ``newton.pack``.
     """
-    function = kkt_system(game).costate_function
-    matrix, offset = function(states.ravel(), controls.ravel(), weights.ravel())
-    costates = spsolve(csc_matrix(matrix), -np.array(offset).ravel())
-    return costates.reshape(states[1:].shape)
+    solver, nothing = elimination(game), np.zeros_like(states[1:])
+    theta, width = np.asarray(weights, dtype=float).ravel(), states[0].size
+    z = pack(game, states, controls, nothing, weights, solver)
+    for t in range(len(states) - 1, 0, -1):
+        z[t - 1, -width:] = -solver.evaluate(z, theta)[t, :width]
+    return z[:-1, -width:].reshape(states[1:].shape)

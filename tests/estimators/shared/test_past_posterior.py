@@ -8,13 +8,12 @@ import pytest
 from olne_bench.estimators.protocol import Observation
 from olne_bench.estimators.shared.belief import Gaussian, LateError, LostError
 from olne_bench.estimators.shared.forward_model import squared_error_of
-from olne_bench.estimators.shared.joint_starts import largest_explicable
+from olne_bench.estimators.shared.joint_starts import largest_explicable, unexplained
 from olne_bench.estimators.shared.past_posterior import (
     PastGames,
     PastPosterior,
     beginning,
     outset,
-    unexplained,
 )
 from olne_bench.estimators.shared.window_starts import first_samples
 
@@ -84,8 +83,8 @@ def test_the_most_probable_games_explain_the_samples_so_far(seen, view):
 def test_what_noise_does_not_explain_is_named(seen):
     problem, (observation,), _ = seen(1, sigma=0.05)
     most = largest_explicable(problem, [observation.y])
-    assert unexplained(problem, 0.9 * most, observation.y) == ""
-    assert "does not explain the squared error" in unexplained(problem, 1.1 * most, observation.y)
+    assert unexplained(problem, 0.9 * most, [observation.y]) == ""
+    assert "does not explain the squared error" in unexplained(problem, 1.1 * most, [observation.y])
 
 
 def test_nothing_begins_after_the_deadline_or_without_a_game(seen):
