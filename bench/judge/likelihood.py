@@ -4,16 +4,11 @@ import numpy as np
 
 from olne_bench.envs.recordings.recording import Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.charts import NormalChart
+from olne_bench.estimators.shared.fit_test import peak_near
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
 from olne_bench.estimators.shared.noise_level import with_told_noise
 from olne_bench.estimators.shared.outer_fit import HeldWeights, least_error, least_error_in
-from olne_bench.estimators.shared.posterior_density import (
-    STEPS,
-    GameDensity,
-    climbed,
-    start_prior,
-)
+from olne_bench.estimators.shared.posterior_density import STEPS, climbed, density_near
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.root_following import follow_root
@@ -93,20 +88,18 @@ def posterior_ratio(
     """
     white, (seen,) = with_white_noise(problem, (observation,))
     white = with_told_noise(white, estimate)
-    chart = NormalChart.of(white)
-    density = GameDensity(white, seen, chart, np.inf, start_prior(white, seen))
-    theta = estimate.theta(problem.game)
-    truth = density.place(game_at(problem.game, recording.root, recording.scenario.theta))
+    true_game = game_at(problem.game, recording.root, recording.scenario.theta)
+    density = density_near(white, seen, true_game.initial_state)
+    truth = density.place(true_game)
     if not truth.possible[0]:
         return None
     try:
-        held = climbed(density, truth, STEPS, slice(chart.free, None))
+        held = climbed(density, truth, STEPS, slice(density.chart.free, None))
         peaks = [climbed(density, held, STEPS)]
-        own = density.place(game_at(problem.game, found, theta))
-        if own.possible[0]:
-            peaks.append(climbed(density, own, STEPS))
+        own = peak_near(white, seen, game_at(problem.game, found, estimate.theta(problem.game)))
     except np.linalg.LinAlgError:
         return None
+    peaks += [] if own is None else [own]
     top = max(float(peak.log_density[0]) for peak in peaks)
     return 2 * (top - float(held.log_density[0]))
 

@@ -47,13 +47,13 @@ from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.fit_test import (
     Expected,
-    density_of,
     expected_at,
     peak_near,
     residuals_at,
 )
 from olne_bench.estimators.shared.forward_model import game_at, game_of_motion
 from olne_bench.estimators.shared.noise_level import with_told_noise
+from olne_bench.estimators.shared.posterior_density import density_near
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.observation import FullView, View, whitening
 from olne_bench.games.model.sensor import Layer, SensorModel
@@ -290,9 +290,8 @@ def _expected_fit(draw: Draw, problem: Problem, there: bytes) -> Expected | None
     recording = true_recordings(draw)[0]
     (expected,) = _expected(draw, problem.view)[:1]
     y = np.where(seen, expected, np.nan)
-    place = density_of(problem, Observation(y)).place(
-        game_at(problem.game, recording.root, recording.scenario.theta)
-    )
+    game = game_at(problem.game, recording.root, recording.scenario.theta)
+    place = density_near(problem, Observation(y), game.initial_state).place(game)
     return expected_at(place, seen) if place.possible[0] else None
 
 

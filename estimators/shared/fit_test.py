@@ -24,14 +24,12 @@ import numpy as np
 from scipy.stats import pearson3, skew
 
 from olne_bench.estimators.protocol import FIT_LEVEL, Observation, Problem
-from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_of_motion
 from olne_bench.estimators.shared.posterior_density import (
     STEPS,
-    GameDensity,
     Places,
     climbed,
-    start_prior,
+    density_near,
 )
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.game import Game
@@ -229,11 +227,6 @@ def fit_test(
     return expected.test(residuals_at(place, seen.y), level_known=not problem.sigma_spread)
 
 
-def density_of(problem: Problem, seen: Observation) -> GameDensity:
-    """The posterior (B1) of a problem with white noise."""
-    return GameDensity(problem, seen, NormalChart.of(problem), np.inf, start_prior(problem, seen))
-
-
 def peak_near(problem: Problem, seen: Observation, game: SolvedGame) -> Places | None:
     """The peak of the posterior near a game; None at a fold of equilibria.
 
@@ -242,7 +235,7 @@ def peak_near(problem: Problem, seen: Observation, game: SolvedGame) -> Places |
         seen: what was seen.
         game: where the search starts.
     """
-    density = density_of(problem, seen)
+    density = density_near(problem, seen, game.initial_state)
     place = density.place(game)
     if not place.possible[0]:
         return None

@@ -23,7 +23,7 @@ lane, where a player keeps one (0.1 rad), or else around that of its first sampl
 """
 
 import time
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Protocol
 
@@ -150,6 +150,13 @@ class StartPrior:
 
     mean: np.ndarray
     deviation: np.ndarray
+
+    def near(self, start: np.ndarray, heading: int) -> "StartPrior":
+        """The same prior with headings, in a column of the state, within half a turn of a start."""
+        mean = self.mean.copy()
+        away = (start[:, heading] - mean[:, heading]) / (2 * np.pi)
+        mean[:, heading] += 2 * np.pi * np.round(away)
+        return replace(self, mean=mean)
 
 
 @dataclass(frozen=True)
@@ -322,6 +329,19 @@ def _shape(problem: Problem) -> tuple[int, ...]:
 def _width(problem: Problem) -> int:
     """N*n."""
     return int(np.prod(_shape(problem)))
+
+
+def density_near(
+    problem: Problem, observation: Observation, start: np.ndarray, deadline: float = np.inf
+) -> GameDensity:
+    """The posterior (B1) of a problem with white noise, for motions that begin near a state (N, n).
+
+    Headings count whole turns, which no observation shows: those of the prior are of the start's.
+    """
+    prior, names = start_prior(problem, observation), problem.game.dynamics.state_names
+    if prior is not None and "heading" in names:
+        prior = prior.near(start, names.index("heading"))
+    return GameDensity(problem, observation, NormalChart.of(problem), deadline, prior)
 
 
 #: Deviations: this share of a way or a speed, and as many radians.
