@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import lru_cache
+from importlib.machinery import BYTECODE_SUFFIXES, EXTENSION_SUFFIXES, SOURCE_SUFFIXES
 from pathlib import Path
 
 from olne_bench.bench.plan.source_summary import Summary, summarised
@@ -23,6 +24,8 @@ _OF_NO_RESULT = {
     "olne_bench.bench.process.child",
 }
 _NO_DATA = {".py", ".pyc", ".pyo", ".so", ".pyd"}
+#: Ends of names of modules, in the order in which Python looks for them.
+_MODULES = (*EXTENSION_SUFFIXES, *SOURCE_SUFFIXES, *BYTECODE_SUFFIXES)
 LENGTH = 12
 
 
@@ -90,9 +93,11 @@ def _folder(name: str, roots: Mapping[str, Path], own: Path | None) -> Path | No
 @lru_cache(maxsize=8192)
 def _locate(folder: Path, name: str) -> Path | None:
     path = folder.joinpath(*name.split("."))
-    for candidate in (path / "__init__.py", path.with_name(f"{path.name}.py")):
-        if candidate.is_file():
-            return candidate
+    for stem in (path / "__init__", path):
+        for suffix in _MODULES:
+            candidate = stem.with_name(f"{stem.name}{suffix}")
+            if candidate.is_file():
+                return candidate
     return None
 
 

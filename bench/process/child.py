@@ -6,6 +6,7 @@ that die with their process. Each child has its own socket and session, so child
 """
 
 import math
+import os
 import pickle
 import secrets
 import signal
@@ -172,6 +173,8 @@ class Child:
         now = time.monotonic()
         self._deadline = now + (seconds if self._ready else START_LIMIT)
         self._next_look = now + _MEMORY_SECONDS
+        if self.served and self._alone:
+            self._signal(signal.SIGCONT)
         with suppress(ClosedError):  # it is dead already, which ``poll`` will find
             self.channel.send(pickle.dumps((self._token, function, arguments)), _SEND_SECONDS)
 
@@ -282,8 +285,9 @@ class Child:
         self.busy = False
         self.served += 1
         assert self._process is not None
-        alone = self._restricted and not self._has_children
-        left = alone and has_descendants(self._process.pid)
+        if self._alone:
+            self._signal(signal.SIGSTOP)  # none of its threads works while nobody counts the time
+        left = self._alone and has_descendants(self._process.pid)
         if isinstance(message, Raised):
             self._retire(left or message.kind == "memory")
             return _raise(message, self._memory)
@@ -296,6 +300,16 @@ class Child:
         if left:
             raise LeftProcessesError("left processes running: what it starts has to end with it")
         return value
+
+    @property
+    def _alone(self) -> bool:
+        """Whether it may have no other process when its work is done."""
+        return self._restricted and not self._has_children
+
+    def _signal(self, number: signal.Signals) -> None:
+        assert self._process is not None
+        with suppress(ProcessLookupError):
+            os.kill(self._process.pid, number)
 
     def _retire(self, unfit: bool) -> None:
         if unfit:

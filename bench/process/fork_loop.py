@@ -30,8 +30,15 @@ from olne_bench.bench.process.family import (
     end_with_parent,
     has_descendants,
     kill_descendants,
+    kill_sandbox,
 )
-from olne_bench.bench.process.sandbox import allow_reading, enforce, restrict, rules_for
+from olne_bench.bench.process.sandbox import (
+    allow_reading,
+    enforce,
+    restrict,
+    rules_for,
+    scopes_signals,
+)
 from olne_bench.errors import UserError
 from olne_bench.games.compiled.compiler import backend
 
@@ -102,6 +109,7 @@ def serve(descriptor: int) -> None:
     adopt_orphans()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    parent, confined = os.getppid(), False
     with suppress(OSError):
         start, _ = receive(control, None)
         readable, listable = ([*map(Path, start[kind])] for kind in ("readable", "listable"))
@@ -112,21 +120,29 @@ def serve(descriptor: int) -> None:
         except OSError as error:
             send(control, {"refused": str(error)})
             return
+        confined = scopes_signals() and not _can_signal(parent)
+        own = _shared()
         _import(start["modules"])
         with suppress(UserError):
             backend()  # it asks the compiler, which takes longer than a fork
-        send(control, {"threads": _threads()})
+        send(control, {"shared": _shared() - own})
         while True:
-            asked, descriptors = receive(control, None)
-            if "fork" in asked:
-                order = Order(**asked["fork"])
-                send(control, {"pid": _fork(control, top, order, *descriptors)})
-            elif "end" in asked:
-                send(control, {"code": _wait(asked["end"])})
-            else:
-                _import(name for name in asked["import"] if _is_library(name))
-                send(control, {"threads": _threads()})
-    kill_descendants(os.getpid())
+            _obey(control, top, confined, own)
+    _end_forks(confined)
+    os._exit(0)
+
+
+def _obey(control: socket.socket, top: list[Path], confined: bool, own: int) -> None:
+    """Do what the parent asks for next; ``own`` is ``_shared`` before libraries were imported."""
+    asked, descriptors = receive(control, None)
+    if "fork" in asked:
+        order = Order(**asked["fork"])
+        send(control, {"pid": _fork(control, top, order, *descriptors)})
+    elif "end" in asked:
+        send(control, {"code": _wait(asked["end"], confined)})
+    else:
+        _import(name for name in asked["import"] if _is_library(name))
+        send(control, {"shared": _shared() - own})
 
 
 def _import(names: Any) -> None:
@@ -172,14 +188,26 @@ def _installed_plugins() -> frozenset[str]:
     return frozenset(file.parts[0].removesuffix(".py") for file in files) - {"olne_bench"}
 
 
-def _threads() -> int:
-    """Number of threads of this process: a process with several cannot be forked safely."""
+def _shared() -> int:
+    """Number of threads and open files of this process.
+
+    With several threads it cannot be forked safely. All forks have one place in an open file, and
+    one set of its flags, which they would remember.
+    """
     try:
-        return len(os.listdir("/proc/self/task"))  # noqa: PTH208
+        return sum(len(os.listdir(f"/proc/self/{kind}")) for kind in ("task", "fd"))  # noqa: PTH208
     except OSError:
         import threading
 
         return threading.active_count()
+
+
+def _can_signal(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except PermissionError:
+        return False
+    return True
 
 
 def _fork(control: socket.socket, top: list[Path], order: Order, connection: int, log: int) -> int:
@@ -209,8 +237,10 @@ def _move_in(server: int, order: Order, log: int, rules: int | None) -> None:
     os.setsid()
     adopt_orphans()
     end_with_parent(server)
-    for descriptor in (1, 2):
-        os.dup2(log, descriptor)
+    empty = os.open(os.devnull, os.O_RDWR)  # flags of the server's would be seen by the next fork
+    for descriptor, file in ((0, empty), (1, log), (2, log)):
+        os.dup2(file, descriptor)
+    os.close(empty)
     os.close(log)
     os.umask(0o077)
     os.chdir(order.folder)
@@ -238,19 +268,28 @@ def _places(top: list[Path], order: Order) -> list[Path]:
     return [*rest, *(Path("/proc", name) for name in _MACHINE)]
 
 
-def _wait(pid: int) -> int:
+def _wait(pid: int, confined: bool) -> int:
     """Exit code of a fork that was killed, negative for a signal. What it has left ends as well."""
     try:
         _, status = os.waitpid(pid, 0)
         code = os.waitstatus_to_exitcode(status)
     except ChildProcessError:
         code = -int(signal.SIGKILL)
-    if has_descendants(os.getpid()):
-        kill_descendants(os.getpid())
+    _end_forks(confined)
+    return code
+
+
+def _end_forks(confined: bool) -> None:
+    """End all that forks have left; ``confined`` says that this process can signal no others."""
+    if not has_descendants(os.getpid()):
+        return
+    if confined:
+        kill_sandbox()
+        return
+    kill_descendants(os.getpid())
     with suppress(ChildProcessError):
         while os.waitpid(-1, os.WNOHANG)[0]:
             pass
-    return code
 
 
 def as_request(order: Order) -> dict[str, Any]:

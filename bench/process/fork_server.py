@@ -3,6 +3,7 @@
 import os
 import select
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -21,11 +22,14 @@ from olne_bench.bench.process.family import has_ended, kill_family
 from olne_bench.bench.process.fork_loop import Order, as_request
 from olne_bench.bench.process.messages import StartError
 from olne_bench.bench.process.reachable import Reach
+from olne_bench.bench.process.sandbox import scopes_signals
 from olne_bench.games.compiled.compiler import reader_environment
 from olne_bench.visible import visible
 
 #: How long a server may take for an answer once it has started [s].
 _ANSWER_SECONDS = 60.0
+#: How long a server may take to end its forks and itself [s].
+_END_SECONDS = 2.0
 #: How often a process is looked at while its end is waited for [s].
 _LOOK_SECONDS = 0.005
 #: Most of what one process prints that a log keeps [bytes].
@@ -93,7 +97,11 @@ class Forked:
             return
         self._stopped = True
         with suppress(ServerGoneError):
-            kill_family(self.pid)
+            if scopes_signals():  # the server ends its descendants, and can do so at once
+                with suppress(ProcessLookupError):
+                    os.kill(self.pid, signal.SIGKILL)
+            else:
+                kill_family(self.pid)
             self._server.end(self)
         self.channel.close()
 
@@ -128,7 +136,6 @@ class ForkServer:
         """
         self._log = log
         self._home = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        self._number = 0
         #: Kinds of answers to come, and the process that is gone with one.
         self._waiting: deque[tuple[str, Forked | None]] = deque()
         ours, theirs = socket.socketpair()
@@ -149,7 +156,7 @@ class ForkServer:
         self._forks: list[Forked] = []
         self.exit_code = 0
         self._ask(
-            "threads",
+            "shared",
             {
                 "readable": [str(place) for place in reach.readable],
                 "listable": [str(place) for place in reach.listable],
@@ -165,9 +172,7 @@ class ForkServer:
             memory: limit [bytes] of its data, None for no limit.
             has_children: whether it starts fork servers itself.
         """
-        self._number += 1
-        folder = Path(self._home.name, str(self._number))
-        folder.mkdir()
+        folder = Path(tempfile.mkdtemp(dir=self._home.name))  # its name tells no number of trials
         ours, theirs = socket.socketpair()
         log = folder.with_suffix(".log").open("w+b", buffering=0)
         order = Order(str(folder), memory, has_children)
@@ -183,10 +188,10 @@ class ForkServer:
         Raises:
             ServerGoneError: if the server did not survive this, or cannot be forked any more.
         """
-        self._ask("threads", {"import": list(names)})
-        if self.answer("threads", _ANSWER_SECONDS) > 1:
+        self._ask("shared", {"import": list(names)})
+        if self.answer("shared", _ANSWER_SECONDS) > 0:
             self.stop()
-            raise ServerGoneError("a library has started threads")
+            raise ServerGoneError("a library has started threads or opened files")
 
     def answer(self, kind: str, seconds: float) -> int:
         """The next answer of a kind; those before it are read as well.
@@ -241,9 +246,14 @@ class ForkServer:
         """End the server and all its forks without waiting for answers."""
         if self._control.fileno() < 0:
             return
-        kill_family(self._process.pid)
-        self.exit_code = self._process.wait()
+        killed = not self.ended()
         self._control.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_END_SECONDS)  # it ends with its forks
+        if not self.ended():
+            kill_family(self._process.pid)
+        code = self._process.wait()
+        self.exit_code = -signal.SIGKILL if killed else code
         for forked in self._forks:
             self._keep(forked.clear())
         self._forks.clear()

@@ -135,9 +135,12 @@ def _beside(file: Path) -> Iterator[Path]:
 
     That is: files beside it, folders beside it with Python modules, and folders beside it whose
     names begin with its own, for its data. So runs and other work in the same folder stay closed.
+    A link is not followed: whoever wrote the plugin may have made it lead to files of the user.
     """
+    yield file
     for place in _visible(file.parent):
-        if place.is_file() or _is_importable(place) or place.name.startswith(file.stem):
+        named = place.is_file() or _is_importable(place) or place.name.startswith(file.stem)
+        if named and not place.is_symlink():
             yield place
 
 

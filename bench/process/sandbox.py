@@ -55,6 +55,11 @@ def landlock_version() -> int:
     return max(0, int(_libc().syscall(_CREATE_RULESET, None, 0, _VERSION_FLAG)))
 
 
+def scopes_signals() -> bool:
+    """Whether a restricted process cannot send signals to those outside of its sandbox."""
+    return landlock_version() >= _FIRST_WITH_SCOPES
+
+
 def restrictions() -> tuple[str, ...]:
     """What a sandbox denies foreign code on this machine."""
     version, filtered = landlock_version(), filters_system_calls()
@@ -65,7 +70,7 @@ def restrictions() -> tuple[str, ...]:
         found += ["TCP connections"]
     if filtered:
         found += ["all other connections", "shared memory and queues", "files' owners and times"]
-    if version >= _FIRST_WITH_SCOPES:
+    if scopes_signals():
         found += ["signals to other processes"]
     return tuple(found)
 

@@ -117,6 +117,9 @@ def _copy_plugins(places: dict[str, str], target: Path) -> None:
     for reference, place in places.items():
         first, *others = files_of(ESTIMATOR, reference)
         for file in (first, *others):
+            outside = not file.resolve().is_relative_to(first.parent.resolve())
+            if outside and file != first:
+                raise UserError(f"{file} is a link out of its folder: put the file in its place")
             copy = (target / place).parent / file.relative_to(first.parent)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, copy)

@@ -137,6 +137,14 @@ def _keep_hint():
         fcntl.fcntl(file, 1036, (3).to_bytes(8, sys.byteorder))  # F_SET_RW_HINT
 
 
+def _recall_flags():
+    return SECRET if fcntl.fcntl(0, fcntl.F_GETFL) & os.O_APPEND else b""
+
+
+def _keep_flags():
+    fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_APPEND)
+
+
 PLACES = {
     "module": (lambda: _kept.get("a", b""), lambda: _kept.update(a=SECRET)),
     "class": (lambda: Remembers.kept, lambda: setattr(Remembers, "kept", SECRET)),
@@ -173,6 +181,7 @@ PLACES = {
     "priority of its parent": (_recall_priority, _keep_priority),
     "processor of its parent": (_recall_processor, _keep_processor),
     "version of its file": (_recall_version, _keep_version),
+    "flags of its input": (_recall_flags, _keep_flags),
     "hint on its file": (_recall_hint, _keep_hint),
     "log": (lambda: Path("/proc/self/fd/1").read_bytes(), lambda: print(SECRET.decode())),
 }

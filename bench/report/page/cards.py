@@ -42,7 +42,7 @@ def card_of(entry: EstimatorEntry) -> Card:
     try:
         module, path = source(ESTIMATOR, entry.name)
         said = docstring(path, entry.name.rpartition(".py:")[2] if own else entry.name)
-    except (UserError, OSError, ValueError, SyntaxError) as error:
+    except (UserError, OSError, ValueError, SyntaxError, RecursionError, MemoryError) as error:
         what = f"its file {origin}" if own else f"the estimator {entry.name}"
         reason = error.strerror if isinstance(error, OSError) else "not found, or no Python"
         return replace(plain, missing=f"{what} is not here: {reason}")
@@ -57,7 +57,8 @@ def card_of(entry: EstimatorEntry) -> Card:
 def docstring(path: Path, name: str) -> str:
     """The docstring of a module, or else of an estimator's class in it; empty if there is none.
 
-    OSError, ValueError or SyntaxError if the file cannot be read as Python.
+    OSError, ValueError, SyntaxError, or (if it is nested too deep) RecursionError or MemoryError
+    if the file cannot be read as Python.
     """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     said = ast.get_docstring(tree)

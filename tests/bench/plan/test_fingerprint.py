@@ -1,5 +1,6 @@
 """A fingerprint changes with the code, but not with its comments, docstrings or formatting."""
 
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import pytest
@@ -20,10 +21,11 @@ FILES = {
     "main.py": MAIN,
     "helper.py": "from deep import part\ndef factor():\n    return part.x\n",
     "deep/__init__.py": "",
-    "deep/part.py": "from . import other\nx = 1\n",
+    "deep/part.py": "import fast\nfrom . import other\nx = 1\n",
     "deep/other.py": "y = 1\nworld = 'world_v0'\n",
     "olne_bench/envs/world_v0.py": "w = 1\n",
     "unrelated.py": "z = 1\n",
+    f"fast{EXTENSION_SUFFIXES[0]}": "1 machine code",
     "main.npz": "data",
     "table.csv": "data",
     "more/table.csv": "data",
@@ -58,6 +60,7 @@ def taken(folder, tmp_path_factory):
         ("deep/other.py", "y = 1", "y = 2", True),
         ("deep/__init__.py", "", "import os", True),
         ("olne_bench/envs/world_v0.py", "w = 1", "w = 2", True),
+        (f"fast{EXTENSION_SUFFIXES[0]}", "1", "2", True),
         ("main.npz", "data", "other data", True),
         ("table.csv", "data", "other data", True),
         ("more/table.csv", "data", "other data", True),

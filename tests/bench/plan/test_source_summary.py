@@ -66,6 +66,8 @@ OTHER = {
     "f-string": ("f'{a}{b}'", "f'{a}:{b}'"),
     "format": ("f'{a:3}'", "f'{a:4}'"),
     "no format": ("f'{a:3}'", "f'{a}'"),
+    "docstring that is read": ("'a'\neval(__doc__)", "'b'\neval(__doc__)"),
+    "docstring of a class": ("class A: 'a'\neval(A.__doc__)", "class A: 'b'\neval(A.__doc__)"),
 }
 
 
@@ -74,6 +76,12 @@ OTHER = {
 def test_other_code_has_another_digest(case):
     one, other = (summarised(text.encode()).code for text in OTHER[case])
     assert one != other
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("text", ["x = " + "-" * 100_000 + "1", "x" + ".a" * 100_000])
+def test_code_that_is_nested_too_deep_is_no_code(text):
+    assert summarised(text.encode()).code is None
 
 
 @pytest.mark.usefixtures("folder")

@@ -1,6 +1,10 @@
 """The fork server: forks are alike, end with their trial, and a server that fails is replaced."""
 
+import _thread
+import ctypes
 import os
+import shutil
+import subprocess
 import sys
 import sysconfig
 import time
@@ -11,9 +15,10 @@ import psutil
 import pytest
 
 from olne_bench.bench.process import fork_loop, fork_server
-from olne_bench.bench.process.child import Child, DiedError
+from olne_bench.bench.process.child import Child, DiedError, LeftProcessesError
 from olne_bench.bench.process.family import has_ended
 from olne_bench.bench.process.messages import StartError
+from olne_bench.bench.process.sandbox import landlock_version
 
 
 def loaded(name: str) -> bool:
@@ -60,18 +65,21 @@ def test_libraries_are_imported_once(child):
     assert not child.call(loaded, "no_such_module", kind=bool, seconds=5)
 
 
-@pytest.fixture
-def installed():
+@pytest.fixture(
+    params=[
+        "import threading, time\nthreading.Thread(target=time.sleep, args=[60]).start()\n",
+        "kept = open('/dev/null')\n",
+    ]
+)
+def installed(request):
     """A module among the installed ones."""
-    file = Path(sysconfig.get_path("purelib"), f"olne_test_threaded_{os.getpid()}.py")
-    file.write_text(
-        "import threading, time\nthreading.Thread(target=time.sleep, args=[60]).start()\n"
-    )
+    file = Path(sysconfig.get_path("purelib"), f"olne_test_sharing_{os.getpid()}.py")
+    file.write_text(request.param)
     yield file.stem
     file.unlink()
 
 
-def test_a_library_that_starts_threads_is_left_to_the_forks(child, installed):
+def test_a_library_that_forks_would_share_is_left_to_them(child, installed):
     server = child.call(parent, kind=int, seconds=5)
     child.load([installed])
     assert has_ended(server)
@@ -152,6 +160,64 @@ def test_the_folder_of_a_server_goes_with_it(child):
     assert folder.is_dir()
     child.stop()
     assert not folder.exists()
+
+
+FAST = """
+#define _GNU_SOURCE
+#include <sched.h>
+#include <signal.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+static char stacks[2][8192] __attribute__((aligned(64)));
+static int step(void *turn) {
+    long next = 1 - (long)turn;
+    clone(step, stacks[next] + 8000, CLONE_VM | SIGCHLD, (void *)next);
+    syscall(SYS_exit, 0);
+    return 0;
+}
+void start(void) {
+    if (fork()) return;
+    clone(step, stacks[0] + 8000, CLONE_VM | SIGCHLD, (void *)0);
+    _exit(0);
+}
+"""
+
+
+def start_fast_chain() -> int:
+    """Start a process that forks and ends, for ever, thousands of times a second."""
+    Path("fast.c").write_text(FAST)
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", "fast.so", "fast.c"], check=True)
+    ctypes.CDLL(os.path.abspath("fast.so")).start()  # noqa: PTH100
+    return 1
+
+
+@pytest.mark.skipif(landlock_version() < 6 or not shutil.which("cc"), reason="needs Linux 6.12")
+def test_a_family_that_forks_faster_than_it_is_found_ends(child):
+    server = child.call(parent, kind=int, seconds=5)
+    with pytest.raises(LeftProcessesError):
+        child.call(start_fast_chain, kind=int, seconds=30)
+    began = time.monotonic()
+    pid = child.call(os.getpid, kind=int, seconds=60)
+    assert time.monotonic() - began < 20
+    assert psutil.Process(server).children(recursive=True) == [psutil.Process(pid)]
+
+
+def work_on() -> int:
+    """Start a thread that works, in a way that ``threading`` does not know of."""
+
+    def work() -> None:
+        while True:
+            pass
+
+    _thread.start_new_thread(work, ())
+    return 1
+
+
+def test_no_thread_works_between_two_pieces_of_work(child):
+    child.call(work_on, kind=int, seconds=5)
+    before = child.call(time.process_time, kind=float, seconds=5)
+    time.sleep(1.0)
+    assert child.call(time.process_time, kind=float, seconds=5) - before < 0.5
 
 
 def test_a_server_has_one_thread(child):

@@ -145,6 +145,8 @@ def hidden(tmp_path):
     (tmp_path / "plugin_data" / "network").write_text("open")
     (tmp_path / "plugin.py").write_text("")
     (tmp_path / "link").symlink_to(folder)
+    (tmp_path / "note").symlink_to(tmp_path / "runs" / "notes")
+    (tmp_path / "plugin_all").symlink_to("/")
     return folder
 
 
@@ -165,7 +167,8 @@ def test_files_are_read_by_a_list(child, hidden):
     beside = ("data", "plugin.py", "helpers/one.py", "plugin_data/network")
     for path in (*(home / name for name in beside), os.__file__, np.__file__, __file__):
         child.call(read, str(path), kind=str, seconds=5)
-    secret = ("runs/one/secret", "link/secret", "runs/notes", ".git/object", "suite.draws")
+    secret = ["runs/one/secret", "link/secret", "runs/notes", ".git/object", "suite.draws"]
+    secret += ["note", "plugin_all/etc/shadow"]
     for path in (*(home / name for name in secret), "/etc/shadow", "/etc/hostname"):
         refuses(child, read, str(path))
 

@@ -25,7 +25,7 @@ from olne_bench.bench.submission.drawn import DrawnErrors
 from olne_bench.bench.submission.files import digest
 from olne_bench.bench.submission.fresh import FreshErrors
 from olne_bench.bench.submission.manifest import MANIFEST, PLUGINS, ROWS, read_submission
-from olne_bench.bench.submission.pack import _plugin_places
+from olne_bench.bench.submission.pack import _copy_plugins, _plugin_places
 from olne_bench.bench.submission.played import played_study
 from olne_bench.bench.submission.rows import read_rows
 from olne_bench.bench.submission.verify import Verdict, plugins_alone
@@ -400,6 +400,16 @@ def test_plugins_of_one_name_go_to_folders_of_their_own(tmp_path: Path) -> None:
         "plugins/drawn_too/drawn_too.py:Drawn",
     ]
     assert list(places) == [f"{file}:Drawn" for file in files]
+
+
+def test_what_a_link_leads_to_is_not_packed(tmp_path: Path) -> None:
+    plugin = tmp_path / "mine" / "drawn.py"
+    plugin.parent.mkdir()
+    plugin.write_text(PLUGIN.replace("from beside import LEAST", "LEAST = 0.5"))
+    (tmp_path / "key").write_text("secret")
+    plugin.with_suffix(".key").symlink_to(tmp_path / "key")
+    with pytest.raises(UserError, match="is a link out of its folder"):
+        _copy_plugins({f"{plugin}:Drawn": "plugins/drawn/drawn.py"}, tmp_path / "out")
 
 
 @pytest.mark.parametrize("beyond", [0, 1])
