@@ -15,7 +15,7 @@ with the equilibrium x(theta, x_1) that is followed from one that explains the o
 2. Fits of perturbed observations from all peaks are independent points of a known density, which
    follows the bends of (B1); further fits start where they miss it (``perturbed_fits``).
 3. The points are resampled by their importance weights. Where these leave fewer than 400 effective
-   points (0.8 ``enough``), their powers are used that leave so many: the samples are then wider
+   points (``enough``), their powers are used that leave so many: the samples are then wider
    than the posterior, and the message says so. Where hardly a fit ends, they are Laplace's
    approximation of the most probable peak.
 
@@ -65,9 +65,6 @@ from olne_bench.estimators.shared.posterior_density import (
 )
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 
-#: Effective samples of an answer, if need be of a wider density: a share of those that suffice.
-_LEAST_SHARE = 0.8
-
 #: Fits that have to end for an answer from them.
 _FEWEST = 40
 
@@ -102,7 +99,7 @@ class Posterior:
     first: int = 300
     more: int = 150
     most: int = 2400
-    enough: float = 500.0
+    enough: float = 400.0
     count: int = 1000
 
     def __post_init__(self) -> None:
@@ -231,7 +228,7 @@ class Posterior:
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Points (M, d), their weights (M,), and the power of the density that they stand for."""
         if np.isfinite(fits.log_weights).sum() >= _FEWEST:
-            shares, power = fits.tempered(_LEAST_SHARE * self.enough)
+            shares, power = fits.tempered(self.enough)
             return fits.points, shares, power
         away = np.linalg.solve(peak.triangle, rng.standard_normal((peak.size, self.count))).T
         return peak.place.points + away, np.full(self.count, 1 / self.count), 0.0
@@ -242,7 +239,7 @@ class Posterior:
         if power < 1:
             said.append(
                 f"the samples are wider than the posterior: it has {fits.effective:.0f} effective "
-                f"samples of {_LEAST_SHARE * self.enough:g}"
+                f"samples of {self.enough:g}"
             )
         if late:
             said.append("time limit reached")

@@ -181,7 +181,11 @@ class NormalChart:
         CasADi has no incomplete beta function. Its inverse has the slope of one density over the
         other, and shares are products of what is broken off and left.
         """
-        shares, broken, left = self._shares(points)
+        return self._jacobian(points, *self._shares(points))
+
+    def _jacobian(
+        self, points: np.ndarray, shares: np.ndarray, broken: np.ndarray, left: np.ndarray
+    ) -> np.ndarray:
         first, second = self._shapes()
         logs = xlogy(first - 1, broken) + xlogy(second - 1, left) - betaln(first, second)
         slope = np.exp(_log_normal(self._sticks(points)) - logs)
@@ -207,6 +211,13 @@ class NormalChart:
                 high - low
             ) * np.exp(_log_normal(unknown) - _log_normal(standardised))
         return np.asarray(found.reshape(*points.shape[:-1], -1, self.size))
+
+    def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``theta`` and ``jacobian`` of points (..., size), at the cost of one of them."""
+        known = self._shares(points)
+        weights = self.floor + self._above * known[0]
+        theta = np.concatenate([weights, self.standardised(points)], axis=-1)
+        return theta, self._jacobian(points, *known)
 
     def tilt(self, points: np.ndarray) -> np.ndarray:
         """Log (...) of the prior's density over that of the chart, at points (..., size)."""

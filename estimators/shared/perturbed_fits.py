@@ -20,6 +20,7 @@ a point that is drawn with the probability w^2 / sum w^2, its part in the loss o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
@@ -140,8 +141,8 @@ class Fits:
 
     @property
     def effective(self) -> float:
-        """Effective sample size, 1 / sum w^2."""
-        return effective_sample_size(self.log_weights)
+        """Effective sample size 1 / sum w^2 of the ``shares``."""
+        return effective_sample_size(self._cut)
 
     @property
     def lost(self) -> float:
@@ -151,17 +152,23 @@ class Fits:
     @property
     def shares(self) -> np.ndarray:
         """(M,) weights that sum to one, cut at their mean times sqrt(M) (Ionides 2008)."""
-        return self.tempered(0.0)[0]
+        return np.asarray(np.exp(self._cut))
 
     def tempered(self, enough: float) -> tuple[np.ndarray, float]:
         """As ``shares``, to the largest power up to one that leaves ``enough`` effective; and it.
 
         Weights of a power below one stand for a density between pi and q, which is wider than pi.
         """
-        powers, power = tempered(self.log_weights, enough)
-        powers = powers - logsumexp(powers)
-        powers = np.minimum(powers, -np.log(len(powers)) / 2)
+        powers, power = tempered(self._cut, enough)
         return np.asarray(np.exp(powers - logsumexp(powers))), power
+
+    @cached_property
+    def _cut(self) -> np.ndarray:
+        """Logarithms (M,) of ``shares``."""
+        if not np.isfinite(self.log_weights).any():
+            return self.log_weights
+        cut = np.minimum(self.log_weights, -np.log(len(self.log_weights)) / 2)
+        return np.asarray(cut - logsumexp(cut))
 
     @property
     def split_r_hat(self) -> float:

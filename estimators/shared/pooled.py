@@ -246,7 +246,7 @@ class SharedDensity:
         whole = np.hstack(errors)
         whole[~possible] = 0.0
         tilts = self.chart.tilt(points[:, :free])
-        return Places(points, whole, joined, possible, roots, none, tilts)
+        return Places(points, whole, joined, possible, roots, none, tilts, none)
 
 
 def _stacked(places: Sequence[Places]) -> Places:

@@ -65,6 +65,7 @@ class Places:
         roots: (B, ...) what further points are followed from; only the density reads it.
         responses: (B, ...) its derivative, or (B,) objects that hold one each.
         tilts: (B,) what the log of the density has beside -|F|^2 / 2.
+        details: (B, ...) what else only the density reads.
     """
 
     points: np.ndarray
@@ -74,6 +75,7 @@ class Places:
     roots: np.ndarray
     responses: np.ndarray
     tilts: np.ndarray
+    details: np.ndarray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -182,17 +184,19 @@ class GameDensity:
         root = game.root
         start = self.chart.point(game.theta), root.states[0].ravel()
         packed = pack(self.problem.game, root.states, root.controls, root.costates, game.theta)
-        return self._places(np.concatenate(start)[None], packed[None], np.ones(1, dtype=bool))
+        points = np.concatenate(start)[None]
+        known = self.chart.at(points[:, : self.chart.size])
+        return self._places(points, packed[None], np.ones(1, dtype=bool), *known)
 
     def reach(self, points: np.ndarray, near: Places) -> Places:
         """As of ``Density``; nothing is possible after the deadline, or off the chart."""
         on_chart = (np.abs(points[:, : self.chart.size]) <= _FARTHEST).all(axis=1)
         points = np.where(on_chart[:, None], points, near.points)
-        theta, start = self.split(points)
-        old_theta, old_start = self.split(near.points)
+        theta, jacobian = self.chart.at(points[:, : self.chart.size])
+        start, old_start = points[:, self.chart.size :], near.points[:, self.chart.size :]
         flat = len(points), -1
-        before = np.hstack([old_start.reshape(flat), old_theta.reshape(flat)])
-        after = np.hstack([start.reshape(flat), theta.reshape(flat)])
+        before = np.hstack([old_start, near.details.reshape(flat)])
+        after = np.hstack([start, theta.reshape(flat)])
         roots, width = near.roots.copy(), _width(self.problem)
         for root, response, change in zip(roots, near.responses, after - before, strict=True):
             root += response @ change.astype(np.float32)
@@ -205,7 +209,7 @@ class GameDensity:
             limit=max(0.0, self.deadline - time.monotonic()),
         )
         solved = residuals < max(self._tolerance, RESIDUAL_TOLERANCE)
-        return self._places(points, roots, solved & on_chart)
+        return self._places(points, roots, solved & on_chart, theta, jacobian)
 
     def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Theta (B, N, K + U) and x_1 (B, N, n) of points (B, d)."""
@@ -233,7 +237,15 @@ class GameDensity:
     def _tolerance(self) -> float:
         return _TOLERANCE * self.problem.sigma
 
-    def _places(self, points: np.ndarray, roots: np.ndarray, possible: np.ndarray) -> Places:
+    def _places(
+        self,
+        points: np.ndarray,
+        roots: np.ndarray,
+        possible: np.ndarray,
+        theta: np.ndarray,
+        jacobian: np.ndarray,
+    ) -> Places:
+        """Places of roots (B, T, s), given theta (B, N, K + U) and its derivative."""
         problem = self.problem
         samples, slopes = self._seen(roots[:, :, : _width(problem)])
         seen = np.isfinite(self.observation.y).ravel()
@@ -242,11 +254,11 @@ class GameDensity:
         believed, slope = self._prior(points)
         errors = np.hstack([errors, believed])
         rows, responses, possible = self._derivatives(
-            points, roots, possible, slopes / problem.sigma, slope
+            theta, jacobian, roots, possible, slopes / problem.sigma, slope
         )
         errors[~possible] = 0.0
         tilts = self.chart.tilt(points[:, : self.chart.size])
-        return Places(points, errors, rows, possible, roots, responses, tilts)
+        return Places(points, errors, rows, possible, roots, responses, tilts, theta)
 
     def _prior(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Errors of the prior (B, P) at points (B, d), and their derivative (P, d)."""
@@ -259,7 +271,8 @@ class GameDensity:
 
     def _derivatives(
         self,
-        points: np.ndarray,
+        theta: np.ndarray,
+        jacobian: np.ndarray,
         roots: np.ndarray,
         possible: np.ndarray,
         seen: np.ndarray,
@@ -268,7 +281,8 @@ class GameDensity:
         """Derivatives of the errors and of the roots, and which roots (B,) are regular.
 
         Args:
-            points: (B, d).
+            theta: (B, N, K + U).
+            jacobian: (B, N*(K+U), size) its derivative.
             roots: (B, T, s).
             possible: (B,).
             seen: (B, T, N, d, n) h_x over sigma.
@@ -278,13 +292,12 @@ class GameDensity:
             (B,) arrays (O, d), (B,) arrays (T, s, C) in (x_1, theta), (B,). The second ones are in
             single precision, which is enough for predictions.
         """
-        solver, theta = self._solver, self.chart.theta(points[:, : self.chart.size])
-        jacobian = self.chart.jacobian(points[:, : self.chart.size])
+        solver, d = self._solver, believed.shape[1]
         there = np.isfinite(self.observation.y).ravel()
         width, columns = _width(self.problem), _width(self.problem) + theta[0].size
         rows, responses = (np.empty(len(roots), dtype=object) for _ in range(2))
         count, size = int(there.sum()), self.chart.size
-        no_row = np.zeros((count + len(believed), points.shape[1]))
+        no_row = np.zeros((count + len(believed), d))
         no_response = np.zeros((*roots[0].shape, columns), dtype=np.float32)
         possible = possible.copy()
         for k in range(len(roots)):
